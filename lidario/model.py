@@ -1,0 +1,257 @@
+"""The records a user holds in hand: a scan, and what a device says of itself.
+
+A scan is arrays, never objects per sample. Angles follow the robotics convention (REP-103): radians,
+counter-clockwise seen from above, 0 along the device's forward axis. The device's own figures, clockwise
+degrees and millimetres, stand beside them untouched.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from lidario.laserscan import LaserScan, NoReturn
+
+__all__ = ["DeviceInfo", "Health", "HealthStatus", "SampleRate", "Scan", "ScanMode", "Stats"]
+
+FloatArray = NDArray[np.float32]
+_ArrayT = TypeVar("_ArrayT", bound=NDArray[np.generic])
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Scan:
+    """One full revolution, its samples in the order they were measured. All arrays are read-only, shape (n,).
+
+    Attributes:
+        angles: Radians, float32, counter-clockwise, in [-pi, pi]; 0 is the device's forward axis.
+        ranges: Metres, float32; NaN where nothing came back.
+        intensities: uint8, the device's own scale of 0..255; None where the format carries none.
+        device_angles: Degrees, float32, clockwise, in [0, 360): the device's own convention.
+        device_distances: Millimetres, float32; 0 where nothing came back: the device's own convention.
+        stamp_ns: When the first sample was measured, on the monotonic clock of the event loop.
+        wall_stamp_ns: The same instant in nanoseconds since the Unix epoch.
+        time_increment_ns: Time from one sample to the next.
+        duration_ns: Time from the first sample to the end of the turn.
+        rpm: Measured speed: turns a minute, from the interval between the starts of the last two scans.
+        seq: Number of the scan since the session was opened, 0 for the first.
+        dropped_before: Scans this reader missed since the one before, because it was slow.
+        lost_packets: Packets of this turn that were damaged or lost on the wire; their samples are absent.
+        mode: Name of the scan mode.
+    """
+
+    angles: FloatArray
+    ranges: FloatArray
+    intensities: NDArray[np.uint8] | None
+    device_angles: FloatArray
+    device_distances: FloatArray
+    stamp_ns: int
+    wall_stamp_ns: int
+    time_increment_ns: int
+    duration_ns: int
+    rpm: float
+    seq: int
+    dropped_before: int
+    lost_packets: int
+    mode: str
+
+    def __len__(self) -> int:
+        return len(self.ranges)
+
+    def __repr__(self) -> str:
+        hits = int(np.count_nonzero(self.device_distances))
+        return (
+            f"<Scan {self.seq}: {len(self)} samples, {hits} returns, {self.rpm:.0f} rpm, "
+            f"{self.lost_packets} packets lost, {self.dropped_before} scans dropped before>"
+        )
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Mask of the samples with a return, shape (n,)."""
+        return self.device_distances > 0
+
+    def xy(self) -> NDArray[np.float32]:
+        """Cartesian points in metres, float32, shape (n, 2): x forward, y left; NaN rows without a return."""
+        return np.stack((self.ranges * np.cos(self.angles), self.ranges * np.sin(self.angles)), axis=1)
+
+    def sorted(self) -> Scan:
+        """The same scan with its samples by ascending `angles`; they are no longer in time order."""
+        order = np.argsort(self.angles, kind="stable")
+        intensities = None if self.intensities is None else _frozen(self.intensities[order])
+        return Scan(
+            angles=_frozen(self.angles[order]),
+            ranges=_frozen(self.ranges[order]),
+            intensities=intensities,
+            device_angles=_frozen(self.device_angles[order]),
+            device_distances=_frozen(self.device_distances[order]),
+            stamp_ns=self.stamp_ns,
+            wall_stamp_ns=self.wall_stamp_ns,
+            time_increment_ns=self.time_increment_ns,
+            duration_ns=self.duration_ns,
+            rpm=self.rpm,
+            seq=self.seq,
+            dropped_before=self.dropped_before,
+            lost_packets=self.lost_packets,
+            mode=self.mode,
+        )
+
+    def to_laserscan(
+        self,
+        beams: int | None = None,
+        *,
+        frame_id: str = "laser",
+        range_min: float = 0.05,
+        range_max: float = 40.0,
+        no_return: NoReturn = "inf",
+        mount_yaw: float = 0.0,
+    ) -> LaserScan:
+        """Resample onto an even grid of angles, as ROS wants it; see `lidario.laserscan.resample`.
+
+        Args:
+            beams: Number of equal steps around the turn; None for as many as the scan has samples.
+            frame_id: Name of the coordinate frame.
+            range_min: Shortest range, in metres, that is reported.
+            range_max: Longest range, in metres, that is reported.
+            no_return: What a beam without a return becomes: ``"inf"``, ``"nan"`` or ``"zero"``.
+            mount_yaw: Angle of the device's forward axis in the frame, radians counter-clockwise.
+        """
+        from lidario.laserscan import resample
+
+        return resample(
+            self,
+            beams,
+            frame_id=frame_id,
+            range_min=range_min,
+            range_max=range_max,
+            no_return=no_return,
+            mount_yaw=mount_yaw,
+        )
+
+
+def _frozen(array: _ArrayT) -> _ArrayT:
+    array.setflags(write=False)
+    return array
+
+
+class HealthStatus(Enum):
+    """What the device thinks of its own state."""
+
+    OK = "ok"
+    WARNING = "warning"
+    ERROR = "error"
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """Answer to a health request.
+
+    Attributes:
+        status: ``ERROR`` means the device protects itself and will not scan.
+        code: The device's error code; the vendors do not publish what the codes mean.
+    """
+
+    status: HealthStatus
+    code: int
+
+    @property
+    def ok(self) -> bool:
+        """Whether the device will scan."""
+        return self.status is not HealthStatus.ERROR
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceInfo:
+    """What the device says it is.
+
+    Attributes:
+        family: Name of the protocol family in lidario.
+        model: Model name, derived from the model number.
+        model_id: The model number as the device sent it.
+        firmware: ``major.minor``.
+        hardware: Hardware revision.
+        serial: Serial number, in the notation the vendor's own programs print.
+    """
+
+    family: str
+    model: str
+    model_id: int
+    firmware: str
+    hardware: int
+    serial: str
+
+
+@dataclass(frozen=True, slots=True)
+class SampleRate:
+    """Time a sample takes.
+
+    Attributes:
+        standard_us: Microseconds a sample in the standard mode.
+        express_us: Microseconds a sample in the express mode.
+    """
+
+    standard_us: float
+    express_us: float
+
+
+@dataclass(frozen=True, slots=True)
+class ScanMode:
+    """One way in which the device can measure.
+
+    Attributes:
+        id: The device's number for it; numbers differ from model to model.
+        name: The device's name for it.
+        sample_us: Microseconds a sample; 0 when the device does not say.
+        max_distance: Farthest distance in metres; 0 when the device does not say.
+        answer_type: Type byte of the stream it sends.
+        typical: Whether the device recommends it.
+    """
+
+    id: int
+    name: str
+    sample_us: float
+    max_distance: float
+    answer_type: int
+    typical: bool = False
+
+    @property
+    def samples_per_second(self) -> float:
+        """Samples a second; NaN when the device does not say."""
+        return 1e6 / self.sample_us if self.sample_us else math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Stats:
+    """Counters of one session since it was opened; a snapshot.
+
+    Attributes:
+        bytes_received: All bytes that came in.
+        packets: Intact measurement packets.
+        lost_packets: Packets known to be missing, from the jump in the angle.
+        skipped_bytes: Bytes of a stream that belong to no packet.
+        skipped_stretches: Stretches of such bytes.
+        stray_bytes: Bytes outside a stream that are no answer.
+        late_answers: Answers to an earlier question, thrown away.
+        scans: Full revolutions.
+        broken_scans: Revolutions thrown away because more than a turn of them was missing.
+        dropped_scans: Scans that slow readers missed, summed over all readers.
+        interruptions: Times a stream was stopped for a query and started again.
+        keepalives: Keepalive requests sent.
+    """
+
+    bytes_received: int = 0
+    packets: int = 0
+    lost_packets: int = 0
+    skipped_bytes: int = 0
+    skipped_stretches: int = 0
+    stray_bytes: int = 0
+    late_answers: int = 0
+    scans: int = 0
+    broken_scans: int = 0
+    dropped_scans: int = 0
+    interruptions: int = 0
+    keepalives: int = 0

@@ -1,0 +1,64 @@
+"""A bounded byte queue between the port and the parser.
+
+Bytes are appended at the end and consumed at the front; nothing is copied until a whole packet is taken.
+The bound is a guarantee, not a policy: `Link` feeds the buffer in slices and consumes noise at once, so the
+bound is only ever reached by a mistake in the parser, which should show at once and not as growing memory.
+"""
+
+from __future__ import annotations
+
+__all__ = ["ReceiveBuffer"]
+
+
+class ReceiveBuffer:
+    """Bytes received and not yet understood, at most `limit` of them.
+
+    Attributes:
+        limit: The largest number of bytes it will hold.
+        data: The bytes themselves, for parsers that look without copying; change it only through the methods.
+    """
+
+    __slots__ = ("data", "limit")
+
+    def __init__(self, limit: int) -> None:
+        self.limit = limit
+        self.data = bytearray()
+
+    def __len__(self) -> int:
+        return len(self.data)
+
+    @property
+    def room(self) -> int:
+        """How many bytes may still be appended."""
+        return self.limit - len(self.data)
+
+    def append(self, chunk: bytes | bytearray | memoryview) -> None:
+        """Add bytes at the end; raises OverflowError past the limit."""
+        if len(chunk) > self.room:
+            raise OverflowError(f"{len(chunk)} bytes do not fit: {len(self.data)} of {self.limit} are in use")
+        self.data += chunk
+
+    def find(self, pattern: bytes, start: int = 0) -> int:
+        """Offset of the first `pattern` at or after `start`, or -1."""
+        return self.data.find(pattern, start)
+
+    def peek(self, size: int, start: int = 0) -> bytes:
+        """A copy of up to `size` bytes from `start`, which stay in the buffer."""
+        return bytes(self.data[start : start + size])
+
+    def take(self, size: int) -> bytes:
+        """Remove the first `size` bytes and return them."""
+        with memoryview(self.data) as view:
+            taken = bytes(view[:size])
+        del self.data[:size]
+        return taken
+
+    def skip(self, size: int) -> None:
+        """Remove the first `size` bytes."""
+        del self.data[:size]
+
+    def clear(self) -> int:
+        """Remove everything and return how many bytes that were."""
+        count = len(self.data)
+        self.data.clear()
+        return count

@@ -1,0 +1,123 @@
+"""The envelope that requests and answers travel in.
+
+A request is ``A5 cmd``, or ``A5 cmd length payload… checksum`` when bit 7 of the command is set in the
+dialect that carries payloads; the checksum is the XOR of every byte before it (S-series interface manual,
+"Request packets' format"; the fixed ``22`` printed there for EXPRESS_SCAN is that checksum for mode 0 alone).
+
+An answer begins with a descriptor of seven bytes: ``A5 5A``, a little-endian word whose low 30 bits are the
+length of one packet and whose top 2 bits are the send mode (0 once, 1 for ever), and the answer type
+("Response descriptors' format"). The 4ROS development manual describes the same header. A descriptor has no
+checksum and its two magic bytes occur in scan data by chance, so one is believed only when it is exactly the
+answer that was asked for: `Expected` says which that is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import reduce
+from operator import xor
+from typing import TYPE_CHECKING
+
+from lidario.wire.events import Descriptor
+
+if TYPE_CHECKING:
+    from lidario.wire.formats import StreamFormat
+
+__all__ = [
+    "DESCRIPTOR_MAGIC",
+    "DESCRIPTOR_SIZE",
+    "REQUEST_MAGIC",
+    "Expected",
+    "Request",
+    "encode_request",
+    "parse_descriptor",
+    "xor_bytes",
+]
+
+REQUEST_MAGIC = 0xA5
+DESCRIPTOR_MAGIC = b"\xa5\x5a"
+DESCRIPTOR_SIZE = 7
+_LENGTH_MASK = 0x3FFF_FFFF
+_MODE_SHIFT = 30
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """The answer a request asks for; anything else on the line is noise.
+
+    Attributes:
+        type: Answer type of the descriptor.
+        size: Smallest length that is plausible, in bytes.
+        largest: Largest plausible length; 0 means exactly `size`. No claim beyond it is ever waited for.
+        continuous: True when a stream is expected.
+        prefix: Bytes the payload must begin with (an echo of what was asked), so that a late answer to an
+            earlier question is not taken for this one.
+    """
+
+    type: int
+    size: int
+    largest: int = 0
+    continuous: bool = False
+    prefix: bytes = b""
+
+    def admits(self, descriptor: Descriptor) -> bool:
+        """Whether `descriptor` announces this answer."""
+        return (
+            descriptor.type == self.type
+            and self.size <= descriptor.size <= max(self.size, self.largest)
+            and descriptor.continuous == self.continuous
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """One request: its bytes, the answer it asks for, and the timing the device demands.
+
+    Attributes:
+        name: The documents' name, for messages and logs.
+        data: The encoded bytes.
+        expects: The answer, or None when the device gives none.
+        timeout: Seconds to wait for the answer.
+        settle: Seconds the device needs after this request before it accepts the next.
+        attempts: How often to ask before giving up; more than 1 only where asking twice does no harm.
+        ends_stream: True when the device leaves its stream on this request (STOP, RESET).
+        in_stream: True when it may be sent while packets flow and changes nothing about them.
+        stream: The format of the packets that follow the answer, a fresh one for each start.
+    """
+
+    name: str
+    data: bytes
+    expects: Expected | None = None
+    timeout: float = 1.0
+    settle: float = 0.0
+    attempts: int = 2
+    ends_stream: bool = False
+    in_stream: bool = False
+    stream: StreamFormat | None = None
+
+
+def xor_bytes(data: bytes | bytearray) -> int:
+    """XOR of all bytes; 0 for none."""
+    return reduce(xor, data, 0)
+
+
+def encode_request(command: int, payload: bytes | None = None) -> bytes:
+    """The bytes of a request, with length and checksum when it has a payload."""
+    if payload is None:
+        return bytes((REQUEST_MAGIC, command))
+    head = bytes((REQUEST_MAGIC, command, len(payload))) + payload
+    return head + bytes((xor_bytes(head),))
+
+
+def parse_descriptor(data: bytes | bytearray) -> Descriptor | None:
+    """The descriptor in the first seven bytes, or None when they are none.
+
+    Send modes 2 and 3 are reserved (S-series interface manual) and are not accepted.
+    """
+    if len(data) < DESCRIPTOR_SIZE or not data.startswith(DESCRIPTOR_MAGIC):
+        return None
+    word = int.from_bytes(data[2:6], "little")
+    mode = word >> _MODE_SHIFT
+    if mode > 1:
+        return None
+    return Descriptor(type=data[6], size=word & _LENGTH_MASK, continuous=mode == 1)
