@@ -1,0 +1,87 @@
+"""Repeatable damage to byte streams.
+
+The same arguments always do the same harm. Every function says where it struck, and `hit_packets` turns that
+into the packets of the undamaged stream that did not arrive whole.
+"""
+
+from bisect import bisect_right
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+from random import Random
+from typing import Literal
+
+
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """A damaged stream and the places that were touched, ascending, as indices into the undamaged one."""
+
+    raw: bytes
+    touched: tuple[int, ...]
+    # What an index counts: "byte" = that byte was changed or lost; "gap" = a byte was put in front of it;
+    # "packet" = that packet was lost.
+    unit: Literal["byte", "gap", "packet"]
+
+
+def flip(raw: bytes, probability: float, seed: int) -> Damage:
+    """Turn over one bit of each byte with the given probability."""
+    random = Random(seed)
+    damaged = bytearray(raw)
+    touched = []
+    for offset in range(len(raw)):
+        if random.random() < probability:
+            damaged[offset] ^= 1 << random.randrange(8)
+            touched.append(offset)
+    return Damage(bytes(damaged), tuple(touched), "byte")
+
+
+def drop_bytes(raw: bytes, probability: float, seed: int) -> Damage:
+    """Lose each byte with the given probability."""
+    random = Random(seed)
+    damaged = bytearray()
+    touched = []
+    for offset, byte in enumerate(raw):
+        if random.random() < probability:
+            touched.append(offset)
+        else:
+            damaged.append(byte)
+    return Damage(bytes(damaged), tuple(touched), "byte")
+
+
+def insert_bytes(raw: bytes, probability: float, seed: int) -> Damage:
+    """Put a random byte in front of each byte with the given probability."""
+    random = Random(seed)
+    damaged = bytearray()
+    touched = []
+    for offset, byte in enumerate(raw):
+        if random.random() < probability:
+            damaged.append(random.randrange(256))
+            touched.append(offset)
+        damaged.append(byte)
+    return Damage(bytes(damaged), tuple(touched), "gap")
+
+
+def drop_packets(packets: Sequence[bytes], indices: Iterable[int]) -> Damage:
+    """Lose whole packets, without a trace in the framing."""
+    lost = sorted(set(indices))
+    if lost and not 0 <= lost[0] <= lost[-1] < len(packets):
+        raise IndexError(f"packet indices {lost} do not fit {len(packets)} packets")
+    kept = [packet for number, packet in enumerate(packets) if number not in lost]
+    return Damage(b"".join(kept), tuple(lost), "packet")
+
+
+def hit_packets(damage: Damage, packets: Sequence[bytes]) -> set[int]:
+    """Which of the undamaged packets did not arrive whole.
+
+    A byte put in between two packets leaves both whole: it counts for neither.
+    """
+    if damage.unit == "packet":
+        return set(damage.touched)
+    starts = [0, *accumulate(len(packet) for packet in packets)]
+    hit = set()
+    for offset in damage.touched:
+        number = bisect_right(starts, offset) - 1
+        if damage.unit == "gap" and offset == starts[number]:
+            continue
+        hit.add(number)
+    return hit

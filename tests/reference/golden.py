@@ -1,0 +1,53 @@
+"""Streams with the vendors' own decoding of them, from ``tests/data``; its README describes the arrays."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+DATA = Path(__file__).resolve().parent.parent / "data"
+
+RPLIDAR_NAMES = tuple(
+    f"rplidar_{rate}_{answer_type:x}" for rate in ("32k", "9k") for answer_type in range(0x81, 0x87)
+)
+YDLIDAR_NAMES = ("ydlidar_4ros_room10", "ydlidar_4ros_room7", "ydlidar_4ros_wrap")
+NAMES = RPLIDAR_NAMES + YDLIDAR_NAMES
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Golden:
+    """One stream and its samples; what a family does not have is None."""
+
+    name: str
+    family: Literal["rplidar", "ydlidar"]
+    raw: bytes
+    angle_deg: NDArray[np.float32]
+    distance_mm: NDArray[np.float32]
+    answer_type: int | None = None  # RPLIDAR
+    sample_us: float | None = None  # RPLIDAR
+    quality: NDArray[np.uint8] | None = None  # RPLIDAR
+    start: NDArray[np.bool_] | None = None  # RPLIDAR
+    scan: NDArray[np.int16] | None = None  # 4ROS
+
+
+def load(name: str) -> Golden:
+    """Load one of `NAMES`."""
+    with np.load(DATA / f"{name}.npz") as arrays:
+        raw = arrays["raw"].tobytes()
+        angle_deg = arrays["angle_deg"]
+        distance_mm = arrays["distance_mm"]
+        if name in YDLIDAR_NAMES:
+            return Golden(name, "ydlidar", raw, angle_deg, distance_mm, scan=arrays["scan"])
+        return Golden(
+            name,
+            "rplidar",
+            raw,
+            angle_deg,
+            distance_mm,
+            answer_type=int(name[-2:], 16),
+            sample_us=float(arrays["sample_us"]),
+            quality=arrays["quality"],
+            start=arrays["start"],
+        )

@@ -1,0 +1,367 @@
+"""The scalar reference against the vendor-decoded streams, and by hand where those streams do not reach."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.reference import damage, golden, rplidar, ydlidar
+
+GRID_Q6 = 1 / 64
+GRID_Q14 = 90 / 16384
+
+
+def angle_errors(stream: golden.Golden, angles: Sequence[float]) -> NDArray[np.float64]:
+    """How far the vendor's angles lie past ours, the short way round."""
+    difference = stream.angle_deg.astype(np.float64) - np.array(angles)
+    shortest: NDArray[np.float64] = (difference + 180.0) % 360.0 - 180.0
+    return shortest
+
+
+def rplidar_stream(name: str) -> tuple[golden.Golden, int, list[bytes], list[rplidar.Sample]]:
+    stream = golden.load(name)
+    assert stream.answer_type is not None
+    packets = rplidar.split(stream.answer_type, stream.raw)
+    return stream, stream.answer_type, packets, rplidar.decode(stream.answer_type, packets)
+
+
+def ydlidar_stream(name: str) -> tuple[golden.Golden, list[bytes], list[ydlidar.Sample]]:
+    stream = golden.load(name)
+    packets = ydlidar.split(stream.raw)
+    return stream, packets, ydlidar.decode(packets)
+
+
+# ---------------------------------------------------------------------------------------------------- RPLIDAR
+
+
+@pytest.mark.parametrize("name", golden.RPLIDAR_NAMES)
+def test_rplidar_sample_count(name: str) -> None:
+    stream, answer_type, packets, samples = rplidar_stream(name)
+    decoded = len(packets) - 1 if answer_type in rplidar.CAPSULE_TYPES else len(packets)
+    assert len(samples) == decoded * rplidar.PACKET_SAMPLES[answer_type] == len(stream.angle_deg)
+    assert [(sample.packet, sample.index) for sample in samples] == [
+        (packet, index) for packet in range(decoded) for index in range(rplidar.PACKET_SAMPLES[answer_type])
+    ]
+
+
+@pytest.mark.parametrize("name", golden.RPLIDAR_NAMES)
+def test_rplidar_distances_are_exact(name: str) -> None:
+    stream, _, _, samples = rplidar_stream(name)
+    assert [sample.distance_mm for sample in samples] == stream.distance_mm.tolist()
+
+
+@pytest.mark.parametrize("name", golden.RPLIDAR_NAMES)
+def test_rplidar_quality(name: str) -> None:
+    stream, answer_type, _, samples = rplidar_stream(name)
+    assert stream.quality is not None
+    if answer_type in (0x81, 0x83, 0x86):
+        assert [sample.quality for sample in samples] == stream.quality.tolist()
+    else:
+        assert all(sample.quality is None for sample in samples)
+        assert stream.quality.tolist() == [188 if sample.distance_mm else 0 for sample in samples]
+
+
+@pytest.mark.parametrize("name", golden.RPLIDAR_NAMES)
+def test_rplidar_angles_differ_by_rounding_alone(name: str) -> None:
+    """The vendor rounds down up to three times: each step of the beam, then to 1/64°, then to 90°/16384."""
+    stream, answer_type, _, samples = rplidar_stream(name)
+    assert all(0 <= sample.angle_deg < 360 for sample in samples)
+    errors = angle_errors(stream, [sample.angle_deg for sample in samples])
+    if answer_type == 0x83:
+        assert not errors.any()
+        return
+    allowed = GRID_Q14
+    if answer_type in rplidar.CAPSULE_TYPES:
+        allowed += GRID_Q6 + rplidar.PACKET_SAMPLES[answer_type] / 65536
+    assert errors.max() <= 1e-9
+    assert errors.min() > -allowed
+
+
+@pytest.mark.parametrize("name", golden.RPLIDAR_NAMES)
+def test_rplidar_angles_are_exact_once_rounded_alike(name: str) -> None:
+    """With the vendor's three roundings put on top of the reference not a single angle differs."""
+    stream, answer_type, packets, samples = rplidar_stream(name)
+    expected = []
+    for sample in samples:
+        if answer_type == 0x83:
+            expected.append(round(sample.angle_deg / GRID_Q14))
+            continue
+        if answer_type == 0x81:
+            angle_q6 = int(sample.angle_deg * 64)
+        else:
+            first_q6 = rplidar.start_q6(answer_type, packets[sample.packet])
+            way_q6 = (rplidar.start_q6(answer_type, packets[sample.packet + 1]) - first_q6) % (360 * 64)
+            step_q16 = (way_q6 << 10) // rplidar.PACKET_SAMPLES[answer_type]
+            correction_q16 = round((sample.raw_deg - sample.angle_deg) % 360 * 65536)
+            angle_q6 = ((first_q6 << 10) + sample.index * step_q16 - correction_q16 >> 10) % (360 * 64)
+        expected.append((angle_q6 << 8) // 90)
+    assert (stream.angle_deg.astype(np.float64) / GRID_Q14).tolist() == expected
+
+
+@pytest.mark.parametrize("name", golden.RPLIDAR_NAMES)
+def test_rplidar_revolutions(name: str) -> None:
+    """The vendor marks the first sample past 0° in 0x81 and 0x83, in capsules the last one before it."""
+    stream, answer_type, _, samples = rplidar_stream(name)
+    assert stream.start is not None
+    late = 1 if answer_type in rplidar.CAPSULE_TYPES else 0
+    cuts = [int(index) + late for index in np.flatnonzero(stream.start)]
+    assert len(cuts) > 2
+    turns = rplidar.revolutions(samples)
+    assert turns == [samples[begin:end] for begin, end in pairwise(cuts)]
+
+
+@pytest.mark.parametrize("name", golden.RPLIDAR_NAMES)
+def test_rplidar_beam_only_goes_forward(name: str) -> None:
+    """What the half-turn rule takes for granted."""
+    _, _, _, samples = rplidar_stream(name)
+    beam = np.array([sample.raw_deg for sample in samples])
+    steps = np.diff(beam) % 360.0
+    assert 0 < steps.min() <= steps.max() < 1
+
+
+@pytest.mark.parametrize("answer_type", rplidar.PACKET_BYTES)
+def test_rplidar_split_refuses_damage(answer_type: int) -> None:
+    raw = golden.load(f"rplidar_9k_{answer_type:x}").raw[: 3 * rplidar.PACKET_BYTES[answer_type]]
+    assert b"".join(rplidar.split(answer_type, raw)) == raw
+    with pytest.raises(ValueError, match="whole number"):
+        rplidar.split(answer_type, raw[:-1])
+    second = rplidar.PACKET_BYTES[answer_type]
+    # 0x81 has nothing but its two check bits.
+    places = [(0, 0x01), (1, 0x01)] if answer_type == 0x81 else [(0, 0x10), (2, 0x01), (second - 1, 0x80)]
+    for offset, mask in places:
+        spoiled = bytearray(raw)
+        spoiled[second + offset] ^= mask
+        with pytest.raises(ValueError, match="packet 1 "):
+            rplidar.split(answer_type, bytes(spoiled))
+
+
+def capsule(answer_type: int, start_q6: int, body: bytes = b"", reset: bool = False) -> bytes:
+    """A capsule with the given bytes behind its start angle, zeros after them."""
+    offset = rplidar.START_OFFSET[answer_type]
+    head = bytes(offset - 2) + (start_q6 | (0x8000 if reset else 0)).to_bytes(2, "little")
+    rest = (head + body).ljust(rplidar.PACKET_BYTES[answer_type] - 2, b"\0")
+    check = 0
+    for byte in rest:
+        check ^= byte
+    packet = bytes([0xA0 | check & 0x0F, 0x50 | check >> 4]) + rest
+    assert rplidar.split(answer_type, packet) == [packet]
+    return packet
+
+
+@pytest.mark.parametrize("answer_type", rplidar.CAPSULE_TYPES)
+def test_capsule_before_a_reset_is_dropped(answer_type: int) -> None:
+    packets = [
+        capsule(answer_type, 0, reset=True),
+        capsule(answer_type, 640),
+        capsule(answer_type, 0, reset=True),
+        capsule(answer_type, 640),
+    ]
+    assert {sample.packet for sample in rplidar.decode(answer_type, packets)} == {0, 2}
+
+
+def test_82_offsets_cross_zero_and_are_unsigned() -> None:
+    body = (1000 << 2 | 1).to_bytes(2, "little") + (16383 << 2 | 3).to_bytes(2, "little") + b"\xf1"
+    samples = rplidar.decode(0x82, [capsule(0x82, 64, body), capsule(0x82, 64 + 32 * 64)])
+    first, second = samples[:2]
+    assert (first.raw_deg, first.angle_deg, first.distance_mm) == (1.0, 1.0 - 17 / 8 + 360.0, 1000.0)
+    assert (second.raw_deg, second.angle_deg, second.distance_mm) == (2.0, 2.0 - 63 / 8 + 360.0, 16383.0)
+
+
+def distances_84(cabin: tuple[int, int, int], next_major: int) -> list[float]:
+    """Distances of the last cabin of a packet: its neighbour is in the packet after it."""
+    major, predict1, predict2 = cabin
+    word = major | (predict1 & 0x3FF) << 12 | (predict2 & 0x3FF) << 22
+    packets = [
+        capsule(0x84, 0, bytes(31 * 4) + word.to_bytes(4, "little")),
+        capsule(0x84, 640, next_major.to_bytes(4, "little")),
+    ]
+    return [sample.distance_mm for sample in rplidar.decode(0x84, packets)[93:96]]
+
+
+@pytest.mark.parametrize(
+    ("cabin", "next_major", "expected"),
+    [
+        ((511, 1, -1), 511, [511, 512, 510]),
+        ((512, 1, -1), 1279, [512, 514, 2044]),
+        ((1280, 1, -1), 1791, [2048, 2052, 4088]),
+        ((1792, 1, -1), 3327, [4096, 4104, 16368]),
+        ((3328, 1, -1), 4095, [16384, 16400, 28640]),
+        ((100, 510, -511), 600, [100, 610, 0]),  # 688 - 1022 mm is less than nothing
+        ((100, -512, 511), 600, [100, 0, 0]),
+        ((100, 511, -512), 600, [100, 0, 0]),
+        ((0, 3, 3), 600, [0, 694, 694]),  # no major of its own: the neighbour's, with its level
+        ((100, 3, 3), 0, [100, 103, 3]),
+    ],
+)
+def test_84_distances(cabin: tuple[int, int, int], next_major: int, expected: list[int]) -> None:
+    assert distances_84(cabin, next_major) == expected
+
+
+@pytest.mark.parametrize(
+    ("coded", "distance_mm", "behind_q16"),
+    [
+        # Worked by hand from radians in 1/65536: 9150 is 8°, 8578 is 7.5°; k2 = 98361 / (4 * distance).
+        (0, 0, 8578),
+        (49, 49, 8578),
+        (50, 50, 9150 - (491 << 6) - 1204),  # k2 491: the target is ahead of the beam
+        (756, 1000, 9150 - (24 << 6) - 0),  # k2 24
+        (3554, 20000, 9150 - (1 << 6) - 0),  # k2 1
+    ],
+)
+def test_84_correction(coded: int, distance_mm: int, behind_q16: int) -> None:
+    packets = [capsule(0x84, 90 * 64, coded.to_bytes(4, "little")), capsule(0x84, 91 * 64)]
+    sample = rplidar.decode(0x84, packets)[0]
+    assert sample.distance_mm == distance_mm
+    assert sample.raw_deg == 90
+    assert sample.angle_deg == pytest.approx(90 - np.rad2deg(behind_q16 / 65536), abs=1 / 65536)
+
+
+def bodies_86(words: Sequence[int]) -> bytes:
+    """Pairs of 20-bit words as cabins."""
+    body = b""
+    for first, second in zip(words[::2], words[1::2], strict=True):
+        body += (first & 0xFFFF).to_bytes(2, "little") + (second & 0xFFFF).to_bytes(2, "little")
+        body += bytes([first >> 16 | second >> 16 << 4])
+    return body
+
+
+def decode_86(words: Sequence[int]) -> list[tuple[float, int | None]]:
+    samples = rplidar.decode(0x86, [capsule(0x86, 0, bodies_86(words)), capsule(0x86, 640)])
+    return [(sample.distance_mm, sample.quality) for sample in samples[: len(words)]]
+
+
+def test_86_scales() -> None:
+    words = [
+        0xAB << 12 | 0x3FF << 2 | 0,
+        0x55 << 13 | 0x7FF << 2 | 1,
+        0x2A << 14 | 0xFFF << 2 | 2,
+        0x15 << 15 | 0x1FFF << 2 | 3,
+    ]
+    assert decode_86(words) == [(2046, 0xAB), (8187, 0xAA), (24567, 0xA8), (65522, 0xA8)]
+
+
+def test_86_smoothing() -> None:
+    """Against the last output, not the last input; within 2 mm; after a return; in the near scale alone."""
+    near = [100 << 2, 101 << 2, 102 << 2, 0, 1 << 2, 50 << 2]
+    assert [distance for distance, _ in decode_86(near)] == [200, 201, 204, 0, 2, 100]
+    # 2046 mm in the second scale, 2044 mm in the first, 2046 mm in the second again
+    assert [distance for distance, _ in decode_86([1, 1022 << 2, 1, 0])] == [2046, 2045, 2046, 0]
+
+
+# ------------------------------------------------------------------------------------------------------- 4ROS
+
+
+@pytest.mark.parametrize("name", golden.YDLIDAR_NAMES)
+def test_ydlidar_samples(name: str) -> None:
+    stream, _, samples = ydlidar_stream(name)
+    closed = samples[: len(stream.angle_deg)]
+    assert closed[-1].packet + 1 == samples[len(closed)].packet
+    assert samples[len(closed)].start
+    assert not any(sample.start for sample in samples[len(closed) + 1 :])  # what follows is one open turn
+    assert [sample.distance_mm for sample in closed] == stream.distance_mm.tolist()
+    assert all(sample.quality is None for sample in samples)
+    assert all(0 <= sample.angle_deg < 360 for sample in samples)
+    errors = angle_errors(stream, [sample.angle_deg for sample in closed])
+    assert errors.max() <= 1e-9
+    assert errors.min() > -(GRID_Q6 + 1e-4)
+
+
+@pytest.mark.parametrize("name", golden.YDLIDAR_NAMES)
+def test_ydlidar_revolutions(name: str) -> None:
+    stream, _, samples = ydlidar_stream(name)
+    assert stream.scan is not None
+    turns = ydlidar.revolutions(samples)
+    assert [len(turn) for turn in turns] == np.bincount(stream.scan).tolist()
+    assert [sample for turn in turns for sample in turn] == samples[: len(stream.scan)]
+    assert all(turn[0].start and not turn[1].start for turn in turns)
+    # Joined in the middle of a turn, the rest of that turn is left out.
+    assert ydlidar.revolutions(samples[1:]) == turns[1:]
+
+
+def test_ydlidar_angle_wraps_inside_a_packet() -> None:
+    _, _, samples = ydlidar_stream("ydlidar_4ros_wrap")
+    past = [sample for sample in samples if sample.raw_deg >= 360]
+    assert past
+    assert all(sample.angle_deg == sample.raw_deg - 360 for sample in past)
+
+
+def test_ydlidar_split_refuses_damage() -> None:
+    raw = golden.load("ydlidar_4ros_room10").raw[: 12 + 90]
+    assert [len(packet) for packet in ydlidar.split(raw)] == [12, 90]
+    for offset, match in [(12, "no packet"), (14, "checksum"), (20, "checksum"), (50, "checksum")]:
+        spoiled = bytearray(raw)
+        spoiled[offset] ^= 0x10
+        with pytest.raises(ValueError, match=match):
+            ydlidar.split(bytes(spoiled))
+    for count in (0, 81):
+        with pytest.raises(ValueError, match=f"{count} samples"):
+            ydlidar.split(raw[:15] + bytes([count]) + raw[16:])
+    with pytest.raises(ValueError, match="incomplete"):
+        ydlidar.split(raw[:-1])
+    with pytest.raises(ValueError, match="incomplete header"):
+        ydlidar.split(raw[:15])
+
+
+# ----------------------------------------------------------------------------------------------------- damage
+
+
+def test_flip() -> None:
+    raw = bytes(range(256)) * 40
+    spoiled = damage.flip(raw, 0.01, seed=1)
+    assert spoiled == damage.flip(raw, 0.01, seed=1)
+    assert spoiled != damage.flip(raw, 0.01, seed=2)
+    assert 50 < len(spoiled.touched) < 160
+    changed = {offset: a ^ b for offset, (a, b) in enumerate(zip(raw, spoiled.raw, strict=True)) if a != b}
+    assert tuple(changed) == spoiled.touched
+    assert all(bits.bit_count() == 1 for bits in changed.values())
+
+
+def test_drop_bytes() -> None:
+    raw = bytes(range(256))
+    spoiled = damage.drop_bytes(raw, 0.1, seed=1)
+    assert spoiled == damage.drop_bytes(raw, 0.1, seed=1)
+    assert spoiled.touched
+    assert spoiled.raw == bytes(value for value in range(256) if value not in spoiled.touched)
+
+
+def test_insert_bytes() -> None:
+    raw = bytes(range(256))
+    spoiled = damage.insert_bytes(raw, 0.1, seed=1)
+    assert spoiled == damage.insert_bytes(raw, 0.1, seed=1)
+    assert spoiled.touched
+    restored = bytearray(spoiled.raw)
+    for offset in spoiled.touched:
+        del restored[offset]
+    assert bytes(restored) == raw
+
+
+def test_drop_packets() -> None:
+    packets = [b"aa", b"b", b"cc", b"d"]
+    spoiled = damage.drop_packets(packets, [2, 0, 2])
+    assert spoiled.raw == b"bd"
+    assert spoiled.touched == (0, 2)
+    assert damage.drop_packets(packets, []).raw == b"aabccd"
+    for wrong in (-1, 4):
+        with pytest.raises(IndexError):
+            damage.drop_packets(packets, [wrong])
+
+
+def test_nothing_happens_at_probability_zero_and_everything_at_one() -> None:
+    raw = bytes(range(64))
+    for spoil in (damage.flip, damage.drop_bytes, damage.insert_bytes):
+        assert spoil(raw, 0.0, 1).raw == raw
+        assert spoil(raw, 0.0, 1).touched == ()
+        assert spoil(raw, 1.0, 1).touched == tuple(range(64))
+
+
+def test_hit_packets() -> None:
+    packets = [b"aa", b"b", b"cccc"]
+    assert damage.hit_packets(damage.Damage(b"", (1, 3, 6), "byte"), packets) == {0, 2}
+    assert damage.hit_packets(damage.Damage(b"", (0, 1, 2, 3), "gap"), packets) == {0}
+    assert damage.hit_packets(damage.Damage(b"", (1, 2), "packet"), packets) == {1, 2}
+
+
+def test_names() -> None:
+    assert sorted(path.stem for path in golden.DATA.glob("*.npz")) == sorted(golden.NAMES)
