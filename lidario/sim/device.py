@@ -1,0 +1,70 @@
+"""What every simulated device offers: bytes in, bytes out, and time as an argument.
+
+A simulated device is the other end of the cable. It never reads a clock and never sleeps: whoever serves it
+(`lidario.sim.serve`) hands it the host's bytes with the time of their arrival and fetches what it has to
+send by now. So the same device runs in memory thousands of times faster than life, on a pseudo-terminal at
+true pace, and over TCP. It has its own packers and shares no code with the host's parser or decoders: a
+mistake must be made twice to hide.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+__all__ = ["Received", "SimulatedDevice"]
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """One request as the device saw it.
+
+    Attributes:
+        at_ns: When its last byte arrived, in the server's monotonic nanoseconds.
+        name: The documents' name of the request, lower case (``"stop"``, ``"get_info"``), or ``"unknown"``.
+        data: The request's bytes.
+        obeyed: False when the device discarded it, as the real one would.
+        why: Why it was discarded (``"within 10 ms of stop"``); empty when it was obeyed.
+    """
+
+    at_ns: int
+    name: str
+    data: bytes
+    obeyed: bool
+    why: str = ""
+
+
+class SimulatedDevice(Protocol):
+    """The device side of a serial line, sans-IO; all times are monotonic nanoseconds and never go back."""
+
+    @property
+    def baudrate(self) -> int:
+        """Speed of the line in bits a second, 8N1; bounds how fast `transmit` hands out bytes."""
+        ...
+
+    @property
+    def log(self) -> list[Received]:
+        """Every request so far, oldest first, the discarded ones included (bounded: the oldest go)."""
+        ...
+
+    @property
+    def scanning(self) -> bool:
+        """Whether a measurement stream is under way (or will start once the motor is up to speed)."""
+        ...
+
+    @property
+    def motor_on(self) -> bool:
+        """Whether the motor is powered."""
+        ...
+
+    def receive(self, data: bytes, now: int) -> None:
+        """Take bytes that the host sent and that arrived at `now`."""
+        ...
+
+    def transmit(self, now: int) -> bytes:
+        """Hand out the bytes whose last bit has left the device by `now`, and forget them."""
+        ...
+
+    def wakeup(self, now: int) -> int | None:
+        """When `transmit` will next have something to hand out; None while the device is idle."""
+        ...

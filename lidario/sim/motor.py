@@ -1,0 +1,86 @@
+"""A motor that turns the head: commanded speed, spin-up, and the angle at any moment.
+
+Speed approaches its target exponentially, which has a closed form for the angle as well. So the angle of
+every sample is a function of its time alone, and a simulated device gives the same bytes however its time
+is cut into steps. `spin_up_s` is the time from standstill until the speed is *stable*, within 2 % of the
+target: that is how a data sheet would put it, and how long a device withholds its samples.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["Motor"]
+
+_STABLE = 0.02
+_TAUS_TO_REST = 25.0  # after so many time constants the approach is over: 1e-11 of a turn a second is left
+
+
+class Motor:
+    """A motor with a commanded speed; times are integer monotonic nanoseconds that never go back.
+
+    Args:
+        spin_up_s: Seconds from standstill to stable; 0 changes speed at once.
+        turns: Where the head stands at the beginning, in turns.
+    """
+
+    def __init__(self, *, spin_up_s: float = 1.0, turns: float = 0.0) -> None:
+        self.spin_up_s = spin_up_s
+        self._since = 0
+        self._turns = turns
+        self._rate = 0.0  # turns a second at `_since`
+        self._target = 0.0
+        self._tau = 0.0
+
+    @property
+    def target_rpm(self) -> float:
+        """The commanded speed in turns a minute; 0 when the motor is off."""
+        return self._target * 60.0
+
+    @property
+    def stable_at(self) -> int | None:
+        """When the speed is (or was) first within 2 % of its target; None with the motor off."""
+        if self._target <= 0.0:
+            return None
+        gap, allowed = abs(self._rate - self._target), _STABLE * self._target
+        if gap <= allowed:
+            return self._since
+        return self._since + math.ceil(self._tau * math.log(gap / allowed) * 1e9)
+
+    def set_rpm(self, rpm: float, now: int) -> None:
+        """Command a speed in turns a minute; 0 lets the head run down."""
+        self._turns, self._rate = float(self.turns(np.array([float(now)]))[0]), self.rpm(now) / 60.0
+        self._since = now
+        self._target = rpm / 60.0
+        self._tau = self.spin_up_s / -math.log(_STABLE)
+        if self._tau <= 0.0:
+            self._rate = self._target
+
+    def rpm(self, now: int) -> float:
+        """The actual speed at `now` in turns a minute."""
+        if self._tau <= 0.0:
+            return self._target * 60.0
+        fade = math.exp(-(now - self._since) * 1e-9 / self._tau)
+        return (self._target + (self._rate - self._target) * fade) * 60.0
+
+    def turns(self, times: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Where the head stands at each time.
+
+        Args:
+            times: float64 (n,), nanoseconds, ascending, none before the last `set_rpm`.
+
+        Returns:
+            float64 (n,), turns since the beginning; the fraction is the angle.
+        """
+        seconds = (times - self._since) * 1e-9
+        angle = seconds * self._target + self._turns
+        lag = (self._rate - self._target) * self._tau
+        if lag:
+            if seconds.size and seconds[0] < _TAUS_TO_REST * self._tau:
+                angle += lag * -np.expm1(-seconds / self._tau)
+            else:
+                angle += lag
+        return angle

@@ -1,0 +1,262 @@
+"""A world to scan: walls, somebody walking about, and the scanner's noise.
+
+`World.ranges_mm` is a pure function of angle and time: the same beam at the same moment gives the same
+distance, noise included. Therefore a simulated device produces the same bytes whatever the steps in which
+its time is advanced, and a test can ask the world what the device must have seen.
+
+It has to feed thousands of turns a second, so nothing is cast while scanning. The walls are cast once into
+a table of 32768 directions (0.011°) that is indexed afterwards. The walker's way is sampled every 10 ms
+into a table of bearings; only the few beams near the bearing are intersected with the walker. Noise is a
+table of normal numbers that is indexed by a hash of angle and time.
+
+Directions follow the devices: degrees clockwise seen from above, 0 forward. Coordinates are metres in the
+scanner's frame, x forward and y to the left. A distance of 0 means no return.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["Walker", "World", "cast", "make_world"]
+
+Floats = npt.NDArray[np.float64]
+Segment = tuple[float, float, float, float]
+
+_DIRECTIONS = 1 << 15
+_PER_DEGREE = _DIRECTIONS / 360.0
+_TICKS_PER_SECOND = 100
+_NOISE = 1 << 14
+_HASH = 2654435761  # 2**32 over the golden ratio (Knuth's multiplicative hash)
+
+
+def cast(segments: Iterable[Segment]) -> Floats:
+    """Cast a ray in every direction of the table against walls.
+
+    Args:
+        segments: Walls as (x1, y1, x2, y2) in metres, the scanner at the origin.
+
+    Returns:
+        float64 (32768,), millimetres to the nearest wall; 0 where there is none.
+    """
+    angles = np.radians((np.arange(_DIRECTIONS) + 0.5) / _PER_DEGREE)
+    dx, dy = np.cos(angles), -np.sin(angles)
+    nearest = np.full(_DIRECTIONS, np.inf)
+    for x1, y1, x2, y2 in segments:
+        ex, ey = x2 - x1, y2 - y1
+        across = dx * ey - dy * ex
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = (x1 * ey - y1 * ex) / across
+            along = (x1 * dy - y1 * dx) / across
+        hit = (distance > 0.0) & (along >= 0.0) & (along <= 1.0)
+        np.minimum(nearest, distance, out=nearest, where=hit)
+    return np.where(np.isfinite(nearest), nearest * 1000.0, 0.0)
+
+
+class Walker:
+    """A person of circular outline who walks round an ellipse, over and over.
+
+    Args:
+        centre: Middle of the ellipse, metres.
+        radii: Its half axes along x and y, metres; the scanner must stay outside of the person.
+        period_s: Seconds for one round.
+        girth_m: Radius of the person.
+    """
+
+    def __init__(
+        self,
+        centre: tuple[float, float],
+        radii: tuple[float, float],
+        *,
+        period_s: float = 20.0,
+        girth_m: float = 0.25,
+    ) -> None:
+        ticks = np.arange(round(period_s * _TICKS_PER_SECOND))
+        phase = ticks * (2.0 * np.pi / len(ticks))
+        x, y = centre[0] + radii[0] * np.cos(phase), centre[1] + radii[1] * np.sin(phase)
+        distance = np.hypot(x, y)
+        if float(distance.min()) <= girth_m:
+            raise ValueError("the walker's way leads over the scanner")
+        bearing = np.degrees(np.arctan2(-y, x))
+        width = np.degrees(np.arcsin(girth_m / distance))
+        self._girth = girth_m * 1000.0
+        self._distance = distance * 1000.0
+        self._bearing = bearing
+        self._from = np.floor((bearing - width) * _PER_DEGREE).astype(np.int64)
+        self._span = np.ceil(2.0 * width * _PER_DEGREE).astype(np.int64)
+
+    def position_m(self, t_seconds: float) -> tuple[float, float]:
+        """Where the person's middle is at a time: x, y in metres."""
+        tick = int(t_seconds * _TICKS_PER_SECOND) % len(self._distance)
+        distance, bearing = self._distance[tick] / 1000.0, np.radians(self._bearing[tick])
+        return float(distance * np.cos(bearing)), float(-distance * np.sin(bearing))
+
+    def occlude(self, ranges: Floats, angles: Floats, directions: npt.NDArray[np.int64], t: Floats) -> None:
+        """Shorten, in place, the beams that meet the person before anything else."""
+        ticks = (t * _TICKS_PER_SECOND).astype(np.int64)
+        ticks %= len(self._distance)
+        into = (directions - self._from[ticks]) & (_DIRECTIONS - 1)
+        near = np.flatnonzero(into <= self._span[ticks])
+        if not near.size:
+            return
+        when = ticks[near]
+        distance = self._distance[when]
+        off = np.radians(angles[near] - self._bearing[when])
+        beside = distance * np.sin(off)
+        inside = self._girth * self._girth - beside * beside
+        met = inside > 0.0
+        near, off, distance, inside = near[met], off[met], distance[met], inside[met]
+        person = distance * np.cos(off) - np.sqrt(inside)
+        behind = ranges[near]
+        ranges[near] = np.where((behind == 0.0) | (person < behind), person, behind)
+
+
+class World:
+    """What a scanner at the origin sees.
+
+    Args:
+        static_mm: float64 (32768,), distance by direction as `cast` gives it; 0 = no return.
+        walker: Somebody who walks about, or None.
+        noise_mm: Standard deviation of the range noise.
+        seed: Seed of the noise.
+    """
+
+    def __init__(
+        self, static_mm: Floats, *, walker: Walker | None = None, noise_mm: float = 0.0, seed: int = 0
+    ) -> None:
+        if static_mm.shape != (_DIRECTIONS,):
+            raise ValueError(f"the table of distances has shape {static_mm.shape}, not ({_DIRECTIONS},)")
+        self._static = static_mm
+        self.walker = walker
+        self._noise: Floats | None = None
+        if noise_mm > 0.0:
+            self._noise = np.random.default_rng(seed).normal(0.0, noise_mm, _NOISE)
+
+    def ranges_mm(self, angles_deg_clockwise: npt.ArrayLike, t_seconds: npt.ArrayLike) -> Floats:
+        """Measure along each direction at each time.
+
+        Args:
+            angles_deg_clockwise: float (n,), degrees, any turn; 0 = forward (x), 90 = right (-y).
+            t_seconds: float (n,) or one time for all beams, not negative.
+
+        Returns:
+            float64 (n,), millimetres, never negative; 0 = no return.
+        """
+        angles = np.atleast_1d(np.asarray(angles_deg_clockwise, dtype=np.float64))
+        directions = np.floor(angles * _PER_DEGREE).astype(np.int64)
+        directions &= _DIRECTIONS - 1
+        ranges = self._static[directions]
+        if self.walker is None and self._noise is None:
+            return ranges
+        t = np.broadcast_to(np.asarray(t_seconds, dtype=np.float64), angles.shape)
+        if self.walker is not None:
+            self.walker.occlude(ranges, angles, directions, t)
+        if self._noise is not None:
+            draw = (t * 1e6).astype(np.int64)
+            draw += directions << 20
+            draw *= _HASH
+            draw >>= 16
+            draw &= _NOISE - 1
+            noisy = ranges + self._noise[draw]
+            noisy *= ranges > 0.0
+            ranges = np.maximum(noisy, 0.0, out=noisy)
+        return ranges
+
+
+def make_world(name: str = "room", *, seed: int = 0) -> World:
+    """Build a world by name.
+
+    Args:
+        name: ``room`` (furnished, an open door, somebody walking), ``corridor`` (long, open at one end),
+            ``circle`` (2 m all round, no noise) or ``empty`` (no returns).
+        seed: Seed of the range noise.
+
+    Raises:
+        ValueError: No world has that name.
+    """
+    try:
+        build = _WORLDS[name]
+    except KeyError:
+        raise ValueError(f"no world is called {name!r}; there are {', '.join(sorted(_WORLDS))}") from None
+    return build(seed)
+
+
+def _path(*points: tuple[float, float]) -> list[Segment]:
+    """The walls along a line of corners."""
+    return [(*a, *b) for a, b in pairwise(points)]
+
+
+def _box(x: float, y: float, width: float, depth: float, turned_deg: float = 0.0) -> list[Segment]:
+    """The four sides of a piece of furniture with its middle at x, y."""
+    c, s = np.cos(np.radians(turned_deg)), np.sin(np.radians(turned_deg))
+    corners = [(-width, -depth), (width, -depth), (width, depth), (-width, depth), (-width, -depth)]
+    return _path(*((float(x + (c * u - s * v) / 2), float(y + (s * u + c * v) / 2)) for u, v in corners))
+
+
+def _column(x: float, y: float, radius: float, sides: int = 12) -> list[Segment]:
+    """A round column or chair leg."""
+    turn = np.linspace(0.0, 2.0 * np.pi, sides + 1)
+    return _path(*zip((x + radius * np.cos(turn)).tolist(), (y + radius * np.sin(turn)).tolist(), strict=True))
+
+
+@lru_cache(maxsize=1)
+def _room_table() -> Floats:
+    """Eight metres by six, with a bay, a niche, furniture, and a door (1.1 m) through which beams escape."""
+    walls = _path(
+        (4.6, -1.7), (4.6, -2.4), (1.2, -2.4), (1.2, -2.8), (-0.6, -2.8), (-0.6, -2.4), (-3.4, -2.4),
+        (-3.4, -0.4), (-3.1, -0.4), (-3.1, 0.5), (-3.4, 0.5), (-3.4, 3.3), (-0.4, 3.6), (1.6, 3.1),
+        (4.6, 3.1), (4.6, -0.6),
+    )  # fmt: skip
+    door_leaf = _path((4.6, -1.7), (5.5, -2.2))
+    furniture: Sequence[list[Segment]] = (
+        _box(-2.2, -1.9, 1.8, 0.8),  # sofa
+        _box(2.9, 2.75, 1.6, 0.45),  # shelf
+        _box(-2.7, 2.5, 0.9, 0.9, 20.0),  # armchair
+        _column(2.6, -1.0, 0.16),  # pillar
+        *(_column(x, y, 0.03, 6) for x in (0.4, 1.5) for y in (1.3, 2.1)),  # the legs of a table
+        _column(3.9, -2.0, 0.2),  # a plant
+    )
+    table = cast([*walls, *door_leaf, *(side for piece in furniture for side in piece)])
+    table.setflags(write=False)
+    return table
+
+
+@lru_cache(maxsize=1)
+def _corridor_table() -> Floats:
+    """Two metres wide, closed 12 m ahead, open behind, with two doorways let into the right wall."""
+    right = _path(
+        (-25.0, -0.9), (2.0, -0.9), (2.0, -1.2), (3.0, -1.2), (3.0, -0.9), (6.5, -0.9), (6.5, -1.2),
+        (7.5, -1.2), (7.5, -0.9), (12.0, -0.9),
+    )  # fmt: skip
+    table = cast([*right, (12.0, -0.9, 12.0, 1.1), (12.0, 1.1, -25.0, 1.1)])
+    table.setflags(write=False)
+    return table
+
+
+def _room(seed: int) -> World:
+    return World(_room_table(), walker=Walker((0.4, 0.1), (1.5, 1.0)), noise_mm=4.0, seed=seed)
+
+
+def _corridor(seed: int) -> World:
+    walker = Walker((5.0, 0.2), (4.0, 0.3), period_s=16.0)
+    return World(_corridor_table(), walker=walker, noise_mm=6.0, seed=seed)
+
+
+def _circle(seed: int) -> World:
+    return World(np.full(_DIRECTIONS, 2000.0), seed=seed)
+
+
+def _empty(seed: int) -> World:
+    return World(np.zeros(_DIRECTIONS), seed=seed)
+
+
+_WORLDS: dict[str, Callable[[int], World]] = {
+    "room": _room,
+    "corridor": _corridor,
+    "circle": _circle,
+    "empty": _empty,
+}
