@@ -1,0 +1,212 @@
+"""The one face that every family of devices shows to the session.
+
+A family speaks in scripts: generators that yield a `Request` and are resumed with the payload of its answer
+(empty bytes where there is none), so that a whole conversation is written down in order and yet does no I/O.
+The session runs them, keeps the timing each request demands, and throws `ResponseTimeout` into a script whose
+question stayed unanswered, which a script may catch to fall back on something else.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from typing import Protocol, TypeAlias, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.errors import Unsupported
+from lidario.model import DeviceInfo, Health, SampleRate, ScanMode
+from lidario.wire.envelope import Request
+from lidario.wire.formats import StreamFormat
+
+__all__ = ["Decoder", "Device", "Family", "Keepalive", "Samples", "Script", "Stream", "Timing"]
+
+T = TypeVar("T")
+Script: TypeAlias = Generator[Request, bytes, T]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """The decoded packets of one stretch of stream; arrays of shape (n,), in measuring order.
+
+    Attributes:
+        beam_deg: Where the rotor stood, float64 degrees clockwise, counted on past 360 inside a packet that
+            crosses 0, so that the seam of the revolution can be found.
+        angle_deg: Where the beam went, float64 degrees clockwise, in [0, 360); corrections applied.
+        distance_mm: Millimetres, float32; 0 where nothing came back.
+        intensity: uint8, or None where the format carries none.
+        ends: Samples up to and including each packet, shape (packets,).
+        lost: Packets missing between these ones and before the one that follows.
+        unbroken: Leading packets before the first gap.
+    """
+
+    beam_deg: NDArray[np.float64]
+    angle_deg: NDArray[np.float64]
+    distance_mm: NDArray[np.float32]
+    intensity: NDArray[np.uint8] | None
+    ends: NDArray[np.intp]
+    lost: int
+    unbroken: int
+
+
+class Decoder(Protocol):
+    """Turns packets into samples; one object follows one stream, in order."""
+
+    def decode(self, packets: bytes, following: bytes | None) -> Samples:
+        """Decode whole packets, back to back.
+
+        Args:
+            packets: At least one packet.
+            following: The packet after the last one, since some formats need it to know how far the rotor
+                turned; None when there is none, and the last packet is then decoded with the step of its
+                neighbours.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Keepalive:
+    """A request that must be repeated while a stream runs.
+
+    Attributes:
+        request: What to send.
+        interval_s: How often.
+    """
+
+    request: Request
+    interval_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """All the session must know of a stream that was just started.
+
+    Attributes:
+        format: The packet format, the same object that the starting request carried.
+        decoder: What turns its packets into samples.
+        mode: The scan mode that runs.
+        sample_ns: Nanoseconds a sample; 0 when the device does not say.
+        spin_up_s: Longest time until the first packet may be expected.
+        slowest_turn_s: Longest time one turn may take.
+        keepalive: What must be repeated meanwhile, if anything.
+        zero_offset_deg: Degrees to add to every device angle.
+    """
+
+    format: StreamFormat
+    decoder: Decoder
+    mode: ScanMode
+    sample_ns: float
+    spin_up_s: float
+    slowest_turn_s: float
+    keepalive: Keepalive | None = None
+    zero_offset_deg: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """How long the devices of a family take.
+
+    Attributes:
+        quiet_s: Silence after a STOP that proves the stream has ended.
+        drain_s: Longest time that may take before STOP is sent again.
+        boot_s: Longest time from RESET until the device answers.
+        boot_poll_s: How often it is asked meanwhile.
+        probe_s: How long an identifying question may stay unanswered at one baud rate.
+    """
+
+    quiet_s: float
+    drain_s: float
+    boot_s: float
+    boot_poll_s: float
+    probe_s: float
+
+
+class Device(ABC):
+    """One device of a family: what it is, as far as asked, and how to talk to it. No I/O."""
+
+    @abstractmethod
+    def stop(self) -> Request:
+        """End the stream; the motor may go on."""
+
+    @abstractmethod
+    def halt(self) -> tuple[Request, ...]:
+        """End the stream and switch laser and motor off, in an order the device obeys without a pause."""
+
+    @abstractmethod
+    def reset(self) -> Request:
+        """Restart the device."""
+
+    @abstractmethod
+    def identify(self) -> Script[DeviceInfo]:
+        """Ask what the device is; the other scripts rely on it having been asked once."""
+
+    @abstractmethod
+    def health(self) -> Script[Health]:
+        """Ask how the device is."""
+
+    @abstractmethod
+    def modes(self) -> Script[tuple[ScanMode, ...]]:
+        """Ask which scan modes there are; never empty."""
+
+    @abstractmethod
+    def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
+        """Start the motor where that is a request of its own, then the stream.
+
+        With `force` the device is asked to measure even when the motor has not reached its speed.
+        """
+
+    @property
+    def speed_range(self) -> tuple[float, float] | None:
+        """Slowest and fastest settable scan frequency in Hz, or None when it cannot be set."""
+        return None
+
+    def sample_rate(self) -> Script[SampleRate]:
+        """Ask how long a sample takes."""
+        raise Unsupported("this device does not tell its sample rate")
+
+    def scan_frequency(self) -> Script[float]:
+        """Ask which scan frequency is set, in Hz."""
+        raise Unsupported("this device does not tell its scan frequency")
+
+    def set_scan_frequency(self, hertz: float) -> Script[float]:  # noqa: ARG002
+        """Set the scan frequency; returns what was set, in Hz."""
+        raise Unsupported("the scan frequency of this device cannot be set")
+
+    def zero_offset(self) -> Script[float]:
+        """Ask for the angle between the device's zero and the one it was calibrated to, in degrees."""
+        raise Unsupported("this device knows no zero-angle offset")
+
+    def apply_zero_offset(self, on: bool) -> Script[None]:  # noqa: ARG002
+        """Choose whether streams started from now on have the zero-angle offset added."""
+        raise Unsupported("this device knows no zero-angle offset")
+
+    def power_down_protection(self, on: bool) -> Script[bool]:  # noqa: ARG002
+        """Switch power-down protection; returns the state the device confirms."""
+        raise Unsupported("this device knows no power-down protection")
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """One row of the registry.
+
+    Attributes:
+        name: Short name, as in ``family=`` of a source.
+        title: Name for people.
+        baudrates: Line speeds its models use, the likeliest first.
+        timing: How long its devices take.
+        device: Makes the object for a newly opened port.
+        formats: Every packet format it may send.
+        simulated: Names of its simulated models.
+        simulate: Makes a simulated device: ``simulate(model, world=…, serial=…, seed=…)``.
+    """
+
+    name: str
+    title: str
+    baudrates: tuple[int, ...]
+    timing: Timing
+    device: Callable[[], Device]
+    formats: tuple[Callable[[], StreamFormat], ...]
+    simulated: tuple[str, ...]
+    simulate: Callable[..., object]

@@ -1,0 +1,31 @@
+"""RPLIDAR: the S series, and whatever answers with the same formats."""
+
+from __future__ import annotations
+
+from lidario.families.base import Family, Timing
+from lidario.families.rplidar.device import RplidarDevice
+from lidario.families.rplidar.formats import FORMATS
+from lidario.families.rplidar.simulated import make_simulated
+from lidario.families.rplidar.simulated_profiles import PROFILES
+
+__all__ = ["FAMILY"]
+
+FAMILY = Family(
+    name="rplidar",
+    title="RPLIDAR",
+    # S2 and S3; S1, A3, A2M7 and A2M12; A1 and A2M8; C1 (vendor's ROS launch files).
+    baudrates=(1000000, 256000, 115200, 460800),
+    timing=Timing(
+        # The slowest packets are 0x83's, one in 10.4 ms at 9200 samples a second.
+        quiet_s=0.03,
+        drain_s=0.5,
+        # Users report 2 s of silence from an S1; the vendor's ROS node gives it 15 s.
+        boot_s=8.0,
+        boot_poll_s=0.25,
+        probe_s=0.15,
+    ),
+    device=RplidarDevice,
+    formats=tuple(FORMATS.values()),
+    simulated=tuple(PROFILES),
+    simulate=make_simulated,
+)

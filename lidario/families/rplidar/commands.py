@@ -1,0 +1,113 @@
+"""Requests of the RPLIDAR protocol, with the answer, the timeout and the settle time of each.
+
+Codes, payloads and answers: S-series interface manual, chapter "Requests and responses"; what the manual
+leaves out (FORCE_SCAN, the configuration types 0x00 to 0x05, the byte tables of GET_INFO and
+GET_LIDAR_CONF) as the vendor's SDK 2.1.0 sends it.
+
+Settle times: the manual demands at least 10 ms after STOP and at least 500 ms after RESET before the next
+request; the SDK waits 10 ms after a motor request. Timeouts are ours: a healthy device answers a query within
+a few milliseconds, and the SDK allows 500 ms while it connects.
+"""
+
+from __future__ import annotations
+
+import struct
+from enum import IntEnum
+from typing import Final
+
+from lidario.wire.envelope import Expected, Request, encode_request
+from lidario.wire.formats import StreamFormat
+
+__all__ = [
+    "GET_HEALTH",
+    "GET_INFO",
+    "GET_SAMPLERATE",
+    "RESET",
+    "STOP",
+    "Answer",
+    "Conf",
+    "express_scan",
+    "get_lidar_conf",
+    "motor_speed",
+    "scan",
+]
+
+STOP_SETTLE_S: Final = 0.010
+RESET_SETTLE_S: Final = 0.500
+MOTOR_SETTLE_S: Final = 0.010
+QUERY_TIMEOUT_S: Final = 0.5
+SCAN_TIMEOUT_S: Final = 2.0
+LONGEST_CONF: Final = 4 + 64
+"""Largest GET_LIDAR_CONF answer believed: the echoed type and a value (mode names are about ten letters)."""
+
+
+class Answer(IntEnum):
+    """Answer types of single responses."""
+
+    INFO = 0x04
+    HEALTH = 0x06
+    SAMPLE_RATE = 0x15
+    LIDAR_CONF = 0x20
+
+
+class Conf(IntEnum):
+    """Configuration types of GET_LIDAR_CONF; those from 0x71 on, but for 0x7C, take a mode id."""
+
+    DESIRED_ROTATION = 0x01
+    MIN_ROTATION = 0x04
+    MAX_ROTATION = 0x05
+    MODE_COUNT = 0x70
+    SAMPLE_DURATION = 0x71
+    MAX_DISTANCE = 0x74
+    ANSWER_TYPE = 0x75
+    TYPICAL_MODE = 0x7C
+    MODE_NAME = 0x7F
+
+
+STOP: Final = Request("STOP", encode_request(0x25), settle=STOP_SETTLE_S, ends_stream=True)
+RESET: Final = Request("RESET", encode_request(0x40), settle=RESET_SETTLE_S, ends_stream=True)
+GET_INFO: Final = Request(
+    "GET_INFO", encode_request(0x50), expects=Expected(Answer.INFO, 20), timeout=QUERY_TIMEOUT_S
+)
+GET_HEALTH: Final = Request(
+    "GET_HEALTH", encode_request(0x52), expects=Expected(Answer.HEALTH, 3), timeout=QUERY_TIMEOUT_S
+)
+GET_SAMPLERATE: Final = Request(
+    "GET_SAMPLERATE", encode_request(0x59), expects=Expected(Answer.SAMPLE_RATE, 4), timeout=QUERY_TIMEOUT_S
+)
+
+
+def get_lidar_conf(kind: Conf, mode: int | None = None) -> Request:
+    """GET_LIDAR_CONF for one configuration type, of one scan mode where the type takes one.
+
+    The answer echoes the type; the value behind it is absent where the device does not know the type.
+    """
+    echo = struct.pack("<I", kind)
+    payload = echo if mode is None else echo + struct.pack("<H", mode)
+    return Request(
+        f"GET_LIDAR_CONF {kind.name}" + ("" if mode is None else f" of mode {mode}"),
+        encode_request(0x84, payload),
+        expects=Expected(Answer.LIDAR_CONF, 4, LONGEST_CONF, prefix=echo),
+        timeout=QUERY_TIMEOUT_S,
+    )
+
+
+def motor_speed(rpm: int) -> Request:
+    """MOTOR_SPEED_CTRL: the speed in turns a minute, 0 for off. It is not answered."""
+    return Request("MOTOR_SPEED_CTRL", encode_request(0xA8, struct.pack("<H", rpm)), settle=MOTOR_SETTLE_S)
+
+
+def scan(stream: StreamFormat, *, force: bool = False) -> Request:
+    """SCAN, or FORCE_SCAN, which measures even while the motor is not up to speed."""
+    name, command = ("FORCE_SCAN", 0x21) if force else ("SCAN", 0x20)
+    return _start(name, encode_request(command), stream)
+
+
+def express_scan(mode: int, stream: StreamFormat) -> Request:
+    """EXPRESS_SCAN in one of the device's modes: the mode id and four reserved bytes."""
+    return _start("EXPRESS_SCAN", encode_request(0x82, struct.pack("<BI", mode, 0)), stream)
+
+
+def _start(name: str, data: bytes, stream: StreamFormat) -> Request:
+    announced = Expected(stream.answer_type, stream.shortest, continuous=True)
+    return Request(name, data, expects=announced, timeout=SCAN_TIMEOUT_S, stream=stream)

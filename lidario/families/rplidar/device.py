@@ -1,0 +1,236 @@
+"""One RPLIDAR: what its answers mean, and how it is started.
+
+Payloads: S-series interface manual, answers to GET_INFO, GET_HEALTH, GET_SAMPLERATE and GET_LIDAR_CONF. Model
+numbers, the firmware from which GET_LIDAR_CONF exists (1.24) and which models take their speed in turns a
+minute (the S series and later): vendor's SDK 2.1.0. Scan mode ids differ from model to model, so they are
+always asked for, never assumed, where the firmware can be asked.
+"""
+
+from __future__ import annotations
+
+import struct
+from contextlib import suppress
+from dataclasses import replace
+from typing import Final
+
+from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
+from lidario.families.base import Device, Script, Stream
+from lidario.families.rplidar import commands
+from lidario.families.rplidar.commands import Conf
+from lidario.families.rplidar.decode import DECODERS
+from lidario.families.rplidar.formats import FORMATS
+from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, ScanMode
+from lidario.wire.envelope import Request
+
+__all__ = ["RplidarDevice"]
+
+SERIES: Final = ((12, "M"), (9, "T"), (6, "S"), (4, "C"), (1, "A"))
+"""(first major number, letter), highest first."""
+FIRST_WITH_SPEED_CONTROL: Final = 6
+FIRST_DIRECT_TOF: Final = 4
+CONF_FIRMWARE: Final = (1, 24)
+SAMPLERATE_FIRMWARE: Final = (1, 17)
+LEGACY_SAMPLE_US: Final = 476.0
+"""Of firmware too old to be asked (SDK)."""
+LEGACY_MAX_DISTANCE: Final = 16.0
+MODE_LIMIT: Final = 64
+"""More modes than this is not an answer."""
+DEFAULT_RPM: Final = 600
+SPIN_UP_S: Final = 5.0
+SLOWEST_TURN_S: Final = 1.0
+NODE_TYPE: Final = 0x81
+EXPRESS_TYPE: Final = 0x82
+UNIDENTIFIED: Final = 0
+STATUSES: Final = (HealthStatus.OK, HealthStatus.WARNING, HealthStatus.ERROR)
+
+
+class RplidarDevice(Device):
+    """An RPLIDAR of any series that answers in the six known formats."""
+
+    def __init__(self) -> None:
+        self._major = 0
+        self._firmware = (0, 0)
+        self._rpm: int | None = None
+
+    @property
+    def _has_motor_control(self) -> bool:
+        # Before it is identified, a request it does not know does no harm.
+        return self._major == UNIDENTIFIED or self._major >= FIRST_WITH_SPEED_CONTROL
+
+    @property
+    def _has_conf(self) -> bool:
+        return self._major >= FIRST_DIRECT_TOF or self._firmware >= CONF_FIRMWARE
+
+    def stop(self) -> Request:
+        """As `Device.stop`."""
+        return commands.STOP
+
+    def halt(self) -> tuple[Request, ...]:
+        """As `Device.halt`: the motor first, since nothing is heard for 10 ms after STOP."""
+        return (commands.motor_speed(0), commands.STOP) if self._has_motor_control else (commands.STOP,)
+
+    def reset(self) -> Request:
+        """As `Device.reset`."""
+        return commands.RESET
+
+    def identify(self) -> Script[DeviceInfo]:
+        """As `Device.identify`."""
+        model, minor, major, hardware, serial = struct.unpack("<BBBB16s", (yield commands.GET_INFO))
+        self._major, self._firmware = model >> 4, (major, minor)
+        return DeviceInfo(
+            family="rplidar",
+            model=_model_name(model),
+            model_id=model,
+            firmware=f"{major}.{minor:02d}",
+            hardware=hardware,
+            serial=serial.hex().upper(),
+        )
+
+    def health(self) -> Script[Health]:
+        """As `Device.health`; raises RemoteProtocolError for a status that is not defined."""
+        status, code = struct.unpack("<BH", (yield commands.GET_HEALTH))
+        if status >= len(STATUSES):
+            raise RemoteProtocolError(f"the device reports health status {status}, and only 0, 1 and 2 are defined")
+        return Health(STATUSES[status], code)
+
+    def sample_rate(self) -> Script[SampleRate]:
+        """As `Device.sample_rate`."""
+        if self._major < FIRST_DIRECT_TOF and self._firmware < SAMPLERATE_FIRMWARE:
+            return SampleRate(LEGACY_SAMPLE_US, LEGACY_SAMPLE_US)
+        standard, express = struct.unpack("<HH", (yield commands.GET_SAMPLERATE))
+        return SampleRate(float(standard), float(express))
+
+    def modes(self) -> Script[tuple[ScanMode, ...]]:
+        """As `Device.modes`: the device's own list, or what old firmware is known to do."""
+        found: list[ScanMode] = []
+        if self._has_conf:
+            count = yield from self._ask("<H", Conf.MODE_COUNT)
+            for mode in range(min(count or 0, MODE_LIMIT)):
+                found.append((yield from self._mode(mode)))
+        if not found:
+            return (yield from self._legacy_modes())
+        typical = yield from self._ask("<H", Conf.TYPICAL_MODE)
+        usable = [mode.id for mode in found if mode.answer_type in FORMATS]
+        if typical not in usable:
+            typical = usable[-1] if usable else None
+        return tuple(replace(mode, typical=mode.id == typical) for mode in found)
+
+    def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
+        """As `Device.start`.
+
+        Raises:
+            Unsupported: The mode's answer type is not one of the six, or a forced scan was asked for in a mode
+                other than the plain one.
+        """
+        if mode.answer_type not in FORMATS:
+            known = ", ".join(f"0x{answer:02X}" for answer in sorted(FORMATS))
+            raise Unsupported(
+                f"scan mode {mode.name!r} sends answer type 0x{mode.answer_type:02X}; lidario knows {known}"
+            )
+        if force and mode.answer_type != NODE_TYPE:
+            raise Unsupported(f"only a plain mode (answer type 0x81) can be forced, and {mode.name!r} is none")
+        sample_us = mode.sample_us or (yield from self._sample_us(mode))
+        if self._has_motor_control:
+            yield commands.motor_speed((yield from self._wanted_rpm()))
+        stream = FORMATS[mode.answer_type]()
+        if mode.answer_type == NODE_TYPE:
+            yield commands.scan(stream, force=force)
+        else:
+            # Firmware that cannot list its modes knows them by no number: there 0 is the express scan (SDK).
+            yield commands.express_scan(mode.id if self._has_conf else 0, stream)
+        return Stream(
+            format=stream,
+            decoder=DECODERS[mode.answer_type](),
+            mode=mode,
+            sample_ns=sample_us * 1e3,
+            spin_up_s=SPIN_UP_S,
+            slowest_turn_s=SLOWEST_TURN_S,
+        )
+
+    def scan_frequency(self) -> Script[float]:
+        """As `Device.scan_frequency`: what was set here, else the device's own default."""
+        if not self._has_motor_control:
+            raise Unsupported("this model has no motor control")
+        return (yield from self._wanted_rpm()) / 60
+
+    def set_scan_frequency(self, hertz: float) -> Script[float]:
+        """As `Device.set_scan_frequency`; checked against the device's own limits where it tells them.
+
+        Raises:
+            ValueError: Outside the device's limits.
+            Unsupported: The model has no motor control.
+        """
+        if not self._has_motor_control:
+            raise Unsupported("this model has no motor control")
+        lowest = (yield from self._ask("<H", Conf.MIN_ROTATION)) or 1
+        highest = (yield from self._ask("<H", Conf.MAX_ROTATION)) or 0xFFFF
+        rpm = round(hertz * 60)
+        if not lowest <= rpm <= highest:
+            raise ValueError(f"{rpm} rpm is outside this device's {lowest} to {highest} rpm")
+        self._rpm = rpm
+        yield commands.motor_speed(rpm)
+        return rpm / 60
+
+    def _wanted_rpm(self) -> Script[int]:
+        if self._rpm is None:
+            self._rpm = (yield from self._ask("<H", Conf.DESIRED_ROTATION)) or DEFAULT_RPM
+        return self._rpm
+
+    def _ask(self, layout: str, kind: Conf, mode: int | None = None) -> Script[int | None]:
+        """One configuration value, or None when the device does not have or tell it."""
+        if not self._has_conf:
+            return None
+        try:
+            value = (yield commands.get_lidar_conf(kind, mode))[4:]
+        except ResponseTimeout:
+            return None
+        if len(value) < struct.calcsize(layout):
+            return None
+        return int(struct.unpack_from(layout, value)[0])
+
+    def _mode(self, mode: int) -> Script[ScanMode]:
+        name = b""
+        with suppress(ResponseTimeout):
+            name = (yield commands.get_lidar_conf(Conf.MODE_NAME, mode))[4:]
+        sample_q8 = yield from self._ask("<I", Conf.SAMPLE_DURATION, mode)
+        distance_q8 = yield from self._ask("<I", Conf.MAX_DISTANCE, mode)
+        answer = yield from self._ask("<B", Conf.ANSWER_TYPE, mode)
+        return ScanMode(
+            id=mode,
+            name=_text(name) or f"mode {mode}",
+            sample_us=(sample_q8 or 0) / 256,
+            max_distance=(distance_q8 or 0) / 256,
+            answer_type=answer or 0,
+        )
+
+    def _legacy_modes(self) -> Script[tuple[ScanMode, ...]]:
+        try:
+            rate = yield from self.sample_rate()
+        except ResponseTimeout:
+            rate = SampleRate(0.0, 0.0)
+        standard = ScanMode(0, "Standard", rate.standard_us, LEGACY_MAX_DISTANCE, NODE_TYPE, typical=True)
+        if self._has_conf or self._firmware < SAMPLERATE_FIRMWARE:
+            return (standard,)
+        express = ScanMode(1, "Express", rate.express_us, LEGACY_MAX_DISTANCE, EXPRESS_TYPE, typical=True)
+        return (replace(standard, typical=False), express)
+
+    def _sample_us(self, mode: ScanMode) -> Script[float]:
+        """A mode that claims 0 µs a sample: ask the older way; 0 again means it is measured from the stream."""
+        try:
+            rate = yield from self.sample_rate()
+        except ResponseTimeout:
+            return 0.0
+        return rate.standard_us if mode.answer_type == NODE_TYPE else rate.express_us
+
+
+def _model_name(model: int) -> str:
+    major, sub = model >> 4, model & 0xF
+    for first, letter in SERIES:
+        if major >= first:
+            return f"RPLIDAR {letter}{major - first + 1}M{sub}"
+    return f"RPLIDAR (model 0x{model:02X})"
+
+
+def _text(raw: bytes) -> str:
+    """A name from the device, without what could disturb a terminal."""
+    return "".join(c for c in raw.split(b"\0")[0].decode("ascii", "replace") if c.isprintable()).strip()

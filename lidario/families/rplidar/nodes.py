@@ -1,0 +1,200 @@
+"""0x81, the plain node of five bytes: one sample a packet, and almost nothing to check it by.
+
+Layout (S-series interface manual, answer to SCAN): bit 0 of the first byte marks a new scan and bit 1 is its
+inverse; bit 0 of the second byte is always 1; then 15 bits of angle in 1/64 degrees and 16 bits of distance in
+1/4 mm. Two fixed bits let one wrong phase in four pass, and since walls are smooth, wrong phases pass many
+times in a row. So a node is believed only in its context:
+
+* in step, its angle must continue the one before by a small step, and a new-scan mark must stand at 0;
+* out of step, a chain of nodes must pass that test together. Nodes in the old phase that also continue the
+  last angle need the shortest chain: a flipped bit costs one node. Another phase (a byte was lost) needs a
+  longer chain that continues the last angle. A chain with nothing to continue, as at the beginning of a
+  stream, must be the longest;
+* where several phases pass, the one that turns evenly is the rotor: distances read as angles jump, or stand.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.wire.formats import NO_PACKET, Cut, StreamFormat
+
+__all__ = ["NodeFormat"]
+
+SIZE: Final = 5
+FULL_TURN_Q6: Final = 360 << 6
+BACKWARD_Q6: Final = 3 << 6
+"""How far one node may fall back behind the other: triangulating models correct angles by about that much."""
+FORWARD_Q6: Final = 8 << 6
+"""How far one node may run ahead of the other while in step: a few lost nodes at the slowest rate."""
+NEAR_Q6: Final = 30 << 6
+"""A chain that begins within this of the last angle continues it."""
+SEAM_Q6: Final = 30 << 6
+"""A new-scan mark further from 0 than this is damage."""
+CHAIN_IN_PHASE: Final = 4
+CHAIN_NEARBY: Final = 8
+CHAIN_ALONE: Final = 16
+PHASES_BACK: Final = 4
+"""Nodes in the old phase that are tried before another phase is looked for."""
+WORTH_AN_ARRAY: Final = 16
+"""Nodes from which checking them as one array costs less than one by one (measured)."""
+
+
+class NodeFormat(StreamFormat):
+    """0x81: one sample in five bytes."""
+
+    name, answer_type, shortest, longest = "node", 0x81, SIZE, SIZE
+    header = re.compile(rb"[\x00-\xff][\x00-\xff]", re.DOTALL)
+    full_turn = FULL_TURN_Q6
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._in_step = False
+        self._last: int | None = None
+
+    def measure(self, data: bytearray, at: int) -> int:
+        """As `StreamFormat.measure`: by the two check bits alone."""
+        if at + 1 >= len(data):
+            return 0
+        first = data[at]
+        return SIZE if (first ^ first >> 1) & 1 and data[at + 1] & 1 else NO_PACKET
+
+    def intact(self, data: bytearray, at: int, size: int) -> bool:  # noqa: ARG002
+        """Whether the node at `at` may stand by itself: an angle below a turn, a scan mark only at 0."""
+        angle = _angle(data, at)
+        return angle < FULL_TURN_Q6 and (not data[at] & 1 or angle < SEAM_Q6 or angle > FULL_TURN_Q6 - SEAM_Q6)
+
+    def headings(self, packets: bytes) -> Sequence[int]:
+        """As `StreamFormat.headings`, in 1/64 degrees."""
+        if len(packets) < WORTH_AN_ARRAY * SIZE:
+            return [_angle(packets, place) for place in range(0, len(packets), SIZE)]
+        angles: list[int] = _angles(np.frombuffer(packets, np.uint8).reshape(-1, SIZE)).tolist()
+        return angles
+
+    def run(self, data: bytearray, at: int) -> tuple[int, int]:
+        """Nodes from `at` that continue the last accepted angle, and each other."""
+        count = (len(data) - at) // SIZE
+        if count >= WORTH_AN_ARRAY and self._last is not None:
+            good = self._good_rows(data, at, count, self._last)
+            count = count if good.all() else int(good.argmin())
+            if count:
+                self._last = _angle(data, at + (count - 1) * SIZE)
+            return at + count * SIZE, count
+        done = 0
+        while done < count and self._continues(data, at, self._last):
+            self._last = _angle(data, at)
+            at += SIZE
+            done += 1
+        return at, done
+
+    def cut(self, data: bytearray, at: int) -> Cut:
+        """As `StreamFormat.cut`, with chains of nodes in place of a check value."""
+        if self._in_step:
+            end, count = self.run(data, at)
+            if count or len(data) - at < SIZE:
+                return Cut(end, end, count)
+            self._in_step = False
+        place = self._find_step(data, at)
+        if place is None:
+            return Cut(at, at, 0)
+        if place < 0:
+            # No phase passes here: this byte begins no node.
+            return Cut(at, at + 1, 0)
+        self._in_step = True
+        self._last = None
+        if place > at:
+            return Cut(at, place, 0)
+        end, count = self.run(data, at)
+        return Cut(end, end, count)
+
+    def _find_step(self, data: bytearray, at: int) -> int | None:
+        """Where nodes go on after `at`: -1 if not within a node's length, None while it cannot be told."""
+        if len(data) - at < (PHASES_BACK + CHAIN_ALONE) * SIZE:
+            return None
+        if self._last is not None:
+            for place in range(at, at + PHASES_BACK * SIZE, SIZE):
+                if self._near(data, place) and _chain(data, place, CHAIN_IN_PHASE) is not None:
+                    return place
+            nearby = [p for p in range(at, at + 2 * SIZE) if self._near(data, p)]
+            best = _evenest(data, nearby, CHAIN_NEARBY)
+            if best is not None:
+                return best
+        best = _evenest(data, range(at, at + SIZE), CHAIN_ALONE)
+        return -1 if best is None else best
+
+    def _near(self, data: bytearray, place: int) -> bool:
+        return self._last is not None and _step(self._last, _angle(data, place)) <= NEAR_Q6
+
+    def _continues(self, data: bytearray, at: int, last: int | None) -> bool:
+        if self.measure(data, at) != SIZE or not self.intact(data, at, SIZE):
+            return False
+        return last is None or _step(last, _angle(data, at)) <= FORWARD_Q6
+
+    def _good_rows(self, data: bytearray, at: int, count: int, last: int) -> NDArray[np.bool_]:
+        rows = np.frombuffer(data, np.uint8, count * SIZE, at).reshape(count, SIZE)
+        first = rows[:, 0]
+        angles = _angles(rows)
+        steps = np.diff(angles, prepend=last) % FULL_TURN_Q6
+        near_seam = (angles < SEAM_Q6) | (angles > FULL_TURN_Q6 - SEAM_Q6)
+        result: NDArray[np.bool_] = (
+            ((first ^ first >> 1) & rows[:, 1] & 1).astype(np.bool_)
+            & (angles < FULL_TURN_Q6)
+            & ((steps <= FORWARD_Q6) | (steps >= FULL_TURN_Q6 - BACKWARD_Q6))
+            & (near_seam | (first & 1 == 0))
+        )
+        return result
+
+
+def _angle(data: bytes | bytearray, at: int) -> int:
+    return data[at + 1] >> 1 | data[at + 2] << 7
+
+
+def _angles(rows: NDArray[np.uint8]) -> NDArray[np.int32]:
+    return rows[:, 1].astype(np.int32) >> 1 | rows[:, 2].astype(np.int32) << 7
+
+
+def _step(earlier: int, later: int) -> int:
+    """Degrees/64 from one angle to the next; falling back a little counts as no step."""
+    step = (later - earlier) % FULL_TURN_Q6
+    return 0 if step >= FULL_TURN_Q6 - BACKWARD_Q6 else step
+
+
+def _chain(data: bytearray, at: int, length: int) -> list[int] | None:
+    """The steps between `length` nodes from `at`, or None if one of them cannot follow the other."""
+    steps: list[int] = []
+    last = -1
+    for place in range(at, at + length * SIZE, SIZE):
+        first, second = data[place], data[place + 1]
+        if not ((first ^ first >> 1) & second & 1):
+            return None
+        angle = _angle(data, place)
+        if angle >= FULL_TURN_Q6 or (first & 1 and SEAM_Q6 <= angle <= FULL_TURN_Q6 - SEAM_Q6):
+            return None
+        if last >= 0:
+            step = (angle - last + BACKWARD_Q6) % FULL_TURN_Q6 - BACKWARD_Q6
+            if step > FORWARD_Q6:
+                return None
+            steps.append(step)
+        last = angle
+    return steps
+
+
+def _evenest(data: bytearray, places: Sequence[int], length: int) -> int | None:
+    """Of the places where a chain begins, the one whose angle advances most evenly."""
+    best: tuple[bool, float, int] | None = None
+    for place in places:
+        steps = _chain(data, place, length)
+        if steps is None:
+            continue
+        total = sum(steps)
+        mean = total / len(steps)
+        unevenness = sum(abs(step - mean) for step in steps) / max(abs(mean), 1.0)
+        rank = (total <= 0, unevenness, place)
+        if best is None or rank < best:
+            best = rank
+    return None if best is None else best[2]

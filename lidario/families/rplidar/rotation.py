@@ -1,0 +1,75 @@
+"""How far the rotor turned during each packet, and how many packets are missing.
+
+A packet states where it begins but not where it ends: that is where the next one begins. Dividing the arc
+between two packets by the samples of one is right only when the second really followed the first. After a loss
+the vendor's SDK stretches the samples over the whole gap. Here the arc of an ordinary packet is known from the
+neighbours, so the number of missing packets is too, and each packet gets its own share of the arc.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Arcs", "Rotation"]
+
+TRUSTED_GAP: Final = 3
+"""Missing packets up to which the arc over the gap, divided evenly, is better than a neighbour's arc."""
+
+
+class Arcs(NamedTuple):
+    """What `Rotation.arcs` found; arrays of shape (packets,).
+
+    Attributes:
+        arc: Rotation during each packet, in heading units, float64.
+        missing: Packets missing behind each packet.
+    """
+
+    arc: NDArray[np.float64]
+    missing: NDArray[np.intp]
+
+
+class Rotation:
+    """Follows the rotor through one stream.
+
+    Args:
+        full_turn: One turn in the unit of the headings.
+        jitter: Share of an ordinary arc by which headings may scatter before a packet counts as missing.
+    """
+
+    def __init__(self, full_turn: int, jitter: float = 0.5) -> None:
+        self._full_turn = full_turn
+        self._jitter = jitter
+        self._typical: float | None = None
+
+    def arcs(self, headings: NDArray[np.int64], following: int | None) -> Arcs:
+        """The arc of each packet and the gaps behind them, given where the next packet begins, if known."""
+        ends = np.empty_like(headings)
+        ends[:-1] = headings[1:]
+        ends[-1] = headings[-1] if following is None else following
+        spans = ((ends - headings) % self._full_turn).astype(np.float64)
+        known = spans if following is not None else spans[:-1]
+        typical = self._learn(known)
+        if typical <= 0:
+            return Arcs(spans, np.zeros(len(spans), np.intp))
+        turns = spans / typical
+        missing = np.ceil(turns - 1 - self._jitter).astype(np.intp)
+        if following is None:
+            missing[-1] = -1
+        arc = np.where(missing == 0, spans, typical)
+        short_gap = (missing > 0) & (missing <= TRUSTED_GAP)
+        arc[short_gap] = spans[short_gap] / (missing[short_gap] + 1)
+        return Arcs(arc, np.maximum(missing, 0))
+
+    def _learn(self, spans: NDArray[np.float64]) -> float:
+        """The arc of an ordinary packet: the median of those that are near the last one known."""
+        if len(spans):
+            # Gaps only ever lengthen a span, so when nothing is known the short ones tell the truth.
+            near = self._typical or float(np.partition(spans, len(spans) // 4)[len(spans) // 4])
+            ordinary = spans[np.abs(spans - near) <= near / 2]
+            if len(ordinary) == 0:
+                ordinary = np.partition(spans, len(spans) // 4)[: len(spans) // 4 + 1]
+            self._typical = float(np.median(ordinary))
+        return self._typical or 0.0

@@ -1,0 +1,243 @@
+"""Which devices can be simulated: real ones as far as they are documented, and awkward ones.
+
+Rates, baud rates and answer types of S1, S2 and S3 follow the S-series interface manual (figure 3-3 and the
+baud table of the vendor's ROS launch files). What the S3's DenseBoost answers is not documented; 0x85 is
+assumed. `rplidar-express`, `-hq`, `-ultra` and `-ultradense` stand for no product: each answers in one more
+format, with mode ids that a host must ask for rather than know. The last four are the awkward ones from the
+field: 0 µs a sample (rplidar_ros issue 155), an answer type nobody knows, an empty list of modes, and
+firmware older than 1.24, which has no GET_LIDAR_CONF.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+
+__all__ = ["PACKET", "PROFILES", "Mode", "Profile"]
+
+# Answer type -> bytes and samples of one packet (S-series interface manual; packed structs of SDK 2.1.0).
+PACKET = {0x81: (5, 1), 0x82: (84, 32), 0x83: (781, 96), 0x84: (132, 96), 0x85: (84, 40), 0x86: (170, 64)}
+
+
+# Conf types (S-series interface manual, GET_LIDAR_CONF; 0x01, 0x04, 0x05 from vendor SDK 2.1.0).
+_SPEED_CONFS = {0x01: 0, 0x04: 1, 0x05: 2}
+_MODE_CONFS: dict[int, Callable[[Mode], bytes]] = {
+    0x71: lambda mode: struct.pack("<I", mode.said_us_q8),
+    0x74: lambda mode: struct.pack("<I", mode.max_distance_q8),
+    0x75: lambda mode: struct.pack("<B", mode.answer),
+    0x7F: lambda mode: mode.name.encode("ascii") + b"\0",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Mode:
+    """One scan mode of a simulated device.
+
+    Attributes:
+        id: What EXPRESS_SCAN calls it.
+        name: What the device calls it.
+        answer: Answer type, 0x81..0x86 or one that no host knows.
+        us_q8: Microseconds a sample in 1/256, as it is.
+        max_distance_q8: Longest range in 1/256 m.
+        reported_us_q8: Microseconds a sample as the device *says* (conf 0x71); None = truthfully.
+        layout: Answer type whose packets are sent; None = that of `answer`.
+    """
+
+    id: int
+    name: str
+    answer: int
+    us_q8: int
+    max_distance_q8: int
+    reported_us_q8: int | None = None
+    layout: int | None = None
+
+    @property
+    def said_us_q8(self) -> int:
+        """What conf 0x71 answers."""
+        return self.us_q8 if self.reported_us_q8 is None else self.reported_us_q8
+
+    @property
+    def packet(self) -> tuple[int, int]:
+        """Bytes and samples of one packet."""
+        return PACKET[self.format]
+
+    @property
+    def format(self) -> int:
+        """The answer type whose packets are sent."""
+        return self.answer if self.layout is None else self.layout
+
+    @property
+    def period_ns(self) -> int:
+        """Nanoseconds from packet to packet."""
+        return self.us_q8 * 1000 * self.packet[1] // 256
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """What a simulated device is.
+
+    Attributes:
+        name: What users call it (``sim://`` and then this).
+        model: Model byte of GET_INFO, major and minor nibble.
+        firmware: Major and minor.
+        hardware: Hardware revision.
+        baudrate: Bits a second.
+        modes: Scan modes; EXPRESS_SCAN knows these ids and no others.
+        typical: Id of the mode conf 0x7C names.
+        listed: Whether GET_LIDAR_CONF tells of the modes.
+        has_conf: Whether the firmware has GET_LIDAR_CONF at all.
+        speed_conf: Desired, least and greatest rpm (conf 0x01, 0x04, 0x05); None = they are unsupported.
+        motor_command: Whether MOTOR_SPEED_CTRL is obeyed; without it the motor always runs.
+        boot_s: Silence after RESET.
+        banner: What is printed when booting is over; empty for most.
+
+    Raises:
+        ValueError: A mode makes more bytes than the line can carry.
+    """
+
+    name: str
+    model: int
+    baudrate: int
+    modes: tuple[Mode, ...]
+    typical: int
+    firmware: tuple[int, int] = (1, 29)
+    hardware: int = 18
+    listed: bool = True
+    has_conf: bool = True
+    speed_conf: tuple[int, int, int] | None = (600, 480, 1200)
+    motor_command: bool = True
+    boot_s: float = 0.6
+    banner: bytes = b""
+
+    def __post_init__(self) -> None:
+        for mode in self.modes:
+            if mode.packet[0] * 10 * 1_000_000_000 > mode.period_ns * self.baudrate:
+                raise ValueError(f"{self.name}: {self.baudrate} baud cannot carry mode {mode.name}")
+
+    def conf(self, kind: int, arguments: bytes) -> bytes:
+        """The value of one GET_LIDAR_CONF entry; empty when the device does not know it."""
+        if kind in _SPEED_CONFS and self.speed_conf is not None:
+            rpm = self.speed_conf[_SPEED_CONFS[kind]]
+            return struct.pack("<HH", rpm, 0) if kind == 0x01 else struct.pack("<H", rpm)
+        if kind == 0x70:
+            return struct.pack("<H", len(self.modes) if self.listed else 0)
+        if not self.listed:
+            return b""
+        if kind == 0x7C:
+            return struct.pack("<H", self.typical)
+        mode = self.mode(int.from_bytes(arguments[:2], "little")) if len(arguments) >= 2 else None
+        value = _MODE_CONFS.get(kind)
+        return b"" if mode is None or value is None else value(mode)
+
+    def mode(self, mode_id: int) -> Mode | None:
+        """The mode of that id, or None."""
+        return next((mode for mode in self.modes if mode.id == mode_id), None)
+
+    @property
+    def standard(self) -> Mode:
+        """The mode that SCAN starts."""
+        return next(mode for mode in self.modes if mode.answer == 0x81)
+
+
+def _q8(value: float) -> int:
+    return round(value * 256)
+
+
+def _mode(mode_id: int, name: str, answer: int, samples_per_s: float, metres: float, **more: int) -> Mode:
+    return Mode(mode_id, name, answer, _q8(1e6 / samples_per_s), _q8(metres), **more)
+
+
+def _s_series(name: str, model: int, metres: float) -> Profile:
+    modes = (_mode(0, "Standard", 0x81, 16000, metres), _mode(1, "DenseBoost", 0x85, 32000, metres))
+    return Profile(name, model, 1_000_000, modes, typical=1)
+
+
+_BANNER = b"Simulated scanner 1.20, hardware 5, booted, health is good.\r\n"
+
+_ALL = (
+    Profile(
+        "rplidar-s1",
+        0x61,
+        256_000,
+        (_mode(0, "Standard", 0x81, 4600, 40), _mode(1, "DenseBoost", 0x85, 9200, 40)),
+        typical=1,
+        speed_conf=None,
+        boot_s=2.0,
+    ),
+    _s_series("rplidar-s2", 0x71, 30),
+    _s_series("rplidar-s3", 0x81, 40),
+    Profile(
+        "rplidar-express",
+        0x62,
+        256_000,
+        (_mode(0, "Standard", 0x81, 4000, 16), _mode(2, "Express", 0x82, 8000, 16)),
+        typical=2,
+    ),
+    Profile(
+        "rplidar-hq",
+        0x72,
+        1_000_000,
+        (_mode(0, "Standard", 0x81, 8000, 30), _mode(5, "HQ", 0x83, 10000, 30)),
+        typical=5,
+    ),
+    Profile(
+        "rplidar-ultra",
+        0x63,
+        256_000,
+        (
+            _mode(0, "Standard", 0x81, 4000, 25),
+            _mode(1, "Express", 0x82, 8000, 16),
+            _mode(3, "Boost", 0x84, 16000, 25),
+        ),
+        typical=3,
+    ),
+    Profile(
+        "rplidar-ultradense",
+        0x82,
+        1_000_000,
+        (_mode(0, "Standard", 0x81, 16000, 40), _mode(4, "UltraDense", 0x86, 32000, 40)),
+        typical=4,
+    ),
+    Profile(
+        "rplidar-zero-us",
+        0x81,
+        1_000_000,
+        (
+            _mode(0, "Standard", 0x81, 16000, 40, reported_us_q8=0),
+            _mode(1, "DenseBoost", 0x85, 32000, 40, reported_us_q8=0),
+        ),
+        typical=1,
+    ),
+    Profile(
+        "rplidar-unknown-answer",
+        0x83,
+        1_000_000,
+        (_mode(0, "Standard", 0x81, 16000, 40), _mode(6, "Mystery", 0x8E, 32000, 40, layout=0x85)),
+        typical=6,
+    ),
+    Profile(
+        "rplidar-no-modes",
+        0x71,
+        1_000_000,
+        (_mode(0, "Standard", 0x81, 16000, 30),),
+        typical=0,
+        listed=False,
+    ),
+    Profile(
+        "rplidar-old-firmware",
+        0x18,
+        115_200,
+        (_mode(0, "Express", 0x82, 4000, 12), _mode(0xFF, "Standard", 0x81, 2000, 12)),
+        typical=0,
+        firmware=(1, 20),
+        hardware=5,
+        has_conf=False,
+        speed_conf=None,
+        motor_command=False,
+        boot_s=0.6,
+        banner=_BANNER,
+    ),
+)
+
+PROFILES: dict[str, Profile] = {profile.name: profile for profile in _ALL}

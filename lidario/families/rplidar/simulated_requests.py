@@ -1,0 +1,110 @@
+"""The device's reading of requests: bytes in, whole requests out, as strict as the real one.
+
+A request is ``A5 cmd``, or ``A5 cmd len payload xor`` when bit 7 of the command is set (S-series interface
+manual, request packets; the bit rule from vendor SDK 2.1.0). It must be complete within five seconds of its
+first byte. What does not begin with A5 is noise and forgotten. A request cut short (by a host that was
+killed) swallows what follows it, as its length byte demands: hosts have to live with that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import reduce
+from operator import xor
+
+__all__ = ["COMMANDS", "Request", "RequestReader"]
+
+_SYNC = 0xA5
+_COMPLETE_WITHIN_NS = 5_000_000_000  # S-series interface manual, request packets
+
+# Command -> the documents' name. Those from HQ_SCAN down are the SDK's; an S-series device ignores them.
+COMMANDS = {
+    0x25: "stop",
+    0x40: "reset",
+    0x20: "scan",
+    0x21: "force_scan",
+    0x82: "express_scan",
+    0x50: "get_info",
+    0x52: "get_health",
+    0x59: "get_samplerate",
+    0x84: "get_lidar_conf",
+    0xA8: "motor_speed_ctrl",
+    0x83: "hq_scan",
+    0x85: "set_lidar_conf",
+    0x90: "new_baudrate_confirm",
+    0xF0: "set_motor_pwm",
+    0xFF: "get_acc_board_flag",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """One request as it arrived.
+
+    Attributes:
+        name: The documents' name, or ``"unknown"``.
+        payload: Its payload; empty for the short form.
+        data: All its bytes.
+        began: When its first byte arrived.
+        ended: When its last byte arrived.
+        fault: What is wrong with its form; empty when nothing is.
+    """
+
+    name: str
+    payload: bytes
+    data: bytes
+    began: int
+    ended: int
+    fault: str = ""
+
+
+class RequestReader:
+    """Collects bytes into requests; times are nanoseconds that never go back."""
+
+    def __init__(self) -> None:
+        self._bytes = bytearray()
+        self._began = 0
+        self._last = 0
+
+    def clear(self) -> None:
+        """Forget a request that has begun."""
+        self._bytes.clear()
+
+    def overdue(self, now: int) -> Request | None:
+        """Give up a request that is not complete in time, and tell of it."""
+        if not self._bytes or now - self._began <= _COMPLETE_WITHIN_NS:
+            return None
+        data = bytes(self._bytes)
+        self._bytes.clear()
+        return Request(_name(data), b"", data, self._began, self._last, "not complete within 5 s")
+
+    def feed(self, byte: int, now: int) -> Request | None:
+        """Take one byte; the request, if this was its last."""
+        request = self._bytes
+        self._last = now
+        if not request:
+            if byte == _SYNC:
+                request.append(byte)
+                self._began = now
+            return None
+        if len(request) == 1 and byte == _SYNC:
+            self._began = now  # no command is A5: the first one was noise
+            return None
+        request.append(byte)
+        if len(request) < self._length():
+            return None
+        data = bytes(request)
+        request.clear()
+        fault = "wrong checksum" if len(data) > 2 and reduce(xor, data) else ""
+        return Request(_name(data), data[3:-1], data, self._began, now, fault)
+
+    def _length(self) -> int:
+        """Bytes of the request that has begun, as far as can be told yet."""
+        request = self._bytes
+        if not request[1] & 0x80:
+            return 2
+        return 4 + request[2] if len(request) > 2 else 3 + 1
+
+
+def _name(data: bytes) -> str:
+    return COMMANDS.get(data[1], "unknown") if len(data) > 1 else "unknown"
