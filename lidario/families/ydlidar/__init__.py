@@ -1,0 +1,38 @@
+"""YDLIDAR 4ROS and its TG relatives.
+
+Sources throughout: the 4ROS development manual, the 4ROS data sheet, and the vendor's C++ SDK 1.2.20 (1.2.19
+where said). Nothing was measured on a real device.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from lidario.families.base import Family, Timing
+from lidario.families.ydlidar.device import Device4Ros
+from lidario.families.ydlidar.formats import PointCloud
+from lidario.families.ydlidar.simulated import PROFILES, make_simulated
+
+__all__ = ["FAMILY"]
+
+FAMILY: Final = Family(
+    name="ydlidar",
+    title="YDLIDAR",
+    # Data sheet, chart 5.
+    baudrates=(512_000,),
+    timing=Timing(
+        # Packets come every 2 ms, and a USB adapter may hold bytes back for 16 ms.
+        quiet_s=0.05,
+        drain_s=0.5,
+        # How long a restart takes and how soon a question is answered is in no document; the SDK waits up to
+        # 1 s for device information.
+        boot_s=5.0,
+        boot_poll_s=0.25,
+        probe_s=0.5,
+    ),
+    device=Device4Ros,
+    formats=(PointCloud,),
+    simulated=tuple(PROFILES),
+    simulate=make_simulated,
+)
+"""The family's row of the registry."""

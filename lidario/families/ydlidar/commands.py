@@ -1,0 +1,104 @@
+"""Requests of the YDLIDAR 4ROS, with the answer, the timeout and the settle time of each.
+
+Codes and answers: 4ROS development manual, section 3 and figures 3, 4, 9, 11 and 13 to 15. Two requests are
+not the manual's but the vendor SDK's: FORCED_STOP (A5 00), sent by it before each STOP, and A5 92 for health.
+The keepalive is SCAN again: the manual wants it within 3 s of the last while power-down protection is on
+(3.8), the SDK repeats it every second.
+
+Every request is two bytes, ``A5 cmd``, without payload and checksum. Six different answers share the type 04,
+so an answer is told by its length, and those of equal length only by there being one question at a time.
+
+A request that steps or toggles is sent once: asking again would do it twice. Timeouts follow the patience of
+vendor SDK 1.2.20: 1 s for health and device information (health is asked twice, in two ways, so half of it
+each), 2 s for the rest. The documents demand no settle time; the SDK waits 5 ms (1.2.20) or 10 ms (1.2.19)
+after a stop, and we the longer of the two.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from enum import IntEnum
+from typing import Final
+
+from lidario.wire.envelope import Expected, Request, encode_request
+from lidario.wire.formats import StreamFormat
+
+__all__ = [
+    "FORCED_STOP",
+    "GET_HEALTH",
+    "GET_HEALTH_92",
+    "GET_INFO",
+    "GET_SPEED",
+    "GET_ZERO_OFFSET",
+    "KEEPALIVE",
+    "RESET",
+    "SPEED_DOWN_BY_01",
+    "SPEED_DOWN_BY_1",
+    "SPEED_UP_BY_01",
+    "SPEED_UP_BY_1",
+    "STOP",
+    "TOGGLE_PROTECTION",
+    "Answer",
+    "scan",
+]
+
+STOP_SETTLE_S: Final = 0.010
+INFO_TIMEOUT_S: Final = 1.0
+HEALTH_TIMEOUT_S: Final = 0.5
+SETTING_TIMEOUT_S: Final = 2.0
+SCAN_TIMEOUT_S: Final = 2.0
+SCAN_SIZE: Final = 5
+"""What the scan header claims as its length; the manual says to ignore it."""
+
+
+class Answer(IntEnum):
+    """Answer types of single responses."""
+
+    SETTING = 0x04
+    HEALTH = 0x06
+
+
+def _setting(name: str, command: int, size: int, *, attempts: int = 1) -> Request:
+    expected = Expected(Answer.SETTING, size)
+    return Request(name, encode_request(command), expected, SETTING_TIMEOUT_S, attempts=attempts)
+
+
+def _health(name: str, command: int) -> Request:
+    expected = Expected(Answer.HEALTH, 3)
+    return Request(name, encode_request(command), expected, HEALTH_TIMEOUT_S, attempts=1)
+
+
+STOP: Final = Request("STOP", encode_request(0x65), settle=STOP_SETTLE_S, ends_stream=True)
+FORCED_STOP: Final = Request("FORCED_STOP", encode_request(0x00), settle=STOP_SETTLE_S, ends_stream=True)
+RESET: Final = Request("RESET", encode_request(0x80), settle=STOP_SETTLE_S, ends_stream=True)
+"""Soft restart. How long it takes is in no document: whoever sends it must ask until there is an answer."""
+
+GET_INFO: Final = Request("GET_INFO", encode_request(0x90), Expected(Answer.SETTING, 20), INFO_TIMEOUT_S)
+GET_HEALTH: Final = _health("GET_HEALTH", 0x91)
+GET_HEALTH_92: Final = _health("GET_HEALTH (as A5 92)", 0x92)
+GET_ZERO_OFFSET: Final = _setting("GET_ZERO_OFFSET", 0x93, 4, attempts=2)
+
+GET_SPEED: Final = _setting("GET_SPEED", 0x0D, 4, attempts=2)
+SPEED_UP_BY_01: Final = _setting("SPEED_UP (by 0.1 Hz)", 0x09, 4)
+SPEED_DOWN_BY_01: Final = _setting("SPEED_DOWN (by 0.1 Hz)", 0x0A, 4)
+SPEED_UP_BY_1: Final = _setting("SPEED_UP (by 1 Hz)", 0x0B, 4)
+SPEED_DOWN_BY_1: Final = _setting("SPEED_DOWN (by 1 Hz)", 0x0C, 4)
+
+TOGGLE_PROTECTION: Final = _setting("TOGGLE_PROTECTION", 0xD9, 1)
+
+_SCAN: Final = Request(
+    "SCAN",
+    encode_request(0x60),
+    Expected(0x81, SCAN_SIZE, continuous=True),
+    SCAN_TIMEOUT_S,
+    # Only the first SCAN is answered by a header (manual 3.8): once packets flow, asking again would wait in
+    # vain.
+    attempts=1,
+)
+
+KEEPALIVE: Final = Request("KEEPALIVE", encode_request(0x60), in_stream=True)
+
+
+def scan(stream: StreamFormat) -> Request:
+    """SCAN from standstill: a header, then packets without end."""
+    return replace(_SCAN, stream=stream)

@@ -1,0 +1,255 @@
+"""One YDLIDAR 4ROS: what its answers mean, and how it is started and set.
+
+Payloads: 4ROS development manual, figures 10, 12 and 13 to 15. Where it contradicts what is seen elsewhere:
+
+* Firmware: the manual's two bytes read as minor, major here, although it names the first one major. The SDK
+  reads them so, and so do logs of its users and an independent driver.
+* Health: the manual asks by A5 91, the SDK by A5 92. The manual's is tried first, then the other.
+* Set scan frequency: SDK 1.2.20 takes 0.4 Hz off what models 100 to 102 report, since "the speed reads 0.4 Hz
+  high"; so it leaves a device that reports 10.00 Hz and is asked for 10 Hz at 10.4 Hz. That is not imitated:
+  the manual knows nothing of it, and what the motor really does can be seen in the scans.
+* Zero-angle offset: the manual says neither which way it counts nor whether the stream contains it. The SDK
+  adds it to every angle (clockwise degrees). So does `apply_zero_offset`, but only where it is asked for.
+* "Old" firmware (1.2 and below): the SDK halves all distances of models 100 to 102 then. It is not done here:
+  the manual knows only whole millimetres, and a version read in the wrong order would halve every distance.
+
+The motor has neither a pin nor a request of its own: a scan starts it, STOP stops it.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Final
+
+from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
+from lidario.families.base import Device, Keepalive, Script, Stream
+from lidario.families.ydlidar import commands
+from lidario.families.ydlidar.decode import PointCloudDecoder
+from lidario.families.ydlidar.formats import PointCloud
+from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
+from lidario.wire.envelope import Request
+
+__all__ = ["Device4Ros"]
+
+MODELS: Final = {100: "TG15", 101: "4ROS", 102: "TG50"}
+"""Models that send this stream (vendor SDK). The code of the 4ROS (manual 3.3) is the TG30's in the SDK."""
+MODE: Final = ScanMode(
+    id=0,
+    name="Standard",
+    sample_us=50.0,
+    max_distance=30.0,
+    answer_type=PointCloud.answer_type,
+    typical=True,
+)
+"""The only mode: 20000 samples a second, up to 30 m (data sheet)."""
+SPEED_RANGE: Final = (5.0, 12.0)
+"""Hz (data sheet)."""
+FINE_STEP: Final = 10
+COARSE_BEYOND: Final = 95
+"""Hundredths of Hz: the small step, and the difference above which a step of 1 Hz is better (SDK)."""
+MOST_STEPS: Final = 40
+"""From end to end of the range: 7 coarse steps, and 9 fine ones; twice that for steps that went unheard."""
+MOST_TOGGLES: Final = 4
+"""As often as the SDK tries."""
+OFFSETS_A_TURN: Final = 4 * 360
+SPIN_UP_S: Final = 4.0
+"""The motor is up to speed within 2.5 s in all reports; no document says."""
+SLOWEST_TURN_S: Final = 0.5
+"""A turn at the lowest speed that a start packet can tell, 3 Hz, and half as long again."""
+KEEPALIVE_S: Final = 1.0
+"""The manual demands less than 3 s; the SDK repeats every second."""
+STATUSES: Final = (HealthStatus.OK, HealthStatus.WARNING, HealthStatus.ERROR)
+
+
+class Device4Ros(Device):
+    """A 4ROS, or one of the TG models that speak the same way."""
+
+    def __init__(self) -> None:
+        self._model: int | None = None
+        self._health_request: Request | None = None
+        self._protected = False
+        self._offset_deg = 0.0
+
+    @property
+    def speed_range(self) -> tuple[float, float]:
+        """As `Device.speed_range`."""
+        return SPEED_RANGE
+
+    def stop(self) -> Request:
+        """As `Device.stop`; the motor stops too."""
+        return commands.STOP
+
+    def halt(self) -> tuple[Request, ...]:
+        """As `Device.halt`: the SDK forces the stop before each STOP, and the last word is the manual's."""
+        return (commands.FORCED_STOP, commands.STOP)
+
+    def reset(self) -> Request:
+        """As `Device.reset`. Whether settings outlast it is not documented."""
+        return commands.RESET
+
+    def identify(self) -> Script[DeviceInfo]:
+        """As `Device.identify`."""
+        model, minor, major, hardware, serial = struct.unpack("<BBBB16s", (yield commands.GET_INFO))
+        self._model = model
+        return DeviceInfo(
+            family="ydlidar",
+            model=_model_name(model),
+            model_id=model,
+            firmware=f"{major}.{minor}",
+            hardware=hardware,
+            serial="".join(str(digit) if digit < 10 else f"[{digit:02x}]" for digit in serial),
+        )
+
+    def health(self) -> Script[Health]:
+        """As `Device.health`; raises RemoteProtocolError for a status that is not defined."""
+        status, code = struct.unpack("<BH", (yield from self._ask_health()))
+        if status >= len(STATUSES):
+            raise RemoteProtocolError(f"the device reports health status {status}, and only 0, 1 and 2 are defined")
+        return Health(STATUSES[status], code)
+
+    def modes(self) -> Script[tuple[ScanMode, ...]]:
+        """As `Device.modes`: there is one, and the device cannot be asked."""
+        yield from ()
+        return (MODE,)
+
+    def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
+        """As `Device.start`.
+
+        Raises:
+            Unsupported: A forced scan, which the manual does not know; another device's mode; or a model
+                that measures in another unit.
+        """
+        if force:
+            raise Unsupported("a scan of this device cannot be forced")
+        if self._model is not None and self._model not in MODELS:
+            raise Unsupported(
+                f"model {self._model} measures in other units than a 4ROS; lidario decodes models "
+                + ", ".join(f"{code} ({name})" for code, name in MODELS.items())
+            )
+        if mode.answer_type != MODE.answer_type or mode.id != MODE.id:
+            raise Unsupported(f"this device has one scan mode, {MODE.name!r}, and not {mode.name!r}")
+        try:
+            stream = PointCloud()
+            yield commands.scan(stream)
+        except ResponseTimeout:
+            # A header that was lost is not repeated while packets flow: begin again from standstill.
+            yield commands.STOP
+            stream = PointCloud()
+            yield commands.scan(stream)
+        return Stream(
+            format=stream,
+            decoder=PointCloudDecoder(),
+            mode=mode,
+            sample_ns=MODE.sample_us * 1e3,
+            spin_up_s=SPIN_UP_S,
+            slowest_turn_s=SLOWEST_TURN_S,
+            keepalive=Keepalive(commands.KEEPALIVE, KEEPALIVE_S) if self._protected else None,
+            zero_offset_deg=self._offset_deg,
+        )
+
+    def scan_frequency(self) -> Script[float]:
+        """As `Device.scan_frequency`: the frequency that is set, not the one the motor reaches."""
+        return (yield from self._ask_speed()) / 100
+
+    def set_scan_frequency(self, hertz: float) -> Script[float]:
+        """As `Device.set_scan_frequency`: in steps of 1 and 0.1 Hz, then read back.
+
+        Raises:
+            ValueError: Outside of 5 to 12 Hz.
+        """
+        lowest, highest = SPEED_RANGE
+        if not lowest <= hertz <= highest:
+            raise ValueError(f"{hertz:g} Hz is outside of the 4ROS's {lowest:g} to {highest:g} Hz")
+        return self._step_to(round(hertz * 100))
+
+    def zero_offset(self) -> Script[float]:
+        """As `Device.zero_offset`: clockwise degrees, if it counts the way the SDK takes it.
+
+        Raises:
+            RemoteProtocolError: More than a turn, twice.
+        """
+        for _ in range(2):
+            (quarters,) = struct.unpack("<i", (yield commands.GET_ZERO_OFFSET))
+            if abs(quarters) <= OFFSETS_A_TURN:
+                return float(quarters) / 4
+        raise RemoteProtocolError(f"the device reports a zero-angle offset of {quarters / 4:g} degrees")
+
+    def apply_zero_offset(self, on: bool) -> Script[None]:
+        """As `Device.apply_zero_offset`: asks for it now, to be added to clockwise angles. Off at first."""
+        self._offset_deg = (yield from self.zero_offset()) if on else 0.0
+
+    def power_down_protection(self, on: bool) -> Script[bool]:
+        """As `Device.power_down_protection`: it can only be toggled, and the answer tells the new state.
+
+        Streams started with protection on must be kept alive. Before this was called the state is not known,
+        for it cannot be asked, and is taken for off.
+
+        Raises:
+            RemoteProtocolError: The device does not reach the wanted state.
+        """
+        for attempt in range(MOST_TOGGLES):
+            try:
+                state = (yield commands.TOGGLE_PROTECTION)[0]
+            except ResponseTimeout:
+                # It may have been toggled all the same: toggle again and see.
+                if attempt == MOST_TOGGLES - 1:
+                    raise
+                continue
+            if state <= 1:
+                self._protected = state == 0
+                if self._protected is on:
+                    return on
+        raise RemoteProtocolError(f"power-down protection does not go {'on' if on else 'off'}")
+
+    def _ask_health(self) -> Script[bytes]:
+        known, silence = self._health_request, None
+        either = (commands.GET_HEALTH, commands.GET_HEALTH_92)
+        for request in ((known,) if known else either) * 2:
+            try:
+                payload = yield request
+            except ResponseTimeout as error:
+                silence = error
+                continue
+            self._health_request = request
+            return payload
+        self._health_request = None
+        assert silence is not None
+        raise silence
+
+    def _ask_speed(self) -> Script[int]:
+        return _hundredths((yield commands.GET_SPEED))
+
+    def _step_to(self, wanted: int) -> Script[float]:
+        current = yield from self._ask_speed()
+        for _ in range(MOST_STEPS):
+            gap = wanted - current
+            if abs(gap) <= FINE_STEP // 2:
+                break
+            coarse = abs(gap) > COARSE_BEYOND
+            try:
+                reached = _hundredths((yield _STEPS[coarse, gap > 0]))
+            except ResponseTimeout:
+                # Done or not, asking for the step again might do it twice.
+                reached = yield from self._ask_speed()
+            else:
+                if reached == current:
+                    break  # the device will not go further
+            current = reached
+        return (yield from self._ask_speed()) / 100
+
+
+_STEPS: Final = {
+    (True, True): commands.SPEED_UP_BY_1,
+    (True, False): commands.SPEED_DOWN_BY_1,
+    (False, True): commands.SPEED_UP_BY_01,
+    (False, False): commands.SPEED_DOWN_BY_01,
+}
+
+
+def _hundredths(payload: bytes) -> int:
+    return int.from_bytes(payload, "little")
+
+
+def _model_name(model: int) -> str:
+    name = MODELS.get(model)
+    return f"YDLIDAR {name}" if name else f"YDLIDAR (model {model})"

@@ -1,0 +1,153 @@
+"""The point cloud packet ``AA 55``: where it begins, how long it is, and whether it is intact.
+
+Layout (4ROS development manual, figures 5 to 8), all words little-endian::
+
+    0   AA 55   the word 0x55AA
+    2   CT      bit 0: start packet; bits 7..1 then hold the scan speed
+    3   LSN     number of samples; 1 in a start packet
+    4   FSA     angle of the first sample: bit 0 is C, always 1; above it 15 bits of 1/64 degrees
+    6   LSA     angle of the last sample, likewise
+    8   CS      check value: the XOR of all other words
+    10  S1 ...  distances in mm, 0 where nothing came back
+
+As CS is the XOR of the others, the XOR of all words of an intact packet is 0, CS included. With the mark that
+makes 32 bits that have to agree: packets are self-evident, without a look at what follows.
+
+The documents bound LSN nowhere; vendor SDK 1.2.20 takes none above 80 for real, and an empty packet is none.
+The C bit is not looked at here: the SDK throws away packets where it is 0, though their check value holds.
+
+Records that may stand between packets: ``AA 66 cs t0 t1 t2 t3 r``, a time stamp in ms whose ``cs`` is the XOR
+of the other seven bytes (vendor SDK, some models); the scan header once more, after a repeated SCAN; and
+device information that nobody asked for, header and 20 bytes, as some models send when they come up (SDK).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from lidario.wire.envelope import xor_bytes
+from lidario.wire.formats import BEGINS, NO_PACKET, StreamFormat
+
+__all__ = ["FULL_TURN_Q6", "HEADER_SIZE", "START_BIT", "PointCloud", "packet_offsets"]
+
+HEADER_SIZE: Final = 10
+FULL_TURN_Q6: Final = 360 << 6
+MOST_SAMPLES: Final = 80
+START_BIT: Final = 0x01
+
+STAMP_MAGIC: Final = b"\xaa\x66"
+STAMP_SIZE: Final = 8
+SCAN_HEADER: Final = bytes.fromhex("A55A0500004081")
+INFO_HEADER: Final = bytes.fromhex("A55A1400000004")
+INFO_SIZE: Final = 20
+
+WORTH_AN_ARRAY: Final = 8
+"""Equal packets from which checking them as one array costs less than one by one (measured)."""
+LONGEST_ARRAY: Final = 64
+"""Packets checked at once: there are about as many between two start packets, where the length changes."""
+
+
+def packet_offsets(packets: bytes) -> list[int]:
+    """Where each of several packets on end begins."""
+    found, at, end = [], 0, len(packets)
+    while at < end:
+        found.append(at)
+        at += HEADER_SIZE + 2 * packets[at + 3]
+    return found
+
+
+class PointCloud(StreamFormat):
+    """0x81 of the 4ROS: up to 80 distances between two angles."""
+
+    name, answer_type = "point cloud", 0x81
+    header = re.compile(rb"\xaa\x55")
+    shortest, longest = HEADER_SIZE + 2, HEADER_SIZE + 2 * MOST_SAMPLES
+    full_turn = FULL_TURN_Q6
+    # Where the start packet stands is the device's business: usually, but not necessarily, at 0.
+    first_seam = None
+    self_evident = True
+
+    def measure(self, data: bytearray, at: int) -> int:
+        """As `StreamFormat.measure`: the fourth byte tells."""
+        if data[at] != 0xAA:
+            return NO_PACKET
+        available = len(data) - at
+        if available < 2:
+            return 0
+        if data[at + 1] != 0x55:
+            return NO_PACKET
+        if available < 4:
+            return 0
+        samples = data[at + 3]
+        return HEADER_SIZE + 2 * samples if 0 < samples <= MOST_SAMPLES else NO_PACKET
+
+    def intact(self, data: bytearray, at: int, size: int) -> bool:
+        """As `StreamFormat.intact`: the XOR of all words is 0."""
+        word = int.from_bytes(data[at : at + size], "little")
+        # Folding one long integer in halves is several times faster than a loop over its words.
+        for shift in (1024, 512, 256, 128, 64, 32, 16):
+            word ^= word >> shift
+        return not word & 0xFFFF
+
+    def run(self, data: bytearray, at: int) -> tuple[int, int]:
+        """As `StreamFormat.run`; many packets of one size in a row are checked as one array."""
+        count, available = 0, len(data)
+        while available - at >= self.shortest:
+            size = self.measure(data, at)
+            if not 0 < size <= available - at:
+                break
+            rows = (available - at) // size
+            if rows >= WORTH_AN_ARRAY and data[at + 3] == data[at + size + 3]:
+                whole = self._intact_rows(data, at, size, min(rows, LONGEST_ARRAY))
+            else:
+                whole = int(self.intact(data, at, size))
+            if not whole:
+                break
+            at += whole * size
+            count += whole
+        return at, count
+
+    def offsets(self, packets: bytes) -> Sequence[int]:
+        """As `StreamFormat.offsets`: each packet's LSN tells where the next one begins."""
+        return packet_offsets(packets)
+
+    def headings(self, packets: bytes) -> Sequence[int]:
+        """As `StreamFormat.headings`, in 1/64 degrees."""
+        found = []
+        for at in packet_offsets(packets):
+            angle = (packets[at + 4] >> 1 | packets[at + 5] << 7) % FULL_TURN_Q6
+            found.append(angle | BEGINS if packets[at + 2] & START_BIT else angle)
+        return found
+
+    def aside(self, data: bytearray, at: int) -> int:
+        """As `StreamFormat.aside`: a time stamp, a repeated scan header, unsolicited device information."""
+        begin = bytes(data[at : at + len(SCAN_HEADER)])
+        if begin[0] == SCAN_HEADER[0]:
+            if begin == SCAN_HEADER:
+                return len(SCAN_HEADER)
+            if begin == INFO_HEADER:
+                whole = len(INFO_HEADER) + INFO_SIZE
+                return whole if len(data) - at >= whole else 0
+            return 0 if SCAN_HEADER.startswith(begin) or INFO_HEADER.startswith(begin) else NO_PACKET
+        if not STAMP_MAGIC.startswith(begin[:2]):
+            return NO_PACKET
+        if len(data) - at < STAMP_SIZE:
+            return 0
+        # Its check byte makes the XOR of all eight 0.
+        return NO_PACKET if xor_bytes(data[at : at + STAMP_SIZE]) else STAMP_SIZE
+
+    @staticmethod
+    def _intact_rows(data: bytearray, at: int, size: int, rows: int) -> int:
+        """How many of `rows` packets of `size` bytes from `at` are intact, up to the first that is not."""
+        words = np.frombuffer(bytes(data[at : at + rows * size]), "<u2").reshape(rows, size // 2)
+        head = words[0]
+        good = (
+            (words[:, 0] == head[0])
+            & (words[:, 1] >> 8 == head[1] >> 8)
+            & (np.bitwise_xor.reduce(words, axis=1) == 0)
+        )
+        return rows if good.all() else int(good.argmin())
