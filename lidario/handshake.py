@@ -1,0 +1,77 @@
+"""Getting to know a device, whatever state it was left in.
+
+A device may still be streaming for a program that was killed, may hold half a request, may be in its protection
+stop, or may be booting. So the first word is always STOP, then silence is awaited, and only then a question is
+asked whose answer is recognised by type and length. A device that reports an error is reset once.
+"""
+
+from __future__ import annotations
+
+import asyncio
+
+from lidario.dialogue import Dialogue
+from lidario.errors import DeviceFault, ResponseTimeout
+from lidario.families.base import Device, Timing
+from lidario.model import DeviceInfo, Health
+
+__all__ = ["healthy", "introduce", "restart"]
+
+ROUNDS = 4
+"""Half a request that a killed program left behind swallows the next few: STOP and a question, twice or more."""
+
+
+async def introduce(dialogue: Dialogue, device: Device, rounds: int = ROUNDS) -> DeviceInfo:
+    """Stop whatever the device is doing and ask what it is.
+
+    Raises:
+        ResponseTimeout: It does not answer.
+        DeviceLost: The port died.
+    """
+    for left in reversed(range(rounds)):
+        await dialogue.quieten()
+        try:
+            return await dialogue.run(device.identify())
+        except ResponseTimeout:
+            if not left:
+                raise
+    raise AssertionError("unreachable: the last round returns or raises")
+
+
+async def healthy(dialogue: Dialogue, device: Device, timing: Timing) -> Health:
+    """Ask how the device is, and reset it if it has stopped to protect itself.
+
+    Raises:
+        DeviceFault: It still reports an error after the reset.
+        ResponseTimeout: It does not answer, or not again after the reset.
+    """
+    health = await dialogue.run(device.health())
+    if health.ok:
+        return health
+    await restart(dialogue, device, timing)
+    again = await dialogue.run(device.health())
+    if again.ok:
+        return again
+    raise DeviceFault(
+        f"the device protects itself: health {again.status.value}, code {again.code} (0x{again.code:04X}), "
+        "also after a reset. Check that the rotor turns freely and that the supply gives 5 V under load",
+        again,
+    )
+
+
+async def restart(dialogue: Dialogue, device: Device, timing: Timing) -> None:
+    """Reset the device and wait until it answers, however long it boots and whatever it prints meanwhile.
+
+    Raises:
+        ResponseTimeout: It does not come back.
+    """
+    loop = asyncio.get_running_loop()
+    await dialogue.ask(device.reset())
+    deadline = loop.time() + timing.boot_s
+    while True:
+        try:
+            await introduce(dialogue, device, rounds=1)
+            return
+        except ResponseTimeout:
+            if loop.time() > deadline:
+                raise
+        await asyncio.sleep(timing.boot_poll_s)

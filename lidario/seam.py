@@ -1,0 +1,112 @@
+"""Where one revolution ends and the next begins, from the headings of the packets alone.
+
+The seam is the angle at which a revolution begins: 0, until a device marks a packet as its first and so states
+its own. A revolution ends where the headings pass the seam, or at a marked packet, whichever comes; so a lost
+mark cannot merge two turns. The rotor must have been seen on the far side of the seam first: readings that
+tremble around it, or a mark just behind it, do not make a turn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.wire.formats import BEGINS, RESTARTS
+
+__all__ = ["Seam", "Split"]
+
+_FLAGS = BEGINS | RESTARTS
+_WORTH_AN_ARRAY = 48
+"""Headings from which looking at them as one array costs less than one by one (measured)."""
+
+
+class Split(NamedTuple):
+    """A revolution begins at or inside a packet.
+
+    Attributes:
+        packet: The packet, counted in the headings given.
+        marked: The device said so, and the packet is the first of the revolution.
+        broken: The stream began anew here: what came before is no revolution.
+    """
+
+    packet: int
+    marked: bool
+    broken: bool
+
+
+class Seam:
+    """Follows the headings of one stream.
+
+    Attributes:
+        angle: The angle the revolution in progress began at, in heading units; None until it is known.
+    """
+
+    def __init__(self, full_turn: int, angle: int | None) -> None:
+        self.angle = angle
+        self._full_turn = full_turn
+        self._near = full_turn // 4
+        self._far = full_turn - full_turn // 12
+        self._retreat = full_turn // 12
+        self._last: int | None = None
+        self._armed = False
+        self._passed_unmarked = False
+
+    def splits(self, headings: Sequence[int]) -> list[Split]:
+        """Where revolutions begin among `headings`, the next ones of the stream."""
+        if len(headings) >= _WORTH_AN_ARRAY and self.angle is not None:
+            array = np.asarray(headings)
+            if array.max() < BEGINS:
+                return self._leap(array, self.angle)
+        return [split for index, heading in enumerate(headings) if (split := self._step(index, heading))]
+
+    def _leap(self, headings: NDArray[np.int64], angle: int) -> list[Split]:
+        """As a walk over unmarked headings, looking only at those where they fall back; the rest rises."""
+        away = (headings - angle) % self._full_turn
+        falls = np.flatnonzero(np.diff(away) < 0) + 1
+        result: list[Split] = []
+        begin = 0
+        for end in (*falls.tolist(), len(headings)):
+            split = self._step(begin, int(headings[begin]))
+            if split:
+                result.append(split)
+            rising = away[begin + 1 : end]
+            if len(rising):
+                self._armed |= bool(((rising >= self._near) & (rising <= self._far)).any())
+                self._passed_unmarked &= not bool((rising >= self._near).any())
+                self._last = int(rising[-1])
+            begin = end
+        return result
+
+    def _step(self, index: int, heading: int) -> Split | None:
+        if heading >= BEGINS:
+            return self._flagged(index, heading)
+        if self.angle is None:
+            return None
+        away = (heading - self.angle) % self._full_turn
+        last, self._last = self._last, away
+        if last is None:
+            self._armed = away >= self._near
+            return None
+        if self._armed and (away < self._near or away < last - self._retreat):
+            self._armed = away >= self._near
+            self._passed_unmarked = not self._armed
+            return Split(index, marked=False, broken=False)
+        if away >= self._near:
+            self._passed_unmarked = False
+            self._armed |= away <= self._far
+        return None
+
+    def _flagged(self, index: int, heading: int) -> Split | None:
+        if heading & RESTARTS:
+            self._last = None
+            self._step(index, heading & ~_FLAGS)
+            return Split(index, marked=False, broken=True)
+        self.angle = heading & ~_FLAGS
+        self._last = 0
+        self._armed = False
+        # A mark just behind the seam that the headings passed belongs to the turn they began.
+        belated, self._passed_unmarked = self._passed_unmarked, False
+        return None if belated else Split(index, marked=True, broken=False)

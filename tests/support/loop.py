@@ -1,0 +1,89 @@
+"""An event loop whose clock is driven: when nothing is ready it jumps to the next timer instead of sleeping.
+
+An hour of keepalives passes in a second, and a test that waits for ever fails at once, with a clear error.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import selectors
+from collections.abc import Awaitable, Callable
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
+
+__all__ = ["DrivenLoop", "driven", "run_driven"]
+
+P = ParamSpec("P")
+T = TypeVar("T")
+START = 1000.0
+
+
+class _DrivenSelector(selectors.DefaultSelector):  # type: ignore[valid-type, misc]
+    """Waits by moving the clock forward."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.now = START
+
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        events: list[tuple[selectors.SelectorKey, int]] = super().select(0)
+        if not events:
+            if timeout is None:
+                raise AssertionError("nothing is due and nothing can arrive: this would wait for ever")
+            self.now += max(0.0, timeout)
+        return events
+
+
+class DrivenLoop(asyncio.SelectorEventLoop):
+    """A loop that never sleeps.
+
+    Attributes:
+        turns: Times the loop has gone round, for tests that act at every step.
+    """
+
+    def __init__(self) -> None:
+        self._driven = _DrivenSelector()
+        super().__init__(self._driven)
+        self.turns = 0
+        self.at_turn: Callable[[int], None] | None = None
+
+    def time(self) -> float:
+        return self._driven.now
+
+    def block(self, seconds: float) -> None:
+        """As if the running callback had taken that long."""
+        self._driven.now += seconds
+
+    def _run_once(self) -> None:
+        self.turns += 1
+        if self.at_turn is not None:
+            self.at_turn(self.turns)
+        super()._run_once()  # type: ignore[misc]
+
+
+def run_driven(main: Callable[[], Awaitable[T]]) -> T:
+    """Run `main` on a driven loop; anything the loop's exception handler hears of is a failure."""
+    complaints: list[dict[str, Any]] = []
+
+    async def guarded() -> T:
+        loop = asyncio.get_running_loop()
+        loop.set_exception_handler(lambda _, context: complaints.append(context))
+        result = await main()
+        left = asyncio.all_tasks() - {asyncio.current_task()}
+        assert not left, f"tasks left behind: {left}"
+        return result
+
+    with asyncio.Runner(loop_factory=DrivenLoop) as runner:
+        value = runner.run(guarded())
+    assert not complaints, complaints
+    return value
+
+
+def driven(test: Callable[P, Awaitable[None]]) -> Callable[P, None]:
+    """Decorate an async test to run on a driven loop."""
+
+    @wraps(test)
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> None:
+        run_driven(lambda: test(*args, **kwargs))
+
+    return wrapper
