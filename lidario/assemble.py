@@ -117,11 +117,10 @@ class Assembler:
         begin = 0
         for split in splits:
             if split.packet > begin:
-                self._keep(
-                    event.data[offsets[begin] : offsets[split.packet]],
-                    split.packet - begin,
-                    event.received_ns,
-                )
+                behind = stream_format.samples_in(event.data[offsets[split.packet] :])
+                # What stands behind it was measured after it and is here already: it was late by that much.
+                arrived = event.received_ns - round(behind * self._stream.sample_ns)
+                self._keep(event.data[offsets[begin] : offsets[split.packet]], split.packet - begin, arrived)
             following = event.data[offsets[split.packet] : offsets[split.packet + 1]]
             scan = self._close(following, marked=split.marked, broken=split.broken)
             if scan is not None:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import anyio
 
 from lidario.dialogue import Dialogue
-from lidario.errors import ConnectFailed, DeviceLost, LidarError, ResponseTimeout
+from lidario.errors import ConnectFailed, LidarError, ResponseTimeout
 from lidario.families.base import Device, Family
 from lidario.families.registry import FAMILIES, family_named, family_of_simulated
 from lidario.handshake import introduce
@@ -20,8 +20,6 @@ from lidario.source import Source
 from lidario.wire.envelope import Request
 
 __all__ = ["Connection", "connect", "shut_down"]
-
-CLOSE_TIMEOUT_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,12 +81,12 @@ async def connect(source: Source, family: str | None = None, baudrate: int | Non
             connection = await _try(port, attempt, patient=patient)
             if connection is not None:
                 return connection
-    except BaseException:
-        await _close(port)
-        raise
+        port.close_soon()
     finally:
         port.taps.remove(residue.see)
-    await _close(port)
+        if port.is_closing:
+            with anyio.CancelScope(shield=True):
+                await port.wait_closed()
     raise _nothing_answers(source, tries, residue)
 
 
@@ -99,41 +97,37 @@ async def shut_down(dialogue: Dialogue, last_words: tuple[Request, ...]) -> None
     cannot unsay the words.
     """
     dialogue.halt(last_words)
-    try:
-        with anyio.CancelScope(shield=True), anyio.move_on_after(CLOSE_TIMEOUT_S):
-            await dialogue.halted()
-    finally:
-        await _close(dialogue.port)
+    dialogue.hang_up()
+    with anyio.CancelScope(shield=True):
+        await dialogue.halted()
+        await dialogue.port.wait_closed()
 
 
 async def _try(port: Port, attempt: _Try, *, patient: bool) -> Connection | None:
     """Ask one family's question at one speed; None when there is no answer."""
-    if attempt.baudrate and attempt.baudrate != port.baudrate:
-        port.set_baudrate(attempt.baudrate)
     family = attempt.family
     device = family.device()
     dialogue = Dialogue(port, device, family.timing)
     try:
+        if attempt.baudrate and attempt.baudrate != port.baudrate:
+            port.set_baudrate(attempt.baudrate)
         if patient:
-            info = await introduce(dialogue, device)
+            info = await introduce(dialogue, device, family.timing.forget_s)
         else:
             dialogue.hurry(family.timing.probe_s)
-            info = await introduce(dialogue, device, rounds=1)
+            info = await introduce(dialogue, device, patience=0)
             dialogue.hurry(None)
     except ResponseTimeout:
+        if patient:
+            # It may hear and yet not be heard.
+            dialogue.halt(device.halt())
         port.attach(None)
         return None
-    except DeviceLost:
-        raise
     except BaseException:
-        await shut_down(dialogue, device.halt())
+        dialogue.halt(device.halt())
+        dialogue.hang_up()
         raise
     return Connection(port, family, device, dialogue, info)
-
-
-async def _close(port: Port) -> None:
-    with anyio.CancelScope(shield=True):
-        await port.close()
 
 
 def _nothing_answers(source: Source, tries: list[_Try], residue: Residue) -> LidarError:

@@ -55,6 +55,7 @@ class Dialogue:
         self._silent_until = 0.0
         self._patience = math.inf
         self._halt_again: asyncio.TimerHandle | None = None
+        self._hang_up = False
         port.attach(self)
 
     @property
@@ -194,6 +195,14 @@ class Dialogue:
         else:
             self._silent_until = now + max(request.settle for request in requests) + _MARGIN_S
 
+    def hang_up(self) -> None:
+        """Close the port: at once, or when the words of `halt` have been said where the device could hear them."""
+        self.port.will_close()
+        if self._halt_again is None:
+            self.port.close_soon()
+        else:
+            self._hang_up = True
+
     async def halted(self) -> None:
         """Return when the words of `halt` have been said where the device could hear them."""
         if self._halt_again is not None:
@@ -204,6 +213,8 @@ class Dialogue:
     def _write_again(self, words: bytes) -> None:
         self._halt_again = None
         self.port.write(words)
+        if self._hang_up:
+            self.port.close_soon()
 
     async def _listened_to(self) -> None:
         """Wait until the device accepts a request again."""

@@ -16,25 +16,31 @@ from lidario.model import DeviceInfo, Health
 
 __all__ = ["healthy", "introduce", "restart"]
 
-ROUNDS = 4
-"""Half a request that a killed program left behind swallows the next few: STOP and a question, twice or more."""
+_LEAST_ROUNDS = 2
+"""A single question may be swallowed by half a request that a killed program left behind."""
 
 
-async def introduce(dialogue: Dialogue, device: Device, rounds: int = ROUNDS) -> DeviceInfo:
-    """Stop whatever the device is doing and ask what it is.
+async def introduce(dialogue: Dialogue, device: Device, patience: float) -> DeviceInfo:
+    """Stop whatever the device is doing and ask what it is, again and again for `patience` seconds.
+
+    With no patience at all it is asked once.
 
     Raises:
         ResponseTimeout: It does not answer.
         DeviceLost: The port died.
     """
-    for left in reversed(range(rounds)):
+    loop = asyncio.get_running_loop()
+    deadline = loop.time() + patience
+    rounds = _LEAST_ROUNDS if patience else 1
+    while True:
+        rounds -= 1
+        began = loop.time()
         await dialogue.quieten()
         try:
             return await dialogue.run(device.identify())
         except ResponseTimeout:
-            if not left:
+            if rounds <= 0 and began >= deadline:
                 raise
-    raise AssertionError("unreachable: the last round returns or raises")
 
 
 async def healthy(dialogue: Dialogue, device: Device, timing: Timing) -> Health:
@@ -69,7 +75,7 @@ async def restart(dialogue: Dialogue, device: Device, timing: Timing) -> None:
     deadline = loop.time() + timing.boot_s
     while True:
         try:
-            await introduce(dialogue, device, rounds=1)
+            await introduce(dialogue, device, patience=0)
             return
         except ResponseTimeout:
             if loop.time() > deadline:

@@ -30,7 +30,7 @@ from lidario.errors import ConnectFailed, DeviceLost
 __all__ = ["Port", "Receiver", "Tap", "open_serial", "open_tcp"]
 
 CONNECT_TIMEOUT_S = 5.0
-CLOSE_TIMEOUT_S = 1.0
+CLOSE_TIMEOUT_S = 2.0
 _READ_SIZE = 65536
 
 Tap = Callable[[str, bytes, int], None]
@@ -74,6 +74,11 @@ class Port(asyncio.Protocol):
         """Whether bytes can still be written."""
         return self._transport is not None and not self._transport.is_closing()
 
+    @property
+    def is_closing(self) -> bool:
+        """Whether it is closed, or about to be."""
+        return self._closing
+
     def attach(self, receiver: Receiver | None) -> None:
         """Name who is told what arrives from now on; None for nobody."""
         self._receiver = receiver
@@ -115,21 +120,29 @@ class Port(asyncio.Protocol):
         if isinstance(self._transport, _SerialTransport) and self.is_open:
             self._transport.poll()
 
+    def will_close(self) -> None:
+        """Announce that somebody has seen to it that `close_soon` will be called: the end is no loss any more."""
+        self._closing = True
+
+    def close_soon(self) -> None:
+        """Write out what is pending and close the port, without waiting for it."""
+        self.will_close()
+        if self.is_open and self._transport is not None:
+            self._transport.close()
+
+    async def wait_closed(self) -> None:
+        """Return when the port is closed. Bounded, after which it is closed the hard way."""
+        await asyncio.wait([self._closed], timeout=CLOSE_TIMEOUT_S)
+        if not self._closed.done() and self._transport is not None:
+            self._transport.abort()
+
     async def close(self) -> None:
         """Write out what is pending, close the port, and return when it is closed.
 
-        Bounded to a second, after which the port is closed the hard way. Cancelling it does just that.
+        Cancelling it ends the waiting; the port is closed all the same.
         """
-        if self._transport is None:
-            return
-        self._closing = True
-        self._transport.close()
-        try:
-            await asyncio.wait([self._closed], timeout=CLOSE_TIMEOUT_S)
-        finally:
-            if not self._closed.done():
-                self._transport.abort()
-            self._finish()
+        self.close_soon()
+        await self.wait_closed()
 
     def abandon(self, last_words: bytes) -> None:
         """Write `last_words` and close, without an event loop: for the end of the process."""
@@ -171,6 +184,7 @@ class Port(asyncio.Protocol):
         """The file is closed; called by the transport."""
         if not self._closed.done():
             self._closed.set_result(None)
+            self._finish()
 
     def on_close(self, callback: Callable[[], None]) -> None:
         """Have `callback` run once after the port was closed, e.g. to end a simulator."""

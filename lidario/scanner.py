@@ -35,6 +35,7 @@ SILENCE_S = 0.9
 TURNS_MISSED = 3
 """Turns of the slowest kind that may fail to complete before a stream of packets counts as stuck."""
 LEAVE_TIMEOUT_S = 2.0
+_WATCH_MARGIN_S = 0.001
 STOP_ATTEMPTS = 3
 
 
@@ -235,7 +236,8 @@ class Scanner:
                 DeviceLost(f"scan data arrives, but no full turn for {turning:.1f} s: is the rotor blocked?")
             )
         else:
-            self._watchdog = self._loop.call_later(patience - idle, self._watch)
+            wait = min(patience - idle, SILENCE_S) + _WATCH_MARGIN_S
+            self._watchdog = self._loop.call_later(wait, self._watch)
 
     def _keep_alive(self) -> None:
         stream = self.stream

@@ -90,7 +90,7 @@ class Seam:
         if last is None:
             self._armed = away >= self._near
             return None
-        if self._armed and (away < self._near or away < last - self._retreat):
+        if self._armed and away < last - self._retreat:
             self._armed = away >= self._near
             self._passed_unmarked = not self._armed
             return Split(index, marked=False, broken=False)

@@ -113,6 +113,7 @@ class Timing:
         drain_s: Longest time that may take before STOP is sent again.
         boot_s: Longest time from RESET until the device answers.
         boot_poll_s: How often it is asked meanwhile.
+        forget_s: How long a device may hold half a request before it forgets it.
         probe_s: How long an identifying question may stay unanswered at one baud rate.
     """
 
@@ -120,6 +121,7 @@ class Timing:
     drain_s: float
     boot_s: float
     boot_poll_s: float
+    forget_s: float
     probe_s: float
 
 

@@ -265,20 +265,27 @@ class TcpServer(_Server):
         return [self._listener] if self._client is None else [self._listener, self._client]
 
     def _receive(self, readable: list[int | socket.socket]) -> bytes:
+        # The client before the newcomer: who has hung up must not be in the way of who comes next.
+        data = self._hear(self._client)
         if self._listener in readable:
             self._accept()
-        client = self._client
-        if client is None or client not in readable:
-            return b""
-        try:
-            data = client.recv(_READ)
-        except BlockingIOError:
-            return b""
-        except OSError:
-            data = b""
-        if not data:
-            self._hang_up()
         return data
+
+    def _hear(self, client: socket.socket | None) -> bytes:
+        """All that the client has sent; sees whether it has gone, too."""
+        parts: list[bytes] = []
+        while client is not None and len(parts) < 64:
+            try:
+                part = client.recv(_READ)
+            except BlockingIOError:
+                break
+            except OSError:
+                part = b""
+            if not part:
+                self._hang_up()
+                break
+            parts.append(part)
+        return b"".join(parts)
 
     def _accept(self) -> None:
         """Let a client in, unless there is one: then the door is shut on the newcomer."""

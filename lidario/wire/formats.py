@@ -56,6 +56,7 @@ class StreamFormat(ABC):
         header: What the first bytes of a packet look like.
         shortest: Bytes of the shortest packet; with fewer at hand, nothing can be decided.
         longest: Bytes of the longest packet.
+        samples: Samples in one packet, where every packet has as many.
         full_turn: One turn in the unit of `headings`.
         first_seam: Heading at which revolutions begin; None when only marked packets (`BEGINS`) tell.
         self_evident: True when the check value is strong enough to need no second proof.
@@ -66,6 +67,7 @@ class StreamFormat(ABC):
     header: re.Pattern[bytes]
     shortest: int
     longest: int
+    samples: int
     full_turn: int
     first_seam: int | None = 0
     self_evident: bool = False
@@ -89,6 +91,10 @@ class StreamFormat(ABC):
     def offsets(self, packets: bytes) -> Sequence[int]:
         """Where each packet of a run begins; as it stands, for packets of one size."""
         return range(0, len(packets), self.shortest)
+
+    def samples_in(self, packets: bytes) -> int:
+        """Samples in a run of packets; as it stands, for packets of one size."""
+        return len(packets) // self.shortest * self.samples
 
     def aside(self, data: bytearray, at: int) -> int:  # noqa: ARG002
         """Length of a known record that may stand between packets and is no measurement; as `measure`."""
@@ -123,6 +129,10 @@ class StreamFormat(ABC):
             self._due = size
         noise = self._hunt(data, at)
         self._due -= noise - at
+        if noise == at and self._in_step:
+            # The packet that was waited for begins right here, and it is whole.
+            end, count = self.run(data, at)
+            return Cut(end, end, count)
         return Cut(at, noise, 0)
 
     def _decidable(self, data: bytearray, at: int, size: int) -> bool:

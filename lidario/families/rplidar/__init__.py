@@ -22,6 +22,8 @@ FAMILY = Family(
         # Users report 2 s of silence from an S1; the vendor's ROS node gives it 15 s.
         boot_s=8.0,
         boot_poll_s=0.25,
+        # "Request packets' format": a request must be complete within 5 s.
+        forget_s=5.0,
         probe_s=0.15,
     ),
     device=RplidarDevice,

@@ -91,7 +91,7 @@ class UltraCabins:
         )
         result[..., 2] = _predicted(words >> 22, next_level, next_major)
         result[~followed, -1, 2] = 0
-        result[~followed & lean[:, -1], -1, 1] = 0
+        result[~followed & (major[:, -1] == 0), -1, 1] = 0
         return np.maximum(result, 0).astype(np.float32).reshape(len(cabins), -1)
 
 
@@ -110,7 +110,7 @@ def near_range_correction(distance_mm: NDArray[np.float32]) -> NDArray[np.float6
     q2 = (distance_mm * 4).astype(np.int64)
     k2 = _K1 // np.maximum(q2, 1)
     far = _FAR_RAD_Q16 - (k2 << 6) - k2**3 // 98304
-    return np.where(q2 < _NEAR_Q2, _NEAR_RAD_Q16, far) * (180 / 3.14159265 / 65536)
+    return np.trunc(np.where(q2 < _NEAR_Q2, _NEAR_RAD_Q16, far) * (180 / 3.14159265)) / 65536
 
 
 def ultra_dense_cabins(

@@ -101,25 +101,25 @@ class CapsuleFormat(StreamFormat):
 class ExpressFormat(CapsuleFormat):
     """0x82: 16 cabins of two samples."""
 
-    name, answer_type, shortest, longest = "express", 0x82, 84, 84
+    name, answer_type, shortest, longest, samples = "express", 0x82, 84, 84, 32
 
 
 class UltraFormat(CapsuleFormat):
     """0x84: 32 cabins of three samples."""
 
-    name, answer_type, shortest, longest = "ultra", 0x84, 132, 132
+    name, answer_type, shortest, longest, samples = "ultra", 0x84, 132, 132, 96
 
 
 class DenseFormat(CapsuleFormat):
     """0x85: 40 distances."""
 
-    name, answer_type, shortest, longest = "dense", 0x85, 84, 84
+    name, answer_type, shortest, longest, samples = "dense", 0x85, 84, 84, 40
 
 
 class UltraDenseFormat(CapsuleFormat):
     """0x86: a time stamp, a status word, and 32 cabins of two samples with intensity."""
 
-    name, answer_type, shortest, longest = "ultra-dense", 0x86, 170, 170
+    name, answer_type, shortest, longest, samples = "ultra-dense", 0x86, 170, 170, 64
     start_at = 8
 
 
@@ -129,7 +129,7 @@ class HqFormat(StreamFormat):
     The CRC runs over all but itself, padded with zeros to a multiple of four bytes.
     """
 
-    name, answer_type, shortest, longest = "hq", 0x83, 781, 781
+    name, answer_type, shortest, longest, samples = "hq", 0x83, 781, 781, 96
     header = re.compile(rb"\xa5")
     full_turn = FULL_TURN_Q14
     self_evident = True

@@ -48,7 +48,7 @@ WORTH_AN_ARRAY: Final = 16
 class NodeFormat(StreamFormat):
     """0x81: one sample in five bytes."""
 
-    name, answer_type, shortest, longest = "node", 0x81, SIZE, SIZE
+    name, answer_type, shortest, longest, samples = "node", 0x81, SIZE, SIZE, 1
     header = re.compile(rb"[\x00-\xff][\x00-\xff]", re.DOTALL)
     full_turn = FULL_TURN_Q6
 

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 __all__ = ["Arcs", "Rotation"]
 
+RETREAT_TURNS: Final = 1 / 36
+"""Headings may fall back by up to this part of a turn; any more is the long way round, forwards."""
 TRUSTED_GAP: Final = 3
 """Missing packets up to which the arc over the gap, divided evenly, is better than a neighbour's arc."""
 
@@ -49,7 +51,8 @@ class Rotation:
         ends = np.empty_like(headings)
         ends[:-1] = headings[1:]
         ends[-1] = headings[-1] if following is None else following
-        spans = ((ends - headings) % self._full_turn).astype(np.float64)
+        retreat = int(self._full_turn * RETREAT_TURNS)
+        spans = ((ends - headings + retreat) % self._full_turn - retreat).astype(np.float64)
         known = spans if following is not None else spans[:-1]
         typical = self._learn(known)
         if typical <= 0:

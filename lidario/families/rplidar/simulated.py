@@ -167,7 +167,7 @@ class SimulatedRplidar:
         mode = self.profile.mode(mode_id)
         if mode is None:
             raise ValueError(f"{self.profile.name} has no scan mode {mode_id}")
-        past = 10 * mode.period_ns + self._queue.airtime(mode.packet[0]) * 2 // 5
+        past = 10 * mode.period_ns + self._queue.airtime(mode.packet[0] * 2 // 5)
         if not self.motor_on:
             spin_up, self._motor.spin_up_s = self._motor.spin_up_s, 0.0
             self._motor.set_rpm(_DEFAULT_RPM, now - past)

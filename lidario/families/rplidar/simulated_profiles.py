@@ -156,6 +156,7 @@ def _s_series(name: str, model: int, metres: float) -> Profile:
 _BANNER = b"Simulated scanner 1.20, hardware 5, booted, health is good.\r\n"
 
 _ALL = (
+    _s_series("rplidar-s2", 0x71, 30),
     Profile(
         "rplidar-s1",
         0x61,
@@ -165,7 +166,6 @@ _ALL = (
         speed_conf=None,
         boot_s=2.0,
     ),
-    _s_series("rplidar-s2", 0x71, 30),
     _s_series("rplidar-s3", 0x81, 40),
     Profile(
         "rplidar-express",
@@ -241,3 +241,4 @@ _ALL = (
 )
 
 PROFILES: dict[str, Profile] = {profile.name: profile for profile in _ALL}
+"""By name; the first one is what is simulated where nobody asks for a model."""

@@ -28,6 +28,8 @@ FAMILY: Final = Family(
         # 1 s for device information.
         boot_s=5.0,
         boot_poll_s=0.25,
+        # Commands are two bytes long, so the next one completes what was left of the last.
+        forget_s=0.5,
         probe_s=0.5,
     ),
     device=Device4Ros,

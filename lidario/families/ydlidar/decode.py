@@ -1,18 +1,18 @@
 """The packets of one stretch of stream, decoded at once into arrays.
 
-Angles (4ROS development manual, figure 7): a packet states the angles of its first and its last
-sample, and those between lie at equal steps. An end before its beginning has crossed 0. Unlike the vendor's
-SDK, which truncates to 1/64 degrees, full precision is kept; a single sample has the first angle, without
-a division. A time-of-flight device needs no second, distance-dependent correction, and distances are plain
-millimetres; there is no intensity.
+Angles (4ROS development manual, figure 7): a packet states the angles of its first and its last sample, and
+those between lie at equal steps. An end before its beginning has crossed 0. Unlike the vendor's SDK, which
+truncates to 1/64 degrees, full precision is kept; a single sample has the first angle, without a division. A
+time-of-flight device needs no second, distance-dependent correction, and distances are plain millimetres;
+there is no intensity.
 
 Speed (manual): the 7 bits above CT's start bit are tenths of Hz above 3.0. They mean that in start packets
 alone; the SDK reads any packet's, and takes 3.0 Hz for "no speed".
 
 Lost packets: within one packet the angle advances by one step a sample, and so it does from one packet to the
-next. What the jump between two packets holds beyond that was lost. How many packets it was follows from
-their usual length; but the last packet of a turn is shorter, and a start packet holds one sample. That one is
-missed where it stood before: when packets pass the place without it.
+next. What the jump between two packets holds beyond that was lost. How many packets it was follows from their
+usual length; but the last packet of a turn is shorter, and a start packet holds one sample: it is missed when
+packets pass the place where the one before stood.
 """
 
 from __future__ import annotations

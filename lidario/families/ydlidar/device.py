@@ -53,7 +53,7 @@ MOST_TOGGLES: Final = 4
 """As often as the SDK tries."""
 OFFSETS_A_TURN: Final = 4 * 360
 SPIN_UP_S: Final = 4.0
-"""The motor is up to speed within 2.5 s in all reports; no document says."""
+"""No document says how long the motor takes; 2.5 s are assumed, and a margin added."""
 SLOWEST_TURN_S: Final = 0.5
 """A turn at the lowest speed that a start packet can tell, 3 Hz, and half as long again."""
 KEEPALIVE_S: Final = 1.0
@@ -202,19 +202,19 @@ class Device4Ros(Device):
         raise RemoteProtocolError(f"power-down protection does not go {'on' if on else 'off'}")
 
     def _ask_health(self) -> Script[bytes]:
-        known, silence = self._health_request, None
-        either = (commands.GET_HEALTH, commands.GET_HEALTH_92)
-        for request in ((known,) if known else either) * 2:
+        known = self._health_request
+        *questions, last = ((known,) if known else (commands.GET_HEALTH, commands.GET_HEALTH_92)) * 2
+        self._health_request = None
+        for request in questions:
             try:
                 payload = yield request
-            except ResponseTimeout as error:
-                silence = error
+            except ResponseTimeout:
                 continue
             self._health_request = request
             return payload
-        self._health_request = None
-        assert silence is not None
-        raise silence
+        payload = yield last
+        self._health_request = last
+        return payload
 
     def _ask_speed(self) -> Script[int]:
         return _hundredths((yield commands.GET_SPEED))

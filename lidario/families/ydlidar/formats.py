@@ -65,7 +65,7 @@ class PointCloud(StreamFormat):
 
     name, answer_type = "point cloud", 0x81
     header = re.compile(rb"\xaa\x55")
-    shortest, longest = HEADER_SIZE + 2, HEADER_SIZE + 2 * MOST_SAMPLES
+    shortest, longest, samples = HEADER_SIZE + 2, HEADER_SIZE + 2 * MOST_SAMPLES, 1
     full_turn = FULL_TURN_Q6
     # Where the start packet stands is the device's business: usually, but not necessarily, at 0.
     first_seam = None
@@ -114,6 +114,10 @@ class PointCloud(StreamFormat):
     def offsets(self, packets: bytes) -> Sequence[int]:
         """As `StreamFormat.offsets`: each packet's LSN tells where the next one begins."""
         return packet_offsets(packets)
+
+    def samples_in(self, packets: bytes) -> int:
+        """As `StreamFormat.samples_in`."""
+        return (len(packets) - HEADER_SIZE * len(packet_offsets(packets))) // 2
 
     def headings(self, packets: bytes) -> Sequence[int]:
         """As `StreamFormat.headings`, in 1/64 degrees."""

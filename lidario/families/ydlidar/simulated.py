@@ -38,6 +38,7 @@ __all__ = ["PROFILES", "Profile", "Simulated4Ros", "make_simulated"]
 
 _MS = 1_000_000
 _SETTLE_AFTER_STOP = 5 * _MS  # vendor SDK 1.2.20
+_AFTER_STOP = "within 5 ms of stop"
 _ALIVE_FOR = 3000 * _MS  # manual 3.8
 _FACTORY_SPEED = 700  # hundredths of Hz: data sheet
 _SPEEDS = (500, 1200)  # data sheet
@@ -258,10 +259,10 @@ class Simulated4Ros:
 
     def _refusal(self, command: int, now: int) -> str:
         """Why the device does not do as it is told; empty when it does."""
-        health = command in (0x91, 0x92) and command != self.profile.health_command
-        if now < self._deaf_until and not (command in _STOPS and self._deaf_why == _AFTER_STOP):
+        if now < self._deaf_until and (command not in _STOPS or self._deaf_why != _AFTER_STOP):
             return self._deaf_why
-        if command not in _NAMES or health:
+        other_health = command in (0x91, 0x92) and command != self.profile.health_command
+        if command not in _NAMES or other_health:
             return "unknown to this device"
         if self.scanning and command not in _HEARD_WHILE_SCANNING:
             return "scanning"
@@ -282,11 +283,7 @@ class Simulated4Ros:
             if self.garble_answers > 0:
                 self.garble_answers -= 1
                 answer = self._random.bytes(len(answer))
-            self._queue.push(answer, now + self._answer_delay)
-
-    @property
-    def _answer_delay(self) -> int:
-        return int(self.answer_delay_s * 1e9)
+            self._queue.push(answer, now + int(self.answer_delay_s * 1e9))
 
     def _reply(self, command: int) -> tuple[int, bytes]:
         """Answer type and payload."""
@@ -312,7 +309,7 @@ class Simulated4Ros:
         if self._stream is not None:
             return
         self._motor.set_rpm(self.set_speed * 0.6, now)
-        announced = now + self._answer_delay
+        announced = now + int(self.answer_delay_s * 1e9)
         self._queue.push(SCAN_HEADER, announced)
         self._stream = PointStream(max(announced, self._motor.stable_at or 0), self._motor, self.world)
 
@@ -351,6 +348,3 @@ def _digits(serial: bytes | str | list[int]) -> bytes:
     if len(digits) != 16 or max(digits) > 9:
         raise ValueError(f"a serial number of a 4ROS has 16 digits, which {serial!r} has not")
     return digits
-
-
-_AFTER_STOP = "within 5 ms of stop"

@@ -1,0 +1,145 @@
+"""``lidario devices``: the ports of this machine, and what answers at their ends.
+
+Only ports whose adapter lidars come with are asked unless the user names one: a byte from a stranger can reset
+an Arduino. The others are listed as not asked.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from lidario.cli.errors import ExitCode
+from lidario.cli.output import console, dump, emit, message, progress, rendered
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from lidario import Found, PortInfo
+
+__all__ = ["devices", "show"]
+
+
+@click.command()
+@click.argument("ports", metavar="[PORT]...", nargs=-1)
+@click.option("--json", "as_json", is_flag=True, help="A list for programs.")
+def devices(ports: tuple[str, ...], as_json: bool) -> int:
+    """List the ports and what answers at their ends.
+
+    Named ports are asked whatever adapter they have; a device that scans is stopped by it. Exit code 3 when no
+    lidar answers.
+    """
+    return show(ports, as_json=as_json)
+
+
+def show(ports: tuple[str, ...], *, as_json: bool, next_steps: bool = False) -> int:
+    """Ask, and print what came of it; returns the exit code."""
+    from lidario import list_lidars, list_serial_ports
+    from lidario.cli.running import run
+
+    with progress("asking the ports …"):
+        found = run(lambda: list_lidars(ports))
+    asked = {each.port.path for each in found}
+    others = [] if ports else [port for port in list_serial_ports() if port.path not in asked]
+    answering = [each for each in found if each.info is not None]
+    if as_json:
+        dump([_record(each) for each in found] + [_unasked(port) for port in others])
+    else:
+        _print(found, others)
+    if next_steps:
+        _tell_next([each.port.path for each in answering])
+    return ExitCode.OK if answering else ExitCode.NO_DEVICE
+
+
+def _print(found: list[Found], others: list[PortInfo]) -> None:
+    answering = [each for each in found if each.info is not None]
+    if answering:
+        target = console()
+        emit(rendered(target, _table(answering)))
+    elif not found:
+        message("no lidar found: no port has an adapter that lidars come with. Is it plugged in?")
+    for each in found:
+        if each.info is None:
+            emit(_why_none(each))
+    if others:
+        emit(f"not asked, since the adapter is none that lidars come with: {', '.join(p.path for p in others)}\n")
+        message(f"`lidario devices {others[0].path}` asks it all the same")
+
+
+def _table(found: list[Found]) -> Table:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold")
+    for title in ("port", "model", "serial number", "firmware", "baud", "adapter"):
+        table.add_column(title, overflow="fold", justify="right" if title == "baud" else "left")
+    for each in found:
+        if each.info is not None:
+            baud = str(each.baudrate) if each.baudrate else ""
+            table.add_row(
+                each.port.path,
+                each.info.model,
+                each.info.serial,
+                each.info.firmware,
+                baud,
+                each.port.adapter or each.port.description,
+            )
+    return table
+
+
+def _why_none(found: Found) -> str:
+    """The error, which mostly names the port already, its further lines indented."""
+    error = found.error if found.port.path in found.error else f"{found.port.path}: {found.error}"
+    return error.replace("\n", "\n    ") + "\n"
+
+
+def _tell_next(answering: list[str]) -> None:
+    """On stderr: what somebody who has never used the command may want to type."""
+    from lidario.families.registry import FAMILIES
+
+    if answering:
+        source = "" if len(answering) == 1 else f" {answering[0]}"
+        tips = [(f"lidario info{source}", "what it is and can"), (f"lidario scan{source}", "one turn, drawn")]
+    else:
+        model = FAMILIES[0].simulated[0]
+        tips = [
+            ("lidario devices PORT", "ask a port that was not asked"),
+            (f"lidario scan sim://{model}", "without a lidar: a simulated one"),
+            ("lidario sim", "a simulated one for another program"),
+        ]
+    tips.append(("lidario --help", "all there is"))
+    width = max(len(command) for command, _ in tips)
+    message("\nnext:")
+    for command, purpose in tips:
+        message(f"  {command:<{width}}   {purpose}")
+
+
+def _port(port: PortInfo) -> dict[str, object]:
+    return {
+        "port": port.path,
+        "by_id": port.by_id or None,
+        "adapter": port.adapter or None,
+        "description": port.description or None,
+    }
+
+
+def _record(found: Found) -> dict[str, object]:
+    info = found.info
+    return {
+        **_port(found.port),
+        "asked": True,
+        "baudrate": found.baudrate or None,
+        "family": info.family if info else None,
+        "model": info.model if info else None,
+        "model_id": info.model_id if info else None,
+        "firmware": info.firmware if info else None,
+        "hardware": info.hardware if info else None,
+        "serial": info.serial if info else None,
+        "error": found.error or None,
+    }
+
+
+def _unasked(port: PortInfo) -> dict[str, object]:
+    nothing = ("baudrate", "family", "model", "model_id", "firmware", "hardware", "serial", "error")
+    return {**_port(port), "asked": False, **dict.fromkeys(nothing)}

@@ -1,0 +1,141 @@
+"""What the user reads when something fails, and the exit code: the only place that knows either.
+
+===  ==================================================
+0    done
+1    unexpected
+2    usage, or a missing extra
+3    no device, or several and none named
+4    no permission, or somebody else holds the port
+5    the device answers wrongly or sends no data
+6    the device reports a fault
+130  Ctrl-C in a verb that had not finished
+===  ==================================================
+
+Ctrl-C ends an endless stream in the way it is meant to end, with 0. Other signals that end a verb give 128 and
+the number of the signal, as a shell does.
+"""
+
+from __future__ import annotations
+
+import traceback
+from enum import IntEnum
+
+import click
+
+from lidario import (
+    ConnectFailed,
+    DeviceFault,
+    DeviceLost,
+    LidarError,
+    ProtocolError,
+    ResponseTimeout,
+    Unsupported,
+)
+
+__all__ = ["ExitCode", "NoDevice", "ReaderGone", "ReaderStalled", "Stopped", "exit_code", "report"]
+
+_PREFIX = "error: "
+
+
+class ExitCode(IntEnum):
+    """How the command ends."""
+
+    OK = 0
+    UNEXPECTED = 1
+    USAGE = 2
+    NO_DEVICE = 3
+    NO_ACCESS = 4
+    NO_DATA = 5
+    UNHEALTHY = 6
+    INTERRUPTED = 130
+
+
+class Stopped(Exception):
+    """A signal ended the verb, and the device was left as it should be.
+
+    Attributes:
+        signal: Number of the signal.
+    """
+
+    def __init__(self, number: int) -> None:
+        super().__init__(f"stopped by signal {number}")
+        self.signal = number
+
+
+class ReaderGone(Exception):
+    """Whoever read our stdout has closed it, as ``head`` does: nothing to complain about."""
+
+
+class ReaderStalled(Exception):
+    """Whoever reads our stdout does not, and the program must end without waiting for it.
+
+    Attributes:
+        code: How the command would have ended.
+    """
+
+    def __init__(self, code: int) -> None:
+        super().__init__("nobody reads what this command writes")
+        self.code = code
+
+
+class NoDevice(Exception):
+    """No lidar answers; what there is to say was said on stdout."""
+
+
+_REASONS = {
+    "missing": ExitCode.NO_DEVICE,
+    "ambiguous": ExitCode.NO_DEVICE,
+    "refused": ExitCode.NO_DEVICE,
+    "permission": ExitCode.NO_ACCESS,
+    "busy": ExitCode.NO_ACCESS,
+    "silent": ExitCode.NO_DATA,
+    "source": ExitCode.USAGE,
+}
+
+_KINDS: tuple[tuple[type[BaseException], ExitCode], ...] = (
+    (DeviceFault, ExitCode.UNHEALTHY),
+    (DeviceLost, ExitCode.NO_DATA),
+    (ResponseTimeout, ExitCode.NO_DATA),
+    (ProtocolError, ExitCode.NO_DATA),
+    (Unsupported, ExitCode.USAGE),
+    (NoDevice, ExitCode.NO_DEVICE),
+    (ReaderGone, ExitCode.OK),
+    (click.Abort, ExitCode.INTERRUPTED),
+    (KeyboardInterrupt, ExitCode.INTERRUPTED),
+)
+
+
+def exit_code(error: BaseException) -> int:
+    """The exit code that `error` ends the command with."""
+    if isinstance(error, ConnectFailed):
+        return _REASONS.get(error.reason, ExitCode.UNEXPECTED)
+    if isinstance(error, click.ClickException):
+        return error.exit_code
+    if isinstance(error, Stopped):
+        return 128 + error.signal
+    if isinstance(error, ReaderStalled):
+        return error.code
+    return next((code for kind, code in _KINDS if isinstance(error, kind)), ExitCode.UNEXPECTED)
+
+
+def report(error: BaseException, *, with_traceback: bool = False) -> None:
+    """Say on stderr what went wrong, in one or two lines; nothing where there is nothing to say."""
+    if with_traceback:
+        click.echo("".join(traceback.format_exception(error)), err=True, nl=False)
+    text = _words(error)
+    if text:
+        click.echo(_PREFIX + text.replace("\n", "\n" + " " * len(_PREFIX)), err=True)
+
+
+def _words(error: BaseException) -> str:
+    if isinstance(error, LidarError):
+        return str(error)
+    if isinstance(error, click.ClickException):
+        message = error.format_message()
+        context = error.ctx if isinstance(error, click.UsageError) else None
+        help_line = f"\n{context.command_path} --help   tells what there is" if context else ""
+        return message[:1].lower() + message[1:] + help_line
+    if isinstance(error, Stopped | ReaderGone | ReaderStalled | NoDevice | click.Abort | KeyboardInterrupt):
+        return ""
+    what = " ".join(str(error).split())
+    return f"unexpected {type(error).__name__}{f': {what}' if what else ''} (--traceback shows where)"

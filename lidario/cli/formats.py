@@ -1,0 +1,78 @@
+"""A scan as text: a JSON line or CSV rows for programs, a line of a table for people.
+
+The names are those of `lidario.Scan`, and so are the units: radians counter-clockwise from forward, metres. What
+did not come back is ``null`` in JSON and an empty field in CSV, never 0 and never a NaN, which JSON has not.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+
+from lidario import Scan
+
+__all__ = ["CSV_HEADER", "ROW_HEADER", "as_csv", "as_json", "as_row"]
+
+_ANGLE_DIGITS = 6
+_RANGE_DIGITS = 5
+"""The finest steps that any device sends are 1/64° of 360 (3e-4 rad) and 0.25 mm."""
+
+CSV_HEADER = "seq,wall_stamp_ns,angle_rad,range_m,intensity\n"
+ROW_HEADER = "scan  points  returns   rpm     Hz        nearest       farthest  lost  dropped\n"
+
+
+def as_json(scan: Scan) -> str:
+    """One line."""
+    ranges = np.round(scan.ranges.astype(np.float64), _RANGE_DIGITS).tolist()
+    record = {
+        "seq": scan.seq,
+        "stamp_ns": scan.stamp_ns,
+        "wall_stamp_ns": scan.wall_stamp_ns,
+        "time_increment_ns": scan.time_increment_ns,
+        "duration_ns": scan.duration_ns,
+        "rpm": round(scan.rpm, 3) if math.isfinite(scan.rpm) else None,
+        "mode": scan.mode,
+        "dropped_before": scan.dropped_before,
+        "lost_packets": scan.lost_packets,
+        "angles": np.round(scan.angles.astype(np.float64), _ANGLE_DIGITS).tolist(),
+        "ranges": [None if math.isnan(value) else value for value in ranges],
+        "intensities": None if scan.intensities is None else scan.intensities.tolist(),
+    }
+    return json.dumps(record, separators=(",", ":"), ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def as_csv(scan: Scan) -> str:
+    """A row a sample, each with the time at which it was measured."""
+    stamps = scan.wall_stamp_ns + np.arange(len(scan)) * scan.time_increment_ns
+    intensities = [""] * len(scan) if scan.intensities is None else scan.intensities.tolist()
+    rows = zip(
+        stamps.tolist(), scan.angles.tolist(), scan.ranges.tolist(), scan.valid.tolist(), intensities, strict=True
+    )
+    return "".join(
+        f"{scan.seq},{stamp},{angle:.{_ANGLE_DIGITS}f},"
+        f"{f'{distance:.{_RANGE_DIGITS}f}' if hit else ''},{intensity}\n"
+        for stamp, angle, distance, hit, intensity in rows
+    )
+
+
+def as_row(scan: Scan) -> str:
+    """A line under `ROW_HEADER`, 79 columns wide."""
+    hits = int(np.count_nonzero(scan.valid))
+    share = f"{hits / len(scan):.1%}" if len(scan) else "-"
+    turning = math.isfinite(scan.rpm)
+    nearest = farthest = "-"
+    if hits:
+        nearest = _beam(scan, int(np.nanargmin(scan.ranges)))
+        farthest = _beam(scan, int(np.nanargmax(scan.ranges)))
+    return (
+        f"{scan.seq:>4}  {len(scan):>6}  {share:>7}  {f'{scan.rpm:.0f}' if turning else '-':>4}  "
+        f"{f'{scan.rpm / 60:.2f}' if turning else '-':>5}  {nearest:>13}  {farthest:>13}  "
+        f"{scan.lost_packets:>4}  {scan.dropped_before:>7}\n"
+    )
+
+
+def _beam(scan: Scan, index: int) -> str:
+    degrees = round(math.degrees(scan.angles[index]))  # an integer, since -0° is no angle
+    return f"{scan.ranges[index]:.2f} m {degrees:+d}°"

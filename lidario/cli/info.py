@@ -1,0 +1,121 @@
+"""``lidario info``: what a device is, how it is, and in which ways it can measure."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+import click
+
+from lidario.cli.errors import ExitCode
+from lidario.cli.output import console, dump, emit, progress, rendered
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from lidario import DeviceInfo, Health, ScanMode
+
+__all__ = ["info"]
+
+
+@dataclass
+class _Answers:
+    source: str
+    info: DeviceInfo
+    health: Health
+    modes: tuple[ScanMode, ...]
+    frequency: float | None
+
+
+@click.command()
+@click.argument("source", default="auto")
+@click.option("--json", "as_json", is_flag=True, help="One object for programs.")
+def info(source: str, as_json: bool) -> int:
+    """Model, firmware, serial number, health and scan modes of a lidar."""
+    from lidario.cli.running import run
+
+    with progress(f"asking {source} …" if source != "auto" else "looking for a lidar …"):
+        answers = run(lambda: _ask(source))
+    if as_json:
+        dump(_record(answers))
+    else:
+        target = console()
+        emit(rendered(target, _facts(answers), "", _modes(answers.modes)))
+    return ExitCode.OK
+
+
+async def _ask(source: str) -> _Answers:
+    from lidario import Unsupported, open_lidar
+
+    async with open_lidar(source) as lidar:
+        try:
+            frequency: float | None = await lidar.get_scan_frequency()
+        except Unsupported:
+            frequency = None
+        return _Answers(lidar.source, lidar.info, lidar.health, await lidar.get_modes(), frequency)
+
+
+def _facts(answers: _Answers) -> Table:
+    from rich.table import Table
+
+    device, health = answers.info, answers.health
+    code = f" (code {health.code})" if health.code else ""
+    table = Table.grid(padding=(0, 2))
+    table.add_column(style="bold")
+    table.add_column(overflow="fold")
+    for name, value in (
+        ("source", answers.source),
+        ("model", f"{device.model} (number {device.model_id})"),
+        ("firmware", device.firmware),
+        ("hardware", str(device.hardware)),
+        ("serial number", device.serial),
+        ("health", health.status.value + code),
+        ("scan frequency", _frequency(answers.frequency)),
+    ):
+        table.add_row(name, value)
+    return table
+
+
+def _frequency(hertz: float | None) -> str:
+    if hertz is None:
+        return "cannot be set on this device"
+    return f"set to {hertz:.2f} Hz ({60 * hertz:.0f} rpm)"
+
+
+def _modes(modes: tuple[ScanMode, ...]) -> Table:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold")
+    titles = ("id", "scan mode", "µs/sample", "samples/s", "max. distance", "answer type", "typical")
+    for title in titles:
+        table.add_column(title, justify="left" if title in ("scan mode", "typical") else "right")
+    for mode in modes:
+        table.add_row(
+            str(mode.id),
+            mode.name,
+            f"{mode.sample_us:.2f}" if mode.sample_us else "not told",
+            f"{mode.samples_per_second:.0f}" if mode.sample_us else "",
+            f"{mode.max_distance:g} m" if mode.max_distance else "not told",
+            f"0x{mode.answer_type:02X}",
+            "yes" if mode.typical else "",
+        )
+    return table
+
+
+def _record(answers: _Answers) -> dict[str, object]:
+    return {
+        "source": answers.source,
+        **asdict(answers.info),
+        "health": {"status": answers.health.status.value, "code": answers.health.code},
+        "scan_frequency": answers.frequency,
+        "modes": [
+            {
+                **asdict(mode),
+                "sample_us": mode.sample_us or None,
+                "samples_per_second": mode.samples_per_second if mode.sample_us else None,
+                "max_distance": mode.max_distance or None,
+            }
+            for mode in answers.modes
+        ],
+    }

@@ -1,0 +1,102 @@
+"""The command itself: its verbs, and the one frame around them that turns every exception into an exit code."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import click
+import rich  # noqa: F401  (the verbs need it later on: if it is missing, let it be said now)
+
+from lidario import __version__
+from lidario.cli.devices import devices, show
+from lidario.cli.errors import ExitCode, ReaderGone, ReaderStalled, exit_code, report
+from lidario.cli.info import info
+from lidario.cli.output import give_up_stdout
+from lidario.cli.scan import scan
+from lidario.cli.sim import sim
+
+__all__ = ["Lidario", "cli"]
+
+CommandT = TypeVar("CommandT", bound=click.Command)
+
+
+@dataclass
+class Settings:
+    """What holds for every verb.
+
+    Attributes:
+        traceback: Show where an error comes from.
+    """
+
+    traceback: bool = False
+
+
+class Lidario(click.Group):
+    """A group whose errors are ours to tell."""
+
+    def run(self, arguments: Sequence[str]) -> int:
+        """Run the verb that `arguments` name; returns the exit code and never raises.
+
+        Where a write to a stalled reader cannot be ended, the process is.
+        """
+        settings = Settings()
+        try:
+            result = super().main(list(arguments), "lidario", standalone_mode=False, obj=settings)
+            code = result if isinstance(result, int) else ExitCode.OK
+        except (Exception, KeyboardInterrupt) as error:
+            report(error, with_traceback=settings.traceback)
+            code = exit_code(error)
+            if isinstance(error, ReaderGone):
+                give_up_stdout()
+            if isinstance(error, ReaderStalled):
+                # The thread that hangs in the write holds a lock that an orderly exit would wait for.
+                sys.stderr.flush()
+                os._exit(code)
+        return int(code)
+
+    def main(self, args: Sequence[str] | None = None, *_: object, **__: object) -> Any:
+        """As `click.Command.main`, with our errors and exit codes."""
+        sys.exit(self.run(sys.argv[1:] if args is None else args))
+
+
+def _with_traceback(command: CommandT) -> CommandT:
+    """Let `--traceback` stand behind any verb as well as before it."""
+    callback: Callable[[click.Context, click.Parameter, bool], None] = _set_traceback
+    option = click.Option(
+        ["--traceback"],
+        is_flag=True,
+        expose_value=False,
+        is_eager=True,
+        callback=callback,
+        help="Show where an error comes from.",
+    )
+    command.params.append(option)
+    return command
+
+
+def _set_traceback(context: click.Context, _: click.Parameter, wanted: bool) -> None:
+    context.ensure_object(Settings).traceback |= wanted
+
+
+@_with_traceback
+@click.group(cls=Lidario, invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="lidario", message="%(prog)s %(version)s")
+@click.pass_context
+def cli(context: click.Context) -> int | None:
+    """2D laser scanners: find them, ask them, read their scans, or simulate one.
+
+    Without a verb: what is plugged in, and what to type next.
+
+    A SOURCE is a serial port (/dev/ttyUSB0, COM3), tcp://host:port, id:SERIAL (the lidar's own serial number),
+    a simulator (sim://MODEL?world=room&fault=drop:1%; `lidario sim --list` names the models), or auto, which
+    is the default: the only lidar that answers.
+    """
+    return show((), as_json=False, next_steps=True) if context.invoked_subcommand is None else None
+
+
+for verb in (devices, info, scan, sim):
+    cli.add_command(_with_traceback(verb))

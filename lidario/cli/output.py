@@ -1,0 +1,146 @@
+"""stdout and stderr: data on the one, everything else on the other.
+
+A reader of our stdout may dawdle: ``| less``, Ctrl-S on the terminal, a slow program at the end of a pipe. While
+scans run, a write that blocks would block the event loop, and with it the port, whose buffer holds 60 ms, and
+the handling of SIGTERM. So `Writer` writes from a thread of its own, and the caller awaits it: scans that come
+meanwhile are dropped whole at the mailbox and counted, and a signal still stops the device.
+
+A reader that has gone away is no error: it becomes `ReaderGone`, which ends the command without a word.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import queue
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING
+
+import click
+
+from lidario.cli.errors import ReaderGone, ReaderStalled
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
+
+__all__ = ["Writer", "console", "dump", "emit", "give_up_stdout", "message", "progress", "rendered"]
+
+PIPE_WIDTH = 160
+"""Columns of a table that no terminal bounds; enough that no cell is folded."""
+GRACE_S = 1.0
+
+
+class Writer:
+    """Writes to stdout from a thread, one piece at a time."""
+
+    def __init__(self) -> None:
+        self._pieces: queue.SimpleQueue[tuple[str, asyncio.Future[None]] | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._run, name="lidario: stdout", daemon=True)
+        self._thread.start()
+
+    async def write(self, text: str) -> None:
+        """Write `text`, and return when the reader has taken it or there is room for it.
+
+        Cancelling gives up the waiting; the text may be written all the same.
+
+        Raises:
+            ReaderGone: Nobody reads any more.
+            OSError: It cannot be written.
+        """
+        done = asyncio.get_running_loop().create_future()
+        self._pieces.put((text, done))
+        await done
+
+    def close(self, code: int) -> None:
+        """Let the thread finish; `code` is how the command will end.
+
+        Raises:
+            ReaderStalled: It cannot, since nobody takes what it writes.
+        """
+        self._pieces.put(None)
+        self._thread.join(GRACE_S)
+        if self._thread.is_alive():
+            raise ReaderStalled(code)
+
+    def _run(self) -> None:
+        while (piece := self._pieces.get()) is not None:
+            text, done = piece
+            error: Exception | None = None
+            try:
+                emit(text)
+            except (OSError, ReaderGone) as caught:
+                error = caught
+            # The loop is closed when the command was ended while this write was blocked.
+            with suppress(RuntimeError):
+                done.get_loop().call_soon_threadsafe(_settle, done, error)
+
+
+def emit(text: str) -> None:
+    """Write data to stdout, at once.
+
+    Raises:
+        ReaderGone: Nobody reads it.
+        OSError: It cannot be written.
+    """
+    try:
+        click.echo(text, nl=False)
+    except BrokenPipeError as error:
+        raise ReaderGone from error
+
+
+def dump(value: object) -> None:
+    """Write `value` to stdout as JSON for programs and for people who look at it."""
+    emit(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def message(text: str) -> None:
+    """Write a line to stderr."""
+    click.echo(text, err=True)
+
+
+def console(*, stderr: bool = False) -> Console:
+    """A rich console on stdout or stderr that never interprets what a device says as markup."""
+    from rich.console import Console
+
+    stream = sys.stderr if stderr else sys.stdout
+    width = None if stream.isatty() or "COLUMNS" in os.environ else PIPE_WIDTH
+    return Console(stderr=stderr, width=width, markup=False, highlight=False, emoji=False)
+
+
+def rendered(target: Console, *parts: RenderableType) -> str:
+    """What `target` would print, as text; `emit` it then."""
+    with target.capture() as capture:
+        for part in parts:
+            target.print(part)
+    return capture.get()
+
+
+@contextmanager
+def progress(text: str) -> Iterator[None]:
+    """Show that something is under way, on stderr and only on a terminal."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    with console(stderr=True).status(text):
+        yield
+
+
+def give_up_stdout() -> None:
+    """Let what is still buffered for a reader that has gone vanish, not complain when the process ends."""
+    with suppress(OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
+
+
+def _settle(done: asyncio.Future[None], error: Exception | None) -> None:
+    if done.done():
+        return
+    if error is None:
+        done.set_result(None)
+    else:
+        done.set_exception(error)

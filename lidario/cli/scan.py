@@ -1,0 +1,138 @@
+"""``lidario scan``: scans on stdout, for people or for programs.
+
+People get a line per scan and, after the last one, a picture of the room. The device is stopped before anything
+slow is done: when the picture is drawn, laser and motor are off already.
+
+``-n 0`` asks for an endless stream. It has no end of its own, so Ctrl-C (or SIGTERM) is how it is meant to end:
+with a summary, and exit code 0. A verb that was asked for a number of scans and interrupted before ends with 130.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import click
+
+from lidario.cli.errors import ExitCode, Stopped, exit_code
+from lidario.cli.output import Writer, console, emit, message, progress, rendered
+
+if TYPE_CHECKING:
+    from lidario import Lidar, Scan
+
+__all__ = ["scan"]
+
+
+@dataclass
+class _Order:
+    """What was asked for; `count` 0 is endless, `form` is ``people``, ``json`` or ``csv``."""
+
+    source: str
+    count: int
+    mode: str | int | None
+    form: str
+    keep_spinning: bool
+
+
+@dataclass
+class _Tally:
+    """What came of it so far, also for those who are interrupted."""
+
+    lidar: Lidar | None = None
+    last: Scan | None = None
+    count: int = 0
+    began: float = field(default_factory=time.monotonic)
+
+
+@click.command()
+@click.argument("source", default="auto")
+@click.option("-n", "count", default=1, show_default=True, type=click.IntRange(min=0), metavar="N",
+              help="How many scans; 0 for as many as come until Ctrl-C.")  # fmt: skip
+@click.option("--mode", metavar="MODE", help="Scan mode by name or id, as `lidario info` lists them.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object per line and scan.")
+@click.option("--csv", "as_csv", is_flag=True, help="One row per sample.")
+@click.option("--keep-spinning", is_flag=True, help="Leave the motor on; only the measuring stops.")
+def scan(source: str, count: int, mode: str | None, as_json: bool, as_csv: bool, keep_spinning: bool) -> int:
+    """Read scans and print them.
+
+    Angles are radians counter-clockwise from forward, ranges metres; null (JSON) or an empty field (CSV) where
+    nothing came back. Laser and motor are stopped however the command ends.
+    """
+    if as_json and as_csv:
+        raise click.UsageError("--json and --csv exclude each other", click.get_current_context())
+    form = "json" if as_json else "csv" if as_csv else "people"
+    by_id = int(mode) if mode is not None and mode.isdecimal() else mode
+    return _carry_out(_Order(source, count, by_id, form, keep_spinning))
+
+
+def _carry_out(order: _Order) -> int:
+    from lidario import LidarError
+    from lidario.cli.running import run
+
+    tally = _Tally()
+    writer = Writer()
+    failure: Exception | None = None
+    try:
+        run(lambda: _read(order, tally, writer))
+    except Stopped as stopped:
+        failure = stopped if order.count else None
+    except LidarError as error:
+        failure = error
+    finally:
+        writer.close(ExitCode.OK if failure is None else exit_code(failure))
+    if tally.last is not None:
+        if order.form == "people" and failure is None:
+            _draw(tally.last)
+        if order.count != 1:
+            _sum_up(tally)
+    if failure is not None:
+        raise failure
+    return ExitCode.OK
+
+
+async def _read(order: _Order, tally: _Tally, writer: Writer) -> None:
+    from lidario import open_lidar
+    from lidario.cli import formats
+
+    form = {"json": formats.as_json, "csv": formats.as_csv, "people": formats.as_row}[order.form]
+    header = {"json": "", "csv": formats.CSV_HEADER, "people": formats.ROW_HEADER}[order.form]
+    where = order.source if order.source != "auto" else "the first scan"
+    with ExitStack() as waiting:
+        waiting.enter_context(progress(f"waiting for {where} …"))
+        async with open_lidar(order.source, keep_spinning=order.keep_spinning) as lidar:
+            tally.lidar, tally.began = lidar, time.monotonic()
+            async with lidar.scans(order.mode) as stream:
+                async for scan in stream:
+                    if not tally.count:
+                        waiting.close()
+                        if order.form == "people":
+                            message(f"{lidar.info.model}, serial number {lidar.info.serial}, mode {scan.mode}")
+                        await writer.write(header)
+                    await writer.write(form(scan))
+                    tally.last, tally.count = scan, tally.count + 1
+                    if tally.count == order.count:
+                        return
+
+
+def _draw(last: Scan) -> None:
+    from lidario.cli.picture import picture
+
+    target = console()
+    emit("\n" + rendered(target, picture(last, target)))
+
+
+def _sum_up(tally: _Tally) -> None:
+    """On stderr, since stdout may hold data."""
+    if tally.lidar is None:
+        return
+    stats = tally.lidar.stats
+    took = time.monotonic() - tally.began
+    if sys.stderr.isatty():
+        message("")  # the terminal has just echoed ^C
+    message(
+        f"{tally.count} scan{'s' if tally.count != 1 else ''} in {took:.1f} s; {stats.lost_packets} packets lost, "
+        f"{stats.skipped_bytes} bytes skipped, {stats.dropped_scans} scans dropped"
+    )

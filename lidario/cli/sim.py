@@ -1,0 +1,173 @@
+"""``lidario sim``: a simulated lidar for anybody's driver, on a pseudo-terminal or a TCP port.
+
+The first line on stdout is what a client opens; it is all there is on stdout, so that a script can read it. It
+serves until Ctrl-C, and then says which requests it saw and which of them a real device would have ignored, and
+why: what the author of a driver wants to know.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import sys
+import time
+from collections import Counter
+from typing import TYPE_CHECKING, cast
+
+import click
+
+from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.output import emit, message
+
+if TYPE_CHECKING:
+    from lidario.sim.device import SimulatedDevice
+    from lidario.sim.faults import Faults
+    from lidario.sim.serve import PtyServer, TcpServer
+
+__all__ = ["sim"]
+
+LOOK_S = 0.1
+HAS_PTY = sys.platform != "win32"
+
+
+@click.command()
+@click.argument("model", required=False)
+@click.option("--pty", is_flag=True, help="On a pseudo-terminal: the default where the system has them.")
+@click.option(
+    "--tcp", metavar="[HOST]:PORT", help="On a TCP port of this machine, or of that address; port 0 is any."
+)
+@click.option("--fault", "faults", multiple=True, metavar="NAME[:VALUE]",
+              help="What happens to its bytes: drop:1%, flip:0.1%, insert:0.1%, silent:5s, unplug:5s, stall:200ms, "
+              "garbage. May be given several times.")  # fmt: skip
+@click.option("--world", metavar="NAME", help="What it sees: room, corridor, circle or empty.")
+@click.option("--serial", metavar="HEX", help="Its serial number.")
+@click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0), metavar="N",
+              help="Decides everything random.")  # fmt: skip
+@click.option("--list", "list_models", is_flag=True, help="Name the models there are, the default first, and end.")
+def sim(
+    model: str | None,
+    pty: bool,
+    tcp: str | None,
+    faults: tuple[str, ...],
+    world: str | None,
+    serial: str | None,
+    seed: int,
+    list_models: bool,
+) -> int:
+    """Serve a simulated lidar until Ctrl-C.
+
+    It takes its requests and sends its scans as strictly and as slowly as the real one, for any driver.
+    """
+    from lidario.families.registry import FAMILIES
+
+    if list_models:
+        emit("".join(f"{name}\n" for family in FAMILIES for name in family.simulated))
+        return ExitCode.OK
+    if pty and tcp is not None:
+        raise click.UsageError("--pty and --tcp exclude each other", click.get_current_context())
+    model = model or FAMILIES[0].simulated[0]
+    device = _device(model, world, serial, seed)
+    happening = _faults(faults, seed)
+    if tcp is not None or not (pty or HAS_PTY):
+        return _serve(_on_tcp(device, tcp or ":0", happening), model)
+    return _serve(_on_pty(device, happening), model)
+
+
+def _device(model: str, world: str | None, serial: str | None, seed: int) -> SimulatedDevice:
+    from lidario.families.registry import family_of_simulated
+    from lidario.sim.world import make_world
+
+    family = family_of_simulated(model)
+    try:
+        number = None if serial is None else bytes.fromhex(serial)
+    except ValueError:
+        raise click.BadParameter(f"{serial!r} is no hexadecimal number", param_hint="--serial") from None
+    try:
+        sight = None if world is None else make_world(world, seed=seed)
+    except ValueError as error:
+        raise click.BadParameter(str(error), param_hint="--world") from None
+    try:
+        return cast("SimulatedDevice", family.simulate(model, world=sight, serial=number, seed=seed))
+    except ValueError as error:
+        raise click.BadParameter(str(error), param_hint="--serial") from None
+
+
+def _faults(words: tuple[str, ...], seed: int) -> Faults | None:
+    from lidario.sim.faults import parse_faults
+
+    try:
+        return parse_faults(",".join(words), seed=seed) if words else None
+    except ValueError as error:
+        raise click.BadParameter(str(error), param_hint="--fault") from None
+
+
+def _on_pty(device: SimulatedDevice, faults: Faults | None) -> PtyServer:
+    from lidario import ConnectFailed
+    from lidario.sim.serve import PtyServer
+
+    try:
+        return PtyServer(device, faults=faults)
+    except OSError as error:
+        raise ConnectFailed(
+            f"no pseudo-terminal to be had: {error}. --tcp :0 needs none", reason="missing"
+        ) from error
+
+
+def _on_tcp(device: SimulatedDevice, address: str, faults: Faults | None) -> TcpServer:
+    """Of this machine only, unless the address names another interface."""
+    from lidario import ConnectFailed
+    from lidario.sim.serve import TcpServer
+
+    host, _, port = address.rpartition(":")
+    if not port.isdecimal() or int(port) > 0xFFFF:
+        raise click.BadParameter(f"{address!r} is no [HOST]:PORT, such as :2000", param_hint="--tcp")
+    try:
+        return TcpServer(device, host or "127.0.0.1", int(port), faults=faults)
+    except OSError as error:
+        why = {errno.EADDRINUSE: "busy", errno.EACCES: "permission"}.get(error.errno or 0, "source")
+        cure = ". --tcp :0 takes any port that is free" if why == "busy" else ""
+        what = (error.strerror or str(error)).partition(" (while")[0]
+        raise ConnectFailed(f"cannot listen on {address}: {what}{cure}", reason=why) from error
+
+
+def _serve(server: PtyServer | TcpServer, model: str) -> int:
+    from lidario.cli.running import run
+    from lidario.sim.serve import TcpServer
+
+    if isinstance(server, TcpServer):
+        host, port = server.address
+        name = f"tcp://{host}:{port}"
+    else:
+        name = server.path
+    began = time.monotonic()
+    with server:
+        emit(f"{name}\n")
+        message(f"a simulated {model} at {server.device.baudrate} baud, until Ctrl-C; for instance")
+        message(f"  lidario scan {name}")
+        try:
+            run(lambda: _until_unplugged(server))
+            message("the cable is out, as --fault has it")
+        except Stopped:
+            if sys.stderr.isatty():
+                message("")  # the terminal has just echoed ^C
+    _sum_up(server, time.monotonic() - began)
+    return ExitCode.OK
+
+
+async def _until_unplugged(server: PtyServer | TcpServer) -> None:
+    while not server.unplugged:  # noqa: ASYNC110
+        await asyncio.sleep(LOOK_S)  # the server is a thread, and has no event to await
+
+
+def _sum_up(server: PtyServer | TcpServer, took: float) -> None:
+    log = server.device.log
+    obeyed = Counter(request.name for request in log if request.obeyed)
+    ignored = Counter((request.name, request.why) for request in log if not request.obeyed)
+    seen = ", ".join(f"{name} {count}" for name, count in obeyed.items())
+    message(f"served {took:.1f} s; requests seen: {seen or 'none'}")
+    for (name, why), count in ignored.items():
+        message(f"  ignored: {name} {count}, {why}")
+    if server.lost:
+        message(f"  {server.lost} bytes were lost, since the client was too slow to read them")
+    if server.device.scanning:
+        message("  the client has left it scanning")

@@ -1,0 +1,60 @@
+"""Simulated devices for session tests, one of each family, with what the tests ask of both."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from lidario.families.rplidar.simulated import make_simulated as make_first
+from lidario.families.ydlidar.simulated import make_simulated as make_second
+from lidario.session import OpenLidar, open_lidar
+
+__all__ = ["FAMILIES", "Rig", "both_families", "left_still", "make_rig", "names"]
+
+
+@dataclass
+class Rig:
+    """A simulated device and how to open it.
+
+    Attributes:
+        family: Name of its family.
+        device: The device; typed loosely, since the tests use hooks that only simulated devices have.
+        turn_s: Length of one turn at the speed it starts with.
+    """
+
+    family: str
+    device: Any
+    turn_s: float
+
+    def open(self, **options: Any) -> OpenLidar:
+        """Open it in memory."""
+        return open_lidar(self.device, family=self.family, **options)
+
+
+MAKERS: dict[str, tuple[Callable[..., Any], str, float]] = {
+    "rplidar": (make_first, "rplidar-s2", 0.1),
+    "ydlidar": (make_second, "ydlidar-4ros", 1 / 7),
+}
+FAMILIES = tuple(MAKERS)
+both_families = pytest.mark.parametrize("family", FAMILIES)
+
+
+def make_rig(family: str, model: str | None = None, **options: Any) -> Rig:
+    """A fresh device whose rotor needs no time to speed up."""
+    make, default, turn_s = MAKERS[family]
+    device = make(model or default, **options)
+    device.spin_up_s = 0.0
+    return Rig(family, device, turn_s)
+
+
+def names(rig: Rig, *, obeyed: bool | None = None) -> list[str]:
+    """Names of the requests the device has seen."""
+    return [each.name for each in rig.device.log if obeyed is None or each.obeyed is obeyed]
+
+
+def left_still(rig: Rig) -> bool:
+    """Whether laser and motor are off, and the last word the device heard was one that stops."""
+    return not rig.device.scanning and not rig.device.motor_on and names(rig)[-1] == "stop"

@@ -1,0 +1,360 @@
+"""The session over both families, on the strict simulated devices, in driven time."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+
+import numpy as np
+import pytest
+
+from lidario import (
+    Busy,
+    DeviceFault,
+    DeviceLost,
+    HealthStatus,
+    Lidar,
+    LocalProtocolError,
+    ResponseTimeout,
+    Scan,
+    SessionClosed,
+    Unsupported,
+    open_lidar,
+)
+from lidario.sim.world import make_world
+from tests.support.devices import Rig, both_families, left_still, make_rig, names
+from tests.support.loop import DrivenLoop, driven
+
+
+async def take(lidar: Lidar, count: int) -> list[Scan]:
+    scans: list[Scan] = []
+    async with lidar.scans() as stream:
+        async for scan in stream:
+            scans.append(scan)
+            if len(scans) == count:
+                break
+    return scans
+
+
+@both_families
+@driven
+async def test_scans_show_the_world(family: str) -> None:
+    rig = make_rig(family, world=make_world("circle"))
+    async with rig.open() as lidar:
+        assert lidar.health.status is HealthStatus.OK
+        scans = await take(lidar, 5)
+        assert [scan.seq for scan in scans] == [0, 1, 2, 3, 4]
+        for scan in scans:
+            np.testing.assert_allclose(scan.ranges, 2.0, atol=0.002)
+            steps = np.diff(np.unwrap(scan.angles.astype(np.float64)))
+            assert (steps < 0).all(), "the device turns clockwise, so angles fall"
+            assert abs(len(scan) * steps.mean()) == pytest.approx(2 * np.pi, rel=0.01)
+            assert scan.lost_packets == scan.dropped_before == 0
+        assert scans[-1].rpm == pytest.approx(60 / rig.turn_s, rel=0.01)
+    assert left_still(rig)
+
+
+@both_families
+@driven
+async def test_stamps_are_one_turn_apart_and_in_the_past(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        loop = asyncio.get_running_loop()
+        last = None
+        async with lidar.scans() as stream:
+            async for scan in stream:
+                age = loop.time() - scan.stamp_ns * 1e-9
+                assert rig.turn_s < age < 1.2 * rig.turn_s
+                assert abs(scan.wall_stamp_ns - scan.stamp_ns - (time.time_ns() - round(loop.time() * 1e9))) < 60e9
+                if last is not None:
+                    assert scan.stamp_ns - last == pytest.approx(rig.turn_s * 1e9, rel=0.02)
+                last = scan.stamp_ns
+                if scan.seq == 5:
+                    break
+
+
+@both_families
+@driven
+async def test_a_query_interrupts_the_stream_and_lets_it_go_on(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        health = await lidar.get_health()
+        assert health.ok
+        after = [await anext(stream) for _ in range(3)]
+        assert [scan.seq for scan in after] == [1, 2, 3]
+        assert lidar.stats.interruptions == 1
+        assert lidar.is_scanning
+    assert left_still(rig)
+
+
+@both_families
+@driven
+async def test_every_question_has_an_answer_in_every_state(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        for scanning in (False, True):
+            if scanning:
+                stream = lidar.scans()
+                await anext(stream)
+            assert (await lidar.get_info()) == lidar.info
+            assert (await lidar.get_health()).ok
+            assert any(mode.typical for mode in await lidar.get_modes())
+            assert await lidar.get_scan_frequency() == pytest.approx(1 / rig.turn_s, rel=0.01)
+            assert (await lidar.reset()).ok
+            if scanning:
+                assert (await anext(stream)).seq > 0
+                await lidar.stop()
+                with pytest.raises(StopAsyncIteration):
+                    while True:
+                        await anext(stream)
+                assert left_still(rig)
+
+
+@both_families
+@driven
+async def test_the_set_speed_is_checked_against_the_measured_one(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        assert await lidar.set_scan_frequency(9.0) == pytest.approx(9.0, abs=0.05)
+        assert lidar.scan_frequency == pytest.approx(9.0, rel=0.05)
+        assert await lidar.set_motor_speed(600) == pytest.approx(600, abs=3)
+        assert (await anext(stream)).rpm == pytest.approx(600, rel=0.05)
+        with pytest.raises(ValueError, match="40"):
+            await lidar.set_scan_frequency(40.0)
+        assert (await anext(stream)).rpm == pytest.approx(600, rel=0.05)
+
+
+@both_families
+@driven
+async def test_several_readers_each_get_every_scan(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        one, two = await asyncio.gather(take(lidar, 4), take(lidar, 4))
+        assert [scan.seq for scan in one] == [scan.seq for scan in two]
+        assert names(rig).count("stop") <= 4
+
+
+@both_families
+@driven
+async def test_a_slow_reader_gets_the_latest_scan_and_the_count_of_the_missed(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar, lidar.scans() as slow, lidar.scans(depth=4) as deep:
+        first = await anext(slow)
+        second = await anext(deep)
+        await asyncio.sleep(10 * rig.turn_s)
+        late = await anext(slow)
+        assert late.dropped_before == late.seq - first.seq - 1 > 5
+        kept = [await anext(deep) for _ in range(4)]
+        assert [scan.seq for scan in kept] == list(range(kept[0].seq, kept[0].seq + 4))
+        assert kept[0].dropped_before == kept[0].seq - second.seq - 1
+        assert [scan.dropped_before for scan in kept[1:]] == [0, 0, 0]
+        assert lidar.stats.dropped_scans == slow.dropped + deep.dropped
+
+
+@both_families
+@driven
+async def test_one_stream_has_one_reader(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        waiting = asyncio.ensure_future(stream.__anext__())
+        await asyncio.sleep(0)
+        with pytest.raises(Busy):
+            await anext(stream)
+        assert (await waiting).seq == 1
+
+
+@both_families
+@driven
+async def test_a_silent_device_ends_the_stream_but_not_the_session(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        loop = asyncio.get_running_loop()
+        async with lidar.scans() as stream:
+            await anext(stream)
+            rig.device.mute = True
+            before = loop.time()
+            with pytest.raises(DeviceLost, match="no scan data"):
+                while True:
+                    await anext(stream)
+            assert loop.time() - before < 1.0 + rig.turn_s
+        rig.device.mute = False
+        assert len(await take(lidar, 1)) == 1
+    assert left_still(rig)
+
+
+@both_families
+@driven
+async def test_a_device_that_never_speeds_up_is_reported(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        await lidar.get_modes()
+        rig.device.spin_up_s = 1e6
+        with pytest.raises(DeviceLost, match="no scan data"):
+            await lidar.scan()
+    assert left_still(rig)
+
+
+@both_families
+@driven
+async def test_garbage_for_an_answer_is_asked_again(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        rig.device.garble_answers = 1
+        assert (await lidar.get_info()) == lidar.info
+        rig.device.garble_answers = 1000
+        with pytest.raises(ResponseTimeout, match="no answer to it") as caught:
+            await lidar.get_info()
+        assert caught.value.noise > 0
+        assert isinstance(caught.value, TimeoutError)
+        rig.device.garble_answers = 0
+        assert (await lidar.get_info()) == lidar.info
+
+
+@both_families
+@driven
+async def test_protection_stop_is_cured_by_a_reset(family: str) -> None:
+    rig = make_rig(family)
+    rig.device.protection_stop(0x21)
+    async with rig.open() as lidar:
+        assert lidar.health.ok
+        assert "reset" in names(rig, obeyed=True)
+        assert len(await take(lidar, 1)) == 1
+
+
+@both_families
+@driven
+async def test_a_fault_that_stays_is_raised_with_its_code(family: str) -> None:
+    rig = make_rig(family)
+    rig.device.faults_cleared_by_reset = False
+    rig.device.protection_stop(0x21)
+    with pytest.raises(DeviceFault, match="33") as caught:
+        async with rig.open():
+            raise AssertionError("a faulty device was opened")
+    assert caught.value.health.code == 0x21
+    assert left_still(rig)
+
+
+@both_families
+@driven
+async def test_after_close_everything_says_so(family: str) -> None:
+    rig = make_rig(family)
+    lidar = await rig.open()
+    stream = lidar.scans()
+    await anext(stream)
+    reading = asyncio.ensure_future(stream.__anext__())
+    await asyncio.sleep(0)
+    await lidar.close()
+    assert left_still(rig)
+    with pytest.raises(SessionClosed):
+        await reading
+    with pytest.raises(SessionClosed):
+        await lidar.get_health()
+    with pytest.raises(SessionClosed):
+        await anext(lidar.scans())
+    await lidar.close()
+
+
+@both_families
+@driven
+async def test_a_mode_that_the_device_lacks_is_named_with_those_it_has(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        with pytest.raises(Unsupported, match="Standard"):
+            await lidar.scan("Warp")
+        assert not rig.device.scanning
+
+
+@driven
+async def test_modes_by_name_and_id_and_not_two_at_a_time() -> None:
+    rig = make_rig("rplidar")
+    async with rig.open() as lidar:
+        dense = await lidar.scan()
+        assert dense.mode == "DenseBoost"
+        assert dense.intensities is None
+        standard = await lidar.scan("standard")
+        assert standard.mode == "Standard"
+        assert standard.intensities is not None
+        assert len(dense) == pytest.approx(2 * len(standard), rel=0.02)
+        async with lidar.scans(standard.mode) as stream:
+            await anext(stream)
+            with pytest.raises(LocalProtocolError, match="Standard"):
+                await anext(lidar.scans("DenseBoost"))
+            assert (await anext(lidar.scans())).mode == "Standard"
+
+
+@driven
+async def test_keep_spinning_stops_the_laser_alone() -> None:
+    rig = make_rig("rplidar")
+    async with rig.open(keep_spinning=True) as lidar:
+        await lidar.scan()
+    assert not rig.device.scanning
+    assert rig.device.motor_on
+
+
+@driven
+async def test_a_thousand_connects_to_a_device_that_still_streams() -> None:
+    random = np.random.default_rng(7)
+    for round_number in range(1000):
+        rig = make_rig("rplidar", seed=int(random.integers(1 << 30)))
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, DrivenLoop)
+        leftover = int(random.integers(0, 4097))
+        start = round(loop.time() * 1e9)
+        rig.device.begin_streaming(1, start)
+        # What the kernel still holds of a killed program's stream: up to 4 KiB, then the device goes on.
+        loop.block(leftover / (rig.device.baudrate / 10))
+        async with rig.open() as lidar:
+            assert lidar.info.model.startswith("RPLIDAR S2"), round_number
+        assert left_still(rig)
+
+
+@driven
+async def test_half_a_request_left_behind_does_no_harm() -> None:
+    for half in (b"\xa5", b"\xa5\x82", b"\xa5\x82\x05\x01", b"\xa5\x84\xff"):
+        rig = make_rig("rplidar")
+        rig.device.receive(half, round(asyncio.get_running_loop().time() * 1e9))
+        async with rig.open() as lidar:
+            assert len(await take(lidar, 1)) == 1
+
+
+@driven
+async def test_two_lidars_share_nothing() -> None:
+    one, two = make_rig("rplidar", seed=1, world=make_world("circle")), make_rig("ydlidar", seed=2)
+    async with one.open() as first, two.open() as second:
+        ours, theirs = await asyncio.gather(take(first, 20), take(second, 20))
+        assert first.info.serial != second.info.serial
+        assert first.stats.scans != 0
+        assert [scan.seq for scan in ours] == [scan.seq for scan in theirs] == list(range(20))
+        one.device.mute = True
+        with pytest.raises(ResponseTimeout):
+            await take(first, 1)
+        assert len(await take(second, 1)) == 1
+
+
+@driven
+async def test_an_unplugged_device_ends_every_stream_and_waiter() -> None:
+    async with open_lidar("sim://rplidar-s2?via=memory&fault=unplug:3s") as lidar:
+        streams = [lidar.scans() for _ in range(3)]
+        for stream in streams:
+            await anext(stream)
+
+        async def until_lost(stream: object) -> None:
+            with pytest.raises(DeviceLost, match="unplugged"):
+                while True:
+                    await anext(stream)  # type: ignore[call-overload]
+
+        await asyncio.gather(*map(until_lost, streams))
+        with pytest.raises(DeviceLost) as caught:
+            await lidar.get_health()
+        assert caught.value.__cause__ is not None
+
+
+def test_rigs_are_strict() -> None:
+    """The tests above mean something: the device they talk to refuses what comes too early."""
+    rig: Rig = make_rig("rplidar")
+    rig.device.receive(b"\xa5\x25", 0)
+    rig.device.receive(b"\xa5\x50", 9_000_000)
+    assert names(rig, obeyed=False) == ["get_info"]
