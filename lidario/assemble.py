@@ -16,7 +16,7 @@ that was least delayed tells best when the turn began.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from lidario.families.base import Samples, Stream
 from lidario.model import Scan
-from lidario.seam import Seam
+from lidario.seam import Seam, Split
 from lidario.wire.events import Packets
 
 __all__ = ["Assembler", "AssemblerStats"]
@@ -33,6 +33,9 @@ _BITS_A_BYTE = 10
 _DEVICE_DELAY_SAMPLES = 1.5
 _BROKEN_TURNS = 0.9
 """Share of a turn that may be missing in time, not seen as a jump of the angle, before a turn is broken."""
+
+_ENDLESS_TURNS = 2
+"""Turns of the slowest kind after which a turn that has not ended is given up."""
 
 _A = TypeVar("_A", bound=np.generic)
 
@@ -54,27 +57,53 @@ class AssemblerStats:
 
 @dataclass(slots=True, eq=False)
 class _Arrays:
-    """Samples of a turn in the making; shape (n,) each."""
+    """Samples in measuring order; shape (n,) each."""
 
     angle: NDArray[np.float64]
     distance: NDArray[np.float32]
     intensity: NDArray[np.uint8] | None
+
+    def __len__(self) -> int:
+        return len(self.angle)
 
     def cut(self, begin: int, end: int | None = None) -> _Arrays:
         intensity = None if self.intensity is None else self.intensity[begin:end]
         return _Arrays(self.angle[begin:end], self.distance[begin:end], intensity)
 
     def before(self, later: _Arrays) -> _Arrays:
-        if not len(self.angle):
-            return later
         intensity = None
         if self.intensity is not None and later.intensity is not None:
             intensity = np.concatenate((self.intensity, later.intensity))
-        return _Arrays(
-            np.concatenate((self.angle, later.angle)),
-            np.concatenate((self.distance, later.distance)),
-            intensity,
-        )
+        angle = np.concatenate((self.angle, later.angle))
+        return _Arrays(angle, np.concatenate((self.distance, later.distance)), intensity)
+
+
+@dataclass(slots=True, eq=False)
+class _Turn:
+    """A turn in the making: what the packet at the seam brought, and the packets since.
+
+    Attributes:
+        whole: Whether it began at the seam, so that it can become a scan.
+        carried: Samples of this turn from the packet that crossed the seam.
+        carried_ns: Arrival of that packet.
+        lost: Packets missing right behind that packet.
+        runs: The packets since.
+        packets: Their number.
+        arrivals: For each run, the number of packets up to its end, and its arrival.
+    """
+
+    whole: bool
+    carried: _Arrays | None = None
+    carried_ns: int = 0
+    lost: int = 0
+    runs: list[bytes] = field(default_factory=list)
+    packets: int = 0
+    arrivals: list[tuple[int, int]] = field(default_factory=list)
+
+    @property
+    def last_ns(self) -> int:
+        """Arrival of its latest packet."""
+        return self.arrivals[-1][1] if self.arrivals else self.carried_ns
 
 
 class Assembler:
@@ -95,13 +124,7 @@ class Assembler:
         self._byte_ns = _BITS_A_BYTE * 1e9 / baudrate if baudrate else 0.0
         self._wall_offset_ns = wall_offset_ns
         self._seam = Seam(stream.format.full_turn, stream.format.first_seam)
-        self._whole = False
-        self._runs: list[bytes] = []
-        self._arrivals: list[tuple[int, int]] = []
-        self._packets = 0
-        self._samples_seen = 0
-        self._carry: _Arrays | None = None
-        self._carry_arrival = 0
+        self._turn = _Turn(whole=False)
         self._last_start_ns: int | None = None
         self._last_turn_ns = 0.0
 
@@ -117,12 +140,11 @@ class Assembler:
         begin = 0
         for split in splits:
             if split.packet > begin:
-                behind = stream_format.samples_in(event.data[offsets[split.packet] :])
                 # What stands behind it was measured after it and is here already: it was late by that much.
-                arrived = event.received_ns - round(behind * self._stream.sample_ns)
-                self._keep(event.data[offsets[begin] : offsets[split.packet]], split.packet - begin, arrived)
-            following = event.data[offsets[split.packet] : offsets[split.packet + 1]]
-            scan = self._close(following, marked=split.marked, broken=split.broken)
+                behind = stream_format.samples_in(event.data[offsets[split.packet] :])
+                arrived_ns = event.received_ns - round(behind * self._stream.sample_ns)
+                self._keep(event.data[offsets[begin] : offsets[split.packet]], split.packet - begin, arrived_ns)
+            scan = self._close(split, event.data[offsets[split.packet] : offsets[split.packet + 1]])
             if scan is not None:
                 scans.append(scan)
             begin = split.packet
@@ -130,133 +152,107 @@ class Assembler:
         return scans
 
     def _keep(self, data: bytes, count: int, received_ns: int) -> None:
-        self._runs.append(data)
-        self._packets += count
-        self._arrivals.append((self._packets, received_ns))
-        if self._too_long(received_ns):
-            self._forget()
+        turn = self._turn
+        turn.runs.append(data)
+        turn.packets += count
+        turn.arrivals.append((turn.packets, received_ns))
+        if received_ns - turn.arrivals[0][1] > _ENDLESS_TURNS * 1e9 * self._stream.slowest_turn_s:
+            # It will never end as it should; without a bound it would be kept for ever.
+            self.stats.broken_scans += turn.whole
+            self._turn = _Turn(whole=False)
 
-    def _too_long(self, received_ns: int) -> bool:
-        """Whether the open turn has lasted longer than the slowest turn: it will never end as it should."""
-        return received_ns - self._arrivals[0][1] > 2e9 * self._stream.slowest_turn_s
-
-    def _forget(self) -> None:
-        self.stats.broken_scans += self._whole
-        self._whole = False
-        self._reset()
-        self._carry = None
-
-    def _reset(self) -> None:
-        self._runs = []
-        self._arrivals = []
-        self._packets = 0
-
-    def _close(self, following: bytes, *, marked: bool, broken: bool) -> Scan | None:
-        """End the open turn before the packet `following`."""
-        if not self._runs and self._carry is None:
-            self._whole = not broken
-            return None
-        samples = None
-        if self._runs:
-            samples = self._stream.decoder.decode(b"".join(self._runs), None if broken else following)
+    def _close(self, split: Split, following: bytes) -> Scan | None:
+        """End the turn in the making before the packet `following`, and begin the next."""
+        turn, self._turn = self._turn, _Turn(whole=not split.broken)
+        arrays, samples, lost = turn.carried, None, turn.lost
+        if turn.runs:
+            samples = self._stream.decoder.decode(b"".join(turn.runs), None if split.broken else following)
             self.stats.lost_packets += samples.lost
-        turn, head, rest = self._cut(samples, marked=marked)
-        arrivals, last_arrival = (
-            self._arrivals,
-            self._arrivals[-1][1] if self._arrivals else self._carry_arrival,
-        )
-        carry_arrival = self._carry_arrival
-        whole, self._whole = self._whole, not broken
-        self._reset()
-        self._carry = None if broken or rest is None or not len(rest.angle) else rest
-        self._carry_arrival = last_arrival
-        if not len(turn.angle):
+            lost += samples.lost
+            here = _Arrays(samples.angle_deg, samples.distance_mm, samples.intensity)
+            crossed = len(here) if split.marked or split.broken else self._crossing(samples)
+            if crossed < len(here):
+                self._turn.carried = here.cut(crossed)
+                self._turn.carried_ns = turn.last_ns
+                self._turn.lost = samples.lost_behind
+                lost -= samples.lost_behind
+                here = here.cut(0, crossed)
+            arrays = here if arrays is None else arrays.before(here)
+        if arrays is None or not len(arrays):
             return None
-        start_ns = self._start_ns(samples, head, arrivals, carry_arrival)
-        if broken or not whole:
-            self.stats.broken_scans += broken and whole
+        if split.broken or not turn.whole:
+            self.stats.broken_scans += split.broken and turn.whole
             self._last_start_ns = None
             return None
-        return self._scan(turn, samples, start_ns, last_arrival)
+        return self._scan(arrays, turn, samples, lost)
 
-    def _cut(self, samples: Samples | None, *, marked: bool) -> tuple[_Arrays, int, _Arrays | None]:
-        """The samples of the turn, how many of them the turn before carried over, and what goes to the next."""
-        carry = self._carry
-        head = 0 if carry is None else len(carry.angle)
-        if samples is None:
-            assert carry is not None
-            return carry, head, None
-        arrays = _Arrays(samples.angle_deg, samples.distance_mm, samples.intensity)
-        rest: _Arrays | None = None
-        if not marked and self._seam.angle is not None:
-            first = int(samples.ends[-2]) if len(samples.ends) > 1 else 0
-            beam = samples.beam_deg[first:]
-            seam = self._seam.angle * 360.0 / self._stream.format.full_turn
-            away = (beam[0] - seam) % 360.0 + (beam - beam[0])
-            here = int(np.count_nonzero(away < 360.0))
-            rest = arrays.cut(first + here)
-            arrays = arrays.cut(0, first + here)
-        return (arrays if carry is None else carry.before(arrays)), head, rest
+    def _crossing(self, samples: Samples) -> int:
+        """How many of the samples were measured before the rotor passed the seam, in the last packet."""
+        if self._seam.angle is None:
+            return len(samples.beam_deg)
+        first = int(samples.ends[-2]) if len(samples.ends) > 1 else 0
+        beam = samples.beam_deg[first:]
+        seam = self._seam.angle * 360.0 / self._stream.format.full_turn
+        away = (beam[0] - seam) % 360.0 + (beam - beam[0])
+        return first + int(np.count_nonzero(away < 360.0))
 
-    def _start_ns(
-        self, samples: Samples | None, head: int, arrivals: list[tuple[int, int]], carry_arrival: int
-    ) -> int:
+    def _start_ns(self, turn: _Turn, samples: Samples | None) -> int:
         """When the first sample of the turn was measured, by the least delayed packet before the first gap."""
         sample_ns = self._stream.sample_ns
+        carried = 0 if turn.carried is None else len(turn.carried)
         candidates: list[float] = []
-        if head:
-            candidates.append(carry_arrival - (head - 1) * sample_ns)
-        if samples is not None:
-            for packets, received_ns in arrivals:
+        if carried:
+            candidates.append(turn.carried_ns - (carried - 1) * sample_ns)
+        if samples is not None and not (turn.lost and candidates):
+            for packets, received_ns in turn.arrivals:
                 if packets > samples.unbroken and candidates:
                     break
-                candidates.append(received_ns - (head + int(samples.ends[packets - 1]) - 1) * sample_ns)
-        wire_ns = self._stream.format.longest * self._byte_ns
-        return round(min(candidates) - _DEVICE_DELAY_SAMPLES * sample_ns - wire_ns)
+                candidates.append(received_ns - (carried + int(samples.ends[packets - 1]) - 1) * sample_ns)
+        packet_bytes = sum(map(len, turn.runs)) / turn.packets if turn.packets else self._stream.format.shortest
+        return round(min(candidates) - _DEVICE_DELAY_SAMPLES * sample_ns - packet_bytes * self._byte_ns)
 
-    def _scan(self, turn: _Arrays, samples: Samples | None, start_ns: int, last_arrival: int) -> Scan | None:
-        count, lost = len(turn.angle), samples.lost if samples else 0
-        last_start, self._last_start_ns = self._last_start_ns, start_ns
-        sample_ns = self._stream.sample_ns
-        spanned = count * sample_ns
-        if samples is not None and lost:
-            spanned += lost * sample_ns * len(samples.distance_mm) / len(samples.ends)
-        if not sample_ns:
-            spanned = float(last_arrival - start_ns)
-            sample_ns = spanned / count
-        ordinary = self._last_turn_ns or spanned
-        if last_arrival - start_ns > spanned + _BROKEN_TURNS * ordinary:
+    def _scan(self, arrays: _Arrays, turn: _Turn, samples: Samples | None, lost: int) -> Scan | None:
+        start_ns = self._start_ns(turn, samples)
+        last_start_ns, self._last_start_ns = self._last_start_ns, start_ns
+        sample_ns = self._stream.sample_ns or (turn.last_ns - start_ns) / len(arrays)
+        spanned_ns = len(arrays) * sample_ns
+        if samples is not None:
+            spanned_ns += lost * sample_ns * len(samples.beam_deg) / len(samples.ends)
+        ordinary_ns = self._last_turn_ns or spanned_ns
+        if turn.last_ns - start_ns > spanned_ns + _BROKEN_TURNS * ordinary_ns:
             self.stats.broken_scans += 1
             self._last_start_ns = None
             return None
-        interval = float(start_ns - last_start) if last_start is not None else spanned
-        self._last_turn_ns = spanned
+        self._last_turn_ns = spanned_ns
+        interval_ns = spanned_ns if last_start_ns is None else float(start_ns - last_start_ns)
+        seq = self.stats.scans
         self.stats.scans += 1
         return _build(
             self._stream,
-            turn,
-            start_ns,
-            self._wall_offset_ns,
-            spanned,
-            sample_ns,
-            interval,
-            self.stats.scans - 1,
-            lost,
+            arrays,
+            start_ns=start_ns,
+            wall_ns=start_ns + self._wall_offset_ns,
+            spanned_ns=spanned_ns,
+            sample_ns=sample_ns,
+            interval_ns=interval_ns,
+            seq=seq,
+            lost=lost,
         )
 
 
 def _build(
     stream: Stream,
-    turn: _Arrays,
+    arrays: _Arrays,
+    *,
     start_ns: int,
-    wall_offset_ns: int,
+    wall_ns: int,
     spanned_ns: float,
     sample_ns: float,
     interval_ns: float,
     seq: int,
     lost: int,
 ) -> Scan:
-    degrees = turn.angle
+    degrees = arrays.angle
     if stream.zero_offset_deg:
         degrees = (degrees + stream.zero_offset_deg) % 360.0
     device_angles = degrees.astype(np.float32)
@@ -264,16 +260,16 @@ def _build(
     device_angles[device_angles >= np.float32(360.0)] = 0.0
     angles = -np.radians(degrees)
     angles[degrees > 180.0] += 2 * math.pi
-    ranges = turn.distance * np.float32(1e-3)
-    ranges[turn.distance <= 0] = np.nan
+    ranges = arrays.distance * np.float32(1e-3)
+    ranges[arrays.distance <= 0] = np.nan
     return Scan(
         angles=_frozen(angles.astype(np.float32)),
         ranges=_frozen(ranges),
-        intensities=None if turn.intensity is None else _frozen(turn.intensity),
+        intensities=None if arrays.intensity is None else _frozen(arrays.intensity),
         device_angles=_frozen(device_angles),
-        device_distances=_frozen(turn.distance),
+        device_distances=_frozen(arrays.distance),
         stamp_ns=start_ns,
-        wall_stamp_ns=start_ns + wall_offset_ns,
+        wall_stamp_ns=wall_ns,
         time_increment_ns=round(sample_ns),
         duration_ns=round(spanned_ns),
         rpm=60e9 / interval_ns if interval_ns > 0 else math.nan,

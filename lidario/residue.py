@@ -40,7 +40,7 @@ class Residue:
                 count = _packets(self._kept, stream_format)
                 if count > 1:
                     return (
-                        f"{self.total} bytes came back, {family.title} {stream_format.name} packets among them: "
+                        f"{self.total} bytes came back, {family.title} packets among them: "
                         "it streams, but does not obey"
                     )
         return f"{self.total} bytes of garbage came back, as at a wrong baud rate"

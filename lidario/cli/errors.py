@@ -32,7 +32,7 @@ from lidario import (
     Unsupported,
 )
 
-__all__ = ["ExitCode", "NoDevice", "ReaderGone", "ReaderStalled", "Stopped", "exit_code", "report"]
+__all__ = ["ExitCode", "ReaderGone", "Stopped", "exit_code", "report"]
 
 _PREFIX = "error: "
 
@@ -66,22 +66,6 @@ class ReaderGone(Exception):
     """Whoever read our stdout has closed it, as ``head`` does: nothing to complain about."""
 
 
-class ReaderStalled(Exception):
-    """Whoever reads our stdout does not, and the program must end without waiting for it.
-
-    Attributes:
-        code: How the command would have ended.
-    """
-
-    def __init__(self, code: int) -> None:
-        super().__init__("nobody reads what this command writes")
-        self.code = code
-
-
-class NoDevice(Exception):
-    """No lidar answers; what there is to say was said on stdout."""
-
-
 _REASONS = {
     "missing": ExitCode.NO_DEVICE,
     "ambiguous": ExitCode.NO_DEVICE,
@@ -98,7 +82,6 @@ _KINDS: tuple[tuple[type[BaseException], ExitCode], ...] = (
     (ResponseTimeout, ExitCode.NO_DATA),
     (ProtocolError, ExitCode.NO_DATA),
     (Unsupported, ExitCode.USAGE),
-    (NoDevice, ExitCode.NO_DEVICE),
     (ReaderGone, ExitCode.OK),
     (click.Abort, ExitCode.INTERRUPTED),
     (KeyboardInterrupt, ExitCode.INTERRUPTED),
@@ -113,8 +96,6 @@ def exit_code(error: BaseException) -> int:
         return error.exit_code
     if isinstance(error, Stopped):
         return 128 + error.signal
-    if isinstance(error, ReaderStalled):
-        return error.code
     return next((code for kind, code in _KINDS if isinstance(error, kind)), ExitCode.UNEXPECTED)
 
 
@@ -135,7 +116,7 @@ def _words(error: BaseException) -> str:
         context = error.ctx if isinstance(error, click.UsageError) else None
         help_line = f"\n{context.command_path} --help   tells what there is" if context else ""
         return message[:1].lower() + message[1:] + help_line
-    if isinstance(error, Stopped | ReaderGone | ReaderStalled | NoDevice | click.Abort | KeyboardInterrupt):
+    if isinstance(error, Stopped | ReaderGone | click.Abort | KeyboardInterrupt):
         return ""
     what = " ".join(str(error).split())
     return f"unexpected {type(error).__name__}{f': {what}' if what else ''} (--traceback shows where)"

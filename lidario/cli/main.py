@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ import rich  # noqa: F401  (the verbs need it later on: if it is missing, let it
 
 from lidario import __version__
 from lidario.cli.devices import devices, show
-from lidario.cli.errors import ExitCode, ReaderGone, ReaderStalled, exit_code, report
+from lidario.cli.errors import ExitCode, ReaderGone, exit_code, report
 from lidario.cli.info import info
 from lidario.cli.output import give_up_stdout
 from lidario.cli.scan import scan
@@ -39,10 +38,7 @@ class Lidario(click.Group):
     """A group whose errors are ours to tell."""
 
     def run(self, arguments: Sequence[str]) -> int:
-        """Run the verb that `arguments` name; returns the exit code and never raises.
-
-        Where a write to a stalled reader cannot be ended, the process is.
-        """
+        """Run the verb that `arguments` name; returns the exit code."""
         settings = Settings()
         try:
             result = super().main(list(arguments), "lidario", standalone_mode=False, obj=settings)
@@ -52,10 +48,6 @@ class Lidario(click.Group):
             code = exit_code(error)
             if isinstance(error, ReaderGone):
                 give_up_stdout()
-            if isinstance(error, ReaderStalled):
-                # The thread that hangs in the write holds a lock that an orderly exit would wait for.
-                sys.stderr.flush()
-                os._exit(code)
         return int(code)
 
     def main(self, args: Sequence[str] | None = None, *_: object, **__: object) -> Any:

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lidario.cli.errors import ReaderGone, ReaderStalled
+from lidario.cli.errors import ReaderGone
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -55,16 +55,11 @@ class Writer:
         self._pieces.put((text, done))
         await done
 
-    def close(self, code: int) -> None:
-        """Let the thread finish; `code` is how the command will end.
-
-        Raises:
-            ReaderStalled: It cannot, since nobody takes what it writes.
-        """
+    def close(self) -> bool:
+        """Let the thread finish; False when it cannot, since nobody takes what it writes."""
         self._pieces.put(None)
         self._thread.join(GRACE_S)
-        if self._thread.is_alive():
-            raise ReaderStalled(code)
+        return not self._thread.is_alive()
 
     def _run(self) -> None:
         while (piece := self._pieces.get()) is not None:

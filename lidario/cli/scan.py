@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lidario.cli.errors import ExitCode, Stopped, exit_code
+from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import Writer, console, emit, message, progress, rendered
 
 if TYPE_CHECKING:
@@ -82,9 +82,9 @@ def _carry_out(order: _Order) -> int:
     except LidarError as error:
         failure = error
     finally:
-        writer.close(ExitCode.OK if failure is None else exit_code(failure))
+        listened = writer.close()
     if tally.last is not None:
-        if order.form == "people" and failure is None:
+        if order.form == "people" and failure is None and listened:
             _draw(tally.last)
         if order.count != 1:
             _sum_up(tally)

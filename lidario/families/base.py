@@ -40,6 +40,7 @@ class Samples:
         ends: Samples up to and including each packet, shape (packets,).
         lost: Packets missing between these ones and before the one that follows.
         unbroken: Leading packets before the first gap.
+        lost_behind: How many of the lost ones stood behind the last packet.
     """
 
     beam_deg: NDArray[np.float64]
@@ -49,6 +50,7 @@ class Samples:
     ends: NDArray[np.intp]
     lost: int
     unbroken: int
+    lost_behind: int = 0
 
 
 class Decoder(Protocol):

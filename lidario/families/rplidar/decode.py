@@ -104,6 +104,7 @@ class CapsuleDecoder(ABC):
             ends=np.arange(1, len(rows) + 1) * self.samples,
             lost=int(arcs.missing.sum()),
             unbroken=int(gaps[0]) + 1 if len(gaps) else len(rows),
+            lost_behind=int(arcs.missing[-1]),
         )
 
     @abstractmethod
@@ -209,6 +210,7 @@ class HqDecoder:
             ends=np.arange(1, len(rows) + 1) * self.samples,
             lost=int(missing.sum()),
             unbroken=int(gaps[0]) + 1 if len(gaps) else len(rows),
+            lost_behind=int(missing[-1]),
         )
 
 
@@ -235,6 +237,7 @@ class NodeDecoder:
             ends=np.arange(1, len(rows) + 1),
             lost=int(missing.sum()),
             unbroken=int(gaps[0]) + 1 if len(gaps) else len(rows),
+            lost_behind=int(missing[-1]),
         )
 
 

@@ -17,8 +17,8 @@ __all__ = ["Arcs", "Rotation"]
 
 RETREAT_TURNS: Final = 1 / 36
 """Headings may fall back by up to this part of a turn; any more is the long way round, forwards."""
-TRUSTED_GAP: Final = 3
-"""Missing packets up to which the arc over the gap, divided evenly, is better than a neighbour's arc."""
+TRUSTED_GAP: Final = 8
+"""Missing packets up to which the arc over the gap says more than an ordinary arc."""
 
 
 class Arcs(NamedTuple):
@@ -45,6 +45,7 @@ class Rotation:
         self._full_turn = full_turn
         self._jitter = jitter
         self._typical: float | None = None
+        self._last_arc = 0.0
 
     def arcs(self, headings: NDArray[np.int64], following: int | None) -> Arcs:
         """The arc of each packet and the gaps behind them, given where the next packet begins, if known."""
@@ -56,15 +57,23 @@ class Rotation:
         known = spans if following is not None else spans[:-1]
         typical = self._learn(known)
         if typical <= 0:
-            return Arcs(spans, np.zeros(len(spans), np.intp))
+            return Arcs(np.maximum(spans, 0.0), np.zeros(len(spans), np.intp))
         turns = spans / typical
         missing = np.ceil(turns - 1 - self._jitter).astype(np.intp)
         if following is None:
             missing[-1] = -1
         arc = np.where(missing == 0, spans, typical)
-        short_gap = (missing > 0) & (missing <= TRUSTED_GAP)
-        arc[short_gap] = spans[short_gap] / (missing[short_gap] + 1)
+        for gap in np.flatnonzero((missing > 0) & (missing <= TRUSTED_GAP)).tolist():
+            arc[gap] = self._before_gap(arc, missing, gap, spans[gap] / (missing[gap] + 1))
+        self._last_arc = float(arc[-1])
         return Arcs(arc, np.maximum(missing, 0))
+
+    def _before_gap(self, arc: NDArray[np.float64], missing: NDArray[np.intp], gap: int, mean: float) -> float:
+        """The arc of the packet before a gap: on the line from the packet before it to the middle of the gap."""
+        before = float(arc[gap - 1]) if gap else self._last_arc
+        if not before or (gap and missing[gap - 1]):
+            return mean
+        return before + (mean - before) / (1 + float(missing[gap]) / 2)
 
     def _learn(self, spans: NDArray[np.float64]) -> float:
         """The arc of an ordinary packet: the median of those that are near the last one known."""
