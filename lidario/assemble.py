@@ -136,15 +136,18 @@ class Assembler:
             self._keep(event.data, event.count, event.received_ns)
             return []
         scans: list[Scan] = []
-        offsets = [*stream_format.offsets(event.data), len(event.data)]
+        offsets = stream_format.offsets(event.data)
         begin = 0
         for split in splits:
+            at = offsets[split.packet]
             if split.packet > begin:
                 # What stands behind it was measured after it and is here already: it was late by that much.
-                behind = stream_format.samples_in(event.data[offsets[split.packet] :])
-                arrived_ns = event.received_ns - round(behind * self._stream.sample_ns)
-                self._keep(event.data[offsets[begin] : offsets[split.packet]], split.packet - begin, arrived_ns)
-            scan = self._close(split, event.data[offsets[split.packet] : offsets[split.packet + 1]])
+                late_ns = stream_format.samples_in(event.data[at:]) * self._stream.sample_ns
+                self._keep(
+                    event.data[offsets[begin] : at], split.packet - begin, event.received_ns - round(late_ns)
+                )
+            end = offsets[split.packet + 1] if split.packet + 1 < event.count else len(event.data)
+            scan = self._close(split, event.data[at:end])
             if scan is not None:
                 scans.append(scan)
             begin = split.packet
@@ -257,11 +260,12 @@ def _build(
         degrees = (degrees + stream.zero_offset_deg) % 360.0
     device_angles = degrees.astype(np.float32)
     # Just below a turn, single precision rounds up to the turn itself.
-    device_angles[device_angles >= np.float32(360.0)] = 0.0
-    angles = -np.radians(degrees)
-    angles[degrees > 180.0] += 2 * math.pi
+    np.copyto(device_angles, 0.0, where=device_angles >= 360.0)
+    angles = np.negative(degrees)
+    np.add(angles, 360.0, out=angles, where=degrees > 180.0)
+    angles *= math.pi / 180.0
     ranges = arrays.distance * np.float32(1e-3)
-    ranges[arrays.distance <= 0] = np.nan
+    np.copyto(ranges, np.nan, where=arrays.distance <= 0)
     return Scan(
         angles=_frozen(angles.astype(np.float32)),
         ranges=_frozen(ranges),

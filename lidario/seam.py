@@ -8,18 +8,17 @@ tremble around it, or a mark just behind it, do not make a turn.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.wire.formats import BEGINS, RESTARTS
+from lidario.wire.formats import BEGINS, RESTARTS, Headings
 
 __all__ = ["Seam", "Split"]
 
 _FLAGS = BEGINS | RESTARTS
-_WORTH_AN_ARRAY = 48
+_WORTH_AN_ARRAY = 24
 """Headings from which looking at them as one array costs less than one by one (measured)."""
 
 
@@ -54,18 +53,20 @@ class Seam:
         self._armed = False
         self._passed_unmarked = False
 
-    def splits(self, headings: Sequence[int]) -> list[Split]:
+    def splits(self, headings: Headings) -> list[Split]:
         """Where revolutions begin among `headings`, the next ones of the stream."""
         if len(headings) >= _WORTH_AN_ARRAY and self.angle is not None:
             array = np.asarray(headings)
-            if array.max() < BEGINS:
+            if int(array.max()) < BEGINS:
                 return self._leap(array, self.angle)
+        if isinstance(headings, np.ndarray):
+            headings = headings.tolist()
         return [split for index, heading in enumerate(headings) if (split := self._step(index, heading))]
 
-    def _leap(self, headings: NDArray[np.int64], angle: int) -> list[Split]:
+    def _leap(self, headings: NDArray[np.integer[Any]], angle: int) -> list[Split]:
         """As a walk over unmarked headings, looking only at those where they fall back; the rest rises."""
-        away = (headings - angle) % self._full_turn
-        falls = np.flatnonzero(np.diff(away) < 0) + 1
+        away = (headings - angle) % self._full_turn if angle else headings
+        falls = np.flatnonzero(away[1:] < away[:-1]) + 1
         result: list[Split] = []
         begin = 0
         for end in (*falls.tolist(), len(headings)):
@@ -74,9 +75,10 @@ class Seam:
                 result.append(split)
             rising = away[begin + 1 : end]
             if len(rising):
-                self._armed |= bool(((rising >= self._near) & (rising <= self._far)).any())
-                self._passed_unmarked &= not bool((rising >= self._near).any())
                 self._last = int(rising[-1])
+                if self._last >= self._near:
+                    self._passed_unmarked = False
+                    self._armed = self._armed or int(rising[np.searchsorted(rising, self._near)]) <= self._far
             begin = end
         return result
 

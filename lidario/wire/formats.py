@@ -19,9 +19,12 @@ from __future__ import annotations
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
-__all__ = ["BEGINS", "NO_PACKET", "RESTARTS", "Cut", "StreamFormat"]
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["BEGINS", "NO_PACKET", "RESTARTS", "Cut", "Headings", "StreamFormat"]
 
 NO_PACKET = -1
 """Answer of `measure` and `aside`: nothing of the kind can begin here."""
@@ -31,6 +34,10 @@ BEGINS = 1 << 28
 
 RESTARTS = 1 << 29
 """Added to a heading: the stream began anew with this packet; it does not continue the one before."""
+
+
+Headings: TypeAlias = Sequence[int] | NDArray[np.integer[Any]]
+"""Start angles of consecutive packets: a list where they are few, an array where that is cheaper."""
 
 
 class Cut(NamedTuple):
@@ -85,7 +92,7 @@ class StreamFormat(ABC):
         """Whether the check value of the `size` bytes at `at` holds; they are all there."""
 
     @abstractmethod
-    def headings(self, packets: bytes) -> Sequence[int]:
+    def headings(self, packets: bytes) -> Headings:
         """Start angle of each packet in units of one `full_turn`-th, `BEGINS` or `RESTARTS` added."""
 
     def offsets(self, packets: bytes) -> Sequence[int]:

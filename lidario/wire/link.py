@@ -205,7 +205,7 @@ class Link:
         if wire is None or len(buffer) < wire.shortest:
             return
         data = buffer.data
-        while True:
+        while len(data) - at >= wire.shortest:
             run, noise, count = wire.cut(data, at)
             if noise == at:
                 break

@@ -6,6 +6,7 @@ describes none of it. Shapes are (packets, cabins) in and (packets, samples) out
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -24,13 +25,13 @@ _NEAR_RAD_Q16: Final = int(7.5 * 3.1415926535 * 65536 / 180)
 _FAR_RAD_Q16: Final = int(8 * 3.1415926535 * 65536 / 180)
 _K1: Final = 98361
 
-_SCALES: Final = (
-    (2, 0, 0x3FF, 2, 12, 0),
-    (3, 2046, 0x7FF, 2, 13, 1),
-    (4, 8187, 0xFFF, 2, 14, 2),
-    (5, 24567, 0x1FFF, 2, 15, 3),
-)
-"""0x86: for each scale (mm a step, offset in mm, distance mask, distance shift, intensity shift in, and out)."""
+_STEP_Q2: Final = np.array([2, 3, 4, 5], np.int32) * 4
+_OFFSET_Q2: Final = np.array([0, 2046, 8187, 24567], np.int32) * 4
+_MASK: Final = np.array([0x3FF, 0x7FF, 0xFFF, 0x1FFF], np.int32)
+_QUALITY_AT: Final = np.array([12, 13, 14, 15], np.int32)
+_QUALITY_UP: Final = np.array([0, 1, 2, 3], np.int32)
+"""0x86, by the scale in the two lowest bits: distance = offset + step * (the bits of the mask above those two);
+the bits from there on are the quality, shifted up to eight."""
 
 _SMOOTHED_Q2: Final = 8
 """0x86: at scale 0, a step of up to 2 mm from the sample before is halved."""
@@ -46,7 +47,9 @@ def express_cabins(
         offsets: (packets, 16), the lower 4 bits of both corrections.
     """
     upper = (words & 3).astype(np.uint8) << 4
-    lower = np.stack((offsets & 0xF, offsets >> 4), axis=2)
+    lower = np.empty(words.shape, np.uint8)
+    np.bitwise_and(offsets, 0xF, out=lower[..., 0])
+    np.right_shift(offsets, 4, out=lower[..., 1])
     shape = (len(words), -1)
     return (words >> 2).astype(np.float32).reshape(shape), ((upper | lower) / 8.0).reshape(shape)
 
@@ -107,7 +110,13 @@ def near_range_correction(distance_mm: NDArray[np.float32]) -> NDArray[np.float6
 
     The beam leaves beside the axis. The integer steps are the SDK's, so that both agree to the last bit.
     """
-    q2 = (distance_mm * 4).astype(np.int64)
+    return _corrections()[distance_mm.astype(np.int32)]
+
+
+@cache
+def _corrections() -> NDArray[np.float64]:
+    """`near_range_correction` for every whole millimetre: looking up costs an eighth of computing."""
+    q2 = np.arange(1 << 16) * 4
     k2 = _K1 // np.maximum(q2, 1)
     far = _FAR_RAD_Q16 - (k2 << 6) - k2**3 // 98304
     return np.trunc(np.where(q2 < _NEAR_Q2, _NEAR_RAD_Q16, far) * (180 / 3.14159265)) / 65536
@@ -123,31 +132,34 @@ def ultra_dense_cabins(
         high: (packets, 32), their upper 4 bits each.
         last_q2: Distance of the sample before the first.
     """
-    upper = np.stack((high & 0xF, high >> 4), axis=2).astype(np.int32)
-    words = (low.astype(np.int32) | upper << 16).reshape(-1)
+    words = low.astype(np.int32)
+    words[..., 0] |= (high & 0xF).astype(np.int32) << 16
+    words[..., 1] |= (high >> 4).astype(np.int32) << 16
+    words = words.reshape(-1)
     scale = words & 3
-    distance = np.zeros_like(words)
-    intensity = np.zeros_like(words)
-    for index, (step, offset, mask, shift, shift_in, shift_out) in enumerate(_SCALES):
-        here = scale == index
-        distance[here] = ((words[here] >> shift & mask) * step + offset) * 4
-        intensity[here] = words[here] >> shift_in << shift_out
+    distance = (words >> 2 & _MASK[scale]) * _STEP_Q2[scale] + _OFFSET_Q2[scale]
+    intensity = words >> _QUALITY_AT[scale] << _QUALITY_UP[scale]
     return _smoothed(distance, scale == 0, last_q2), intensity.astype(np.uint8)
 
 
 def _smoothed(raw: NDArray[np.int32], fine: NDArray[np.bool_], last: int) -> NDArray[np.int32]:
     """Each fine distance averaged with the result before it, where the two are within 2 mm.
 
-    A recursion, solved for all samples at once: assume the results, compute them again from that, and stop when
-    nothing changes. Each round settles at least one more sample of a chain, and halving makes chains short.
+    A recursion, solved for all samples at once: assume the results, compute them again from that, and go on with
+    those whose predecessor changed. Each round settles at least one more sample of a chain, and halving makes
+    chains short. Smoothing moves a sample by 1 mm at most, so pairs more than 4 mm apart are never concerned.
     """
     result = raw.copy()
-    before = np.empty_like(raw)
-    before[0] = last
-    while True:
-        before[1:] = result[:-1]
-        near = fine & (before != 0) & (np.abs(raw - before) <= _SMOOTHED_Q2)
-        again = np.where(near, (raw + before) >> 1, raw)
-        if np.array_equal(again, result):
-            return result
-        result = again
+    before = np.concatenate((np.array([last], np.int32), raw[:-1]))
+    unsettled = np.flatnonzero(fine & (np.abs(raw - before) <= 2 * _SMOOTHED_Q2))
+    while len(unsettled):
+        own, earlier = raw[unsettled], result[unsettled - 1]
+        if unsettled[0] == 0:
+            earlier[0] = last
+        near = (earlier != 0) & (np.abs(own - earlier) <= _SMOOTHED_Q2)
+        again = np.where(near, (own + earlier) >> 1, own)
+        successors = unsettled[again != result[unsettled]] + 1
+        result[unsettled] = again
+        successors = successors[successors < len(raw)]
+        unsettled = successors[fine[successors]]
+    return result

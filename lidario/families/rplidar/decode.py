@@ -61,10 +61,10 @@ ULTRA_DENSE: Final = np.dtype(
 
 def in_turn(degrees: Floats) -> Floats:
     """Angles brought into [0, 360); they are at most one turn outside. Changes and returns `degrees`."""
-    degrees[degrees >= 360.0] -= 360.0
-    degrees[degrees < 0.0] += 360.0
+    if degrees.min() < 0.0:
+        np.add(degrees, 360.0, out=degrees, where=degrees < 0.0)
     # A tiny negative angle plus a turn rounds up to the turn itself.
-    degrees[degrees >= 360.0] = 0.0
+    np.subtract(degrees, 360.0, out=degrees, where=degrees >= 360.0)
     return degrees
 
 

@@ -22,7 +22,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.wire.formats import NO_PACKET, Cut, StreamFormat
+from lidario.wire.formats import NO_PACKET, Cut, Headings, StreamFormat
 
 __all__ = ["NodeFormat"]
 
@@ -43,6 +43,10 @@ PHASES_BACK: Final = 4
 """Nodes in the old phase that are tried before another phase is looked for."""
 WORTH_AN_ARRAY: Final = 16
 """Nodes from which checking them as one array costs less than one by one (measured)."""
+
+_LAYOUT = np.dtype([("quality", "u1"), ("angle", "<u2"), ("distance", "<u2")])
+_CHECKED = np.array([(byte ^ byte >> 1) & 1 for byte in range(256)], np.uint8)
+"""By its first byte: whether a node's two check bits there differ, as they must."""
 
 
 class NodeFormat(StreamFormat):
@@ -69,12 +73,11 @@ class NodeFormat(StreamFormat):
         angle = _angle(data, at)
         return angle < FULL_TURN_Q6 and (not data[at] & 1 or angle < SEAM_Q6 or angle > FULL_TURN_Q6 - SEAM_Q6)
 
-    def headings(self, packets: bytes) -> Sequence[int]:
+    def headings(self, packets: bytes) -> Headings:
         """As `StreamFormat.headings`, in 1/64 degrees."""
         if len(packets) < WORTH_AN_ARRAY * SIZE:
             return [_angle(packets, place) for place in range(0, len(packets), SIZE)]
-        angles: list[int] = _angles(np.frombuffer(packets, np.uint8).reshape(-1, SIZE)).tolist()
-        return angles
+        return np.frombuffer(packets, _LAYOUT)["angle"].astype(np.int32) >> 1
 
     def run(self, data: bytearray, at: int) -> tuple[int, int]:
         """Nodes from `at` that continue the last accepted angle, and each other."""
@@ -136,26 +139,26 @@ class NodeFormat(StreamFormat):
         return last is None or _step(last, _angle(data, at)) <= FORWARD_Q6
 
     def _good_rows(self, data: bytearray, at: int, count: int, last: int) -> NDArray[np.bool_]:
-        rows = np.frombuffer(data, np.uint8, count * SIZE, at).reshape(count, SIZE)
-        first = rows[:, 0]
-        angles = _angles(rows)
-        steps = np.diff(angles, prepend=last) % FULL_TURN_Q6
-        near_seam = (angles < SEAM_Q6) | (angles > FULL_TURN_Q6 - SEAM_Q6)
-        result: NDArray[np.bool_] = (
-            ((first ^ first >> 1) & rows[:, 1] & 1).astype(np.bool_)
-            & (angles < FULL_TURN_Q6)
-            & ((steps <= FORWARD_Q6) | (steps >= FULL_TURN_Q6 - BACKWARD_Q6))
-            & (near_seam | (first & 1 == 0))
-        )
-        return result
+        rows = np.frombuffer(data, _LAYOUT, count, at)
+        first, words = rows["quality"], rows["angle"]
+        angles = (words >> 1).astype(np.int32)
+        steps = np.empty_like(angles)
+        steps[0] = angles[0] - last
+        np.subtract(angles[1:], angles[:-1], out=steps[1:])
+        steps += BACKWARD_Q6
+        np.add(steps, FULL_TURN_Q6, out=steps, where=steps < 0)
+        good: NDArray[np.bool_] = (_CHECKED[first] & words & 1).astype(np.bool_)
+        good &= angles < FULL_TURN_Q6
+        good &= steps <= FORWARD_Q6 + BACKWARD_Q6
+        # Marks are rare: only they have to be looked at.
+        for mark in np.flatnonzero(first & 1).tolist():
+            angle = angles[mark]
+            good[mark] &= angle < SEAM_Q6 or angle > FULL_TURN_Q6 - SEAM_Q6
+        return good
 
 
 def _angle(data: bytes | bytearray, at: int) -> int:
     return data[at + 1] >> 1 | data[at + 2] << 7
-
-
-def _angles(rows: NDArray[np.uint8]) -> NDArray[np.int32]:
-    return rows[:, 1].astype(np.int32) >> 1 | rows[:, 2].astype(np.int32) << 7
 
 
 def _step(earlier: int, later: int) -> int:

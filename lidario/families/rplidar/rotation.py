@@ -58,6 +58,10 @@ class Rotation:
         typical = self._learn(known)
         if typical <= 0:
             return Arcs(np.maximum(spans, 0.0), np.zeros(len(spans), np.intp))
+        ordinary = self._jitter * typical < spans.min() and spans.max() <= (1 + self._jitter) * typical
+        if ordinary and following is not None:
+            self._last_arc = float(spans[-1])
+            return Arcs(spans, np.zeros(len(spans), np.intp))
         turns = spans / typical
         missing = np.ceil(turns - 1 - self._jitter).astype(np.intp)
         if following is None:
@@ -80,8 +84,11 @@ class Rotation:
         if len(spans):
             # Gaps only ever lengthen a span, so when nothing is known the short ones tell the truth.
             near = self._typical or float(np.partition(spans, len(spans) // 4)[len(spans) // 4])
-            ordinary = spans[np.abs(spans - near) <= near / 2]
+            ordinary = spans
+            if spans.max() > 1.5 * near or spans.min() < near / 2:
+                ordinary = spans[np.abs(spans - near) <= near / 2]
             if len(ordinary) == 0:
                 ordinary = np.partition(spans, len(spans) // 4)[: len(spans) // 4 + 1]
-            self._typical = float(np.median(ordinary))
+            middle = len(ordinary) // 2
+            self._typical = float(np.partition(ordinary, middle)[middle])
         return self._typical or 0.0

@@ -30,7 +30,7 @@ from typing import Final
 import numpy as np
 
 from lidario.wire.envelope import xor_bytes
-from lidario.wire.formats import BEGINS, NO_PACKET, StreamFormat
+from lidario.wire.formats import BEGINS, NO_PACKET, Headings, StreamFormat
 
 __all__ = ["FULL_TURN_Q6", "HEADER_SIZE", "START_BIT", "PointCloud", "packet_offsets"]
 
@@ -51,8 +51,15 @@ LONGEST_ARRAY: Final = 64
 """Packets checked at once: there are about as many between two start packets, where the length changes."""
 
 
-def packet_offsets(packets: bytes) -> list[int]:
+def packet_offsets(packets: bytes) -> Sequence[int]:
     """Where each of several packets on end begins."""
+    if not packets:
+        return ()
+    size = HEADER_SIZE + 2 * packets[3]
+    lengths = packets[3::size]
+    if len(lengths) * size == len(packets) and lengths.count(packets[3]) == len(lengths):
+        # Each of them says that the next begins a size further on, so there is no need to walk.
+        return range(0, len(packets), size)
     found, at, end = [], 0, len(packets)
     while at < end:
         found.append(at)
@@ -119,10 +126,15 @@ class PointCloud(StreamFormat):
         """As `StreamFormat.samples_in`."""
         return (len(packets) - HEADER_SIZE * len(packet_offsets(packets))) // 2
 
-    def headings(self, packets: bytes) -> Sequence[int]:
+    def headings(self, packets: bytes) -> Headings:
         """As `StreamFormat.headings`, in 1/64 degrees."""
+        offsets = packet_offsets(packets)
+        if isinstance(offsets, range) and len(offsets) >= WORTH_AN_ARRAY:
+            rows = np.frombuffer(packets, np.uint8).reshape(len(offsets), offsets.step)
+            angles = (rows[:, 4].astype(np.int32) >> 1 | rows[:, 5].astype(np.int32) << 7) % FULL_TURN_Q6
+            return angles | np.where(rows[:, 2] & START_BIT, BEGINS, 0)
         found = []
-        for at in packet_offsets(packets):
+        for at in offsets:
             angle = (packets[at + 4] >> 1 | packets[at + 5] << 7) % FULL_TURN_Q6
             found.append(angle | BEGINS if packets[at + 2] & START_BIT else angle)
         return found
