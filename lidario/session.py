@@ -144,6 +144,7 @@ class Lidar:
         """Set the scan frequency in turns a second; returns what the device made of it.
 
         While a stream runs and `verify` is set, it returns when the measured frequency is within 5 % of that.
+        While none runs, the rotor stays at rest and takes that speed when one is started.
 
         Raises:
             ValueError: Outside what the device can do.

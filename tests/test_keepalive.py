@@ -1,8 +1,9 @@
-"""Power-down protection: what must be repeated is repeated, whatever the program does, and stops with the stream."""
+"""Power-down protection: what must be repeated is repeated, whatever the program does, and ends with the stream."""
 
 from __future__ import annotations
 
 import asyncio
+from itertools import pairwise
 
 import pytest
 
@@ -24,7 +25,7 @@ def coarse_line(monkeypatch: pytest.MonkeyPatch) -> None:
 def pauses(rig: Rig) -> list[float]:
     """Seconds between the scan requests the device has heard."""
     heard = [each.at_ns for each in rig.device.log if each.data == b"\xa5\x60"]
-    return [(later - earlier) * 1e-9 for earlier, later in zip(heard, heard[1:], strict=False)]
+    return [(later - earlier) * 1e-9 for earlier, later in pairwise(heard)]
 
 
 async def scan_for(lidar: Lidar, seconds: float, block_s: float = 0.0) -> int:

@@ -100,10 +100,10 @@ def exit_code(error: BaseException) -> int:
 
 
 def report(error: BaseException, *, with_traceback: bool = False) -> None:
-    """Say on stderr what went wrong, in one or two lines; nothing where there is nothing to say."""
-    if with_traceback:
-        click.echo("".join(traceback.format_exception(error)), err=True, nl=False)
+    """Say on stderr what went wrong, in one or two lines; nothing where it went as it was meant to."""
     text = _words(error)
+    if text and with_traceback:
+        click.echo("".join(traceback.format_exception(error)), err=True, nl=False)
     if text:
         click.echo(_PREFIX + text.replace("\n", "\n" + " " * len(_PREFIX)), err=True)
 

@@ -12,9 +12,8 @@ import rich  # noqa: F401  (the verbs need it later on: if it is missing, let it
 
 from lidario import __version__
 from lidario.cli.devices import devices, show
-from lidario.cli.errors import ExitCode, ReaderGone, exit_code, report
+from lidario.cli.errors import ExitCode, exit_code, report
 from lidario.cli.info import info
-from lidario.cli.output import give_up_stdout
 from lidario.cli.scan import scan
 from lidario.cli.sim import sim
 
@@ -46,8 +45,6 @@ class Lidario(click.Group):
         except (Exception, KeyboardInterrupt) as error:
             report(error, with_traceback=settings.traceback)
             code = exit_code(error)
-            if isinstance(error, ReaderGone):
-                give_up_stdout()
         return int(code)
 
     def main(self, args: Sequence[str] | None = None, *_: object, **__: object) -> Any:

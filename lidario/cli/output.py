@@ -27,7 +27,7 @@ from lidario.cli.errors import ReaderGone
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
-__all__ = ["Writer", "console", "dump", "emit", "give_up_stdout", "message", "progress", "rendered"]
+__all__ = ["Writer", "console", "dump", "emit", "message", "progress", "rendered"]
 
 PIPE_WIDTH = 160
 """Columns of a table that no terminal bounds; enough that no cell is folded."""
@@ -122,14 +122,6 @@ def progress(text: str) -> Iterator[None]:
         return
     with console(stderr=True).status(text):
         yield
-
-
-def give_up_stdout() -> None:
-    """Let what is still buffered for a reader that has gone vanish, not complain when the process ends."""
-    with suppress(OSError, ValueError):
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, sys.stdout.fileno())
-        os.close(nowhere)
 
 
 def _settle(done: asyncio.Future[None], error: Exception | None) -> None:

@@ -156,6 +156,8 @@ class RplidarDevice(Device):
     def set_scan_frequency(self, hertz: float) -> Script[float]:
         """As `Device.set_scan_frequency`; checked against the device's own limits where it tells them.
 
+        It is sent with the next start: sent by itself, it would set a resting rotor in motion.
+
         Raises:
             ValueError: Outside the device's limits.
             Unsupported: The model has no motor control.
@@ -168,7 +170,6 @@ class RplidarDevice(Device):
         if not lowest <= rpm <= highest:
             raise ValueError(f"{rpm} rpm is outside this device's {lowest} to {highest} rpm")
         self._rpm = rpm
-        yield commands.motor_speed(rpm)
         return rpm / 60
 
     def _wanted_rpm(self) -> Script[int]:

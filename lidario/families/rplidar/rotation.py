@@ -17,6 +17,8 @@ __all__ = ["Arcs", "Rotation"]
 
 RETREAT_TURNS: Final = 1 / 36
 """Headings may fall back by up to this part of a turn; any more is the long way round, forwards."""
+STRANGE_SPANS: Final = 4
+"""Spans in a row, all unlike what was ordinary so far, after which they are the ordinary ones."""
 TRUSTED_GAP: Final = 8
 """Missing packets up to which the arc over the gap says more than an ordinary arc."""
 
@@ -44,7 +46,8 @@ class Rotation:
     def __init__(self, full_turn: int, jitter: float = 0.5) -> None:
         self._full_turn = full_turn
         self._jitter = jitter
-        self._typical: float | None = None
+        self._typical = 0.0
+        self._strange = 0
         self._last_arc = 0.0
 
     def arcs(self, headings: NDArray[np.int64], following: int | None) -> Arcs:
@@ -81,14 +84,21 @@ class Rotation:
 
     def _learn(self, spans: NDArray[np.float64]) -> float:
         """The arc of an ordinary packet: the median of those that are near the last one known."""
-        if len(spans):
-            # Gaps only ever lengthen a span, so when nothing is known the short ones tell the truth.
-            near = self._typical or float(np.partition(spans, len(spans) // 4)[len(spans) // 4])
-            ordinary = spans
-            if spans.max() > 1.5 * near or spans.min() < near / 2:
-                ordinary = spans[np.abs(spans - near) <= near / 2]
-            if len(ordinary) == 0:
-                ordinary = np.partition(spans, len(spans) // 4)[: len(spans) // 4 + 1]
+        if not len(spans):
+            return self._typical
+        # Gaps only ever lengthen a span, so when nothing is known the short ones tell the truth.
+        short = float(np.partition(spans, len(spans) // 4)[len(spans) // 4])
+        near = self._typical or short
+        ordinary = spans
+        if spans.max() > 1.5 * near or spans.min() < near / 2:
+            ordinary = spans[np.abs(spans - near) <= near / 2]
+        if len(ordinary):
             middle = len(ordinary) // 2
             self._typical = float(np.partition(ordinary, middle)[middle])
-        return self._typical or 0.0
+            self._strange = 0
+        else:
+            # A few strange spans are gaps; many, or some again and again, are another speed.
+            self._strange += len(spans)
+            if self._strange >= STRANGE_SPANS:
+                self._typical = short
+        return self._typical

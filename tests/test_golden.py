@@ -1,0 +1,103 @@
+"""The vendors' own decoding of fifteen streams, and a scalar decoder written from the protocol sheet.
+
+The vendors truncate angles: RPLIDAR's SDK to 1/64 degrees and again to 90/16384, the 4ROS's to 1/64. The
+second truncation can be undone; so angles are compared on the grid of 1/64, where one step of difference is
+left to the rounding of the step between samples.
+"""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from lidario.wire.events import Packets
+from tests.support.streams import CASES, Case, assembled, feed, named
+
+Q6_TURN = 360 * 64
+CHUNKS = {"whole": None, "byte by byte": 1, "in eights": 8, "in 64s": 64, "in kilobytes": 1024}
+
+every_case = pytest.mark.parametrize("case", CASES, ids=named)
+
+
+def golden_q6(case: Case) -> NDArray[np.int64]:
+    """The vendor's angles before its second truncation."""
+    degrees = case.truth.angle_deg.astype(np.float64)
+    if case.truth.family == "ydlidar":
+        return np.rint(degrees * 64).astype(np.int64)
+    q14 = np.rint(degrees * (16384 / 90)).astype(np.int64)
+    return -(-q14 * 90 // 256)
+
+
+@every_case
+def test_distances_are_the_vendors_and_angles_within_a_64th(case: Case) -> None:
+    truth = case.truth
+    samples = case.make_decoder().decode(feed(case, case.raw).data, None)
+    count = len(truth.distance_mm)
+    assert count > 5_000
+    np.testing.assert_array_equal(samples.distance_mm[:count], truth.distance_mm)
+    angle = samples.angle_deg[:count]
+    if case.answer_type == 0x83:
+        np.testing.assert_allclose(angle, truth.angle_deg, rtol=0, atol=1e-6)
+        return
+    off = (np.floor(angle * 64).astype(np.int64) - golden_q6(case) + Q6_TURN // 2) % Q6_TURN - Q6_TURN // 2
+    # Only a step between samples can be rounded differently: a node states its angle itself.
+    allowed = 0 if case.answer_type == 0x81 and truth.family == "rplidar" else 1
+    assert 0 <= off.min() <= off.max() <= allowed
+
+
+@every_case
+def test_every_figure_is_the_scalar_references(case: Case) -> None:
+    samples = case.make_decoder().decode(feed(case, case.raw).data, None)
+    reference = case.samples
+    assert samples.ends.tolist() == np.cumsum([_samples_in(case, packet) for packet in case.packets]).tolist()
+    assert (samples.lost, samples.unbroken) == (0, len(case.packets))
+    # The last capsule has no successor to tell how far the rotor turned meanwhile.
+    count = len(reference)
+    assert count == (samples.ends[-2] if case.lookahead else samples.ends[-1])
+    np.testing.assert_array_equal(samples.distance_mm[:count], [s.distance_mm for s in reference])
+    np.testing.assert_allclose(
+        samples.beam_deg[:count] % 360, [s.raw_deg % 360 for s in reference], rtol=0, atol=1e-6
+    )
+    # The vendor's near-range correction of 0x84 is truncated to 1/65536 degrees, and so is the reference's.
+    allowed = 1 / 65536 if case.answer_type == 0x84 else 1e-6
+    np.testing.assert_allclose(samples.angle_deg[:count], [s.angle_deg for s in reference], rtol=0, atol=allowed)
+    qualities = [s.quality for s in reference]
+    if samples.intensity is None:
+        assert set(qualities) == {None}
+    else:
+        assert samples.intensity[:count].tolist() == qualities
+        assert case.truth.quality is not None
+        np.testing.assert_array_equal(samples.intensity[:count], case.truth.quality)
+
+
+@every_case
+@pytest.mark.parametrize("chunks", CHUNKS.values(), ids=CHUNKS)
+def test_the_events_are_one_descriptor_and_one_run(case: Case, chunks: int | None) -> None:
+    received = feed(case, case.raw, chunks)
+    assert received.events == [Packets(case.raw, len(case.packets), 0)]
+    assert (received.stats.packets, received.buffered) == (len(case.packets), 0)
+    assert received.stats.bytes_received == len(case.descriptor) + len(case.raw)
+    assert received.stats.skipped_bytes == received.stats.stray_bytes == 0
+
+
+@every_case
+@pytest.mark.parametrize("chunks", CHUNKS.values(), ids=CHUNKS)
+def test_the_scans_are_the_scalar_references_turns(case: Case, chunks: int | None) -> None:
+    scans, stats, _ = assembled(case, case.raw, chunks)
+    assert len(scans) == len(case.turns) >= 2
+    assert (stats.scans, stats.broken_scans, stats.lost_packets) == (len(scans), 0, 0)
+    for number, (scan, turn) in enumerate(zip(scans, case.turns, strict=True)):
+        assert (len(scan), scan.seq, scan.lost_packets) == (len(turn), number, 0)
+        np.testing.assert_array_equal(scan.device_distances, [s.distance_mm for s in turn])
+        angles = np.array([s.angle_deg for s in turn], np.float32)
+        off = (scan.device_angles.astype(np.float64) - angles + 180) % 360 - 180
+        assert np.abs(off).max() <= 4e-5  # single precision
+        if scan.intensities is None:
+            assert turn[0].quality is None
+        else:
+            np.testing.assert_array_equal(scan.intensities, [s.quality for s in turn])
+
+
+def _samples_in(case: Case, packet: bytes) -> int:
+    if case.truth.family == "ydlidar":
+        return packet[3]
+    return {5: 1, 84: 40 if case.answer_type == 0x85 else 32, 781: 96, 132: 96, 170: 64}[len(packet)]

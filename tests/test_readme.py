@@ -1,0 +1,60 @@
+"""What the README shows works as it stands there."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text()
+PATIENCE_S = 60.0
+PYTHON = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+COMMANDS = [
+    line.split("#")[0].removeprefix("$ lidario").split()
+    for block in re.findall(r"```console\n(.*?)```", README, re.DOTALL)
+    for line in block.splitlines()
+]
+
+
+def run(*words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, *words], capture_output=True, text=True, timeout=PATIENCE_S, cwd=ROOT, check=False
+    )
+
+
+@pytest.mark.parametrize("program", PYTHON, ids=range(len(PYTHON)))
+def test_programs_run(program: str) -> None:
+    result = run("-W", "error", "-c", program)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+def test_commands_run(words: list[str]) -> None:
+    result = run("-m", "lidario", *words)
+    # `devices` finds none where none is plugged in.
+    assert result.returncode == (3 if words == ["devices"] and "no lidar" in result.stderr else 0), result.stderr
+
+
+def test_every_file_it_names_is_there() -> None:
+    for target in re.findall(r"\]\(([^)#:]+)\)", README):
+        assert (ROOT / target).exists(), target
+
+
+def test_the_two_commands_come_first_and_the_wrong_package_never() -> None:
+    assert README.index("make demo") < README.index("make test") < README.index("## What you can rely on")
+    assert not re.search(r"pip install ['\"]?lidario(?!-asyncio)", README)
+    makefile = (ROOT / "Makefile").read_text()
+    for target in re.findall(r"`make (\w+)`", README):
+        assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
+
+
+def test_the_version_is_in_the_changelog() -> None:
+    from lidario import __version__
+
+    assert __version__ in (ROOT / "CHANGELOG.md").read_text()
+    assert re.fullmatch(r"\d+\.\d+\.\d+", __version__)
