@@ -15,7 +15,6 @@ from lidario.handshake import introduce
 from lidario.model import DeviceInfo
 from lidario.port import Port, open_serial, open_tcp
 from lidario.residue import Residue
-from lidario.simulated_port import connect_in_memory, open_simulated
 from lidario.source import Source
 from lidario.wire.envelope import Request
 
@@ -62,9 +61,13 @@ async def connect(source: Source, family: str | None = None, baudrate: int | Non
     families = (family_named(named),) if named else FAMILIES
     speed = baudrate or source.baudrate
     if source.kind == "sim":
+        from lidario.simulated_port import open_simulated  # a fifth of the import time, for those who need it
+
         port = await open_simulated(source)
         tries = [_Try(family_of_simulated(source.address), port.baudrate)]
     elif source.device is not None:
+        from lidario.simulated_port import connect_in_memory
+
         port = connect_in_memory(source.device)
         tries = [_Try(each, 0) for each in families]
     elif source.kind == "tcp":

@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from serial.tools import list_ports
-
 from lidario.connect import connect, shut_down
 from lidario.errors import ConnectFailed, LidarError
 from lidario.model import DeviceInfo
@@ -70,6 +68,8 @@ class Found:
 
 def list_serial_ports() -> list[PortInfo]:
     """Every serial port of this machine; nothing is opened."""
+    from serial.tools import list_ports  # slow to import, and seldom needed
+
     stable = {}
     if _BY_ID.is_dir():
         stable = {os.path.realpath(link): str(link) for link in _BY_ID.iterdir()}

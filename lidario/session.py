@@ -11,7 +11,7 @@ import asyncio
 import weakref
 from collections.abc import Generator
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from lidario.connect import Connection, connect, shut_down
 from lidario.discovery import find_source
@@ -21,9 +21,11 @@ from lidario.handshake import healthy, restart
 from lidario.model import DeviceInfo, Health, SampleRate, Scan, ScanMode, Stats
 from lidario.port import Port, Tap
 from lidario.scanner import Scanner
-from lidario.sim.device import SimulatedDevice
 from lidario.source import Source, parse_source
 from lidario.stream import ScanStream
+
+if TYPE_CHECKING:
+    from lidario.sim.device import SimulatedDevice
 
 __all__ = ["DEFAULT_LATENCY_S", "Lidar", "OpenLidar", "open_lidar"]
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-from typing import cast
 
 from lidario.errors import ConnectFailed
 from lidario.families.registry import family_of_simulated
@@ -43,7 +42,7 @@ def make_device(source: Source) -> tuple[SimulatedDevice, Faults | None]:
         device = family.simulate(source.address, world=world, serial=serial, seed=seed)
     except ValueError as error:
         raise ConnectFailed(f"{source.text!r}: {error}", reason="source") from error
-    return cast("SimulatedDevice", device), faults
+    return device, faults
 
 
 async def open_simulated(source: Source) -> Port:

@@ -14,10 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 from urllib.parse import parse_qsl, unquote, urlsplit
 
 from lidario.errors import ConnectFailed
-from lidario.sim.device import SimulatedDevice
+
+if TYPE_CHECKING:
+    from lidario.sim.device import SimulatedDevice
 
 __all__ = ["Source", "parse_source"]
 

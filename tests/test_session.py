@@ -358,3 +358,38 @@ def test_rigs_are_strict() -> None:
     rig.device.receive(b"\xa5\x25", 0)
     rig.device.receive(b"\xa5\x50", 9_000_000)
     assert names(rig, obeyed=False) == ["get_info"]
+
+
+@both_families
+@driven
+async def test_a_stream_that_turns_to_noise_ends_and_leaves_nothing_behind(family: str) -> None:
+    rig = make_rig(family)
+    random = np.random.default_rng(3)
+    async with rig.open() as lidar:
+        async with lidar.scans() as stream:
+            await anext(stream)
+            clean = rig.device.transmit
+            rig.device.transmit = lambda now: random.bytes(len(clean(now)))
+            with pytest.raises(DeviceLost, match="only noise arrives"):
+                while True:
+                    await anext(stream)
+            assert lidar.stats.skipped_bytes > 10_000
+            assert lidar._dialogue.link.buffered < 4096
+            rig.device.transmit = clean
+        assert len(await take(lidar, 1)) == 1
+    assert left_still(rig)
+
+
+@both_families
+@driven
+async def test_a_rotor_that_stands_still_is_noticed(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        scanner = lidar._scanner
+        assert scanner._assembler is not None
+        scanner._assembler.add = lambda event: []  # type: ignore[method-assign]
+        with pytest.raises(DeviceLost, match="no full turn"):
+            while True:
+                await anext(stream)
+    assert left_still(rig)

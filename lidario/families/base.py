@@ -11,7 +11,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,9 @@ from lidario.errors import Unsupported
 from lidario.model import DeviceInfo, Health, SampleRate, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.formats import StreamFormat
+
+if TYPE_CHECKING:
+    from lidario.sim.device import SimulatedDevice
 
 __all__ = ["Decoder", "Device", "Family", "Keepalive", "Samples", "Script", "Stream", "Timing"]
 
@@ -213,4 +216,4 @@ class Family:
     device: Callable[[], Device]
     formats: tuple[Callable[[], StreamFormat], ...]
     simulated: tuple[str, ...]
-    simulate: Callable[..., object]
+    simulate: Callable[..., SimulatedDevice]

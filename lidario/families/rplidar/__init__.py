@@ -2,13 +2,40 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from lidario.families.base import Family, Timing
 from lidario.families.rplidar.device import RplidarDevice
 from lidario.families.rplidar.formats import FORMATS
-from lidario.families.rplidar.simulated import make_simulated
-from lidario.families.rplidar.simulated_profiles import PROFILES
+
+if TYPE_CHECKING:
+    from lidario.sim.device import SimulatedDevice
+    from lidario.sim.world import World
 
 __all__ = ["FAMILY"]
+
+SIMULATED = (
+    "rplidar-s2",
+    "rplidar-s1",
+    "rplidar-s3",
+    "rplidar-express",
+    "rplidar-hq",
+    "rplidar-ultra",
+    "rplidar-ultradense",
+    "rplidar-zero-us",
+    "rplidar-unknown-answer",
+    "rplidar-no-modes",
+    "rplidar-old-firmware",
+)
+"""The names of `simulated_profiles.PROFILES`, told apart from them so that who has a real device need not load the
+simulated one."""
+
+
+def _simulate(model: str, *, world: World | None, serial: bytes | None, seed: int) -> SimulatedDevice:
+    from lidario.families.rplidar.simulated import make_simulated
+
+    return make_simulated(model, world=world, serial=serial, seed=seed)
+
 
 FAMILY = Family(
     name="rplidar",
@@ -28,6 +55,6 @@ FAMILY = Family(
     ),
     device=RplidarDevice,
     formats=tuple(FORMATS.values()),
-    simulated=tuple(PROFILES),
-    simulate=make_simulated,
+    simulated=SIMULATED,
+    simulate=_simulate,
 )

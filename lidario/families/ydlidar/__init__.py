@@ -6,14 +6,28 @@ where said). Nothing was measured on a real device.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from lidario.families.base import Family, Timing
 from lidario.families.ydlidar.device import Device4Ros
 from lidario.families.ydlidar.formats import PointCloud
-from lidario.families.ydlidar.simulated import PROFILES, make_simulated
+
+if TYPE_CHECKING:
+    from lidario.sim.device import SimulatedDevice
+    from lidario.sim.world import World
 
 __all__ = ["FAMILY"]
+
+SIMULATED: Final = ("ydlidar-4ros", "ydlidar-4ros-92", "ydlidar-4ros-slow")
+"""The names of `simulated.PROFILES`, told apart from them so that who has a real device need not load the simulated
+one."""
+
+
+def _simulate(model: str, *, world: World | None, serial: bytes | None, seed: int) -> SimulatedDevice:
+    from lidario.families.ydlidar.simulated import make_simulated
+
+    return make_simulated(model, world=world, serial=serial, seed=seed)
+
 
 FAMILY: Final = Family(
     name="ydlidar",
@@ -34,7 +48,7 @@ FAMILY: Final = Family(
     ),
     device=Device4Ros,
     formats=(PointCloud,),
-    simulated=tuple(PROFILES),
-    simulate=make_simulated,
+    simulated=SIMULATED,
+    simulate=_simulate,
 )
 """The family's row of the registry."""

@@ -1,0 +1,35 @@
+"""The registry's rows agree with what stands in the families' folders."""
+
+from __future__ import annotations
+
+import pytest
+
+from lidario.errors import ConnectFailed
+from lidario.families.base import Device, Family
+from lidario.families.registry import FAMILIES, family_named, family_of_simulated
+from lidario.families.rplidar.simulated_profiles import PROFILES as FIRST
+from lidario.families.ydlidar.simulated import PROFILES as SECOND
+
+
+def test_the_simulated_models_are_those_there_are() -> None:
+    assert [set(family.simulated) for family in FAMILIES] == [set(FIRST), set(SECOND)]
+
+
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)
+def test_each_row_is_complete(family: Family) -> None:
+    assert family_named(family.name) is family
+    assert isinstance(family.device(), Device)
+    for model in family.simulated:
+        assert family_of_simulated(model) is family
+        device = family.simulate(model, world=None, serial=None, seed=3)
+        assert device.baudrate in family.baudrates
+        assert not device.scanning
+    types = [kind().answer_type for kind in family.formats]
+    assert len(set(types)) == len(types)
+
+
+def test_unknown_names_are_answered_with_the_known_ones() -> None:
+    for look_up in (family_named, family_of_simulated):
+        with pytest.raises(ConnectFailed, match="known are") as caught:
+            look_up("nonesuch")
+        assert caught.value.reason == "source"
