@@ -145,11 +145,14 @@ class Port(asyncio.Protocol):
         await self.wait_closed()
 
     def abandon(self, last_words: bytes) -> None:
-        """Write `last_words` and close, without an event loop: for the end of the process."""
+        """Write `last_words` and close, whether or not there still is a loop: for what nobody holds any more."""
         if self._transport is None or self._closing:
             return
         self._closing = True
         self._write_without_loop(last_words)
+        if not self._loop.is_closed():
+            self._transport.close()
+            return
         device = self._transport.get_extra_info("serial")
         if device is not None:
             device.close()

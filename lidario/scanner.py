@@ -91,9 +91,9 @@ class Scanner:
         """As `ScanSource`."""
         modes = await self.modes()
         async with self._lock:
-            wanted = (
-                Wanted(choose_mode(modes, mode), force) if mode is not None or self.wanted is None else self.wanted
-            )
+            wanted = self.wanted
+            if wanted is None or mode is not None:
+                wanted = Wanted(choose_mode(modes, mode), force)
             if self.wanted is not None and wanted != self.wanted:
                 if len(self.hub):
                     raise LocalProtocolError(
@@ -109,6 +109,10 @@ class Scanner:
                 except BaseException:
                     self.hub.discard(mailbox)
                     self.halt()
+                    if len(self.hub):
+                        # Others wait for the same stream: what failed here must not leave them waiting.
+                        self.wanted = wanted
+                        self._restore_soon()
                     raise
 
     def leave(self, mailbox: Mailbox) -> None:

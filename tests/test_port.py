@@ -250,6 +250,21 @@ def test_a_closed_loop_does_not_keep_the_motor_on() -> None:
         asyncio.run(until_still(server, rig))
 
 
+async def test_a_lidar_that_nobody_holds_any_more_is_stopped() -> None:
+    rig = make_rig("rplidar")
+    with served(rig) as server:
+        lidar: Lidar | None = await open_lidar(server.path)
+        assert lidar is not None
+        await anext(lidar.scans())
+        lidar = None
+        gc.collect()
+        for _ in range(3):
+            await asyncio.sleep(0)
+        await until_still(server, rig)
+        async with open_lidar(server.path) as again:
+            assert len(await again.scan()) > 1000
+
+
 @pytest.mark.parametrize("family", FAMILIES)
 async def test_opening_and_closing_leaves_nothing_behind(family: str) -> None:
     before = threading.active_count(), len(os.listdir("/dev/fd"))
