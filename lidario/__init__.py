@@ -5,28 +5,35 @@
     async with lidario.open_lidar() as lidar:
         async for scan in lidar.scans():
             print(scan.ranges.min())
+
+A public name is loaded when it is first used: programs that only ask for the version, or complete a command line,
+do not wait for numpy and asyncio.
 """
 
 from __future__ import annotations
 
-from lidario.discovery import Found, PortInfo, list_lidars, list_serial_ports
-from lidario.errors import (
-    Busy,
-    ConnectFailed,
-    DeviceFault,
-    DeviceLost,
-    LidarError,
-    LocalProtocolError,
-    ProtocolError,
-    RemoteProtocolError,
-    ResponseTimeout,
-    SessionClosed,
-    Unsupported,
-)
-from lidario.laserscan import LaserScan
-from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, Scan, ScanMode, Stats
-from lidario.session import Lidar, open_lidar
-from lidario.stream import ScanStream
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from lidario.discovery import Found, PortInfo, list_lidars, list_serial_ports
+    from lidario.errors import (
+        Busy,
+        ConnectFailed,
+        DeviceFault,
+        DeviceLost,
+        LidarError,
+        LocalProtocolError,
+        ProtocolError,
+        RemoteProtocolError,
+        ResponseTimeout,
+        SessionClosed,
+        Unsupported,
+    )
+    from lidario.laserscan import LaserScan
+    from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, Scan, ScanMode, Stats
+    from lidario.session import Lidar, open_lidar
+    from lidario.stream import ScanStream
 
 __version__ = "0.1.0"
 
@@ -59,3 +66,25 @@ __all__ = [
     "list_serial_ports",
     "open_lidar",
 ]
+
+_HOMES = {
+    "discovery": ("Found", "PortInfo", "list_lidars", "list_serial_ports"),
+    "laserscan": ("LaserScan",),
+    "model": ("DeviceInfo", "Health", "HealthStatus", "SampleRate", "Scan", "ScanMode", "Stats"),
+    "session": ("Lidar", "open_lidar"),
+    "stream": ("ScanStream",),
+}
+"""Module -> the public names that live in it; those not named here are errors."""
+
+
+def __getattr__(name: str) -> object:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    home = next((module for module, names in _HOMES.items() if name in names), "errors")
+    value: object = getattr(import_module(f"{__name__}.{home}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeVar
 
-from lidario.errors import DeviceLost, LidarError, ResponseTimeout
+from lidario.errors import DeviceLost, ResponseTimeout
 from lidario.families.base import Device, Script, Timing
 from lidario.port import Port
 from lidario.wire.envelope import Request
@@ -44,8 +44,8 @@ class Dialogue:
     def __init__(self, port: Port, device: Device, timing: Timing) -> None:
         self.link = Link()
         self.port = port
-        self.on_lost: Callable[[LidarError], None] | None = None
-        self.fatal: LidarError | None = None
+        self.on_lost: Callable[[DeviceLost], None] | None = None
+        self.fatal: DeviceLost | None = None
         self._device = device
         self._timing = timing
         self._loop = asyncio.get_running_loop()
@@ -72,17 +72,22 @@ class Dialogue:
                 callback(packets)
 
     def data_received(self, data: bytes, now: int) -> None:
-        """As `Receiver`."""
-        self.link.receive_data(data, now)
-        for event in self.link.events_received():
-            self._handle(event)
+        """As `Receiver`. A mistake of ours ends the conversation: it must not leave readers waiting."""
+        try:
+            self.link.receive_data(data, now)
+            for event in self.link.events_received():
+                self._handle(event)
+        except Exception as error:
+            failure = DeviceLost(f"lidario failed at what the device sent ({error!r}); please report this")
+            failure.__cause__ = error
+            self.fail(failure)
 
     def connection_lost(self, error: DeviceLost | None) -> None:
         """As `Receiver`."""
         if error is not None:
             self.fail(error)
 
-    def fail(self, error: LidarError) -> None:
+    def fail(self, error: DeviceLost) -> None:
         """End the conversation; the first error wins."""
         if self.fatal is not None:
             return

@@ -250,10 +250,8 @@ class _SerialTransport(serial_asyncio.SerialTransport):  # type: ignore[misc]
             super().write(data)
 
     def _look(self) -> None:
-        self._timer = None
+        self._timer = self._loop.call_later(self._latency, self._look)
         self.poll()
-        if self._latency > 0 and not self._closing:
-            self._timer = self._loop.call_later(self._latency, self._look)
 
     def _read_ready(self) -> None:
         if os.name == "posix":
@@ -340,7 +338,8 @@ async def open_tcp(name: str, host: str, number: int, baudrate: int = 0) -> Port
     except TimeoutError as error:
         raise ConnectFailed(f"{name}: no answer within {CONNECT_TIMEOUT_S:g} s", reason="refused") from error
     except OSError as error:
-        raise ConnectFailed(f"{name}: {error.strerror or error}", reason="refused") from error
+        why = os.strerror(error.errno) if error.errno and error.errno > 0 else error.strerror or str(error)
+        raise ConnectFailed(f"{name}: {why}", reason="refused") from error
     return port
 
 

@@ -250,13 +250,13 @@ class Scanner:
             self.keepalives += 1
             self._keepalive = self._loop.call_later(stream.keepalive.interval_s, self._keep_alive)
 
-    def _fail(self, error: LidarError, cause: BaseException | None = None) -> None:
+    def _fail(self, error: DeviceLost, cause: BaseException | None = None) -> None:
         """End the stream for everybody; the session goes on."""
         error.__cause__ = cause
         self.halt()
         self.hub.end(error)
 
-    def _lost(self, error: LidarError) -> None:
+    def _lost(self, error: DeviceLost) -> None:
         self.wanted = None
         self._at_rest()
         self.hub.end(error)

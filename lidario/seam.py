@@ -73,12 +73,13 @@ class Seam:
             split = self._step(begin, int(headings[begin]))
             if split:
                 result.append(split)
-            rising = away[begin + 1 : end]
-            if len(rising):
+            rising = away[begin:end]
+            if len(rising) > 1:
                 self._last = int(rising[-1])
                 if self._last >= self._near:
                     self._passed_unmarked = False
-                    self._armed = self._armed or int(rising[np.searchsorted(rising, self._near)]) <= self._far
+                    beyond = max(1, int(np.searchsorted(rising, self._near)))
+                    self._armed |= self._forward(int(rising[beyond - 1]), int(rising[beyond]))
             begin = end
         return result
 
@@ -98,8 +99,12 @@ class Seam:
             return Split(index, marked=False, broken=False)
         if away >= self._near:
             self._passed_unmarked = False
-            self._armed |= away <= self._far
+            self._armed |= self._forward(last, away)
         return None
+
+    def _forward(self, last: int, away: int) -> bool:
+        """Whether a reading beyond the near quarter was reached forwards: not by trembling back over the seam."""
+        return away <= self._far or (last < self._near and away - last < self._full_turn - self._retreat)
 
     def _flagged(self, index: int, heading: int) -> Split | None:
         if heading & RESTARTS:

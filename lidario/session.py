@@ -142,6 +142,10 @@ class Lidar:
         """Ask which scan frequency is set, in turns a second. Raises Unsupported where it cannot be set."""
         return await self._scanner.ask(self._open_device().scan_frequency)
 
+    async def get_scan_frequency_range(self) -> tuple[float, float]:
+        """Ask for the slowest and the fastest scan frequency. Raises Unsupported where it cannot be set."""
+        return await self._scanner.ask(self._open_device().scan_frequency_range)
+
     async def set_scan_frequency(self, hertz: float, *, verify: bool = True) -> float:
         """Set the scan frequency in turns a second; returns what the device made of it.
 

@@ -35,10 +35,10 @@ def make_device(source: Source) -> tuple[SimulatedDevice, Faults | None]:
     family = family_of_simulated(source.address)
     options = source.options
     try:
-        world = make_world(options["world"]) if "world" in options else None
-        faults = parse_faults(options["fault"]) if "fault" in options else None
-        serial = bytes.fromhex(options["serial"]) if "serial" in options else None
         seed = int(options.get("seed", "0"))
+        world = make_world(options["world"], seed=seed) if "world" in options else None
+        faults = parse_faults(options["fault"], seed=seed) if "fault" in options else None
+        serial = bytes.fromhex(options["serial"]) if "serial" in options else None
         device = family.simulate(source.address, world=world, serial=serial, seed=seed)
     except ValueError as error:
         raise ConnectFailed(f"{source.text!r}: {error}", reason="source") from error

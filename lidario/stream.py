@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import Protocol, Self
 from weakref import WeakSet
 
-from lidario.errors import Busy, LidarError
+from lidario.errors import Busy, DeviceLost, LidarError, SessionClosed
 from lidario.model import Scan
 
 __all__ = ["Hub", "Mailbox", "ScanSource", "ScanStream"]
@@ -118,12 +118,12 @@ class Hub:
         for mailbox in tuple(self._mailboxes):
             self.dropped += mailbox.put(scan)
 
-    def end(self, error: LidarError | None = None) -> None:
+    def end(self, error: DeviceLost | SessionClosed | None = None) -> None:
         """End every stream; each gets an error of its own, so that tracebacks do not mix."""
         for mailbox in tuple(self._mailboxes):
             own = None
             if error is not None:
-                own = type(error)(*error.args)
+                own = type(error)(str(error))
                 own.__cause__ = error
             mailbox.end(own)
         self._mailboxes.clear()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 
 __all__ = ["info"]
 
+_ABSURD_HZ = 100.0
+
 
 @dataclass
 class _Answers:
@@ -25,6 +28,7 @@ class _Answers:
     health: Health
     modes: tuple[ScanMode, ...]
     frequency: float | None
+    limits: tuple[float, float] | None
 
 
 @click.command()
@@ -48,11 +52,12 @@ async def _ask(source: str) -> _Answers:
     from lidario import Unsupported, open_lidar
 
     async with open_lidar(source) as lidar:
-        try:
-            frequency: float | None = await lidar.get_scan_frequency()
-        except Unsupported:
-            frequency = None
-        return _Answers(lidar.source, lidar.info, lidar.health, await lidar.get_modes(), frequency)
+        frequency: float | None = None
+        limits: tuple[float, float] | None = None
+        with suppress(Unsupported):
+            frequency = await lidar.get_scan_frequency()
+            limits = await lidar.get_scan_frequency_range()
+        return _Answers(lidar.source, lidar.info, lidar.health, await lidar.get_modes(), frequency, limits)
 
 
 def _facts(answers: _Answers) -> Table:
@@ -70,16 +75,20 @@ def _facts(answers: _Answers) -> Table:
         ("hardware", str(device.hardware)),
         ("serial number", device.serial),
         ("health", health.status.value + code),
-        ("scan frequency", _frequency(answers.frequency)),
+        ("scan frequency", _frequency(answers.frequency, answers.limits)),
     ):
         table.add_row(name, value)
     return table
 
 
-def _frequency(hertz: float | None) -> str:
+def _frequency(hertz: float | None, limits: tuple[float, float] | None) -> str:
     if hertz is None:
         return "cannot be set on this device"
-    return f"set to {hertz:.2f} Hz ({60 * hertz:.0f} rpm)"
+    text = f"set to {hertz:.2f} Hz ({60 * hertz:.0f} rpm)"
+    # Limits that are merely what fits in the request tell nothing.
+    if limits is not None and limits[1] < _ABSURD_HZ:
+        text += f", from {limits[0]:g} to {limits[1]:g} Hz"
+    return text
 
 
 def _modes(modes: tuple[ScanMode, ...]) -> Table:
@@ -109,6 +118,7 @@ def _record(answers: _Answers) -> dict[str, object]:
         **asdict(answers.info),
         "health": {"status": answers.health.status.value, "code": answers.health.code},
         "scan_frequency": answers.frequency,
+        "scan_frequency_range": answers.limits,
         "modes": [
             {
                 **asdict(mode),

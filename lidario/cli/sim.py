@@ -12,7 +12,7 @@ import errno
 import sys
 import time
 from collections import Counter
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import click
 
@@ -87,7 +87,7 @@ def _device(model: str, world: str | None, serial: str | None, seed: int) -> Sim
     except ValueError as error:
         raise click.BadParameter(str(error), param_hint="--world") from None
     try:
-        return cast("SimulatedDevice", family.simulate(model, world=sight, serial=number, seed=seed))
+        return family.simulate(model, world=sight, serial=number, seed=seed)
     except ValueError as error:
         raise click.BadParameter(str(error), param_hint="--serial") from None
 

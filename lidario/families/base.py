@@ -164,11 +164,6 @@ class Device(ABC):
         With `force` the device is asked to measure even when the motor has not reached its speed.
         """
 
-    @property
-    def speed_range(self) -> tuple[float, float] | None:
-        """Slowest and fastest settable scan frequency in Hz, or None when it cannot be set."""
-        return None
-
     def sample_rate(self) -> Script[SampleRate]:
         """Ask how long a sample takes."""
         raise Unsupported("this device does not tell its sample rate")
@@ -176,6 +171,10 @@ class Device(ABC):
     def scan_frequency(self) -> Script[float]:
         """Ask which scan frequency is set, in Hz."""
         raise Unsupported("this device does not tell its scan frequency")
+
+    def scan_frequency_range(self) -> Script[tuple[float, float]]:
+        """Ask for the slowest and the fastest scan frequency that can be set, in Hz."""
+        raise Unsupported("the scan frequency of this device cannot be set")
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:  # noqa: ARG002
         """Set the scan frequency; returns what was set, in Hz."""

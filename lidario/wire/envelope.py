@@ -6,7 +6,7 @@ dialect that carries payloads; the checksum is the XOR of every byte before it (
 
 An answer begins with a descriptor of seven bytes: ``A5 5A``, a little-endian word whose low 30 bits are the
 length of one packet and whose top 2 bits are the send mode (0 once, 1 for ever), and the answer type
-("Response descriptors' format"). The 4ROS development manual describes the same header. A descriptor has no
+("Response descriptors' format"). The manuals of both families describe the same header. A descriptor has no
 checksum and its two magic bytes occur in scan data by chance, so one is believed only when it is exactly the
 answer that was asked for: `Expected` says which that is.
 """

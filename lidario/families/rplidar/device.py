@@ -8,6 +8,7 @@ always asked for, never assumed, where the firmware can be asked.
 
 from __future__ import annotations
 
+import math
 import struct
 from contextlib import suppress
 from dataclasses import replace
@@ -33,8 +34,8 @@ SAMPLERATE_FIRMWARE: Final = (1, 17)
 LEGACY_SAMPLE_US: Final = 476.0
 """Of firmware too old to be asked (SDK)."""
 LEGACY_MAX_DISTANCE: Final = 16.0
-MODE_LIMIT: Final = 64
-"""More modes than this is not an answer."""
+MODE_LIMIT: Final = 16
+"""Mode numbers that are tried; devices have two to five modes, numbered from 0."""
 DEFAULT_RPM: Final = 600
 SPIN_UP_S: Final = 5.0
 SLOWEST_TURN_S: Final = 1.0
@@ -105,8 +106,12 @@ class RplidarDevice(Device):
         found: list[ScanMode] = []
         if self._has_conf:
             count = yield from self._ask("<H", Conf.MODE_COUNT)
-            for mode in range(min(count or 0, MODE_LIMIT)):
-                found.append((yield from self._mode(mode)))
+            for mode in range(MODE_LIMIT):
+                if len(found) >= (count or 0):
+                    break
+                told = yield from self._mode(mode)
+                # Numbers may have holes: a mode that the device tells nothing of is none.
+                found += [told] if told.answer_type else []
         if not found:
             return (yield from self._legacy_modes())
         typical = yield from self._ask("<H", Conf.TYPICAL_MODE)
@@ -164,13 +169,24 @@ class RplidarDevice(Device):
         """
         if not self._has_motor_control:
             raise Unsupported("this model has no motor control")
-        lowest = (yield from self._ask("<H", Conf.MIN_ROTATION)) or 1
-        highest = (yield from self._ask("<H", Conf.MAX_ROTATION)) or 0xFFFF
-        rpm = round(hertz * 60)
+        lowest, highest = yield from self._rpm_limits()
+        rpm = round(hertz * 60) if math.isfinite(hertz) else 0
         if not lowest <= rpm <= highest:
             raise ValueError(f"{rpm} rpm is outside this device's {lowest} to {highest} rpm")
         self._rpm = rpm
         return rpm / 60
+
+    def scan_frequency_range(self) -> Script[tuple[float, float]]:
+        """As `Device.scan_frequency_range`; what fits in the request where the device does not tell."""
+        if not self._has_motor_control:
+            raise Unsupported("this model has no motor control")
+        lowest, highest = yield from self._rpm_limits()
+        return lowest / 60, highest / 60
+
+    def _rpm_limits(self) -> Script[tuple[int, int]]:
+        lowest = (yield from self._ask("<H", Conf.MIN_ROTATION)) or 1
+        highest = (yield from self._ask("<H", Conf.MAX_ROTATION)) or 0xFFFF
+        return lowest, highest
 
     def _wanted_rpm(self) -> Script[int]:
         if self._rpm is None:

@@ -70,9 +70,9 @@ class Device4Ros(Device):
         self._protected = False
         self._offset_deg = 0.0
 
-    @property
-    def speed_range(self) -> tuple[float, float]:
-        """As `Device.speed_range`."""
+    def scan_frequency_range(self) -> Script[tuple[float, float]]:
+        """As `Device.scan_frequency_range`: the data sheet's, since the device cannot be asked."""
+        yield from ()
         return SPEED_RANGE
 
     def stop(self) -> Request:

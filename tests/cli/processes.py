@@ -1,0 +1,87 @@
+"""Running the command: in this process, or as one of its own; and a simulated device whose log can be read.
+
+No test waits for `BOUND` unless something is broken: it only turns a hang into a failure.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import IO
+
+from click.testing import CliRunner, Result
+
+from lidario.cli.main import cli
+from lidario.families.registry import family_of_simulated
+from lidario.sim.faults import parse_faults
+from lidario.sim.serve import PtyServer
+
+__all__ = ["BOUND", "ROOT", "invoke", "line_of", "run", "served", "started", "until"]
+
+BOUND = 60.0
+ROOT = Path(__file__).parents[2]
+
+
+def invoke(*arguments: str) -> Result:
+    """Run the command in this process."""
+    return CliRunner().invoke(cli, list(arguments), env={"COLUMNS": "80", "NO_COLOR": "1"})
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the command as a process, to its end."""
+    return subprocess.run(
+        [sys.executable, "-m", "lidario", *arguments],
+        cwd=ROOT, env=_environment(), capture_output=True, text=True, timeout=BOUND, check=False,
+    )  # fmt: skip
+
+
+@contextlib.contextmanager
+def started(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """Start the command as a process; at the end of the block it is gone."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "lidario", *arguments],
+        cwd=ROOT, env=_environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        with process:
+            try:
+                yield process
+            finally:
+                if process.poll() is None:
+                    process.kill()
+    finally:
+        process.wait(BOUND)
+
+
+@contextlib.contextmanager
+def served(model: str, faults: str = "", seed: int = 0) -> Iterator[PtyServer]:
+    """A simulated device on a pseudo-terminal, in this process."""
+    device = family_of_simulated(model).simulate(model, world=None, serial=None, seed=seed)
+    with PtyServer(device, faults=parse_faults(faults) if faults else None) as server:
+        yield server
+
+
+def line_of(stream: IO[str] | None) -> str:
+    """The next line of a process's output."""
+    assert stream is not None
+    assert select.select([stream], [], [], BOUND)[0], "the process says nothing"
+    return stream.readline()
+
+
+def until(condition: Callable[[], object]) -> None:
+    """Wait until `condition` holds."""
+    deadline = time.monotonic() + BOUND
+    while not condition():
+        assert time.monotonic() < deadline, "it never came to be"
+        time.sleep(0.01)
+
+
+def _environment() -> dict[str, str]:
+    inherited = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "FORCE_COLOR")}
+    return {**inherited, "PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "utf-8", "PYTHONWARNINGS": "error"}

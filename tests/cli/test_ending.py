@@ -1,0 +1,190 @@
+"""However the command ends, laser and motor are off and the exit code says how it went.
+
+The device runs in this process, so what reached it is known first hand, not by what the command says.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+
+from lidario.sim.device import Received
+from lidario.sim.serve import PtyServer
+from tests.cli.processes import BOUND, invoke, line_of, served, started, until
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and pseudo-terminals of POSIX")
+
+FIRST, SECOND = "rplidar-s2", "ydlidar-4ros"
+SIGNALS = [
+    (FIRST, signal.SIGINT),
+    (FIRST, signal.SIGTERM),
+    (FIRST, getattr(signal, "SIGHUP", signal.SIGTERM)),  # Windows has none
+    (SECOND, signal.SIGINT),
+    (SECOND, signal.SIGTERM),
+]
+
+
+def requests(server: PtyServer) -> list[Received]:
+    with server.lock:
+        return list(server.device.log)
+
+
+def stopped(server: PtyServer) -> bool:
+    """Whether the device does nothing, because it was told so after it was told to scan."""
+    with server.lock:
+        obeyed = [each.name for each in server.device.log if each.obeyed]
+        began = max(at for at, name in enumerate(obeyed) if "scan" in name)
+        return "stop" in obeyed[began:] and not server.device.scanning and not server.device.motor_on
+
+
+@pytest.mark.parametrize(("model", "number"), SIGNALS)
+def test_a_signal_ends_an_endless_stream_as_it_is_meant_to_end(model: str, number: signal.Signals) -> None:
+    with served(model) as server:
+        with started("scan", server.path, "-n", "0", "--json") as process:
+            for seq in range(3):
+                assert json.loads(line_of(process.stdout))["seq"] == seq
+            process.send_signal(number)
+            rest, said = process.communicate(timeout=BOUND)
+        assert process.returncode == 0
+        for line in rest.splitlines():
+            json.loads(line)
+        assert "scans in" in said
+        assert "Traceback" not in said
+        until(lambda: stopped(server))
+        assert server.lost == 0
+
+
+def test_the_motor_is_commanded_to_rest_before_stop() -> None:
+    with served(FIRST) as server:
+        with started("scan", server.path, "-n", "0") as process:
+            line_of(process.stdout)
+            process.send_signal(signal.SIGTERM)
+            assert process.wait(BOUND) == 0
+        until(lambda: stopped(server))
+        obeyed = [each for each in requests(server) if each.obeyed]
+        began = max(at for at, each in enumerate(obeyed) if "scan" in each.name)
+        motor = next(each for each in obeyed[began:] if each.name == "motor_speed_ctrl")
+        assert motor.data[3:5] == b"\0\0"  # behind start, command and size: the speed
+
+
+def test_people_get_the_picture_after_ctrl_c() -> None:
+    with served(FIRST) as server, started("scan", server.path, "-n", "0") as process:
+        for _ in range(3):
+            line_of(process.stdout)
+        process.send_signal(signal.SIGINT)
+        rest, _ = process.communicate(timeout=BOUND)
+        assert process.returncode == 0
+        assert "▲" in rest
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_number_of_scans_that_is_not_reached(number: signal.Signals, code: int) -> None:
+    with served(FIRST) as server:
+        with started("scan", server.path, "-n", "100000", "--json") as process:
+            line_of(process.stdout)
+            process.send_signal(number)
+            process.communicate(timeout=BOUND)
+        assert process.returncode == code
+        until(lambda: stopped(server))
+
+
+def test_ctrl_c_in_a_question() -> None:
+    with served(FIRST) as server:
+        with server.lock:
+            server.device.mute = True  # type: ignore[attr-defined]
+        with started("info", server.path) as process:
+            until(lambda: any(each.name == "get_info" for each in requests(server)))
+            process.send_signal(signal.SIGINT)
+            out, said = process.communicate(timeout=BOUND)
+    assert process.returncode == 130
+    assert out == ""
+    assert "Traceback" not in said
+
+
+@pytest.mark.parametrize("form", [["--json"], ["--csv"], []])
+def test_a_reader_that_goes_away_ends_it_without_a_word(form: list[str]) -> None:
+    with served(FIRST) as server:
+        with started("scan", server.path, "-n", "0", *form) as process:
+            assert process.stdout is not None
+            assert process.stderr is not None
+            line_of(process.stdout)
+            process.stdout.close()
+            said = process.stderr.read()
+            assert process.wait(BOUND) == 0
+        # People are told at the beginning which device it is.
+        assert len(said.splitlines()) == (0 if form else 1)
+        assert "rror" not in said
+        until(lambda: stopped(server))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="sees by /proc that the write blocks")
+def test_a_reader_that_reads_nothing_keeps_no_signal_from_stopping_the_motor() -> None:
+    import fcntl
+
+    with served(FIRST) as server:
+        with started("scan", server.path, "-n", "0") as process:
+            assert process.stdout is not None
+            pipe = process.stdout.fileno()
+            fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, 4096)
+            filler = os.open(f"/proc/self/fd/{pipe}", os.O_WRONLY | os.O_NONBLOCK)
+            os.write(filler, b" " * (4096 - 200))  # two lines have room, and are written whole or not at all
+            os.close(filler)
+            until(lambda: server.device.scanning and hangs_in_a_write(process.pid))
+            process.send_signal(signal.SIGTERM)
+            assert process.wait(BOUND) == 0
+        until(lambda: stopped(server))
+
+
+def hangs_in_a_write(pid: int) -> bool:
+    """Whether a thread of that process is in a system call on its stdout."""
+    calls = [path.read_text().split() for path in Path(f"/proc/{pid}/task").glob("*/syscall")]
+    return any(call[1:2] == ["0x1"] for call in calls)
+
+
+def test_keep_spinning_leaves_the_motor_on_and_the_laser_off() -> None:
+    with served(FIRST) as server:
+        ended = invoke("scan", server.path, "--json", "--keep-spinning")
+        assert ended.exit_code == 0
+        until(lambda: not server.device.scanning)
+        with server.lock:
+            assert server.device.motor_on
+
+
+def test_a_finished_scan_leaves_nothing_running() -> None:
+    with served(FIRST) as server:
+        assert invoke("scan", server.path, "--csv").exit_code == 0
+        until(lambda: stopped(server))
+
+
+@pytest.mark.parametrize("verb", ["scan", "info"])
+def test_a_busy_port(verb: str) -> None:
+    import fcntl
+
+    with served(FIRST) as server:
+        handle = os.open(server.path, os.O_RDWR | os.O_NOCTTY)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            with started(verb, server.path) as process:
+                out, said = process.communicate(timeout=BOUND)
+        finally:
+            os.close(handle)
+        assert process.returncode == 4
+        assert out == ""
+        assert said.startswith(f"error: {server.path} is busy")
+        assert str(os.getpid()) in said
+        assert requests(server) == []
+
+
+def test_a_silent_device_is_told_from_a_missing_one() -> None:
+    with served(FIRST) as server:
+        with server.lock:
+            server.device.mute = True  # type: ignore[attr-defined]
+        ended = invoke("info", server.path)
+    assert ended.exit_code == 5
+    assert ended.stderr.startswith("error: ")
+    assert "nothing answers" in ended.stderr

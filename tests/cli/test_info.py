@@ -1,0 +1,63 @@
+"""``lidario info``."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from lidario.families.registry import FAMILIES
+from tests.cli.processes import invoke, served
+
+MODELS = [model for family in FAMILIES for model in family.simulated]
+
+
+def test_everything_a_device_says_of_itself() -> None:
+    serial = "000102030405060708090A0B0C0D0E0F"
+    ended = invoke("info", f"sim://rplidar-s2?via=memory&serial={serial}", "--json")
+    assert ended.exit_code == 0
+    told = json.loads(ended.stdout)
+    assert told["serial"] == serial
+    assert told["model_id"] == 0x71
+    assert told["firmware"] == "1.29"
+    assert told["health"] == {"status": "ok", "code": 0}
+    assert told["scan_frequency"] == 10.0
+    dense = next(mode for mode in told["modes"] if mode["name"] == "DenseBoost")
+    assert (dense["id"], dense["sample_us"], dense["samples_per_second"]) == (1, 31.25, 32000.0)
+    assert (dense["max_distance"], dense["answer_type"], dense["typical"]) == (30.0, 0x85, True)
+
+
+def test_for_people() -> None:
+    ended = invoke("info", "sim://rplidar-s2?via=memory")
+    assert ended.exit_code == 0
+    row = next(line for line in ended.stdout.splitlines() if "DenseBoost" in line)
+    assert row.split() == ["1", "DenseBoost", "31.25", "32000", "30", "m", "0x85", "yes"]
+    assert max(map(len, ended.stdout.splitlines())) <= 80
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_every_model(model: str) -> None:
+    ended = invoke("info", f"sim://{model}?via=memory", "--json")
+    assert ended.exit_code == 0, ended.stderr
+    told = json.loads(ended.stdout)
+    assert told["model"]
+    assert len(told["modes"]) >= 1
+    assert sum(mode["typical"] for mode in told["modes"]) == 1
+    assert invoke("info", f"sim://{model}?via=memory").exit_code == 0
+
+
+def test_a_device_that_protects_itself_is_unhealthy() -> None:
+    with served("ydlidar-4ros") as server:
+        with server.lock:
+            server.device.health = (2, 0x1234)  # type: ignore[attr-defined]
+            server.device.faults_cleared_by_reset = False  # type: ignore[attr-defined]
+        ended = invoke("info", server.path, "--json")
+    assert ended.exit_code == 6
+    assert ended.stdout == ""
+    assert ended.stderr.startswith("error: ")
+
+
+def test_garbage_is_no_answer() -> None:
+    ended = invoke("info", "sim://rplidar-s2?via=memory&fault=garbage")
+    assert ended.exit_code == 5
+    assert "garbage" in ended.stderr

@@ -1,0 +1,125 @@
+"""The frame around the verbs: version, help, usage errors, a missing extra."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+import lidario
+from tests.cli.processes import BOUND, ROOT, invoke, run
+
+
+def test_version_is_told_without_loading_what_verbs_need() -> None:
+    told = subprocess.run(
+        [sys.executable, "-X", "importtime", "-m", "lidario", "--version"],
+        cwd=ROOT, capture_output=True, text=True, timeout=BOUND, check=False,
+    )  # fmt: skip
+    assert (told.returncode, told.stdout) == (0, f"lidario {lidario.__version__}\n")
+    loaded = {line.rpartition("|")[2].strip().partition(".")[0] for line in told.stderr.splitlines()}
+    assert "lidario" in loaded
+    assert not loaded & {"click", "rich"}
+
+
+@pytest.mark.parametrize("missing", ["click", "rich"])
+def test_a_missing_extra_is_one_sentence_that_names_the_cure(missing: str) -> None:
+    program = (
+        f"import sys; sys.modules[{missing!r}] = None; sys.argv = ['lidario', 'devices']\n"
+        "from lidario.__main__ import main\n"
+        "sys.exit(main())"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=ROOT, capture_output=True, text=True, timeout=BOUND, check=False,
+    )  # fmt: skip
+    assert ended.returncode == 2
+    assert ended.stdout == ""
+    assert ended.stderr.count("\n") == 1
+    assert "pip install 'lidario-asyncio[cli]'" in ended.stderr
+
+
+def test_version_needs_no_extra() -> None:
+    program = (
+        "import sys; sys.modules['click'] = sys.modules['rich'] = None; sys.argv = ['lidario', '--version']\n"
+        "from lidario.__main__ import main\n"
+        "sys.exit(main())"
+    )
+    subprocess.run([sys.executable, "-c", program], cwd=ROOT, check=True, timeout=BOUND, capture_output=True)
+
+
+def test_help_names_every_verb() -> None:
+    told = invoke("--help")
+    assert told.exit_code == 0
+    for verb in ("devices", "info", "scan", "sim"):
+        assert f"\n  {verb} " in told.stdout
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("nosuchverb",),
+        ("scan", "--nosuchoption"),
+        ("scan", "-n", "-1"),
+        ("scan", "-n", "many"),
+        ("scan", "--json", "--csv"),
+        ("scan", "a", "b"),
+        ("info", "nosuch://thing"),
+        ("info", "sim://nosuchmodel"),
+        ("info", "sim://rplidar-s2?nosuch=1"),
+        ("scan", "sim://rplidar-s2?via=memory", "--mode", "nosuchmode"),
+        ("scan", "sim://rplidar-s2?via=memory", "--mode", "77"),
+        ("sim", "nosuchmodel"),
+        ("sim", "--pty", "--tcp", ":0"),
+        ("sim", "--tcp", "nonsense"),
+        ("sim", "--tcp", ":99999"),
+        ("sim", "--fault", "nosuch:1%"),
+        ("sim", "--world", "nosuchworld"),
+        ("sim", "--serial", "xyz"),
+        ("sim", "--serial", "00"),
+    ],
+)
+def test_what_cannot_be_meant_is_a_usage_error(arguments: tuple[str, ...]) -> None:
+    ended = invoke(*arguments)
+    assert ended.exit_code == 2
+    assert ended.stdout == ""
+    first, *more = ended.stderr.splitlines()
+    assert first.startswith("error: ")
+    assert all(line.startswith(" " * 7) for line in more)
+
+
+def test_a_missing_port_is_no_device() -> None:
+    ended = run("scan", "/dev/nosuchport")
+    assert ended.returncode == 3
+    assert ended.stdout == ""
+    assert ended.stderr.startswith("error: ")
+    assert "/dev/nosuchport" in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("--traceback", "info", "/dev/nosuchport"), ("info", "/dev/nosuchport", "--traceback")],
+)
+def test_traceback_is_shown_when_asked_for(arguments: tuple[str, ...]) -> None:
+    ended = run(*arguments)
+    assert ended.returncode == 3
+    assert "Traceback (most recent call last)" in ended.stderr
+    assert ended.stderr.splitlines()[-1].startswith("error: ")
+
+
+def test_what_nobody_expected_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail() -> None:
+        raise ZeroDivisionError("division by\nzero")
+
+    monkeypatch.setattr("lidario.list_serial_ports", fail)
+    monkeypatch.setattr("lidario.list_lidars", _nothing)
+    ended = invoke("devices")
+    assert ended.exit_code == 1
+    assert ended.stderr.startswith("error: ")
+    assert ended.stderr.count("\n") == 1
+    assert "ZeroDivisionError" in ended.stderr
+
+
+async def _nothing(paths: tuple[str, ...] = ()) -> list[lidario.Found]:
+    return []

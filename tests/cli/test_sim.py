@@ -1,0 +1,68 @@
+"""``lidario sim``: a lidar for anybody's driver."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import sys
+
+import pytest
+
+from lidario.families.registry import FAMILIES
+from tests.cli.processes import BOUND, invoke, line_of, run, started
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and pseudo-terminals of POSIX")
+
+
+def test_the_models_are_listed() -> None:
+    listed = invoke("sim", "--list")
+    assert listed.exit_code == 0
+    assert listed.stdout.splitlines() == [model for family in FAMILIES for model in family.simulated]
+
+
+def test_one_process_serves_and_another_scans() -> None:
+    serial = "00112233445566778899AABBCCDDEEFF"
+    with started("sim", "--pty", "--serial", serial, "--world", "circle") as sim:
+        path = line_of(sim.stdout).strip()
+        told = run("info", path, "--json")
+        assert json.loads(told.stdout)["serial"] == serial
+        scanned = run("scan", path, "-n", "2", "--json")
+        assert scanned.returncode == 0, scanned.stderr
+        assert [json.loads(line)["seq"] for line in scanned.stdout.splitlines()] == [0, 1]
+        sim.send_signal(signal.SIGINT)
+        rest, said = sim.communicate(timeout=BOUND)
+    assert sim.returncode == 0
+    assert rest == ""
+    assert f"lidario scan {path}" in said
+    summary = said.partition("served")[2]
+    assert "get_info" in summary
+    assert "stop" in summary
+    assert "left it scanning" not in summary
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_over_tcp(number: signal.Signals) -> None:
+    with started("sim", "ydlidar-4ros", "--tcp", ":0") as sim:
+        address = line_of(sim.stdout).strip()
+        assert address.startswith("tcp://127.0.0.1:")
+        scanned = run("scan", address, "--json")
+        assert scanned.returncode == 0, scanned.stderr
+        assert json.loads(scanned.stdout)["ranges"]
+        sim.send_signal(number)
+        assert sim.wait(BOUND) == 0
+
+
+def test_an_address_that_is_taken() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        ended = invoke("sim", "--tcp", f"127.0.0.1:{taken.getsockname()[1]}")
+    assert ended.exit_code == 4
+    assert ended.stdout == ""
+    assert "in use" in ended.stderr
+
+
+def test_it_ends_when_a_fault_pulls_the_cable() -> None:
+    with started("sim", "--fault", "drop:0.1%", "--fault", "unplug:100ms") as sim:
+        path = line_of(sim.stdout).strip()
+        assert run("scan", path, "-n", "0").returncode == 5
+        assert sim.wait(BOUND) == 0
