@@ -34,6 +34,9 @@ SILENCE_S = 0.9
 """Longest time without a packet once they flow. The slowest format sends one every 10 ms."""
 TURNS_MISSED = 3
 """Turns of the slowest kind that may fail to complete before a stream of packets counts as stuck."""
+REST_S = 0.02
+"""Longest rest between two looks at the port within a turn: 1.7 KiB of the fastest stream, of the 4 KiB that a
+terminal's buffer holds; the rest is there for a program that blocks its loop."""
 LEAVE_TIMEOUT_S = 2.0
 _WATCH_MARGIN_S = 0.001
 STOP_ATTEMPTS = 3
@@ -78,7 +81,7 @@ class Scanner:
         self._watchdog: asyncio.TimerHandle | None = None
         self._keepalive: asyncio.TimerHandle | None = None
         self._restoring: asyncio.Task[None] | None = None
-        self._began = self._last_packet = self._last_scan = 0.0
+        self._began = self._last_packet = self._last_scan = self._turn_due = 0.0
         dialogue.on_lost = self._lost
 
     async def modes(self) -> tuple[ScanMode, ...]:
@@ -167,7 +170,8 @@ class Scanner:
         self.stream = stream
         self._began = self._last_packet = self._last_scan = self._loop.time()
         self._dialogue.on_packets = self._take
-        self._dialogue.port.set_latency(self._latency)
+        self._turn_due = 0.0
+        self._dialogue.port.set_latency(self._latency, self._rest)
         self._watch()
         if stream.keepalive is not None:
             self._keepalive = self._loop.call_later(stream.keepalive.interval_s, self._keep_alive)
@@ -217,8 +221,23 @@ class Scanner:
         self._last_packet = self._loop.time()
         for scan in self._assembler.add(packets):
             self._last_scan = self._last_packet
+            self._turn_due = self._next_end(scan)
             self.latest = scan
             self.hub.publish(scan)
+
+    def _next_end(self, scan: Scan) -> float:
+        """When the turn after `scan` will be complete in the kernel's buffer, if the rotor goes on as it does."""
+        stream, baudrate = self.stream, self._dialogue.port.baudrate
+        if stream is None or not scan.rpm > 0:
+            return 0.0
+        wire_s = stream.format.longest * 10 / baudrate if baudrate else 0.0
+        # Behind the packet that crosses the seam one more must arrive, and it crosses half a packet in, on average.
+        packets_s = 2.5 * stream.format.samples * stream.sample_ns * 1e-9
+        return scan.stamp_ns * 1e-9 + 2 * 60 / scan.rpm + packets_s + wire_s
+
+    def _rest(self) -> float:
+        """Seconds for which nothing will arrive that completes a turn."""
+        return min(self._turn_due - self._loop.time(), REST_S)
 
     def _watch(self) -> None:
         stream = self.stream

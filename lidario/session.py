@@ -319,8 +319,8 @@ def open_lidar(
             memory and lives on the event loop's clock.
         family: Name of its family; None to find out.
         baudrate: Speed of the line; None to find out.
-        latency: Seconds that bytes may wait in the kernel while a stream runs. 0 wakes the program for each
-            delivery, up to a thousand times a second.
+        latency: Seconds by which a scan may be late because the port is only looked at from time to time while a
+            stream runs. 0 wakes the program for each delivery, up to a thousand times a second.
         keep_spinning: Leave the motor on when the session ends; only the measuring stops.
 
     Raises:
