@@ -396,3 +396,62 @@ async def test_a_rotor_that_stands_still_is_noticed(family: str) -> None:
             while True:
                 await anext(stream)
     assert left_still(rig)
+
+
+@both_families
+@driven
+async def test_a_mistake_of_ours_ends_the_stream_and_says_so(family: str) -> None:
+    rig = make_rig(family)
+
+    def blunder(event: object) -> list[Scan]:
+        raise IndexError("a bug")
+
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        scanner = lidar._scanner
+        assert scanner._assembler is not None
+        scanner._assembler.add = blunder  # type: ignore[method-assign, assignment]
+        with pytest.raises(DeviceLost, match=r"IndexError\('a bug'\).*report") as caught:
+            while True:
+                await anext(stream)
+        assert isinstance(caught.value.__cause__, DeviceLost)
+        assert isinstance(caught.value.__cause__.__cause__, IndexError)
+    assert left_still(rig)
+
+
+@driven
+async def test_modes_with_holes_in_their_numbers_are_all_found() -> None:
+    rig = make_rig("rplidar", "rplidar-hq")
+    async with rig.open() as lidar:
+        told = {mode.name: mode for mode in await lidar.get_modes()}
+        assert len(told) == len(rig.device.profile.modes)
+        (typical,) = [mode for mode in told.values() if mode.typical]
+        assert typical.answer_type == 0x83
+        scan = await lidar.scan()
+        assert scan.mode == typical.name
+        assert scan.intensities is not None
+
+
+@pytest.mark.parametrize(
+    ("model", "mode"),
+    [
+        ("rplidar-zero-us", "DenseBoost"),
+        ("rplidar-no-modes", "Standard"),
+        ("rplidar-old-firmware", "Express"),
+        ("rplidar-unknown-answer", None),
+    ],
+)
+@driven
+async def test_awkward_devices_do_what_they_can(model: str, mode: str | None) -> None:
+    rig = make_rig("rplidar", model, world=make_world("circle"))
+    async with rig.open() as lidar:
+        scans = await take(lidar, 3)
+        if mode is not None:
+            assert scans[0].mode == mode
+        np.testing.assert_allclose(scans[-1].ranges, 2.0, atol=0.005)
+        assert scans[-1].time_increment_ns == pytest.approx(scans[-1].duration_ns / len(scans[-1]), rel=0.02)
+        strange = [each for each in await lidar.get_modes() if each.answer_type == 0x8E]
+        if strange:
+            with pytest.raises(Unsupported, match="0x8E"):
+                await lidar.scan(strange[0].name)
+            assert len(await take(lidar, 1)) == 1
