@@ -24,15 +24,12 @@ import struct
 from collections.abc import Callable
 from typing import ClassVar
 
-import numpy as np
-
 from lidario.families.rplidar.simulated_profiles import PROFILES, Mode, Profile
 from lidario.families.rplidar.simulated_requests import Request, RequestReader
 from lidario.families.rplidar.simulated_stream import MeasurementStream
-from lidario.sim.device import Received
-from lidario.sim.line import RequestLog, TransmitQueue
+from lidario.sim.chassis import Chassis
 from lidario.sim.motor import Motor
-from lidario.sim.world import World, make_world
+from lidario.sim.world import World
 
 __all__ = ["PROFILES", "Mode", "Profile", "SimulatedRplidar", "make_simulated"]
 
@@ -47,7 +44,7 @@ _CONTINUOUS = 1 << 30  # send mode in the descriptor's length word
 _INFO, _HEALTH, _SAMPLERATE, _CONF = 0x04, 0x06, 0x15, 0x20
 
 
-class SimulatedRplidar:
+class SimulatedRplidar(Chassis[MeasurementStream]):
     """One simulated device; obeys `lidario.sim.device.SimulatedDevice`.
 
     Args:
@@ -58,14 +55,8 @@ class SimulatedRplidar:
 
     Attributes:
         profile: What it is.
-        world: What it sees from the next scan on.
         serial: Its serial number.
-        health: Status (0 good, 1 warning, 2 Protection Stop) and error code, as GET_HEALTH tells them.
-        faults_cleared_by_reset: Whether RESET cures a Protection Stop.
-        answer_delay_s: Seconds from a request to the beginning of its answer; raise it to be late.
-        boot_s: Seconds of silence after RESET.
-        garble_answers: How many of the next answers to queries are random bytes instead.
-        mute: While true nothing leaves the device, and what would have left is lost.
+        health: Status (0 good, 1 warning, 2 Protection Stop) and error code; this and more as in `Chassis`.
 
     Raises:
         ValueError: The serial number has not 16 bytes.
@@ -79,62 +70,18 @@ class SimulatedRplidar:
         serial: bytes | None = None,
         seed: int = 0,
     ) -> None:
-        self._random = np.random.default_rng([seed, profile.model])
+        super().__init__(profile.baudrate, world, seed, profile.model)
         self.profile = profile
-        self.world = make_world(seed=seed) if world is None else world
         self.serial = self._random.bytes(16) if serial is None else bytes(serial)
         if len(self.serial) != 16:
             raise ValueError(f"a serial number has 16 bytes, not {len(self.serial)}")
-        self.health: tuple[int, int] = (0, 0)
-        self.faults_cleared_by_reset = True
         self.answer_delay_s = 0.0015
         self.boot_s = profile.boot_s
-        self.garble_answers = 0
-        self.mute = False
         self._motor = Motor(turns=float(self._random.random()))
-        self._queue = TransmitQueue(profile.baudrate)
         self._reader = RequestReader()
-        self._log = RequestLog()
-        self._stream: MeasurementStream | None = None
-        self._deaf_until, self._deaf_why = 0, ""
-        self._now = 0
         if not profile.motor_command:
             self._motor.spin_up_s = 0.0
             self._motor.set_rpm(_DEFAULT_RPM, 0)
-
-    @property
-    def baudrate(self) -> int:
-        """Speed of the line in bits a second."""
-        return self.profile.baudrate
-
-    @property
-    def log(self) -> list[Received]:
-        """Every request so far, oldest first, the discarded ones included."""
-        return self._log.entries
-
-    @property
-    def scanning(self) -> bool:
-        """Whether a measurement stream is under way, or waits for the motor."""
-        return self._stream is not None
-
-    @property
-    def motor_on(self) -> bool:
-        """Whether the motor is powered."""
-        return self._motor.target_rpm > 0.0
-
-    @property
-    def motor_rpm(self) -> float:
-        """The commanded speed in turns a minute; 0 = off."""
-        return self._motor.target_rpm
-
-    @property
-    def spin_up_s(self) -> float:
-        """Seconds the motor needs from standstill to a stable speed, from its next command on; 0 = none."""
-        return self._motor.spin_up_s
-
-    @spin_up_s.setter
-    def spin_up_s(self, seconds: float) -> None:
-        self._motor.spin_up_s = seconds
 
     def receive(self, data: bytes, now: int) -> None:
         """Take bytes that the host sent and that arrived at `now`."""
@@ -143,12 +90,6 @@ class SimulatedRplidar:
             request = self._reader.feed(byte, now)
             if request is not None:
                 self._consider(request)
-
-    def transmit(self, now: int) -> bytes:
-        """Hand out the bytes whose last bit has left the device by `now`, and forget them."""
-        self._advance(now)
-        data = self._queue.take(now)
-        return b"" if self.mute else data
 
     def wakeup(self, now: int) -> int | None:
         """When the answer or packet that is next will have left; None while the device is idle."""
@@ -295,10 +236,7 @@ class SimulatedRplidar:
 
     def _answer(self, kind: int, data: bytes, request: Request) -> str:
         """Send a single answer, or noise of the same length when it is to be garbled."""
-        answer = _descriptor(len(data), kind) + data
-        if self.garble_answers > 0:
-            self.garble_answers -= 1
-            answer = self._random.bytes(len(answer))
+        answer = self._garbled(_descriptor(len(data), kind) + data)
         self._queue.push(answer, request.ended + int(self.answer_delay_s * 1e9))
         return ""
 

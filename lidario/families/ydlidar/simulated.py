@@ -25,18 +25,16 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-import numpy as np
-
 from lidario.families.ydlidar.simulated_packers import SCAN_HEADER, pack_answer
 from lidario.families.ydlidar.simulated_stream import SAMPLE_NS, PointStream
-from lidario.sim.device import Received
-from lidario.sim.line import RequestLog, TransmitQueue
+from lidario.sim.chassis import Chassis
 from lidario.sim.motor import Motor
-from lidario.sim.world import World, make_world
+from lidario.sim.world import World
 
 __all__ = ["PROFILES", "Profile", "Simulated4Ros", "make_simulated"]
 
 _MS = 1_000_000
+_BAUDRATE = 512_000  # data sheet, chart 5
 _SETTLE_AFTER_STOP = 5 * _MS  # vendor SDK 1.2.20
 _AFTER_STOP = "within 5 ms of stop"
 _ALIVE_FOR = 3000 * _MS  # manual 3.8
@@ -95,7 +93,7 @@ PROFILES = {
 }
 
 
-class Simulated4Ros:
+class Simulated4Ros(Chassis[PointStream]):
     """One simulated device; obeys `lidario.sim.device.SimulatedDevice`.
 
     Args:
@@ -107,18 +105,12 @@ class Simulated4Ros:
 
     Attributes:
         profile: What it is.
-        world: What it sees from the next scan on.
         serial: Its serial number, bytes of 0 to 9.
-        health: Status (0 good, 1 warning, 2 error) and error code, as GET_HEALTH tells them.
-        faults_cleared_by_reset: Whether RESET cures health 2.
+        health: Status (0 good, 1 warning, 2 error) and error code; this and more as in `Chassis`.
         zero_offset: What it tells of its zero-angle offset, in quarter degrees; nothing else depends on it.
         set_speed: The speed that is set, in hundredths of Hz.
         protected: Whether power-down protection is on.
         lapses: How often protection has ended a scan.
-        answer_delay_s: Seconds from a request to the beginning of its answer; raise it to be late.
-        boot_s: Seconds of silence after RESET.
-        garble_answers: How many of the next answers to queries are random bytes instead.
-        mute: While true nothing leaves the device, and what would have left is lost.
 
     Raises:
         ValueError: The serial number is not 16 digits.
@@ -132,63 +124,18 @@ class Simulated4Ros:
         serial: bytes | str | None = None,
         seed: int = 0,
     ) -> None:
-        self._random = np.random.default_rng([seed, profile.model])
+        super().__init__(_BAUDRATE, world, seed, profile.model)
         self.profile = profile
-        self.world = make_world(seed=seed) if world is None else world
         drawn = self._random.integers(0, 10, 16).tolist()
         self.serial = _digits(drawn if serial is None else serial)
-        self.health: tuple[int, int] = (0, 0)
-        self.faults_cleared_by_reset = True
         self.zero_offset = 0
         self.set_speed = _FACTORY_SPEED
         self.protected = False
         self.lapses = 0
         self.answer_delay_s = 0.0005
-        self.boot_s = 1.0
-        self.garble_answers = 0
-        self.mute = False
         self._motor = Motor(spin_up_s=profile.spin_up_s, turns=float(self._random.random()))
-        self._queue = TransmitQueue(self.baudrate)
-        self._log = RequestLog()
-        self._stream: PointStream | None = None
         self._begun = False  # the first byte of a request is there
-        self._deaf_until, self._deaf_why = 0, ""
         self._alive_until = 0
-        self._now = 0
-
-    @property
-    def baudrate(self) -> int:
-        """Speed of the line in bits a second (data sheet)."""
-        return 512_000
-
-    @property
-    def log(self) -> list[Received]:
-        """Every request so far, oldest first, the discarded ones included."""
-        return self._log.entries
-
-    @property
-    def scanning(self) -> bool:
-        """Whether a measurement stream is under way, or waits for the motor."""
-        return self._stream is not None
-
-    @property
-    def motor_on(self) -> bool:
-        """Whether the motor is powered."""
-        return self._motor.target_rpm > 0.0
-
-    @property
-    def motor_rpm(self) -> float:
-        """The commanded speed in turns a minute; 0 = off."""
-        return self._motor.target_rpm
-
-    @property
-    def spin_up_s(self) -> float:
-        """Seconds the motor needs from standstill to a stable speed, from its next start on; 0 = none."""
-        return self._motor.spin_up_s
-
-    @spin_up_s.setter
-    def spin_up_s(self, seconds: float) -> None:
-        self._motor.spin_up_s = seconds
 
     def receive(self, data: bytes, now: int) -> None:
         """Take bytes that the host sent and that arrived at `now`."""
@@ -199,12 +146,6 @@ class Simulated4Ros:
             elif byte != 0xA5:
                 self._begun = False
                 self._consider(byte, now)
-
-    def transmit(self, now: int) -> bytes:
-        """Hand out the bytes whose last bit has left the device by `now`, and forget them."""
-        self._advance(now)
-        data = self._queue.take(now)
-        return b"" if self.mute else data
 
     def wakeup(self, now: int) -> int | None:
         """When the answer or packet that is next will have left; None while the device is idle."""
@@ -279,10 +220,7 @@ class Simulated4Ros:
         elif command == 0x60:
             self._scan(now)
         else:
-            answer = pack_answer(*self._reply(command))
-            if self.garble_answers > 0:
-                self.garble_answers -= 1
-                answer = self._random.bytes(len(answer))
+            answer = self._garbled(pack_answer(*self._reply(command)))
             self._queue.push(answer, now + int(self.answer_delay_s * 1e9))
 
     def _reply(self, command: int) -> tuple[int, bytes]:

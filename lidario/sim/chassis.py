@@ -1,0 +1,108 @@
+"""What every simulated device is built on: a motor, a line, a log, and the ways in which it can be made to fail.
+
+A family's device adds what it understands and what it answers; `SimulatedDevice` says what both are together.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from lidario.sim.device import Received
+from lidario.sim.line import RequestLog, TransmitQueue
+from lidario.sim.motor import Motor
+from lidario.sim.world import World, make_world
+
+__all__ = ["Chassis"]
+
+StreamT = TypeVar("StreamT")
+
+
+class Chassis(ABC, Generic[StreamT]):
+    """The parts of a simulated device that are the same in every family.
+
+    Args:
+        baudrate: Speed of its line in bits a second.
+        world: What it sees; the furnished room by default.
+        seed: Decides the noise of the default world, the first angle, and whatever else a device draws.
+        model: Its model number: two models with one seed are not alike.
+
+    Attributes:
+        world: What it sees from the next scan on.
+        health: Status and error code, as it tells them.
+        faults_cleared_by_reset: Whether RESET cures an error.
+        answer_delay_s: Seconds from a request to the beginning of its answer; raise it to be late.
+        boot_s: Seconds of silence after RESET.
+        garble_answers: How many of the next answers to queries are random bytes instead.
+        mute: While true nothing leaves the device, and what would have left is lost.
+    """
+
+    def __init__(self, baudrate: int, world: World | None, seed: int, model: int) -> None:
+        self._random = np.random.default_rng([seed, model])
+        self.world = make_world(seed=seed) if world is None else world
+        self.health: tuple[int, int] = (0, 0)
+        self.faults_cleared_by_reset = True
+        self.answer_delay_s = 0.001
+        self.boot_s = 1.0
+        self.garble_answers = 0
+        self.mute = False
+        self._motor = Motor()
+        self._queue = TransmitQueue(baudrate)
+        self._log = RequestLog()
+        self._stream: StreamT | None = None
+        self._deaf_until, self._deaf_why = 0, ""
+        self._baudrate = baudrate
+        self._now = 0
+
+    @property
+    def baudrate(self) -> int:
+        """Speed of the line in bits a second."""
+        return self._baudrate
+
+    @property
+    def log(self) -> list[Received]:
+        """Every request so far, oldest first, the discarded ones included."""
+        return self._log.entries
+
+    @property
+    def scanning(self) -> bool:
+        """Whether a measurement stream is under way, or waits for the motor."""
+        return self._stream is not None
+
+    @property
+    def motor_on(self) -> bool:
+        """Whether the motor is powered."""
+        return self._motor.target_rpm > 0.0
+
+    @property
+    def motor_rpm(self) -> float:
+        """The commanded speed in turns a minute; 0 = off."""
+        return self._motor.target_rpm
+
+    @property
+    def spin_up_s(self) -> float:
+        """Seconds the motor needs from standstill to a stable speed, from its next command on; 0 = none."""
+        return self._motor.spin_up_s
+
+    @spin_up_s.setter
+    def spin_up_s(self, seconds: float) -> None:
+        self._motor.spin_up_s = seconds
+
+    def transmit(self, now: int) -> bytes:
+        """Hand out the bytes whose last bit has left the device by `now`, and forget them."""
+        self._advance(now)
+        data = self._queue.take(now)
+        return b"" if self.mute else data
+
+    def _garbled(self, answer: bytes) -> bytes:
+        """An answer as it leaves: itself, or as many random bytes if one is to be garbled."""
+        if not self.garble_answers:
+            return answer
+        self.garble_answers -= 1
+        return self._random.bytes(len(answer))
+
+    @abstractmethod
+    def _advance(self, now: int) -> None:
+        """Do what is due by `now`."""
