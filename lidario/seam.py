@@ -93,7 +93,8 @@ class Seam:
         if last is None:
             self._armed = away >= self._near
             return None
-        if self._armed and away < last - self._retreat:
+        # Unarmed, only a fall from beyond the far side is doubtful: a reading that trembled back over the seam.
+        if away < last - self._retreat and (self._armed or last <= self._far):
             self._armed = away >= self._near
             self._passed_unmarked = not self._armed
             return Split(index, marked=False, broken=False)

@@ -69,6 +69,10 @@ class Rotation:
         missing = np.ceil(turns - 1 - self._jitter).astype(np.intp)
         if following is None:
             missing[-1] = -1
+        # A leap beside a fall is one heading that is out of place, not a gap.
+        falls = spans < 0
+        missing[1:][falls[:-1]] = -1
+        missing[:-1][falls[1:]] = -1
         arc = np.where(missing == 0, spans, typical)
         for gap in np.flatnonzero((missing > 0) & (missing <= TRUSTED_GAP)).tolist():
             arc[gap] = self._before_gap(arc, missing, gap, spans[gap] / (missing[gap] + 1))
