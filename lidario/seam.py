@@ -20,6 +20,8 @@ __all__ = ["Seam", "Split"]
 _FLAGS = BEGINS | RESTARTS
 _WORTH_AN_ARRAY = 24
 """Headings from which looking at them as one array costs less than one by one (measured)."""
+_UNMARKED_TURNS = 2
+"""Turns without a mark after which none is waited for any more."""
 
 
 class Split(NamedTuple):
@@ -52,6 +54,7 @@ class Seam:
         self._last: int | None = None
         self._armed = False
         self._passed_unmarked = False
+        self._unmarked_turns = 0
 
     def splits(self, headings: Headings) -> list[Split]:
         """Where revolutions begin among `headings`, the next ones of the stream."""
@@ -87,6 +90,7 @@ class Seam:
         if heading >= BEGINS:
             return self._flagged(index, heading)
         if self.angle is None:
+            self._look_for_seam(heading)
             return None
         away = (heading - self.angle) % self._full_turn
         last, self._last = self._last, away
@@ -102,6 +106,14 @@ class Seam:
             self._passed_unmarked = False
             self._armed |= self._forward(last, away)
         return None
+
+    def _look_for_seam(self, heading: int) -> None:
+        """Give up waiting for a mark when two turns have gone by without one: then 0 is as good as any angle."""
+        if self._last is not None and heading < self._last - self._full_turn // 2:
+            self._unmarked_turns += 1
+        self._last = heading
+        if self._unmarked_turns == _UNMARKED_TURNS:
+            self.angle = 0
 
     def _forward(self, last: int, away: int) -> bool:
         """Whether a reading beyond the near quarter was reached forwards: not by trembling back over the seam."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import time
 
 import numpy as np
@@ -455,3 +456,41 @@ async def test_awkward_devices_do_what_they_can(model: str, mode: str | None) ->
             with pytest.raises(Unsupported, match="0x8E"):
                 await lidar.scan(strange[0].name)
             assert len(await take(lidar, 1)) == 1
+
+
+@driven
+async def test_a_forced_scan_does_not_wait_for_the_rotor() -> None:
+    waits = {}
+    for force in (False, True):
+        rig = make_rig("rplidar")
+        rig.device.spin_up_s = 3.0
+        async with rig.open() as lidar:
+            await lidar.get_modes()
+            before = asyncio.get_running_loop().time()
+            async with lidar.scans("Standard", force=force) as stream:
+                first = await anext(stream)
+            waits[force] = asyncio.get_running_loop().time() - before
+            assert ("force_scan" in names(rig, obeyed=True)) is force
+            assert first.intensities is not None
+            with pytest.raises(Unsupported, match="forced"):
+                await anext(lidar.scans("DenseBoost", force=True))
+    assert waits[True] < waits[False] - 1.0
+
+
+@driven
+async def test_turns_are_told_apart_even_if_the_device_never_marks_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = make_rig("ydlidar", world=make_world("circle"))
+    clean = rig.device.transmit
+
+    def without_marks(now: int) -> bytes:
+        # The low bit of the third byte is the mark; without it the check value fails, and the packet is lost.
+        data: bytes = clean(now)
+        return re.sub(rb"\xaa\x55[\x01-\xff]\x01", b"\xaa\x55\x00\x00", data, flags=re.DOTALL)
+
+    rig.device.transmit = without_marks
+    async with rig.open() as lidar:
+        scans = await take(lidar, 4)
+    turn = 20_000 * rig.turn_s
+    assert [len(scan) for scan in scans] == pytest.approx([turn] * 4, rel=0.01)
+    for scan in scans:
+        np.testing.assert_allclose(scan.ranges, 2.0, atol=0.002)
