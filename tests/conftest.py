@@ -1,16 +1,18 @@
-"""Hypothesis runs the same examples every time and takes the time it needs; ``--soak`` lengthens the slow tests."""
+"""Hypothesis runs the same examples every time and takes the time it needs; ``--soak`` lengthens the slow tests.
+
+``HYPOTHESIS_PROFILE=search`` makes it look for new examples, many of them.
+"""
+
+import os
 
 import pytest
 from hypothesis import HealthCheck, settings
 
-settings.register_profile(
-    "ci",
-    deadline=None,
-    derandomize=True,
-    max_examples=60,
-    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
-)
-settings.load_profile("ci")
+NEVER_MIND = (HealthCheck.too_slow, HealthCheck.data_too_large)
+
+settings.register_profile("ci", deadline=None, derandomize=True, max_examples=40, suppress_health_check=NEVER_MIND)
+settings.register_profile("search", deadline=None, max_examples=1500, suppress_health_check=NEVER_MIND)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

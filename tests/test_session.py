@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import re
 import time
 
 import numpy as np
@@ -11,30 +10,15 @@ import pytest
 
 from lidario import (
     Busy,
-    DeviceFault,
-    DeviceLost,
     HealthStatus,
-    Lidar,
     LocalProtocolError,
     ResponseTimeout,
-    Scan,
     SessionClosed,
     Unsupported,
-    open_lidar,
 )
 from lidario.sim.world import make_world
-from tests.support.devices import Rig, both_families, left_still, make_rig, names
-from tests.support.loop import DrivenLoop, driven
-
-
-async def take(lidar: Lidar, count: int) -> list[Scan]:
-    scans: list[Scan] = []
-    async with lidar.scans() as stream:
-        async for scan in stream:
-            scans.append(scan)
-            if len(scans) == count:
-                break
-    return scans
+from tests.support.devices import both_families, left_still, make_rig, names, take
+from tests.support.loop import driven
 
 
 @both_families
@@ -172,77 +156,6 @@ async def test_one_stream_has_one_reader(family: str) -> None:
 
 @both_families
 @driven
-async def test_a_silent_device_ends_the_stream_but_not_the_session(family: str) -> None:
-    rig = make_rig(family)
-    async with rig.open() as lidar:
-        loop = asyncio.get_running_loop()
-        async with lidar.scans() as stream:
-            await anext(stream)
-            rig.device.mute = True
-            before = loop.time()
-            with pytest.raises(DeviceLost, match="no scan data"):
-                while True:
-                    await anext(stream)
-            assert loop.time() - before < 1.0 + rig.turn_s
-        rig.device.mute = False
-        assert len(await take(lidar, 1)) == 1
-    assert left_still(rig)
-
-
-@both_families
-@driven
-async def test_a_device_that_never_speeds_up_is_reported(family: str) -> None:
-    rig = make_rig(family)
-    async with rig.open() as lidar:
-        await lidar.get_modes()
-        rig.device.spin_up_s = 1e6
-        with pytest.raises(DeviceLost, match="no scan data"):
-            await lidar.scan()
-    assert left_still(rig)
-
-
-@both_families
-@driven
-async def test_garbage_for_an_answer_is_asked_again(family: str) -> None:
-    rig = make_rig(family)
-    async with rig.open() as lidar:
-        rig.device.garble_answers = 1
-        assert (await lidar.get_info()) == lidar.info
-        rig.device.garble_answers = 1000
-        with pytest.raises(ResponseTimeout, match="no answer to it") as caught:
-            await lidar.get_info()
-        assert caught.value.noise > 0
-        assert isinstance(caught.value, TimeoutError)
-        rig.device.garble_answers = 0
-        assert (await lidar.get_info()) == lidar.info
-
-
-@both_families
-@driven
-async def test_protection_stop_is_cured_by_a_reset(family: str) -> None:
-    rig = make_rig(family)
-    rig.device.protection_stop(0x21)
-    async with rig.open() as lidar:
-        assert lidar.health.ok
-        assert "reset" in names(rig, obeyed=True)
-        assert len(await take(lidar, 1)) == 1
-
-
-@both_families
-@driven
-async def test_a_fault_that_stays_is_raised_with_its_code(family: str) -> None:
-    rig = make_rig(family)
-    rig.device.faults_cleared_by_reset = False
-    rig.device.protection_stop(0x21)
-    with pytest.raises(DeviceFault, match="33") as caught:
-        async with rig.open():
-            raise AssertionError("a faulty device was opened")
-    assert caught.value.health.code == 0x21
-    assert left_still(rig)
-
-
-@both_families
-@driven
 async def test_after_close_everything_says_so(family: str) -> None:
     rig = make_rig(family)
     lidar = await rig.open()
@@ -299,32 +212,6 @@ async def test_keep_spinning_stops_the_laser_alone() -> None:
 
 
 @driven
-async def test_a_thousand_connects_to_a_device_that_still_streams() -> None:
-    random = np.random.default_rng(7)
-    for round_number in range(1000):
-        rig = make_rig("rplidar", seed=int(random.integers(1 << 30)))
-        loop = asyncio.get_running_loop()
-        assert isinstance(loop, DrivenLoop)
-        leftover = int(random.integers(0, 4097))
-        start = round(loop.time() * 1e9)
-        rig.device.begin_streaming(1, start)
-        # What the kernel still holds of a killed program's stream: up to 4 KiB, then the device goes on.
-        loop.block(leftover / (rig.device.baudrate / 10))
-        async with rig.open() as lidar:
-            assert lidar.info.model.startswith("RPLIDAR S2"), round_number
-        assert left_still(rig)
-
-
-@driven
-async def test_half_a_request_left_behind_does_no_harm() -> None:
-    for half in (b"\xa5", b"\xa5\x82", b"\xa5\x82\x05\x01", b"\xa5\x84\xff"):
-        rig = make_rig("rplidar")
-        rig.device.receive(half, round(asyncio.get_running_loop().time() * 1e9))
-        async with rig.open() as lidar:
-            assert len(await take(lidar, 1)) == 1
-
-
-@driven
 async def test_two_lidars_share_nothing() -> None:
     one, two = make_rig("rplidar", seed=1, world=make_world("circle")), make_rig("ydlidar", seed=2)
     async with one.open() as first, two.open() as second:
@@ -336,126 +223,6 @@ async def test_two_lidars_share_nothing() -> None:
         with pytest.raises(ResponseTimeout):
             await take(first, 1)
         assert len(await take(second, 1)) == 1
-
-
-@driven
-async def test_an_unplugged_device_ends_every_stream_and_waiter() -> None:
-    async with open_lidar("sim://rplidar-s2?via=memory&fault=unplug:3s") as lidar:
-        streams = [lidar.scans() for _ in range(3)]
-        for stream in streams:
-            await anext(stream)
-
-        async def until_lost(stream: object) -> None:
-            with pytest.raises(DeviceLost, match="unplugged"):
-                while True:
-                    await anext(stream)  # type: ignore[call-overload]
-
-        await asyncio.gather(*map(until_lost, streams))
-        with pytest.raises(DeviceLost) as caught:
-            await lidar.get_health()
-        assert caught.value.__cause__ is not None
-
-
-def test_rigs_are_strict() -> None:
-    """The tests above mean something: the device they talk to refuses what comes too early."""
-    rig: Rig = make_rig("rplidar")
-    rig.device.receive(b"\xa5\x25", 0)
-    rig.device.receive(b"\xa5\x50", 9_000_000)
-    assert names(rig, obeyed=False) == ["get_info"]
-
-
-@both_families
-@driven
-async def test_a_stream_that_turns_to_noise_ends_and_leaves_nothing_behind(family: str) -> None:
-    rig = make_rig(family)
-    random = np.random.default_rng(3)
-    async with rig.open() as lidar:
-        async with lidar.scans() as stream:
-            await anext(stream)
-            clean = rig.device.transmit
-            rig.device.transmit = lambda now: random.bytes(len(clean(now)))
-            with pytest.raises(DeviceLost, match="only noise arrives"):
-                while True:
-                    await anext(stream)
-            assert lidar.stats.skipped_bytes > 10_000
-            assert lidar._dialogue.link.buffered < 4096
-            rig.device.transmit = clean
-        assert len(await take(lidar, 1)) == 1
-    assert left_still(rig)
-
-
-@both_families
-@driven
-async def test_a_rotor_that_stands_still_is_noticed(family: str) -> None:
-    rig = make_rig(family)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
-        scanner = lidar._scanner
-        assert scanner._assembler is not None
-        scanner._assembler.add = lambda event: []  # type: ignore[method-assign]
-        with pytest.raises(DeviceLost, match="no full turn"):
-            while True:
-                await anext(stream)
-    assert left_still(rig)
-
-
-@both_families
-@driven
-async def test_a_mistake_of_ours_ends_the_stream_and_says_so(family: str) -> None:
-    rig = make_rig(family)
-
-    def blunder(event: object) -> list[Scan]:
-        raise IndexError("a bug")
-
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
-        scanner = lidar._scanner
-        assert scanner._assembler is not None
-        scanner._assembler.add = blunder  # type: ignore[method-assign, assignment]
-        with pytest.raises(DeviceLost, match=r"IndexError\('a bug'\).*report") as caught:
-            while True:
-                await anext(stream)
-        assert isinstance(caught.value.__cause__, DeviceLost)
-        assert isinstance(caught.value.__cause__.__cause__, IndexError)
-    assert left_still(rig)
-
-
-@driven
-async def test_modes_with_holes_in_their_numbers_are_all_found() -> None:
-    rig = make_rig("rplidar", "rplidar-hq")
-    async with rig.open() as lidar:
-        told = {mode.name: mode for mode in await lidar.get_modes()}
-        assert len(told) == len(rig.device.profile.modes)
-        (typical,) = [mode for mode in told.values() if mode.typical]
-        assert typical.answer_type == 0x83
-        scan = await lidar.scan()
-        assert scan.mode == typical.name
-        assert scan.intensities is not None
-
-
-@pytest.mark.parametrize(
-    ("model", "mode"),
-    [
-        ("rplidar-zero-us", "DenseBoost"),
-        ("rplidar-no-modes", "Standard"),
-        ("rplidar-old-firmware", "Express"),
-        ("rplidar-unknown-answer", None),
-    ],
-)
-@driven
-async def test_awkward_devices_do_what_they_can(model: str, mode: str | None) -> None:
-    rig = make_rig("rplidar", model, world=make_world("circle"))
-    async with rig.open() as lidar:
-        scans = await take(lidar, 3)
-        if mode is not None:
-            assert scans[0].mode == mode
-        np.testing.assert_allclose(scans[-1].ranges, 2.0, atol=0.005)
-        assert scans[-1].time_increment_ns == pytest.approx(scans[-1].duration_ns / len(scans[-1]), rel=0.02)
-        strange = [each for each in await lidar.get_modes() if each.answer_type == 0x8E]
-        if strange:
-            with pytest.raises(Unsupported, match="0x8E"):
-                await lidar.scan(strange[0].name)
-            assert len(await take(lidar, 1)) == 1
 
 
 @driven
@@ -475,22 +242,3 @@ async def test_a_forced_scan_does_not_wait_for_the_rotor() -> None:
             with pytest.raises(Unsupported, match="forced"):
                 await anext(lidar.scans("DenseBoost", force=True))
     assert waits[True] < waits[False] - 1.0
-
-
-@driven
-async def test_turns_are_told_apart_even_if_the_device_never_marks_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = make_rig("ydlidar", world=make_world("circle"))
-    clean = rig.device.transmit
-
-    def without_marks(now: int) -> bytes:
-        # The low bit of the third byte is the mark; without it the check value fails, and the packet is lost.
-        data: bytes = clean(now)
-        return re.sub(rb"\xaa\x55[\x01-\xff]\x01", b"\xaa\x55\x00\x00", data, flags=re.DOTALL)
-
-    rig.device.transmit = without_marks
-    async with rig.open() as lidar:
-        scans = await take(lidar, 4)
-    turn = 20_000 * rig.turn_s
-    assert [len(scan) for scan in scans] == pytest.approx([turn] * 4, rel=0.01)
-    for scan in scans:
-        np.testing.assert_allclose(scan.ranges, 2.0, atol=0.002)

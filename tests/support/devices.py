@@ -10,9 +10,10 @@ import pytest
 
 from lidario.families.rplidar.simulated import make_simulated as make_first
 from lidario.families.ydlidar.simulated import make_simulated as make_second
-from lidario.session import OpenLidar, open_lidar
+from lidario.model import Scan
+from lidario.session import Lidar, OpenLidar, open_lidar
 
-__all__ = ["FAMILIES", "Rig", "both_families", "left_still", "make_rig", "names"]
+__all__ = ["FAMILIES", "Rig", "both_families", "left_still", "make_rig", "names", "take"]
 
 
 @dataclass
@@ -58,3 +59,14 @@ def names(rig: Rig, *, obeyed: bool | None = None) -> list[str]:
 def left_still(rig: Rig) -> bool:
     """Whether laser and motor are off, and the last word the device heard was one that stops."""
     return not rig.device.scanning and not rig.device.motor_on and names(rig)[-1] == "stop"
+
+
+async def take(lidar: Lidar, count: int) -> list[Scan]:
+    """That many scans, from a stream of their own."""
+    scans: list[Scan] = []
+    async with lidar.scans() as stream:
+        async for scan in stream:
+            scans.append(scan)
+            if len(scans) == count:
+                break
+    return scans

@@ -18,7 +18,7 @@ T = TypeVar("T")
 START = 1000.0
 
 
-class _DrivenSelector(selectors.DefaultSelector):  # type: ignore[valid-type, misc]
+class _DrivenSelector(selectors.DefaultSelector):
     """Waits by moving the clock forward."""
 
     def __init__(self) -> None:

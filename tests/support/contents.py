@@ -1,0 +1,62 @@
+"""Packets of every format with intact check values and any contents at all."""
+
+import numpy as np
+
+from lidario.families.rplidar import simulated_packers as packers
+from lidario.families.ydlidar.simulated_packers import pack_points
+from tests.support.streams import Case
+
+__all__ = ["any_packets"]
+
+
+def any_packets(case: Case, seed: int, count: int, *, wild: bool) -> list[bytes]:
+    """Consecutive packets of random contents.
+
+    Args:
+        case: The format.
+        seed: Decides everything.
+        count: How many packets.
+        wild: Whether they begin at any angle, and as new streams now and then, or turn as a rotor does.
+    """
+    random = np.random.default_rng(seed)
+    step = int(random.integers(200, 3000))
+    jitter = random.integers(-step // 8, step // 8 + 1, count)
+    starts = random.integers(0, 0x8000, count) if wild else (np.cumsum(step + jitter) + seed) % 23040
+    if case.truth.family == "ydlidar":
+        return [
+            pack_points(
+                random.integers(0, 65536, random.integers(1, 81)),
+                int(start),
+                int((start + random.integers(0, 3000)) % (0x8000 if wild else 23040)),
+                control=int(random.choice([0, 1, 14, 255])),
+                marked=bool(random.integers(2)),
+            )
+            for start in starts
+        ]
+    if case.answer_type == 0x81:
+        quality = random.integers(0, 64, count)
+        raw = packers.pack_standard(
+            starts % 23040, random.integers(0, 65536, count), quality, np.zeros(count, bool)
+        )
+        return [raw[at : at + 5] for at in range(0, len(raw), 5)]
+    if case.answer_type == 0x83:
+        angles = random.integers(0, 65536, (count, 96)) if wild else (starts[:, None] + np.arange(96)) % 65536
+        flags = random.integers(0, 256, (count, 96))
+        # Beyond 24 bits, single precision has no quarters of millimetres any more.
+        distances = random.integers(0, 2 ** (32 if wild else 24), (count, 96))
+        raw = packers.pack_hq(angles, distances, flags, flags)
+        return [raw[at : at + 781] for at in range(0, len(raw), 781)]
+    return [
+        _capsule(case, random.bytes(len(case.packets[0]) - 2), start | int(wild and random.random() < 0.1) << 15)
+        for start in starts.tolist()
+    ]
+
+
+def _capsule(case: Case, contents: bytes, start: int) -> bytes:
+    body = bytearray(contents)
+    at = 6 if case.answer_type == 0x86 else 0
+    body[at : at + 2] = start.to_bytes(2, "little")
+    check = 0
+    for byte in body:
+        check ^= byte
+    return bytes([0xA0 | check & 0xF, 0x50 | check >> 4]) + bytes(body)

@@ -1,0 +1,306 @@
+"""Both families' measurement streams behind one record, and the way from their bytes to events and scans.
+
+Whatever holds for one format is tested over all of them with the same code: a test takes a `Case`, one per
+golden file, and learns from it how its stream is announced, cut, decoded, and what the truth is.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache, partial
+from itertools import accumulate, cycle, pairwise
+from typing import NamedTuple, Protocol
+
+from lidario.assemble import Assembler, AssemblerStats
+from lidario.families.base import Decoder, Stream
+from lidario.families.rplidar import commands as rplidar_commands
+from lidario.families.rplidar.decode import DECODERS
+from lidario.families.rplidar.formats import FORMATS
+from lidario.families.ydlidar import commands as ydlidar_commands
+from lidario.families.ydlidar.decode import PointCloudDecoder
+from lidario.families.ydlidar.formats import PointCloud
+from lidario.model import Scan, ScanMode
+from lidario.wire.envelope import Request
+from lidario.wire.events import Descriptor, Event, Packets, Skipped, merged
+from lidario.wire.formats import StreamFormat
+from lidario.wire.link import Link, LinkState, LinkStats
+from tests.reference import golden, rplidar, ydlidar
+
+__all__ = [
+    "CASES",
+    "KINDS",
+    "Assembled",
+    "Case",
+    "Chunks",
+    "Received",
+    "Sample",
+    "assembled",
+    "cut_up",
+    "feed",
+    "named",
+    "open_stream",
+    "stream_of",
+    "turn_times",
+]
+
+Chunks = int | Sequence[int] | None
+"""How a stream is cut: pieces of one size, of sizes taken in turns, or not at all."""
+
+
+class Sample(Protocol):
+    """What both scalar references call a sample."""
+
+    @property
+    def packet(self) -> int: ...
+    @property
+    def index(self) -> int: ...
+    @property
+    def raw_deg(self) -> float: ...
+    @property
+    def angle_deg(self) -> float: ...
+    @property
+    def distance_mm(self) -> float: ...
+    @property
+    def quality(self) -> int | None: ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Case:
+    """One golden stream, and all that is particular to its format.
+
+    Attributes:
+        name: Name of the golden file.
+        answer_type: Type byte of the descriptor.
+        descriptor: What the device says before the first packet.
+        make_format: A fresh packet format.
+        make_decoder: A fresh decoder.
+        request: The request that starts a stream of that format.
+        sample_us: Microseconds a sample.
+        split: Scalar: a clean stream into its packets.
+        decode: Scalar: consecutive packets into samples.
+        revolutions: Scalar: samples into whole turns.
+        lookahead: Whether a packet is decoded only with the one behind it.
+    """
+
+    name: str
+    answer_type: int
+    descriptor: bytes
+    make_format: Callable[[], StreamFormat]
+    make_decoder: Callable[[], Decoder]
+    request: Callable[[StreamFormat], Request]
+    sample_us: float
+    split: Callable[[bytes], list[bytes]]
+    decode: Callable[[Sequence[bytes]], Sequence[Sample]]
+    revolutions: Callable[[Iterable[Sample]], Sequence[Sequence[Sample]]]
+    lookahead: bool
+
+    @property
+    def raw(self) -> bytes:
+        """The golden bytes."""
+        return _golden(self.name).raw
+
+    @property
+    def packets(self) -> tuple[bytes, ...]:
+        """The golden packets."""
+        return _packets(self)
+
+    @property
+    def samples(self) -> tuple[Sample, ...]:
+        """All samples, as the scalar reference decodes them."""
+        return _samples(self)
+
+    @property
+    def turns(self) -> tuple[tuple[Sample, ...], ...]:
+        """The whole turns among them."""
+        return _turns(self)
+
+    @property
+    def truth(self) -> golden.Golden:
+        """What the vendor's program made of it."""
+        return _golden(self.name)
+
+    @property
+    def byte_ns(self) -> float:
+        """How long a byte takes at the device's own pace."""
+        return len(self.samples) * self.sample_us * 1e3 / len(self.raw)
+
+
+_golden = cache(golden.load)
+
+
+@cache
+def _packets(case: Case) -> tuple[bytes, ...]:
+    return tuple(case.split(case.raw))
+
+
+@cache
+def _samples(case: Case) -> tuple[Sample, ...]:
+    return tuple(case.decode(case.packets))
+
+
+@cache
+def _turns(case: Case) -> tuple[tuple[Sample, ...], ...]:
+    return tuple(tuple(turn) for turn in case.revolutions(case.samples))
+
+
+def _rplidar(name: str) -> Case:
+    stream = _golden(name)
+    answer, sample_us = stream.answer_type, stream.sample_us
+    assert answer is not None
+    assert sample_us is not None
+    length = rplidar.PACKET_BYTES[answer] | 1 << 30
+    return Case(
+        name=name,
+        answer_type=answer,
+        descriptor=b"\xa5\x5a" + length.to_bytes(4, "little") + bytes([answer]),
+        make_format=FORMATS[answer],
+        make_decoder=DECODERS[answer],
+        request=rplidar_commands.scan if answer == 0x81 else partial(rplidar_commands.express_scan, 1),
+        sample_us=sample_us,
+        split=partial(rplidar.split, answer),
+        decode=partial(rplidar.decode, answer),
+        revolutions=rplidar.revolutions,  # type: ignore[arg-type]
+        lookahead=answer in rplidar.CAPSULE_TYPES,
+    )
+
+
+def _ydlidar(name: str) -> Case:
+    return Case(
+        name=name,
+        answer_type=0x81,
+        descriptor=bytes.fromhex("A55A0500004081"),
+        make_format=PointCloud,
+        make_decoder=PointCloudDecoder,
+        request=ydlidar_commands.scan,
+        sample_us=50.0,
+        split=ydlidar.split,
+        decode=ydlidar.decode,
+        revolutions=ydlidar.revolutions,  # type: ignore[arg-type]
+        lookahead=False,
+    )
+
+
+CASES = (*map(_rplidar, golden.RPLIDAR_NAMES), *map(_ydlidar, golden.YDLIDAR_NAMES))
+"""Every golden stream."""
+
+_KINDS = (*(f"rplidar_32k_{answer:x}" for answer in range(0x81, 0x87)), "ydlidar_4ros_room10")
+KINDS = tuple(case for case in CASES if case.name in _KINDS)
+"""One stream of each of the seven formats."""
+
+
+def named(case: Case) -> str:
+    """For `pytest.mark.parametrize(…, ids=named)`."""
+    return case.name
+
+
+def cut_up(raw: bytes, chunks: Chunks) -> Iterator[bytes]:
+    """The stream in pieces."""
+    sizes = [len(raw) or 1] if chunks is None else [chunks] if isinstance(chunks, int) else list(chunks)
+    at = 0
+    for size in cycle(sizes):
+        if at >= len(raw):
+            return
+        yield raw[at : at + size]
+        at += size
+
+
+def open_stream(case: Case) -> Link:
+    """A link that has sent the request and received the descriptor."""
+    link = Link()
+    request = case.request(case.make_format())
+    link.send_request(request)
+    assert link.data_to_send() == request.data
+    link.receive_data(case.descriptor, 0)
+    assert link.state is LinkState.STREAMING
+    (event,) = link.events_received()
+    assert event == Descriptor(case.answer_type, int.from_bytes(case.descriptor[2:5], "little"), True)
+    return link
+
+
+class Received(NamedTuple):
+    """What a link made of a stream.
+
+    Attributes:
+        events: The events, neighbouring runs joined.
+        stats: The link's counters.
+        buffered: What it still holds.
+    """
+
+    events: list[Event]
+    stats: LinkStats
+    buffered: int
+
+    @property
+    def data(self) -> bytes:
+        """The accepted packets, back to back."""
+        return b"".join(event.data for event in self.events if isinstance(event, Packets))
+
+    def places(self, case: Case) -> dict[int, bytes]:
+        """Where in the stream each accepted packet stood; asides must not be among them."""
+        found, at, wire = {}, 0, case.make_format()
+        for event in self.events:
+            if isinstance(event, Packets):
+                offsets = [*wire.offsets(event.data), len(event.data)]
+                for begin, end in pairwise(offsets):
+                    found[at + begin] = event.data[begin:end]
+                at += len(event.data)
+            elif isinstance(event, Skipped):
+                at += event.size
+        return found
+
+
+def feed(case: Case, raw: bytes, chunks: Chunks = None) -> Received:
+    """What a link makes of `raw`, behind its descriptor."""
+    link = open_stream(case)
+    events: list[Event] = []
+    for chunk in cut_up(raw, chunks):
+        link.receive_data(chunk, 0)
+        events += link.events_received()
+    return Received(merged(events), link.stats, link.buffered)
+
+
+def stream_of(case: Case, **changes: object) -> Stream:
+    """The stream as its family would describe it to the session."""
+    about: dict[str, object] = {
+        "format": case.make_format(),
+        "decoder": case.make_decoder(),
+        "mode": ScanMode(1, "mode of the case", case.sample_us, 0.0, case.answer_type),
+        "sample_ns": case.sample_us * 1e3,
+        "spin_up_s": 5.0,
+        "slowest_turn_s": 1.0,
+    }
+    return Stream(**(about | changes))  # type: ignore[arg-type]
+
+
+class Assembled(NamedTuple):
+    """What link and assembler made of a stream."""
+
+    scans: list[Scan]
+    stats: AssemblerStats
+    link: LinkStats
+
+
+def assembled(case: Case, raw: bytes, chunks: Chunks = 64, times: Callable[[int], int] | None = None) -> Assembled:
+    """The scans of a stream whose pieces arrive when the clock says.
+
+    Args:
+        case: The stream's format.
+        raw: Its bytes.
+        chunks: How they are cut.
+        times: Arrival of the n-th byte; by default at the device's own pace.
+    """
+    link, assembler = open_stream(case), Assembler(stream_of(case))
+    clock = times or (lambda offset: round(offset * case.byte_ns))
+    scans: list[Scan] = []
+    pieces = list(cut_up(raw, chunks))
+    for chunk, end in zip(pieces, accumulate(map(len, pieces)), strict=True):
+        link.receive_data(chunk, clock(end))
+        for event in link.events_received():
+            if isinstance(event, Packets):
+                scans += assembler.add(event)
+    return Assembled(scans, assembler.stats, link.stats)
+
+
+def turn_times(case: Case) -> list[float]:
+    """When each whole turn of the golden stream begins, in nanoseconds since its first sample."""
+    first = {(s.packet, s.index): n for n, s in enumerate(case.samples)}
+    return [first[turn[0].packet, turn[0].index] * case.sample_us * 1e3 for turn in case.turns]
