@@ -4,6 +4,7 @@
 """
 
 import os
+import sys
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -13,6 +14,10 @@ NEVER_MIND = (HealthCheck.too_slow, HealthCheck.data_too_large)
 settings.register_profile("ci", deadline=None, derandomize=True, max_examples=40, suppress_health_check=NEVER_MIND)
 settings.register_profile("search", deadline=None, max_examples=1500, suppress_health_check=NEVER_MIND)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
+
+# Pseudo-terminals, signals and /proc: these tests are about what only such systems have.
+LINUX_ONLY = ["cli/test_ending.py", "sim/test_serve.py", "test_diagnose.py", "test_port.py"]
+collect_ignore = [] if sys.platform == "linux" else LINUX_ONLY
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -20,6 +20,7 @@ import socket
 import sys
 import threading
 import time
+from abc import ABC, abstractmethod
 from types import TracebackType
 from typing import Self
 
@@ -62,7 +63,7 @@ class MemoryLine:
         return self._faults is not None and self._faults.unplugged(now)
 
 
-class _Server:
+class _Server(ABC):
     """The thread that plays the device; subclasses know the file descriptors.
 
     Attributes:
@@ -155,17 +156,21 @@ class _Server:
             self.lost += len(piece) - self._send(piece)
         return True
 
+    @abstractmethod
     def _sources(self) -> list[int | socket.socket]:
-        raise NotImplementedError
+        """What to wait for besides the clock."""
 
+    @abstractmethod
     def _receive(self, readable: list[int | socket.socket]) -> bytes:
-        raise NotImplementedError
+        """What the client has written."""
 
+    @abstractmethod
     def _send(self, data: bytes) -> int:
-        raise NotImplementedError
+        """Hand bytes to the client; returns how many it could take."""
 
+    @abstractmethod
     def _shut(self) -> None:
-        raise NotImplementedError
+        """Close every file descriptor."""
 
 
 class PtyServer(_Server):

@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import sys
 from pathlib import Path
 
 import pytest
@@ -16,8 +15,6 @@ import pytest
 from lidario.sim.device import Received
 from lidario.sim.serve import PtyServer
 from tests.cli.processes import BOUND, invoke, line_of, served, started, until
-
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and pseudo-terminals of POSIX")
 
 FIRST, SECOND = "rplidar-s2", "ydlidar-4ros"
 SIGNALS = [
@@ -122,7 +119,6 @@ def test_a_reader_that_goes_away_ends_it_without_a_word(form: list[str]) -> None
         until(lambda: stopped(server))
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="sees by /proc that the write blocks")
 def test_a_reader_that_reads_nothing_keeps_no_signal_from_stopping_the_motor() -> None:
     import fcntl
 
