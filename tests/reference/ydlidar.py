@@ -77,9 +77,7 @@ def decode(packets: Sequence[bytes]) -> list[Sample]:
                 # One division, so rounded only once.
                 raw_deg = (first_q6 * (count - 1) + way_q6 * index) / (64 * (count - 1))
             distance_mm = float(_u16(packet, HEADER_BYTES + 2 * index))
-            samples.append(
-                Sample(number, index, raw_deg, raw_deg % 360.0, distance_mm, None, is_start(packet))
-            )
+            samples.append(Sample(number, index, raw_deg, raw_deg % 360.0, distance_mm, None, is_start(packet)))
     return samples
 
 

@@ -1,0 +1,71 @@
+"""The benchmarks run: every format is decoded and delivered, and what was found can be printed and kept.
+
+No figure is looked at: a shared machine has none to rely on.
+"""
+
+import json
+from itertools import pairwise
+
+import pytest
+
+from benchmarks import decode
+from benchmarks.contest import late_by, lost_scans
+from benchmarks.report import Result, Setting, spread
+from benchmarks.streams import KINDS, RATES, recording
+from lidario.wire.formats import BEGINS
+
+
+@pytest.fixture(scope="module")
+def decoded() -> Result:
+    return decode.run(Setting(quick=True))
+
+
+def test_every_format_is_decoded_in_every_size_of_chunks(decoded: Result) -> None:
+    found = json.loads(json.dumps(decoded.data))["lidario"]
+    assert set(found) == set(KINDS)
+    assert len(found) == 7
+    for name, by_chunk in found.items():
+        assert list(by_chunk) == ["1", "16", "64", "1024", "4096", "whole"]
+        for chunk, rounds in by_chunk.items():
+            assert rounds[0]["scans"] >= 3, f"{name} in chunks of {chunk}"
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_the_size_of_the_chunks_does_not_change_what_is_delivered(decoded: Result, name: str) -> None:
+    by_chunk = decoded.data["lidario"][name]
+    assert {by_chunk[chunk][0]["points"] for chunk in ("64", "1024", "4096", "whole")} == {
+        by_chunk["64"][0]["points"]
+    }
+
+
+def test_tables_are_markdown(decoded: Result) -> None:
+    (table,) = decoded.tables
+    lines = [line for line in table.markdown().splitlines() if line.startswith("|")]
+    assert len(lines) == 2 + 3 * len(KINDS)
+    assert len({line.count("|") for line in lines}) == 1
+
+
+@pytest.mark.parametrize("name", RATES)
+def test_recordings_repeat_whole_turns(name: str) -> None:
+    kind = RATES[name].kind
+    played = recording(kind)
+    wire = kind.make_format()
+    turns = {"4ROS": 7}.get(name, 10)
+    assert len(played.loop_ends) == turns
+    assert list(played.loop_ends) == sorted(set(played.loop_ends))
+    headings = [heading & (BEGINS - 1) for heading in wire.headings(played.loop * 2)]
+    falls = sum(here < last - wire.full_turn // 2 for last, here in pairwise(headings))
+    assert falls == 2 * turns - 1
+
+
+def test_lost_scans_are_told_from_late_ones() -> None:
+    turns = [100, 200, 300, 400, 500]
+    assert lost_scans([103, 203, 303, 403], turns) == 0
+    assert lost_scans([103, 203, 403, 503], turns) == 1
+    assert lost_scans([150], turns) == 0
+    assert late_by([1_000_103], [100, 2_000_000]) == [pytest.approx(1.000003)]
+
+
+def test_spread_is_median_least_and_most() -> None:
+    assert spread([3.0, 1.0, 2.0]) == "2.0 (1.0–3.0)"
+    assert spread([]) == "–"

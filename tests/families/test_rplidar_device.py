@@ -1,0 +1,337 @@
+"""The scripts of an RPLIDAR, driven by hand: what is sent, and what is made of the answers."""
+
+import struct
+from dataclasses import replace
+
+import pytest
+
+from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
+from lidario.families.base import Stream
+from lidario.families.rplidar.commands import Conf, get_lidar_conf
+from lidario.families.rplidar.decode import DECODERS
+from lidario.families.rplidar.device import RplidarDevice
+from lidario.families.rplidar.formats import FORMATS
+from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, ScanMode
+from tests.support.scripts import Answers, drive
+
+SERIAL = bytes(range(0xA0, 0xB0))
+S1, S2, C1, A1 = 0x61, 0x71, 0x41, 0x18
+
+
+def info(model: int = S2, firmware: tuple[int, int] = (1, 29), hardware: int = 18) -> bytes:
+    major, minor = firmware
+    return struct.pack("<BBBB16s", model, minor, major, hardware, SERIAL)
+
+
+def identified(model: int = S2, firmware: tuple[int, int] = (1, 29)) -> RplidarDevice:
+    device = RplidarDevice()
+    drive(device.identify(), {b"\xa5\x50": info(model, firmware)})
+    return device
+
+
+def conf(kind: Conf, value: bytes | None, mode: int | None = None) -> dict[bytes, bytes | None]:
+    answer = None if value is None else struct.pack("<I", kind) + value
+    return {get_lidar_conf(kind, mode).data: answer}
+
+
+def packed(layout: str, value: int | None) -> bytes | None:
+    return None if value is None else struct.pack(layout, value)
+
+
+def mode_answers(
+    mode: int, name: bytes | None, us_q8: int | None, metres_q8: int | None, answer: int | None
+) -> dict[bytes, bytes | None]:
+    return {
+        **conf(Conf.MODE_NAME, name, mode),
+        **conf(Conf.SAMPLE_DURATION, packed("<I", us_q8), mode),
+        **conf(Conf.MAX_DISTANCE, packed("<I", metres_q8), mode),
+        **conf(Conf.ANSWER_TYPE, packed("<B", answer), mode),
+    }
+
+
+LISTED: dict[bytes, bytes | None] = {
+    **conf(Conf.MODE_COUNT, b"\x02\0"),
+    **conf(Conf.TYPICAL_MODE, b"\x01\0"),
+    **mode_answers(0, b"Standard\0", 16000, 4096, 0x81),
+    **mode_answers(1, b"DenseBoost\0", 8000, 7680, 0x85),
+}
+DENSE_BOOST = ScanMode(1, "DenseBoost", 31.25, 30.0, 0x85, typical=True)
+STANDARD = ScanMode(0, "Standard", 62.5, 16.0, 0x81)
+
+
+# -------------------------------------------------------------------------------------------------- identity
+
+
+def test_identify() -> None:
+    found, sent = drive(RplidarDevice().identify(), {b"\xa5\x50": info()})
+    assert found == DeviceInfo("rplidar", "RPLIDAR S2M1", S2, "1.29", 18, "A0A1A2A3A4A5A6A7A8A9AAABACADAEAF")
+    assert [request.data for request in sent] == [b"\xa5\x50"]
+
+
+@pytest.mark.parametrize(
+    ("model", "name"),
+    [
+        *((0x18, "A1M8"), (0x28, "A2M8"), (0x31, "A3M1"), (0x41, "C1M1"), (0x61, "S1M1")),
+        *((0x71, "S2M1"), (0x82, "S3M2"), (0x91, "T1M1"), (0xC0, "M1M0"), (0xFF, "M4M15")),
+        (0x07, "(model 0x07)"),
+    ],
+)
+def test_model_names(model: int, name: str) -> None:
+    found, _ = drive(RplidarDevice().identify(), {b"\xa5\x50": info(model, (1, 2))})
+    assert (found.model, found.firmware) == (f"RPLIDAR {name}", "1.02")
+
+
+def test_silence_is_passed_on() -> None:
+    with pytest.raises(ResponseTimeout, match="GET_INFO"):
+        drive(RplidarDevice().identify(), {})
+
+
+@pytest.mark.parametrize(
+    ("payload", "health"),
+    [
+        (b"\0\0\0", Health(HealthStatus.OK, 0)),
+        (b"\x01\x02\x01", Health(HealthStatus.WARNING, 0x0102)),
+        (b"\x02\xff\xff", Health(HealthStatus.ERROR, 0xFFFF)),
+    ],
+)
+def test_health(payload: bytes, health: Health) -> None:
+    assert drive(RplidarDevice().health(), {b"\xa5\x52": payload})[0] == health
+
+
+@pytest.mark.parametrize("status", [3, 128, 255])
+def test_an_undefined_status_is_no_health(status: int) -> None:
+    with pytest.raises(RemoteProtocolError, match=f"health status {status}"):
+        drive(RplidarDevice().health(), {b"\xa5\x52": bytes((status, 0, 0))})
+
+
+def test_sample_rate() -> None:
+    rate, _ = drive(identified().sample_rate(), {b"\xa5\x59": struct.pack("<HH", 62, 31)})
+    assert rate == SampleRate(62.0, 31.0)
+    old, sent = drive(identified(A1, (1, 16)).sample_rate(), {})
+    assert (old, sent) == (SampleRate(476.0, 476.0), [])
+
+
+# ----------------------------------------------------------------------------------------------------- modes
+
+
+def test_modes_are_the_devices_own() -> None:
+    modes, sent = drive(identified().modes(), LISTED)
+    assert modes == (STANDARD, DENSE_BOOST)
+    assert modes[1].samples_per_second == 32000
+    assert sent[0].data == get_lidar_conf(Conf.MODE_COUNT).data
+    assert len(sent) == 2 + 2 * 4
+
+
+@pytest.mark.parametrize(
+    ("raw", "name"),
+    [
+        (b"Dense\x1b[31mBoost\0rubbish", "Dense[31mBoost"),
+        (b"\x07\x08Boost\r\n", "Boost"),
+        (b"  Spaced  ", "Spaced"),
+        (b"", "mode 0"),
+        (b"\0\0", "mode 0"),
+        (b"\x01\x02\x7f", "mode 0"),
+        (None, "mode 0"),
+        (b"B\xfcro", "B\N{REPLACEMENT CHARACTER}ro"),
+    ],
+)
+def test_mode_names_are_safe_to_print(raw: bytes | None, name: str) -> None:
+    answers = {**LISTED, **conf(Conf.MODE_COUNT, b"\x01\0"), **conf(Conf.MODE_NAME, raw, 0)}
+    (mode,), _ = drive(identified().modes(), answers)
+    assert mode.name == name
+    assert mode.name.isprintable()
+
+
+def test_values_that_are_missing_or_cut_short_are_nothing() -> None:
+    answers = {
+        **conf(Conf.MODE_COUNT, b"\x02\0"),
+        **mode_answers(0, None, None, None, 0x81),
+        **mode_answers(1, b"X", 8000, 7680, None),
+        **conf(Conf.MAX_DISTANCE, b"\0\x1e", 1),
+        **conf(Conf.TYPICAL_MODE, b"\x01"),
+    }
+    modes, _ = drive(identified().modes(), answers)
+    # What the second sends is not told: it is none. So the first is the typical one.
+    assert modes == (ScanMode(0, "mode 0", 0.0, 0.0, 0x81, typical=True),)
+
+
+def test_mode_numbers_may_have_holes() -> None:
+    moved = mode_answers(4, b"DenseBoost", 8000, 7680, 0x85)
+    silent = mode_answers(1, None, None, None, None)
+    modes, _ = drive(identified().modes(), {**LISTED, **silent, **moved, **conf(Conf.TYPICAL_MODE, b"\x04\0")})
+    assert modes == (STANDARD, replace(DENSE_BOOST, id=4))
+
+
+def test_a_typical_mode_nobody_can_read_is_not_typical() -> None:
+    answers = {
+        **LISTED,
+        **conf(Conf.MODE_COUNT, b"\x03\0"),
+        **conf(Conf.TYPICAL_MODE, b"\x02\0"),
+        **mode_answers(2, b"Newest", 4000, 7680, 0x87),
+    }
+    modes, _ = drive(identified().modes(), answers)
+    assert [mode.typical for mode in modes] == [False, True, False]
+    assert modes[2].answer_type == 0x87
+
+
+def test_a_device_of_only_unknown_modes_has_no_typical_one() -> None:
+    answers = {**LISTED, **conf(Conf.MODE_COUNT, b"\x01\0"), **conf(Conf.ANSWER_TYPE, b"\x99", 0)}
+    (mode,), _ = drive(identified().modes(), answers)
+    assert not mode.typical
+
+
+@pytest.mark.parametrize("count", [b"\0\0", b"", None])
+def test_an_empty_list_falls_back_on_the_plain_scan(count: bytes | None) -> None:
+    answers = {**conf(Conf.MODE_COUNT, count), b"\xa5\x59": struct.pack("<HH", 63, 31)}
+    modes, _ = drive(identified().modes(), answers)
+    assert modes == (ScanMode(0, "Standard", 63.0, 16.0, 0x81, typical=True),)
+    # Even where it tells no sample rate either.
+    modes, _ = drive(identified().modes(), conf(Conf.MODE_COUNT, count))
+    assert modes == (ScanMode(0, "Standard", 0.0, 16.0, 0x81, typical=True),)
+
+
+def test_an_absurd_number_of_modes_ends() -> None:
+    modes, sent = drive(identified().modes(), conf(Conf.MODE_COUNT, b"\xff\xff"))
+    assert [mode.answer_type for mode in modes] == [0x81]
+    assert len(sent) < 100
+    modes, _ = drive(identified().modes(), {**LISTED, **conf(Conf.MODE_COUNT, b"\xff\xff")})
+    assert modes == (STANDARD, DENSE_BOOST)
+
+
+def test_old_firmware_is_not_asked_for_what_it_lacks() -> None:
+    modes, sent = drive(identified(A1, (1, 23)).modes(), {b"\xa5\x59": struct.pack("<HH", 500, 250)})
+    assert [request.name for request in sent] == ["GET_SAMPLERATE"]
+    assert modes == (
+        ScanMode(0, "Standard", 500.0, 16.0, 0x81),
+        ScanMode(1, "Express", 250.0, 16.0, 0x82, typical=True),
+    )
+    oldest, sent = drive(identified(A1, (1, 16)).modes(), {})
+    assert (sent, oldest) == ([], (ScanMode(0, "Standard", 476.0, 16.0, 0x81, typical=True),))
+    _, sent = drive(identified(A1, (1, 24)).modes(), LISTED)
+    assert sent[0].data == get_lidar_conf(Conf.MODE_COUNT).data
+    _, sent = drive(identified(C1, (1, 0)).modes(), LISTED)
+    assert sent[0].data == get_lidar_conf(Conf.MODE_COUNT).data
+
+
+# ----------------------------------------------------------------------------------------------------- start
+
+
+def started(device: RplidarDevice, mode: ScanMode, answers: Answers, *, force: bool = False) -> tuple[Stream, str]:
+    stream, sent = drive(device.start(mode, force=force), answers)
+    return stream, " ".join(request.data.hex() for request in sent if request.data[1] not in (0x84, 0x59))
+
+
+def test_starting_a_dense_scan() -> None:
+    stream, sent = started(identified(), DENSE_BOOST, conf(Conf.DESIRED_ROTATION, struct.pack("<HH", 600, 0)))
+    assert sent == "a5a802580255 a582050100000000" + "23"
+    assert (stream.sample_ns, stream.mode) == (31250.0, DENSE_BOOST)
+    assert type(stream.format) is FORMATS[0x85]
+    assert type(stream.decoder) is DECODERS[0x85]
+    assert stream.keepalive is None
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_starting_a_plain_scan(force: bool) -> None:
+    stream, sent = started(identified(), STANDARD, {}, force=force)
+    # The speed of its choice is not told: 600 turns a minute.
+    assert sent == f"a5a802580255 a5{21 if force else 20}"
+    assert stream.format.answer_type == 0x81
+
+
+def test_the_wanted_speed_is_asked_once() -> None:
+    device = identified()
+    answers = conf(Conf.DESIRED_ROTATION, struct.pack("<HH", 480, 0))
+    assert started(device, STANDARD, answers)[1].startswith("a5a802e001")
+    _, sent = drive(device.start(STANDARD), {})
+    assert [request.name for request in sent] == ["MOTOR_SPEED_CTRL", "SCAN"]
+
+
+@pytest.mark.parametrize("model", [A1, 0x28, C1])
+def test_models_without_speed_control_are_sent_none(model: int) -> None:
+    device = identified(model)
+    assert started(device, STANDARD, {})[1] == "a520"
+    assert [request.name for request in device.halt()] == ["STOP"]
+    for script in (device.scan_frequency(), device.set_scan_frequency(10.0)):
+        with pytest.raises(Unsupported, match="motor"):
+            drive(script, {})
+
+
+@pytest.mark.parametrize("model", [S1, S2, 0x82, None])
+def test_motor_off_comes_before_stop(model: int | None) -> None:
+    """Also when nobody knows yet what it is."""
+    device = RplidarDevice() if model is None else identified(model)
+    assert b"".join(request.data for request in device.halt()) == bytes.fromhex("A5A80200000F A525")
+    assert (device.stop().data, device.reset().data) == (b"\xa5\x25", b"\xa5\x40")
+
+
+def test_each_start_has_a_format_and_a_decoder_of_its_own() -> None:
+    device = identified()
+    first, second = (started(device, DENSE_BOOST, {})[0] for _ in range(2))
+    assert first.format is not second.format
+    assert first.decoder is not second.decoder
+
+
+def test_zero_microseconds_are_asked_for_in_the_older_way() -> None:
+    mode = ScanMode(1, "DenseBoost", 0.0, 30.0, 0x85)
+    rates = {b"\xa5\x59": struct.pack("<HH", 63, 31)}
+    assert started(identified(), mode, rates)[0].sample_ns == 31000.0
+    assert started(identified(), ScanMode(0, "S", 0.0, 30.0, 0x81), rates)[0].sample_ns == 63000.0
+    # Silence, or 0 again: it is measured from the stream.
+    assert started(identified(), mode, {})[0].sample_ns == 0.0
+    assert started(identified(), mode, {b"\xa5\x59": bytes(4)})[0].sample_ns == 0.0
+
+
+def test_what_cannot_be_started_is_refused_before_anything_is_sent() -> None:
+    device = identified()
+    with pytest.raises(Unsupported, match="'Newest' sends answer type 0x87; lidario knows 0x81, 0x82"):
+        next(device.start(ScanMode(2, "Newest", 31.25, 30.0, 0x87)))
+    with pytest.raises(Unsupported, match="'DenseBoost' is none"):
+        next(device.start(DENSE_BOOST, force=True))
+
+
+@pytest.mark.parametrize("answer", sorted(FORMATS))
+def test_any_of_the_six_formats_can_be_started(answer: int) -> None:
+    stream, sent = started(identified(), ScanMode(3, "M", 31.25, 30.0, answer), {})
+    assert stream.format.answer_type == answer
+    assert sent.endswith("a520" if answer == 0x81 else "a58205030000000021")
+
+
+# ----------------------------------------------------------------------------------------------------- speed
+
+LIMITS = {**conf(Conf.MIN_ROTATION, struct.pack("<H", 480)), **conf(Conf.MAX_ROTATION, struct.pack("<H", 1200))}
+
+
+@pytest.mark.parametrize("hertz", [8.0, 10.0, 12.34, 20.0])
+def test_setting_the_scan_frequency(hertz: float) -> None:
+    device = identified()
+    reached, _ = drive(device.set_scan_frequency(hertz), LIMITS)
+    assert reached == pytest.approx(hertz, abs=1 / 120)
+    assert drive(device.scan_frequency(), {})[0] == reached
+    rpm = round(hertz * 60)
+    _, sent = started(device, STANDARD, {})
+    assert sent.startswith(f"a5a802{rpm & 0xFF:02x}{rpm >> 8:02x}")
+
+
+@pytest.mark.parametrize("hertz", [7.9, 20.1, 0.0, -10.0, float("nan"), float("inf")])
+def test_a_frequency_beyond_the_devices_limits_is_refused(hertz: float) -> None:
+    device = identified()
+    with pytest.raises(ValueError, match="rpm"):
+        drive(device.set_scan_frequency(hertz), LIMITS)
+    assert drive(device.scan_frequency(), {})[0] == 10.0
+
+
+def test_without_told_limits_what_fits_the_request_is_tried() -> None:
+    device = identified()
+    assert drive(device.set_scan_frequency(1000.0), {})[0] == 1000.0
+    for hertz in (0.0, 2000.0):
+        with pytest.raises(ValueError, match="1 to 65535 rpm"):
+            drive(device.set_scan_frequency(hertz), {})
+
+
+def test_what_the_family_cannot_do_says_so() -> None:
+    device = identified()
+    for script in (device.zero_offset, lambda: device.apply_zero_offset(True)):
+        with pytest.raises(Unsupported):
+            script()
+    with pytest.raises(Unsupported):
+        device.power_down_protection(True)

@@ -1,0 +1,131 @@
+"""Arrays in one go give what one sample at a time gives: decoding, checking, and looking for the seam."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lidario.families.base import Samples
+from lidario.seam import Seam, Split
+from lidario.wire.formats import BEGINS, RESTARTS, StreamFormat
+from tests.support.contents import any_packets
+from tests.support.harm import messes
+from tests.support.streams import CASES, KINDS, Case, Sample, named
+
+every_kind = pytest.mark.parametrize("case", KINDS, ids=named)
+seeds = st.integers(0, 2**32)
+TURN = 23040
+
+
+def assert_same(case: Case, samples: Samples, reference: Sequence[Sample]) -> None:
+    """That the first samples are the reference's."""
+    count = len(reference)
+    np.testing.assert_array_equal(samples.distance_mm[:count], [s.distance_mm for s in reference])
+    # The reference's correction of 0x84 is truncated to 1/65536 degrees.
+    allowed = 1 / 65536 + 1e-9 if case.answer_type == 0x84 else 1e-9
+    for ours, theirs in (
+        (samples.beam_deg, [s.raw_deg for s in reference]),
+        (samples.angle_deg, [s.angle_deg for s in reference]),
+    ):
+        off = (ours[:count] - np.array(theirs) + 180) % 360 - 180
+        assert np.abs(off).max(initial=0) <= allowed
+    if samples.intensity is not None:
+        assert samples.intensity[:count].tolist() == [s.quality for s in reference]
+    else:
+        assert all(s.quality is None for s in reference)
+
+
+@every_kind
+@given(seed=seeds, count=st.integers(2, 40))
+def test_any_contents_decode_as_the_scalar_reference_decodes_them(case: Case, seed: int, count: int) -> None:
+    packets = any_packets(case, seed, count, wild=False)
+    samples = case.make_decoder().decode(b"".join(packets), None)
+    assert_same(case, samples, case.decode(packets))
+    assert ((samples.angle_deg >= 0) & (samples.angle_deg < 360)).all()
+    assert len(samples.ends) == count
+    assert samples.ends[-1] == len(samples.distance_mm) == len(samples.beam_deg) == len(samples.angle_deg)
+
+
+@every_kind
+@given(data=st.data(), seed=seeds, count=st.integers(2, 60))
+def test_it_does_not_matter_where_the_stream_is_cut_into_turns(
+    case: Case, data: st.DataObject, seed: int, count: int
+) -> None:
+    packets = any_packets(case, seed, count, wild=False)
+    cuts = sorted(data.draw(st.sets(st.integers(1, count - 1), max_size=6), "cuts"))
+    decoder, parts = case.make_decoder(), []
+    for begin, end in pairwise([0, *cuts, count]):
+        parts.append(decoder.decode(b"".join(packets[begin:end]), packets[end] if end < count else None))
+    whole = case.make_decoder().decode(b"".join(packets), None)
+    np.testing.assert_array_equal(np.concatenate([part.distance_mm for part in parts]), whole.distance_mm)
+    known = len(whole.angle_deg) if not case.lookahead else int(whole.ends[-2])
+    angles = np.concatenate([part.angle_deg for part in parts])
+    np.testing.assert_allclose(angles[:known], whole.angle_deg[:known], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("case", [case for case in KINDS if len(case.packets[0]) > 5], ids=named)
+@given(st.data())
+def test_checking_as_an_array_finds_what_checking_one_by_one_finds(case: Case, data: st.DataObject) -> None:
+    """For the node, whose check depends on the last angle, see test_rplidar_nodes."""
+    lead = data.draw(st.binary(max_size=5), "lead")
+    count = data.draw(st.integers(0, 30), "count")
+    first = data.draw(st.integers(0, len(case.packets) - count), "first")
+    raw = bytearray(lead + b"".join(case.packets[first : first + count]) + data.draw(messes(case), "mess"))
+    for bit in data.draw(st.lists(st.integers(0, 8 * len(raw) - 1), max_size=2) if raw else st.just([]), "bits"):
+        raw[bit // 8] ^= 1 << bit % 8
+    wire = case.make_format()
+    assert wire.run(raw, len(lead)) == StreamFormat.run(wire, raw, len(lead))
+
+
+# --------------------------------------------------------------------------------------------------------- seam
+
+
+def walked(seam: Seam, headings: Sequence[int]) -> list[Split]:
+    """The splits, found one heading at a time."""
+    return [split._replace(packet=n) for n, heading in enumerate(headings) for split in seam.splits([heading])]
+
+
+@st.composite
+def readings(draw: st.DrawFn) -> list[int]:
+    """Headings of a rotor that turns, trembles, jumps, is marked and begins anew."""
+    result, heading = [], draw(st.integers(0, TURN - 1))
+    for _ in range(draw(st.integers(1, 8))):
+        step = draw(st.integers(1, 2500))
+        tremble = draw(st.sampled_from([0, 0, 60, 600]))
+        for _ in range(draw(st.integers(1, 80))):
+            heading += step + (draw(st.integers(-tremble, tremble)) if tremble else 0)
+            result.append(heading % TURN)
+        heading += draw(st.sampled_from([0, 0, TURN // 2, -TURN // 2, 5000, -300]))
+    for place in draw(st.lists(st.integers(0, len(result) - 1), max_size=3)):
+        result[place] |= draw(st.sampled_from([BEGINS, RESTARTS]))
+    return result
+
+
+@given(readings(), st.one_of(st.none(), st.integers(0, TURN - 1)), st.lists(st.integers(1, 120), max_size=6))
+def test_leaping_over_many_headings_finds_the_splits_a_walk_finds(
+    headings: list[int], angle: int | None, sizes: list[int]
+) -> None:
+    walk, leap = Seam(TURN, angle), Seam(TURN, angle)
+    begin = 0
+    for size in [*sizes, len(headings)]:
+        part = headings[begin : begin + size]
+        assert leap.splits(part) == walked(walk, part)
+        assert vars(leap) == vars(walk)
+        begin += size
+
+
+@pytest.mark.parametrize("case", CASES, ids=named)
+def test_the_headings_of_a_golden_stream_split_where_its_turns_begin(case: Case) -> None:
+    wire = case.make_format()
+    headings = [int(heading) for heading in wire.headings(case.raw)]
+    assert len(headings) == len(case.packets)
+    splits = Seam(wire.full_turn, wire.first_seam).splits(headings)
+    assert splits == walked(Seam(wire.full_turn, wire.first_seam), headings)
+    # The packet behind the one that crosses the seam, for each turn and for the open one at the end.
+    begins = [turn[0].packet + (turn[0].index > 0) for turn in case.turns]
+    found = [split.packet for split in splits if not split.broken]
+    assert found[:-1] == begins
+    assert len(found) == len(begins) + 1

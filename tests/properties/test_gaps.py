@@ -1,0 +1,116 @@
+"""Packets lost whole, streams joined in the middle or begun anew: nothing is stretched or merged."""
+
+import numpy as np
+import pytest
+
+from tests.support.kept import kept_without
+from tests.support.streams import CASES, KINDS, Case, assembled, named
+
+PACKET_CASES = [case for case in CASES if len(case.packets[0]) > 5]
+RESTARTING = [case for case in CASES if case.lookahead]
+
+
+def in_a_turn(case: Case, places: int) -> list[int]:
+    """Packets spread over the second turn, those around its beginning and end among them."""
+    first, last = case.turns[1][0].packet, case.turns[1][-1].packet
+    return sorted({*range(first - 3, first + 2), *range(first, last, max(1, (last - first) // places)), last - 1})
+
+
+@pytest.mark.parametrize("case", PACKET_CASES, ids=named)
+@pytest.mark.parametrize("count", [1, 2, 3, 6])
+def test_lost_packets_are_counted_and_no_point_moves(case: Case, count: int) -> None:
+    begin, end = case.turns[1][0].packet, case.turns[1][-1].packet
+    for first in in_a_turn(case, 4):
+        result = kept_without(case, range(first, first + count))
+        assert (result.missing, result.lost) == (count, count), f"from packet {first}"
+        assert (result.broken, result.wrong) == (0, 0)
+        assert result.moved.max() <= 2, f"from packet {first}"
+        if begin < first and first + count < end:
+            assert [scan.lost_packets for scan in result.scans] == [0, count] + [0] * (len(case.turns) - 2)
+
+
+@pytest.mark.parametrize("case", CASES, ids=named)
+def test_losing_the_packets_at_zero_merges_no_turns(case: Case) -> None:
+    """At every turn: the packet by which it begins and the one before it."""
+    for width in (1, 2):
+        lost = {turn[0].packet - n for turn in case.turns[1:] for n in range(width)}
+        if len(case.packets[0]) == 5:
+            lost |= {turn[0].packet + n for turn in case.turns[1:] for n in range(20)}
+        result = kept_without(case, sorted(lost))
+        assert result.broken == 0
+        assert result.missing == len(lost)
+        for scan, turn in zip(result.scans, case.turns, strict=True):
+            assert len(turn) * 0.6 < len(scan) <= len(turn) + 1
+
+
+@pytest.mark.parametrize("case", KINDS, ids=named)
+@pytest.mark.parametrize(("begin", "end"), [(0.25, 0.75), (0.2, 0.95), (0.05, 0.6)])
+def test_most_of_a_turn_may_be_lost(case: Case, begin: float, end: float) -> None:
+    turn = case.turns[1]
+    packets = turn[-1].packet - turn[0].packet
+    lost = range(turn[0].packet + round(packets * begin), turn[0].packet + round(packets * end))
+    result = kept_without(case, lost)
+    assert result.broken == 0
+    assert result.moved.max() <= 2
+    assert result.scans[1].lost_packets == pytest.approx(result.missing, rel=0.05)
+
+
+@pytest.mark.parametrize("case", KINDS, ids=named)
+def test_more_than_a_turn_lost_is_no_scan(case: Case) -> None:
+    """From the middle of one turn to just behind the middle of the next: the angle alone cannot tell."""
+    first = case.turns[1][len(case.turns[1]) // 2].packet
+    behind = case.turns[2][len(case.turns[2]) // 2].packet + 1
+    left = [n for n in range(len(case.packets)) if not first <= n <= behind]
+    raw = b"".join(case.packets[n] for n in left)
+    cut, pause = len(b"".join(case.packets[:first])), len(b"".join(case.packets[first : behind + 1]))
+
+    def times(offset: int) -> int:
+        return round((offset + (pause if offset > cut else 0)) * case.byte_ns)
+
+    # Whole packets at a time, so that none straddles the pause.
+    scans, stats, _ = assembled(case, raw, [len(packet) for packet in (case.packets[n] for n in left)], times)
+    assert stats.broken_scans == 1
+    assert stats.scans == len(scans) == len(case.turns) - 2
+    for scan, turn in zip(scans, (case.turns[0], *case.turns[3:]), strict=True):
+        assert len(scan) == len(turn)
+
+
+@pytest.mark.parametrize("case", CASES, ids=named)
+def test_joining_in_mid_stream_delivers_no_partial_turn(case: Case) -> None:
+    first = len(b"".join(case.packets[: case.turns[0][0].packet + 1]))
+    second = len(b"".join(case.packets[: case.turns[1][0].packet]))
+    for place in range(first, second - 200, (second - first) // 12):
+        scans, stats, _ = assembled(case, case.raw[place:])
+        assert (len(scans), stats.broken_scans) == (len(case.turns) - 1, 0)
+        for scan, turn in zip(scans, case.turns[1:], strict=True):
+            np.testing.assert_array_equal(scan.device_distances, [s.distance_mm for s in turn])
+            assert scan.lost_packets == 0
+        assert scans[0].seq == 0
+
+
+@pytest.mark.parametrize("case", CASES, ids=named)
+def test_the_open_turn_at_the_end_is_not_delivered(case: Case) -> None:
+    end = len(b"".join(case.packets[: case.turns[-1][-1].packet - 1]))
+    scans, _, _ = assembled(case, case.raw[:end])
+    assert len(scans) == len(case.turns) - 1
+
+
+@pytest.mark.parametrize("case", RESTARTING, ids=named)
+def test_a_stream_that_begins_anew_gives_up_the_turn(case: Case) -> None:
+    """The S bit: what was measured before does not belong to what comes."""
+    first, last = case.turns[1][0].packet, case.turns[1][-1].packet
+    at = 9 if case.answer_type == 0x86 else 3
+    for number in (first + 2, (first + last) // 2, last - 2):
+        packet = bytearray(case.packets[number])
+        packet[at] |= 0x80
+        packet[1] ^= 0x08  # the XOR of the body changes in its upper nibble
+        raw = b"".join([*case.packets[:number], bytes(packet), *case.packets[number + 1 :]])
+        scans, stats, link = assembled(case, raw)
+        assert link.skipped_bytes == 0
+        assert stats.broken_scans == 1
+        turns = (case.turns[0], *case.turns[2:])
+        assert [len(scan) for scan in scans] == [len(turn) for turn in turns]
+        for scan, turn in zip(scans, turns, strict=True):
+            np.testing.assert_allclose(
+                scan.device_distances, [s.distance_mm for s in turn], atol=1 if case.answer_type == 0x86 else 0
+            )

@@ -1,0 +1,98 @@
+"""What stands between and in self-delimiting packets, seen from the scans: only what is hit is lost."""
+
+import pytest
+
+from lidario.families.ydlidar.simulated_packers import SCAN_HEADER, pack_answer, pack_time_stamp
+from tests.reference import ydlidar
+from tests.support.kept import Kept, kept
+from tests.support.streams import CASES, Case, assembled, named
+
+POINT_CLOUDS = [case for case in CASES if case.truth.family == "ydlidar"]
+PACKET_CASES = [case for case in CASES if len(case.packets[0]) > 5]
+every_cloud = pytest.mark.parametrize("case", POINT_CLOUDS, ids=named)
+
+
+def replaced(case: Case, changed: dict[int, bytes]) -> bytes:
+    """The golden stream with some of its packets changed."""
+    return b"".join(changed.get(number, packet) for number, packet in enumerate(case.packets))
+
+
+def all_but(case: Case, raw: bytes, *lost: int) -> Kept:
+    return kept(case, raw, [number for number in range(len(case.packets)) if number not in lost], set())
+
+
+def resealed(packet: bytes) -> bytes:
+    """The packet with the check value that its other words ask for."""
+    return packet[:8] + ydlidar.checksum(packet).to_bytes(2, "little") + packet[10:]
+
+
+@pytest.mark.parametrize("case", PACKET_CASES, ids=named)
+@pytest.mark.parametrize("bit", [0, 9, 24, 41, -3])
+def test_a_damaged_packet_at_the_seam_merges_no_turns(case: Case, bit: int) -> None:
+    """The start packet, where there is one; else the packet that crosses 0."""
+    changed = {}
+    for turn in case.turns[1:]:
+        number = turn[0].packet
+        packet = bytearray(case.packets[number])
+        packet[bit // 8 % len(packet)] ^= 1 << bit % 8
+        changed[number] = bytes(packet)
+    result = all_but(case, replaced(case, changed), *changed)
+    assert result.broken == 0
+    assert result.moved.max() <= 2
+    assert result.missing == len(changed)
+    assert abs(result.lost - result.missing) <= 1
+
+
+@every_cloud
+@pytest.mark.parametrize("samples", [0, 81, 200, 255])
+def test_an_absurd_number_of_samples_costs_the_packet(case: Case, samples: int) -> None:
+    number = case.turns[1][0].packet + 5
+    packet = case.packets[number]
+    bad = resealed(packet[:3] + bytes((samples,)) + packet[4:])
+    result = all_but(case, replaced(case, {number: bad}), number)
+    assert (result.wrong, result.missing, result.lost) == (0, 1, 1)
+
+
+@every_cloud
+def test_the_c_bit_may_be_0(case: Case) -> None:
+    changed = {}
+    for number in range(case.turns[0][0].packet, case.turns[1][-1].packet, 3):
+        packet = bytearray(case.packets[number])
+        packet[4] &= 0xFE
+        packet[6] &= 0xFE
+        changed[number] = resealed(bytes(packet))
+    result = all_but(case, replaced(case, changed))
+    assert (result.share, result.wrong, result.lost) == (1.0, 0, 0)
+
+
+@every_cloud
+@pytest.mark.parametrize(
+    "between",
+    [
+        b"\xaa",
+        b"\xaa\xaa",
+        pack_time_stamp(123_456),
+        SCAN_HEADER,
+        pack_answer(4, bytes(range(20))),
+        pack_time_stamp(0x55AA55AA) + SCAN_HEADER,
+    ],
+    ids=["AA", "AA AA", "time stamp", "scan header", "device info", "both"],
+)
+def test_what_may_stand_between_packets_costs_nothing(case: Case, between: bytes) -> None:
+    changed = {number: between + case.packets[number] for number in range(0, len(case.packets), 4)}
+    result = all_but(case, replaced(case, changed))
+    assert (result.share, result.wrong, result.lost, result.broken) == (1.0, 0, 0, 0)
+
+
+@every_cloud
+def test_samples_that_look_like_packets_are_samples(case: Case) -> None:
+    """Walls at 21930 mm: the packet's own mark, all through it."""
+    changed = {}
+    for number in range(0, len(case.packets), 2):
+        packet = case.packets[number]
+        changed[number] = resealed(packet[:10] + b"\xaa\x55" * packet[3])
+    scans, stats, link = assembled(case, replaced(case, changed))
+    assert (len(scans), stats.lost_packets, link.skipped_bytes) == (len(case.turns), 0, 0)
+    for scan, turn in zip(scans, case.turns, strict=True):
+        expected = [0x55AA if sample.packet in changed else sample.distance_mm for sample in turn]
+        assert scan.device_distances.tolist() == expected

@@ -1,0 +1,207 @@
+"""Who may import whom, and where a vendor may be named: the architecture, held to by reading the source."""
+
+import ast
+import io
+import re
+import tokenize
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parent.parent / "lidario"
+FILES = sorted(PACKAGE.rglob("*.py"))
+VENDORS = sorted(path.name for path in (PACKAGE / "families").iterdir() if (path / "device.py").is_file())
+
+LAYERS = (
+    {"errors", "model", "laserscan", "source"},
+    {"wire"},
+    {"families", "sim"},
+    {"seam", "assemble"},
+    {"port", "simulated_port", "diagnose", "residue", "dialogue", "handshake", "connect", "discovery"}
+    | {"stream", "scanner", "session"},
+    {"__init__"},
+    {"cli", "__main__"},
+)
+"""Each may import its own and those before it."""
+RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
+OF_PORT = RANK["port"]
+
+SANS_IO = {"asyncio", "anyio", "serial", "serial_asyncio", "socket", "select", "termios", "threading", "subprocess"}
+OF_WIRE = {
+    "__future__",
+    "abc",
+    "collections",
+    "dataclasses",
+    "enum",
+    "functools",
+    "operator",
+    "re",
+    "typing",
+    "numpy",
+}
+NAMES_OF_VENDORS = re.compile(r"rp[ _-]?lidar|yd[ _-]?lidar|slamtec|(?<![a-z])4ros|yahboom|eai\b", re.IGNORECASE)
+
+
+def module(path: Path) -> str:
+    """Dotted name, as in ``lidario.wire.link``; a package is its ``__init__``."""
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" and len(parts) > 2 else parts)
+
+
+def layer(name: str) -> str:
+    """The part of the package that a module belongs to."""
+    parts = name.split(".")
+    return parts[1] if len(parts) > 1 else "__init__"
+
+
+def imports(path: Path, *, typing: bool = True) -> Iterator[str]:
+    """Every module that a file imports, anywhere in it; with or without those for type checkers alone."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    skipped = {
+        id(inner)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test) and not typing
+        for part in node.body
+        for inner in ast.walk(part)
+    }
+    for node in ast.walk(tree):
+        if id(node) in skipped:
+            continue
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert not node.level, f"{path}: relative import"
+            assert node.module is not None
+            yield node.module
+            # A name may be a module of its own: from lidario.families import …
+            base = PACKAGE.parent.joinpath(*node.module.split("."))
+            for alias in node.names:
+                if (base / f"{alias.name}.py").exists() or (base / alias.name / "__init__.py").exists():
+                    yield f"{node.module}.{alias.name}"
+
+
+def ours(path: Path, *, typing: bool = True) -> set[str]:
+    return {name for name in imports(path, typing=typing) if name.split(".")[0] == "lidario"}
+
+
+def foreign(path: Path) -> set[str]:
+    return {name.split(".")[0] for name in imports(path)} - {"lidario"}
+
+
+def named(path: Path) -> str:
+    return str(path.relative_to(PACKAGE))
+
+
+every_file = pytest.mark.parametrize("path", FILES, ids=named)
+
+
+def test_the_rules_see_the_whole_package() -> None:
+    assert len(FILES) > 50
+    assert {layer(module(path)) for path in FILES} == set(RANK)
+    assert VENDORS == ["rplidar", "ydlidar"]
+    # The reading itself: what is known to be imported is found.
+    link = ours(PACKAGE / "wire" / "link.py")
+    assert {"lidario.errors", "lidario.wire.buffer", "lidario.wire.formats"} <= link
+    assert "lidario.families.rplidar" in ours(PACKAGE / "families" / "registry.py")
+    assert "serial" in foreign(PACKAGE / "port.py") | foreign(PACKAGE / "discovery.py")
+
+
+@every_file
+def test_imports_point_one_way(path: Path) -> None:
+    own = layer(module(path))
+    for name in ours(path, typing=False):
+        target = layer(name)
+        assert RANK[target] <= RANK[own], f"{named(path)} imports {name}"
+        if target == "__init__":
+            assert own in ("cli", "__main__"), f"{named(path)} imports the package as a whole"
+
+
+@every_file
+def test_input_and_output_begin_at_the_port(path: Path) -> None:
+    if RANK[layer(module(path))] >= OF_PORT or named(path) == "sim/serve.py":
+        return
+    assert not foreign(path) & (SANS_IO | {"logging"})
+    assert "time" not in foreign(path)
+
+
+def test_serial_ports_are_known_in_two_places() -> None:
+    users = {named(path) for path in FILES if foreign(path) & {"serial", "serial_asyncio"}}
+    assert users == {"port.py", "discovery.py"}
+
+
+@pytest.mark.parametrize("path", sorted((PACKAGE / "wire").glob("*.py")), ids=named)
+def test_the_wire_needs_the_standard_library_and_numpy(path: Path) -> None:
+    assert foreign(path) <= OF_WIRE
+    assert {layer(name) for name in ours(path)} <= {"wire", "errors"}
+
+
+@pytest.mark.parametrize("path", [path for path in FILES if "families" in path.parts], ids=named)
+def test_a_family_knows_no_other(path: Path) -> None:
+    parts = module(path).split(".")
+    own = parts[2] if len(parts) > 2 else ""
+    others = {vendor for vendor in VENDORS if vendor != own}
+    if own == "registry":
+        return
+    for name in ours(path):
+        assert not others & set(name.split(".")), f"{named(path)} imports {name}"
+
+
+def test_the_registry_alone_lists_families() -> None:
+    knowing = {
+        named(path)
+        for path in FILES
+        for name in ours(path)
+        for vendor in VENDORS
+        if name.startswith(f"lidario.families.{vendor}") and vendor not in path.parts
+    }
+    assert knowing == {"families/registry.py"}
+
+
+def is_device_side(path: Path) -> bool:
+    return "sim" in path.parts or (path.stem.startswith("simulated") and "families" in path.parts)
+
+
+@pytest.mark.parametrize("path", [path for path in FILES if is_device_side(path)], ids=named)
+def test_the_device_side_shares_nothing_with_the_host(path: Path) -> None:
+    """A mistake must be made twice to hide."""
+    package = module(path).rsplit(".", 1)[0]
+    for name in ours(path):
+        own = name == package or name.startswith(f"{package}.simulated")
+        assert name.startswith("lidario.sim") or own, f"{named(path)} imports {name}"
+
+
+@pytest.mark.parametrize("path", [path for path in FILES if not is_device_side(path)], ids=named)
+def test_the_host_side_decodes_nothing_with_the_devices_packers(path: Path) -> None:
+    if path.name == "__init__.py" and path.parent.name in VENDORS:
+        return  # the family's row, which tells how to make a simulated device
+    assert not any(".simulated" in name and "families" in name for name in ours(path))
+
+
+@pytest.mark.parametrize("path", sorted((PACKAGE / "cli").glob("*.py")), ids=named)
+def test_the_command_uses_the_names_a_user_would(path: Path) -> None:
+    for name in ours(path):
+        public = name == "lidario" or name.startswith(("lidario.cli", "lidario.sim"))
+        assert public or name in ("lidario.families.registry", "lidario.families"), name
+
+
+# --------------------------------------------------------------------------------------------- vendors' names
+
+
+def vendors_named(source: str) -> list[str]:
+    """Every vendor's name in the source: in names, strings, docstrings and comments."""
+    found = []
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        found += [f"line {token.start[0]}: {match.group()}" for match in NAMES_OF_VENDORS.finditer(token.string)]
+    return found
+
+
+@pytest.mark.parametrize("path", [path for path in FILES if "families" not in path.parts], ids=named)
+def test_no_vendor_is_named_outside_the_families(path: Path) -> None:
+    assert vendors_named(path.read_text(encoding="utf-8")) == []
+
+
+def test_vendors_are_found_wherever_they_stand() -> None:
+    source = '"""For RPLIDAR."""\nx = f"sim://ydlidar-{x}"  # Slamtec\nclass YdLidarThing: pass\ny = "a 4ROS"\n'
+    assert len(vendors_named(source)) >= 5
+    assert vendors_named("import numpy  # errors, a lidar, YD, heading\n") == []

@@ -1,0 +1,206 @@
+"""Scans in the hand: points, sorting, resampling; and the small records."""
+
+import math
+from dataclasses import FrozenInstanceError, fields
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from lidario.laserscan import LaserScan
+from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, Scan, ScanMode, Stats
+
+
+def scan(degrees: Any, metres: Any, intensities: Any = None, **about: Any) -> Scan:
+    """A scan of these counter-clockwise degrees and metres; 0 for no return."""
+    metres = np.asarray(metres, np.float32)
+    angles = np.radians(np.asarray(degrees, np.float64)).astype(np.float32)
+    values: dict[str, Any] = {
+        "angles": angles,
+        "ranges": np.where(metres > 0, metres, np.float32(np.nan)),
+        "intensities": None if intensities is None else np.asarray(intensities, np.uint8),
+        "device_angles": (-np.asarray(degrees, np.float64) % 360).astype(np.float32),
+        "device_distances": metres * 1000,
+        "stamp_ns": 5,
+        "wall_stamp_ns": 10**18 + 5,
+        "time_increment_ns": 1000,
+        "duration_ns": 100_000_000,
+        "rpm": 600.0,
+        "seq": 3,
+        "dropped_before": 1,
+        "lost_packets": 2,
+        "mode": "DenseBoost",
+    }
+    return Scan(**(values | about))
+
+
+FOUR = scan([0, -90, 180, 90], [1, 2, 0, 4], [10, 20, 30, 40])
+
+
+def test_points() -> None:
+    xy = FOUR.xy()
+    assert xy.shape == (4, 2)
+    assert xy.dtype == np.float32
+    # Forward is x, left is y; a clockwise scanner looks right next.
+    np.testing.assert_allclose(xy[[0, 1, 3]], [[1, 0], [0, -2], [0, 4]], atol=1e-6)
+    assert np.isnan(xy[2]).all()
+    assert FOUR.valid.tolist() == [True, True, False, True]
+    np.testing.assert_allclose(xy[FOUR.valid], FOUR.xy()[FOUR.valid])
+
+
+def test_length_and_text() -> None:
+    assert len(FOUR) == 4
+    assert repr(FOUR) == "<Scan 3: 4 samples, 3 returns, 600 rpm, 2 packets lost, 1 scans dropped before>"
+
+
+def test_sorting_reorders_every_array_alike_and_keeps_the_rest() -> None:
+    ordered = FOUR.sorted()
+    np.testing.assert_allclose(np.degrees(ordered.angles), [-90, 0, 90, 180], atol=1e-4)
+    assert ordered.device_distances.tolist() == [2000, 1000, 4000, 0]
+    assert ordered.intensities is not None
+    assert ordered.intensities.tolist() == [20, 10, 40, 30]
+    assert ordered.device_angles.tolist() == [90, 0, 270, 180]
+    for field in fields(Scan):
+        before, after = getattr(FOUR, field.name), getattr(ordered, field.name)
+        if isinstance(before, np.ndarray):
+            assert not after.flags.writeable
+            assert after.dtype == before.dtype
+        else:
+            assert after == before
+    assert scan([1, 0], [1, 2]).sorted().intensities is None
+    assert len(scan([], []).sorted()) == 0
+
+
+def test_a_scan_cannot_be_changed() -> None:
+    with pytest.raises(FrozenInstanceError):
+        FOUR.seq = 4  # type: ignore[misc]
+    with pytest.raises((AttributeError, TypeError)):
+        FOUR.more = 4  # type: ignore[attr-defined]
+
+
+# ------------------------------------------------------------------------------------------------- resampling
+
+
+def at(laser: LaserScan, degrees: float) -> float:
+    """The range reported nearest to an angle."""
+    place = round((math.radians(degrees) - laser.angle_min) / laser.angle_increment) % len(laser.ranges)
+    return float(laser.ranges[place])
+
+
+def test_the_grid() -> None:
+    laser = FOUR.to_laserscan(360)
+    assert len(laser.ranges) == 360
+    assert laser.ranges.dtype == np.float32
+    assert laser.angle_min == pytest.approx(-math.pi)
+    assert laser.angle_increment == pytest.approx(math.radians(1))
+    assert laser.angle_max == pytest.approx(laser.angle_min + 359 * laser.angle_increment)
+    assert laser.scan_time == pytest.approx(0.1)
+    assert laser.time_increment == pytest.approx(-0.1 / 360)
+    assert (laser.stamp_ns, laser.frame_id) == (10**18 + 5, "laser")
+    assert [at(laser, each) for each in (0, -90, 180, 90)] == [1.0, 2.0, math.inf, 4.0]
+    # Where nobody looked, nothing is known.
+    assert np.isnan(laser.ranges).sum() == 356
+    assert len(FOUR.to_laserscan().ranges) == 4
+
+
+@pytest.mark.parametrize(("word", "value"), [("inf", math.inf), ("nan", math.nan), ("zero", 0.0)])
+def test_a_beam_without_a_return(word: Any, value: float) -> None:
+    assert at(FOUR.to_laserscan(360, no_return=word), 180) == pytest.approx(value, nan_ok=True)
+
+
+def test_the_nearest_return_wins_in_a_bin() -> None:
+    near = scan([10.1, 10.0, 9.9, 10.2, 50], [3, 1.5, 0, 2, 7], [1, 2, 3, 4, 5])
+    laser = near.to_laserscan(360)
+    assert at(laser, 10) == 1.5
+    place = int(np.flatnonzero(laser.ranges == np.float32(1.5))[0])
+    assert laser.intensities[place] == 2
+    assert laser.intensities.dtype == np.float32
+    assert laser.intensities.sum() == 2 + 5
+    # A return beats none, in whatever order they come.
+    for order in ([9.9, 10.1], [10.1, 9.9]):
+        assert at(scan(order, [0, 3]).to_laserscan(360), 10) == 3
+        assert at(scan(order, [3, 0]).to_laserscan(360), 10) == 3
+
+
+def test_what_is_out_of_range_did_not_return() -> None:
+    laser = scan([0, 10, 20, 30, 40], [0.04, 0.05, 12, 12.1, 5]).to_laserscan(360, range_min=0.05, range_max=12.0)
+    assert [at(laser, each) for each in (0, 10, 20, 30, 40)] == pytest.approx([math.inf, 0.05, 12, math.inf, 5])
+    assert (laser.range_min, laser.range_max) == (0.05, 12.0)
+
+
+@pytest.mark.parametrize("yaw", [0.0, math.pi / 2, -math.pi, 7.0])
+def test_the_mounting_turns_the_scan(yaw: float) -> None:
+    laser = FOUR.to_laserscan(360, mount_yaw=yaw, frame_id="base")
+    assert at(laser, math.degrees(yaw)) == 1.0
+    assert at(laser, math.degrees(yaw) - 90) == 2.0
+    assert laser.frame_id == "base"
+
+
+def test_formats_without_intensity_have_none_in_ros() -> None:
+    assert scan([0], [1]).to_laserscan().intensities.shape == (0,)
+
+
+def test_misuse() -> None:
+    for beams in (0, -1):
+        with pytest.raises(ValueError, match="at least one beam"):
+            FOUR.to_laserscan(beams)
+    with pytest.raises(ValueError, match="no_return must be one of inf, nan, zero"):
+        FOUR.to_laserscan(10, no_return="none")  # type: ignore[arg-type]
+
+
+@given(
+    degrees=hnp.arrays(np.float64, st.integers(1, 200), elements=st.floats(-180, 180)),
+    beams=st.integers(1, 400),
+    data=st.data(),
+)
+def test_resampling_is_what_a_loop_over_the_samples_gives(degrees: Any, beams: int, data: st.DataObject) -> None:
+    metres = data.draw(hnp.arrays(np.float32, len(degrees), elements=st.floats(0, 50, width=32)))
+    made = scan(degrees, metres)
+    laser = made.to_laserscan(beams)
+    step = 2 * math.pi / beams
+    expected: dict[int, float] = {}
+    for angle, metre in zip(made.angles.astype(np.float64), made.device_distances / 1000, strict=True):
+        place = int(np.rint((angle + math.pi) / step)) % beams
+        value = float(metre) if 0.05 <= metre <= 40 else math.inf
+        expected[place] = min(value, expected.get(place, math.inf))
+    for place, value in enumerate(laser.ranges.tolist()):
+        assert value == pytest.approx(expected.get(place, math.nan), rel=1e-5, nan_ok=True)
+
+
+# ---------------------------------------------------------------------------------------------------- records
+
+
+def test_health() -> None:
+    assert [Health(status, 0).ok for status in HealthStatus] == [True, True, False]
+    assert [status.value for status in HealthStatus] == ["ok", "warning", "error"]
+
+
+def test_a_mode_knows_its_rate() -> None:
+    assert ScanMode(1, "D", 31.25, 30.0, 0x85).samples_per_second == 32_000
+    assert math.isnan(ScanMode(1, "D", 0.0, 30.0, 0x85).samples_per_second)
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        Health(HealthStatus.OK, 1),
+        DeviceInfo("a", "b", 1, "1.2", 3, "00"),
+        SampleRate(1.0, 2.0),
+        ScanMode(0, "x", 1.0, 2.0, 0x81),
+        Stats(),
+    ],
+    ids=lambda record: type(record).__name__,
+)
+def test_records_are_plain_and_frozen(record: Any) -> None:
+    name = fields(record)[0].name
+    with pytest.raises(FrozenInstanceError):
+        setattr(record, name, getattr(record, name))
+    assert record == type(record)(**{each.name: getattr(record, each.name) for each in fields(record)})
+    assert hash(record) == hash(record)
+
+
+def test_counters_begin_at_nothing() -> None:
+    assert all(getattr(Stats(), field.name) == 0 for field in fields(Stats))

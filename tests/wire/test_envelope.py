@@ -1,0 +1,152 @@
+"""Requests and descriptors as bytes: the examples of the protocol sheets, and what is not accepted."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lidario.families.rplidar import commands as rplidar
+from lidario.families.rplidar.formats import FORMATS
+from lidario.families.ydlidar import commands as ydlidar
+from lidario.families.ydlidar.formats import PointCloud
+from lidario.wire.envelope import Expected, Request, encode_request, parse_descriptor, xor_bytes
+from lidario.wire.events import Descriptor, Packets, Response, Skipped, merged
+
+DENSE = FORMATS[0x85]
+SENT = {
+    "A5 25": rplidar.STOP,
+    "A5 40": rplidar.RESET,
+    "A5 50": rplidar.GET_INFO,
+    "A5 52": rplidar.GET_HEALTH,
+    "A5 59": rplidar.GET_SAMPLERATE,
+    "A5 20": rplidar.scan(FORMATS[0x81]()),
+    "A5 21": rplidar.scan(FORMATS[0x81](), force=True),
+    "A5 82 05 00 00 00 00 00 22": rplidar.express_scan(0, DENSE()),
+    "A5 82 05 01 00 00 00 00 23": rplidar.express_scan(1, DENSE()),
+    "A5 82 05 07 00 00 00 00 25": rplidar.express_scan(7, DENSE()),
+    "A5 A8 02 58 02 55": rplidar.motor_speed(600),
+    "A5 A8 02 00 00 0F": rplidar.motor_speed(0),
+    "A5 84 04 70 00 00 00 55": rplidar.get_lidar_conf(rplidar.Conf.MODE_COUNT),
+    "A5 84 06 7F 00 00 00 02 00 5A": rplidar.get_lidar_conf(rplidar.Conf.MODE_NAME, 2),
+    "A5 60": ydlidar.scan(PointCloud()),
+    "A5 65": ydlidar.STOP,
+    "A5 00": ydlidar.FORCED_STOP,
+    "A5 80": ydlidar.RESET,
+    "A5 90": ydlidar.GET_INFO,
+    "A5 91": ydlidar.GET_HEALTH,
+    "A5 92": ydlidar.GET_HEALTH_92,
+    "A5 93": ydlidar.GET_ZERO_OFFSET,
+    "A5 09": ydlidar.SPEED_UP_BY_01,
+    "A5 0A": ydlidar.SPEED_DOWN_BY_01,
+    "A5 0B": ydlidar.SPEED_UP_BY_1,
+    "A5 0C": ydlidar.SPEED_DOWN_BY_1,
+    "A5 0D": ydlidar.GET_SPEED,
+    "A5 D9": ydlidar.TOGGLE_PROTECTION,
+}
+
+
+@pytest.mark.parametrize("text", SENT)
+def test_requests_are_the_sheets_bytes(text: str) -> None:
+    assert SENT[text].data == bytes.fromhex(text)
+
+
+def test_the_sheets_other_checksums() -> None:
+    assert encode_request(0xF0, bytes.fromhex("9402")) == bytes.fromhex("A5F0029402C1")
+    assert encode_request(0xFF, bytes(4)) == bytes.fromhex("A5FF04000000005E")
+    assert encode_request(0x25) == bytes.fromhex("A525")
+    assert encode_request(0x84, b"") == bytes.fromhex("A5840021")
+
+
+@given(st.integers(0, 255), st.binary(max_size=255))
+def test_a_request_with_its_checksum_sums_to_nothing(command: int, payload: bytes) -> None:
+    data = encode_request(command, payload)
+    assert xor_bytes(data) == 0
+    assert data[3:-1] == payload
+    assert (data[0], data[1], data[2]) == (0xA5, command, len(payload))
+
+
+@given(st.binary(max_size=64))
+def test_xor_of_bytes(data: bytes) -> None:
+    result = 0
+    for byte in data:
+        result ^= byte
+    assert xor_bytes(data) == xor_bytes(bytearray(data)) == result
+
+
+ANNOUNCED = {
+    "A5 5A 14 00 00 00 04": Descriptor(0x04, 20, continuous=False),
+    "A5 5A 03 00 00 00 06": Descriptor(0x06, 3, continuous=False),
+    "A5 5A 04 00 00 00 15": Descriptor(0x15, 4, continuous=False),
+    "A5 5A 05 00 00 40 81": Descriptor(0x81, 5, continuous=True),
+    "A5 5A 54 00 00 40 85": Descriptor(0x85, 84, continuous=True),
+    "A5 5A 0D 03 00 40 83": Descriptor(0x83, 781, continuous=True),
+    "A5 5A FF FF FF 3F 20": Descriptor(0x20, 0x3FFFFFFF, continuous=False),
+    "A5 5A FF FF FF 7F 20": Descriptor(0x20, 0x3FFFFFFF, continuous=True),
+}
+
+
+@pytest.mark.parametrize("text", ANNOUNCED)
+def test_descriptors_are_the_sheets_bytes(text: str) -> None:
+    data = bytes.fromhex(text)
+    assert parse_descriptor(data) == ANNOUNCED[text]
+    assert parse_descriptor(bytearray(data + b"more")) == ANNOUNCED[text]
+    for size in range(len(data)):
+        assert parse_descriptor(data[:size]) is None
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["A5 5B 14 00 00 00 04", "5A A5 14 00 00 00 04", "A5 5A 05 00 00 80 81", "A5 5A 05 00 00 C0 81"],
+    ids=["second byte", "turned round", "mode 2", "mode 3"],
+)
+def test_what_is_no_descriptor(text: str) -> None:
+    assert parse_descriptor(bytes.fromhex(text)) is None
+
+
+@pytest.mark.parametrize(
+    ("size", "largest", "claimed", "admitted"),
+    [
+        (20, 0, 20, True),
+        (20, 0, 19, False),
+        (20, 0, 21, False),
+        (4, 68, 3, False),
+        (4, 68, 4, True),
+        (4, 68, 68, True),
+        (4, 68, 69, False),
+        (4, 68, 0x3FFFFFFF, False),
+    ],
+)
+def test_a_size_is_admitted_between_its_bounds(size: int, largest: int, claimed: int, admitted: bool) -> None:
+    assert Expected(4, size, largest).admits(Descriptor(4, claimed, continuous=False)) is admitted
+
+
+def test_type_and_mode_must_be_those_expected() -> None:
+    assert not Expected(4, 20).admits(Descriptor(6, 20, continuous=False))
+    assert not Expected(4, 20).admits(Descriptor(4, 20, continuous=True))
+    assert Expected(0x81, 5, continuous=True).admits(Descriptor(0x81, 5, continuous=True))
+    assert not Expected(0x81, 5, continuous=True).admits(Descriptor(0x81, 5, continuous=False))
+
+
+@pytest.mark.parametrize("kind", sorted(FORMATS))
+def test_a_stream_is_announced_with_the_size_of_its_packets(kind: int) -> None:
+    stream = FORMATS[kind]()
+    request = rplidar.express_scan(3, stream)
+    assert request.stream is stream
+    assert request.expects == Expected(kind, stream.shortest, continuous=True)
+
+
+def test_settle_times_are_the_manuals() -> None:
+    assert rplidar.STOP.settle == 0.010
+    assert rplidar.RESET.settle == 0.500
+    assert all(request.ends_stream for request in (rplidar.STOP, rplidar.RESET, ydlidar.STOP, ydlidar.RESET))
+    # What steps or toggles must not be asked twice.
+    for request in (ydlidar.TOGGLE_PROTECTION, ydlidar.SPEED_UP_BY_1, ydlidar.SPEED_DOWN_BY_01):
+        assert request.attempts == 1
+    assert Request("X", b"").expects is None
+
+
+def test_merged_joins_neighbouring_runs_alone() -> None:
+    one, two, three = Packets(b"a", 1, 10), Packets(b"bc", 2, 20), Packets(b"d", 1, 30)
+    answer = Response(4, b"", 25)
+    assert merged([one, two, Skipped(3), three, answer]) == [Packets(b"abc", 3, 20), Skipped(3), three, answer]
+    assert merged([]) == []
+    assert merged([Skipped(1), Skipped(2)]) == [Skipped(1), Skipped(2)]
