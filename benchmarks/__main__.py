@@ -1,0 +1,86 @@
+"""Runs the benchmarks and prints what they found: ``make bench``, or ``python -m benchmarks --help``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from benchmarks import decode, flatout, latency, live, memory, readme, scale, start
+from benchmarks.peers import set_up
+from benchmarks.plots import draw
+from benchmarks.processes import ROOT
+from benchmarks.report import Result, Setting, machine
+
+__all__ = ["main"]
+
+_BENCHMARKS: dict[str, Callable[[Setting], Result]] = {
+    "decode": decode.run,
+    "flatout": flatout.run,
+    "live": live.run,
+    "latency": latency.run,
+    "scale": scale.run,
+    "memory": memory.run,
+    "start": start.run,
+}
+_RESULTS = ROOT / "benchmarks" / "results"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run what was asked for."""
+    options = _parser().parse_args(arguments)
+    names = options.only.split(",") if options.only else list(_BENCHMARKS)
+    unknown = sorted(set(names) - set(_BENCHMARKS))
+    if unknown:
+        print(f"there is no benchmark {unknown[0]!r}; there are {', '.join(_BENCHMARKS)}", file=sys.stderr)
+        return 2
+    command = " ".join(("python -m benchmarks", *(sys.argv[1:] if arguments is None else arguments)))
+    peers = None if options.no_peers else set_up()
+    setting = Setting(options.quick, peers)
+    about = machine() | {"command": command}
+    began = time.monotonic()
+    results = [_BENCHMARKS[name](setting) for name in names]
+    about["took"] = f"{time.monotonic() - began:.0f} s"
+    text = _text(about, results, [] if peers is None else [f"{p.name} {p.version}" for p in peers.all])
+    print(text)
+    path = options.json or _RESULTS / ("quick.json" if options.quick else "latest.json")
+    _write(path, about, results)
+    print(f"every value: {path}", file=sys.stderr)
+    if options.plots and peers is not None:
+        print(draw(path, peers), file=sys.stderr)
+    if options.readme:
+        readme.insert(text)
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="only so long that everything is seen to work")
+    parser.add_argument("--only", metavar="NAMES", help=f"some of {','.join(_BENCHMARKS)}")
+    parser.add_argument("--no-peers", action="store_true", help="lidario alone; nothing is installed")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="where every value goes")
+    parser.add_argument("--plots", action="store_true", help="draw benchmarks/plots/*.svg from it")
+    parser.add_argument("--readme", action="store_true", help="put the tables into benchmarks/README.md")
+    return parser
+
+
+def _text(about: dict[str, str], results: list[Result], peers: list[str]) -> str:
+    lines = [f"- {what}: {value}" for what, value in about.items()]
+    if peers:
+        lines.append(f"- contestants: {', '.join(peers)}")
+    tables = [table.markdown() for result in results for table in result.tables]
+    return "\n".join(["", *lines, "", *(f"{table}\n" for table in tables)])
+
+
+def _write(path: Path, about: dict[str, str], results: list[Result]) -> None:
+    whole: dict[str, Any] = {"machine": about, "benchmarks": {result.name: result.data for result in results}}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(whole, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""What runs in the contestants' environment: no lidario here, and nothing but the contestant and pyserial."""

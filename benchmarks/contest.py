@@ -1,0 +1,104 @@
+"""One reader on one played device, whoever it is: lidario at some latency, or a contestant in its environment."""
+
+from __future__ import annotations
+
+import sys
+from bisect import bisect_left, bisect_right
+from dataclasses import dataclass
+from typing import Any
+
+from benchmarks.processes import Failed, Player, run_json
+from benchmarks.report import Setting
+from benchmarks.streams import RATES
+
+__all__ = ["Entry", "entries", "late_by", "lost_scans", "read_live"]
+
+_MARGIN_S = 15.0
+_FORMS = {"S2 DenseBoost": "dense", "S2 Standard": "nodes", "4ROS": "points"}
+_RIVALS = {
+    "S2 DenseBoost": ("pyrplidar",),
+    "S2 Standard": (
+        "pyrplidar",
+        "rplidar-roboticia",
+        "rplidar",
+        "adafruit-circuitpython-rplidar",
+        "rplidarc1",
+        "lds2d",
+    ),
+    "4ROS": ("lds2d-4ros", "PyLidar3"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One that takes part.
+
+    Attributes:
+        name: For tables.
+        contestant: Which adapter; empty for lidario.
+        latency: lidario's setting in seconds.
+    """
+
+    name: str
+    contestant: str = ""
+    latency: float = 0.0
+
+    @property
+    def package(self) -> str:
+        """What it is called on PyPI."""
+        return self.contestant.removesuffix("-4ros")
+
+
+def entries(rate: str, *, rivals: bool) -> list[Entry]:
+    """Who reads that device: the baseline first."""
+    found = [Entry(f"lidario, {latency:g} ms", latency=latency / 1000) for latency in (5, 10, 0)]
+    if rivals:
+        if rate != "4ROS":
+            found.append(Entry("pyrplidarsdk (C++)", "pyrplidarsdk"))
+        found.append(Entry("plain pyserial-asyncio", "plain"))
+        found += [Entry(name.removesuffix("-4ros"), name) for name in _RIVALS[rate]]
+    return found
+
+
+def read_live(
+    setting: Setting, entry: Entry, rate: str, player: Player, *, settle_s: float, window_s: float, **more: Any
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Have `entry` read what `player` plays; what it reported, and what the player did.
+
+    Raises:
+        Failed: It is absent, or it did not get through; the text says why.
+    """
+    kind = RATES[rate].kind
+    task: dict[str, Any] = {"paths": player.paths, "baudrate": RATES[rate].baudrate}
+    task |= {"settle_s": settle_s, "window_s": window_s, **more}
+    timeout = settle_s + window_s + _MARGIN_S + len(player.paths) / 4
+    try:
+        if not entry.contestant:
+            task |= {"family": kind.family, "latency": entry.latency}
+            got = run_json([sys.executable, "-m", "benchmarks.reader"], timeout=timeout, given=task)
+        else:
+            if setting.peers is None:
+                raise Failed("left out")
+            why = setting.peers.why_absent(entry.package)
+            if why:
+                raise Failed(why)
+            mode = 0 if kind.mode.answer_type == 0x81 else kind.mode.id
+            task |= {"contestant": entry.contestant, "mode": mode, "form": _FORMS[rate]}
+            environment = setting.peers.environment(entry.package)
+            got = run_json(setting.peers.command("live"), timeout=timeout, environment=environment, given=task)
+    finally:
+        report = player.report()
+    return got, report
+
+
+def lost_scans(arrivals: list[int], turns: list[int]) -> int:
+    """Turns played between the first and the last scan that did not come; an even delay does not matter."""
+    if len(arrivals) < 2:
+        return 0
+    played = bisect_right(turns, arrivals[-1]) - bisect_right(turns, arrivals[0])
+    return max(0, played - (len(arrivals) - 1))
+
+
+def late_by(arrivals: list[int], turns: list[int]) -> list[float]:
+    """For each scan the milliseconds since the latest turn's end; more than a turn is not told from less."""
+    return [(at - turns[place - 1]) / 1e6 for at in arrivals if (place := bisect_left(turns, at))]

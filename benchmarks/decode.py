@@ -1,0 +1,175 @@
+"""Decoding alone: bytes in memory to scans, through `Link`, `Assembler` and the family's decoder.
+
+Bytes arrive at the device's own pace as far as time stamps go, and as fast as they can be taken otherwise, in
+chunks of six sizes. The contestants get the same bytes from a port in memory, through their own front door, and
+take them in pieces of their own choice. `pyrplidarsdk` opens nothing but a real port: see `benchmarks.flatout`.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from benchmarks.processes import Failed, run_json
+from benchmarks.report import Result, Setting, Table, median, ratio, spread
+from benchmarks.streams import KINDS, Kind, capture
+from lidario.assemble import Assembler
+from lidario.wire.events import Packets
+from lidario.wire.link import Link
+
+__all__ = ["CHUNKS", "run"]
+
+CHUNKS: tuple[int | None, ...] = (1, 16, 64, 1024, 4096, None)
+"""Bytes a chunk; None for all at once."""
+BASELINE = 4096
+
+_PEERS = {
+    "0x81 nodes": (
+        "floor",
+        "pyrplidar",
+        "rplidar-roboticia",
+        "rplidar",
+        "adafruit-circuitpython-rplidar",
+        "rplidarc1",
+        "lds2d",
+    ),
+    "0x82 express": ("pyrplidar", "rplidar-roboticia"),
+    "0x84 ultra": ("pyrplidar",),
+    "0x85 dense": ("pyrplidar",),
+    "4ROS points": ("PyLidar3", "lds2d-4ros"),
+}
+_TIMEOUT_S = 60.0
+_PEER_ROUNDS = 3
+
+
+def run(setting: Setting) -> Result:
+    """Time everything, a round after the other."""
+    rounds, seconds = (1, 1.0) if setting.quick else (5, 4.0)
+    own: dict[str, dict[str, list[dict[str, float]]]] = {name: {} for name in KINDS}
+    theirs: dict[str, dict[str, list[dict[str, float]]]] = {name: {} for name in KINDS}
+    absent: dict[str, str] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for number in range(rounds):
+            setting.say(f"decode: round {number + 1} of {rounds}")
+            for kind in KINDS.values():
+                for chunk in CHUNKS:
+                    # Small chunks take long, so they get less of the stream.
+                    length = seconds if chunk is None or chunk >= 64 else max(seconds / 8, 0.6)
+                    own[kind.name].setdefault(_label(chunk), []).append(_timed(kind, length, chunk))
+                if setting.peers is not None and number < _PEER_ROUNDS:
+                    _peers(setting, kind, Path(folder), seconds / 2, theirs[kind.name], absent)
+    data = {"lidario": own, "peers": theirs, "absent": absent, "chunks": [_label(chunk) for chunk in CHUNKS]}
+    return Result("decode", [_table(own), *_peer_tables(own, theirs, absent)], data)
+
+
+def _label(chunk: int | None) -> str:
+    return "whole" if chunk is None else str(chunk)
+
+
+def _timed(kind: Kind, seconds: float, chunk: int | None) -> dict[str, float]:
+    """Decode `seconds` of stream; what came out and how long it took."""
+    raw = capture(kind, seconds)
+    stream, link = kind.stream(), Link()
+    link.send_request(kind.request(stream.format))
+    link.data_to_send()
+    assembler = Assembler(stream)
+    step = chunk or len(raw)
+    byte_ns = seconds * 1e9 / len(raw)
+    scans = points = 0
+    start = time.perf_counter()
+    for at in range(0, len(raw), step):
+        link.receive_data(raw[at : at + step], int((at + step) * byte_ns))
+        for event in link.events_received():
+            if isinstance(event, Packets):
+                for scan in assembler.add(event):
+                    scans += 1
+                    points += len(scan)
+    took = time.perf_counter() - start
+    return _figures(took, len(raw), scans, points)
+
+
+def _figures(seconds: float, size: int, scans: float, points: float) -> dict[str, float]:
+    return {
+        "seconds": seconds,
+        "scans": scans,
+        "points": points,
+        "mb_per_s": size / seconds / 1e6,
+        "points_per_s": points / seconds,
+        "us_per_revolution": seconds / scans * 1e6 if scans else 0.0,
+    }
+
+
+def _peers(
+    setting: Setting,
+    kind: Kind,
+    folder: Path,
+    seconds: float,
+    into: dict[str, list[dict[str, float]]],
+    absent: dict[str, str],
+) -> None:
+    assert setting.peers is not None
+    raw = capture(kind, seconds)
+    path = folder / f"{kind.name}.bin"
+    path.write_bytes(raw)
+    mode = 0 if kind.mode.answer_type == 0x81 else 1
+    for name in _PEERS.get(kind.name, ()):
+        package = name.removesuffix("-4ros")
+        why = setting.peers.why_absent(package) or absent.get(f"{package}, {kind.name}", "")
+        task: dict[str, Any] = {"contestant": name, "stream": str(path), "mode": mode}
+        if not why:
+            try:
+                environment = setting.peers.environment(package)
+                command = setting.peers.command("decode")
+                got = run_json(command, timeout=_TIMEOUT_S, environment=environment, given=task)
+                figures = _figures(got["seconds"], len(raw), got["scans"], got["points"])
+                into.setdefault(name, []).append(figures)
+            except Failed as failed:
+                why = str(failed)
+        if why:
+            absent[f"{package}, {kind.name}"] = why
+
+
+def _table(own: dict[str, dict[str, list[dict[str, float]]]]) -> Table:
+    columns = ["format, chunk of", *(f"{_label(chunk)} B" if chunk else "whole" for chunk in CHUNKS)]
+    table = Table("decode: lidario, by format and size of the chunks", columns)
+    for name, by_chunk in own.items():
+        for what, digits, scale in (("MB/s", 1, 1.0), ("Mpoints/s", 2, 1e-6), ("µs/rev", 0, 1.0)):
+            key = {"MB/s": "mb_per_s", "Mpoints/s": "points_per_s", "µs/rev": "us_per_revolution"}[what]
+            cells = [spread([each[key] * scale for each in by_chunk[_label(chunk)]], digits) for chunk in CHUNKS]
+            table.rows.append([f"{name}, {what}", *cells])
+    table.notes.append("median (smallest–largest) of the rounds; 3200 points a revolution, 4ROS 2857")
+    return table
+
+
+def _peer_tables(
+    own: dict[str, dict[str, list[dict[str, float]]]],
+    theirs: dict[str, dict[str, list[dict[str, float]]]],
+    absent: dict[str, str],
+) -> list[Table]:
+    columns = ["format, contestant", "Mpoints/s", "MB/s", f"speed, lidario at {BASELINE} B = 1", "scans"]
+    table = Table("decode: the contestants, from a port in memory", columns)
+    for name, by_peer in theirs.items():
+        if not by_peer:
+            continue
+        mine = own[name][str(BASELINE)]
+        for contestant, rounds in {f"lidario, {BASELINE} B": mine, **by_peer}.items():
+            speeds = [each["mb_per_s"] for each in rounds]
+            table.rows.append(
+                [
+                    f"{name}, {contestant}",
+                    spread([each["points_per_s"] / 1e6 for each in rounds], 2),
+                    spread(speeds, 2),
+                    ratio(speeds, [each["mb_per_s"] for each in mine]),
+                    f"{median([each['scans'] for each in rounds]):.0f}",
+                ]
+            )
+    table.notes += [
+        "floor: a bare loop over read(5), which decodes nothing",
+        "the contestants are given half as long a stream; most leave out points without a return",
+        "PyLidar3 delivers 360 means for each 6000 bytes, so its points are not points",
+        "formats without a line have no contestant that reads them; pyrplidarsdk opens only a real port",
+        *(f"absent: {who}: {why}" for who, why in absent.items()),
+    ]
+    return [table] if absent or any(theirs.values()) else []

@@ -1,0 +1,95 @@
+"""Reading live: what it costs to keep up with a device at its own pace.
+
+A separate process plays the device on a pseudo-terminal, in deliveries of 64 bytes as a USB adapter makes them.
+CPU is what the reading process used, user and system time of all its threads, in percent of one core, from half
+a second after its first scan on; wake-ups are its voluntary context switches. Scans are lost when turns were
+played and did not come.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from benchmarks.contest import Entry, entries, lost_scans, read_live
+from benchmarks.processes import Failed, Player
+from benchmarks.report import Result, Setting, Table, median, ratio, spread
+from benchmarks.streams import RATES
+
+__all__ = ["run"]
+
+_SLOW_TO_OPEN = "PyLidar3"
+"""Sleeps for five seconds while it opens: too long for a quick run."""
+
+
+def run(setting: Setting) -> Result:
+    """Everybody who reads a device, one after the other, and again."""
+    rounds, window_s = (1, 0.3) if setting.quick else (3, 2.0)
+    found: dict[str, dict[str, list[dict[str, Any]]]] = {}
+    absent = {f"{_SLOW_TO_OPEN}, 4ROS": "left out of a quick run"} if setting.quick else {}
+    for rate in RATES:
+        found[rate] = {}
+        with Player(rate) as player:
+            for number in range(rounds):
+                setting.say(f"live: {rate}, round {number + 1} of {rounds}")
+                for entry in entries(rate, rivals=setting.peers is not None):
+                    if f"{entry.name}, {rate}" not in absent:
+                        _take_part(setting, entry, rate, player, window_s, found[rate], absent)
+    tables = [_table(rate, rounds) for rate, rounds in found.items()]
+    if absent:
+        tables[-1].notes += [f"absent: {who}: {why}" for who, why in absent.items()]
+    return Result("live", tables, {"rates": found, "absent": absent, "window_s": window_s})
+
+
+def _take_part(
+    setting: Setting,
+    entry: Entry,
+    rate: str,
+    player: Player,
+    window_s: float,
+    into: dict[str, list[dict[str, Any]]],
+    absent: dict[str, str],
+) -> None:
+    try:
+        got, played = read_live(setting, entry, rate, player, settle_s=window_s / 4, window_s=window_s)
+    except Failed as failed:
+        absent[f"{entry.name}, {rate}"] = str(failed)
+        return
+    arrivals = got.pop("arrivals")[0]
+    got.pop("stats", None)
+    got["scans"] = len(arrivals)
+    got["lost_scans"] = lost_scans(arrivals, played["turns"][0])
+    got["lost_bytes"] = played["lost_bytes"][0]
+    got["player_late_ms"] = played["late_ms"]
+    got["points_share"] = got["points_per_s"] / RATES[rate].samples_per_s
+    into.setdefault(entry.name, []).append(got)
+
+
+def _table(rate: str, found: dict[str, list[dict[str, Any]]]) -> Table:
+    about = RATES[rate]
+    columns = ["reader", "CPU, % of a core", "lidario at 5 ms = 1", "wake-ups/s", "points", "scans", "lost"]
+    size = f"{about.samples_per_s // 1000} kS/s"
+    table = Table(f"live: {rate}, {size}", [*columns, "bytes lost", "first scan, s", "RSS, MB"])
+    baseline = [each["cpu"] for each in next(iter(found.values()), [])]
+    for name, rounds in found.items():
+        cpu = [each["cpu"] for each in rounds]
+        table.rows.append(
+            [
+                name,
+                spread([100 * each for each in cpu], 2),
+                ratio(cpu, baseline),
+                f"{median([each['wakeups'] for each in rounds]):.0f}",
+                f"{100 * median([each['points_share'] for each in rounds]):.0f} %",
+                f"{sum(each['scans'] for each in rounds)}",
+                "–" if name == "PyLidar3" else f"{sum(each['lost_scans'] for each in rounds)}",
+                f"{sum(each['lost_bytes'] for each in rounds)}",
+                f"{median([each['first_scan_s'] for each in rounds]):.2f}",
+                f"{median([each['rss_mb'] for each in rounds]):.0f}",
+            ]
+        )
+    if rate == "4ROS":
+        table.notes.append("PyLidar3 delivers pieces of 6000 bytes and 360 means of each, not scans and points")
+    else:
+        table.notes.append(
+            "pyrplidarsdk, rplidar-roboticia, rplidar, adafruit: without the points that have no return"
+        )
+    return table

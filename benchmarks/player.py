@@ -1,0 +1,221 @@
+"""Plays devices on pseudo-terminals at true pace, in a process of its own: ``python -m benchmarks.player``.
+
+The dialogue before a stream is held by the simulated device, which is as strict as a real one; the stream is
+replayed from a recording, so that playing costs next to nothing beside the reading that is measured. Bytes are
+delivered as a USB adapter does, 64 at a time, each delivery when its last byte has left the device; or, for many
+devices at once, all there is every few milliseconds; or, to see how fast a reader is, faster than true. What the
+terminal cannot take is lost, and counted.
+
+It is told what to do by its arguments, prints one line of JSON when all devices stand ready, and answers each
+line on its standard input by a report: when the last byte of each turn was written, on the clock that all
+processes share, and what was lost. A report starts everything afresh. It ends with its standard input.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import resource
+import select
+import sys
+import termios
+import time
+import tty
+from typing import Any
+
+from benchmarks.streams import RATES, Rate, Recording, recording
+
+__all__ = ["main"]
+
+_IDLE_S = 0.05
+_READ = 4096
+
+
+class _Played:
+    """One device on one pseudo-terminal."""
+
+    def __init__(self, rate: Rate, delivery: int, every_ns: int, speed: int) -> None:
+        self._rate = rate
+        self._flat_out = not speed
+        self._delivery = delivery
+        self._every_ns = every_ns
+        self._recording: Recording = recording(rate.kind)
+        self._bytes_per_s = len(self._recording.loop) * speed
+        self.master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self.master, False)
+        self.path = os.ttyname(self._slave)
+        self.renew()
+
+    def renew(self) -> None:
+        """Begin again with a device that knows nothing."""
+        termios.tcflush(self._slave, termios.TCIOFLUSH)
+        self._device: Any = self._rate.kind.device()
+        self._source = b""
+        self._place = 0
+        self.written = 0
+        self._began_ns = 0
+        self._ends: tuple[int, ...] = ()
+        self._next_end = 0
+        self._looping = False
+        self.playing = False
+        self.lost = 0
+        self.late_ns = self.active_ns = 0
+        self.turns: list[int] = []
+
+    def receive(self) -> None:
+        """The host's bytes: while a stream is played, they go to a device that has just ended its own."""
+        now = time.monotonic_ns()
+        try:
+            data = os.read(self.master, _READ)
+        except BlockingIOError:
+            return
+        if self.playing:
+            device = self._rate.kind.device()
+            device.receive(data, now)
+            if device.scanning:
+                return  # a keepalive, or somebody very hasty: it goes on
+            self.playing = False
+            self._device = device
+        else:
+            self._device.receive(data, now)
+
+    def due(self, now: int) -> int | None:
+        """When `send` has something to do; None while nothing is under way."""
+        if not self.playing:
+            at: int | None = self._device.wakeup(now)
+            return at
+        if self._flat_out:
+            return None
+        if self._every_ns:
+            return self._began_ns + (now - self._began_ns) // self._every_ns * self._every_ns + self._every_ns
+        return self._began_ns + (self.written + self._delivery) * 1_000_000_000 // self._bytes_per_s
+
+    def send(self, now: int) -> None:
+        """Write what has left the device by `now`."""
+        if self.playing:
+            if not self._flat_out:
+                self._play(now)
+            return
+        data = self._device.transmit(now)
+        if not data:
+            return
+        if self._device.scanning and (at := data.find(self._recording.descriptor)) >= 0:
+            data = data[: at + len(self._recording.descriptor)]
+            self._begin(now)
+        self._write(data)
+
+    def _begin(self, now: int) -> None:
+        self.playing, self._looping = True, False
+        self._began_ns, self.written, self._place = now, 0, 0
+        self._source, self._ends, self._next_end = self._recording.head, self._recording.head_ends, 0
+
+    def _play(self, now: int) -> None:
+        """Catch up with `now`: whole deliveries, or in one piece whatever is there."""
+        ready = (now - self._began_ns) * self._bytes_per_s // 1_000_000_000 - self.written
+        step = ready if self._every_ns else self._delivery
+        self.active_ns = now - self._began_ns
+        if ready >= self._delivery:
+            self.late_ns = max(self.late_ns, now - (self.due(now) or now))
+        while ready >= step > 0:
+            piece = self._piece(step)
+            ready -= len(piece)
+            self.written += len(piece)
+            self._write(piece)
+
+    @property
+    def hungry(self) -> bool:
+        """Whether it plays as fast as the reader reads."""
+        return self.playing and self._flat_out
+
+    def feed(self) -> None:
+        """Write as much as the terminal takes."""
+        source, place = self._source, self._place
+        with contextlib.suppress(BlockingIOError):
+            self._place += os.write(self.master, memoryview(source)[place : place + _READ])
+        if self._place > place:
+            self.written += self._place - place
+            self.active_ns = time.monotonic_ns() - self._began_ns
+        if self._place == len(source):
+            self._source, self._place = self._recording.loop, 0
+
+    def _piece(self, size: int) -> bytes:
+        piece = self._source[self._place : self._place + size]
+        self._place += len(piece)
+        while self._next_end < len(self._ends) and self._ends[self._next_end] <= self._place:
+            self.turns.append(time.monotonic_ns())
+            self._next_end += 1
+        if self._place == len(self._source):
+            self._source, self._ends = self._recording.loop, self._recording.loop_ends
+            self._place = self._next_end = 0
+            if len(piece) < size:
+                piece += self._piece(size - len(piece))
+        return piece
+
+    def _write(self, data: bytes) -> None:
+        try:
+            self.lost += len(data) - os.write(self.master, data)
+        except BlockingIOError:
+            self.lost += len(data)
+
+
+def _report(played: list[_Played], cpu: float) -> dict[str, Any]:
+    return {
+        "turns": [each.turns for each in played],
+        "lost_bytes": [each.lost for each in played],
+        "written_bytes": [each.written for each in played],
+        "active_s": [each.active_ns * 1e-9 for each in played],
+        "late_ms": max(each.late_ns for each in played) / 1e6,
+        "cpu_s": _cpu() - cpu,
+    }
+
+
+def _cpu() -> float:
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    return used.ru_utime + used.ru_stime
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Play until standard input ends."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.player")
+    parser.add_argument("rate", choices=sorted(RATES))
+    parser.add_argument("--count", type=int, default=1)
+    parser.add_argument("--delivery", type=int, default=64, help="bytes written at once")
+    parser.add_argument("--every", type=float, default=0.0, help="seconds: write all there is that often instead")
+    parser.add_argument("--speed", type=int, default=1, help="times the true pace; 0: as fast as it is read")
+    options = parser.parse_args(arguments)
+    every_ns = round(options.every * 1e9)
+    rate = RATES[options.rate]
+    played = [_Played(rate, options.delivery, every_ns, options.speed) for _ in range(options.count)]
+    print(json.dumps([each.path for each in played]), flush=True)
+    by_handle = {each.master: each for each in played}
+    handles = [0, *by_handle]
+    cpu = _cpu()
+    with contextlib.suppress(KeyboardInterrupt):
+        while True:
+            now = time.monotonic_ns()
+            dues = [at for each in played if (at := each.due(now)) is not None]
+            wait = min(max(0.0, (min(dues) - now) * 1e-9), _IDLE_S) if dues else _IDLE_S
+            hungry = [each.master for each in played if each.hungry]
+            readable, writable, _ = select.select(handles, hungry, [], wait)
+            for handle in writable:
+                by_handle[handle].feed()
+            for handle in readable:
+                if handle:
+                    by_handle[handle].receive()
+                elif not sys.stdin.readline():
+                    return
+                else:
+                    print(json.dumps(_report(played, cpu)), flush=True)
+                    cpu = _cpu()
+                    for each in played:
+                        each.renew()
+            now = time.monotonic_ns()
+            for each in played:
+                each.send(now)
+
+
+if __name__ == "__main__":
+    main()

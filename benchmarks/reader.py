@@ -1,0 +1,84 @@
+"""lidario reading live, as a process of its own to be measured: ``python -m benchmarks.reader '{…}'``.
+
+Opens the lidars named, reads their scans for a while, and prints what that took: CPU time, context switches,
+and when each scan came into the consumer's hands. The time before all lidars have delivered a scan does not
+count. Beside the reading it may keep the loop busy, as an application that computes does.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import resource
+import sys
+import time
+from contextlib import AsyncExitStack
+from dataclasses import asdict
+from typing import Any
+
+import lidario
+
+__all__ = ["read"]
+
+
+async def read(task: dict[str, Any]) -> dict[str, Any]:
+    """Do what `task` says: paths, family, baudrate, latency, settle_s, window_s, and perhaps busy and every."""
+    arrivals: list[list[int]] = [[] for _ in task["paths"]]
+    points: list[list[int]] = [[] for _ in task["paths"]]
+    began = time.monotonic_ns()
+    options = {key: task[key] for key in ("family", "baudrate", "latency") if key in task}
+    async with AsyncExitStack() as stack:
+        lidars = await asyncio.gather(
+            *(stack.enter_async_context(lidario.open_lidar(path, **options)) for path in task["paths"])
+        )
+        async with asyncio.TaskGroup() as group:
+            readers = [group.create_task(_consume(*each)) for each in zip(lidars, arrivals, points, strict=True)]
+            if task.get("busy_s"):
+                readers.append(group.create_task(_busy(task["busy_s"], task["every_s"])))
+            while not all(arrivals):  # noqa: ASYNC110 - an event for each would be work in the measured loop
+                await asyncio.sleep(0.02)
+            await asyncio.sleep(task["settle_s"])
+            start, before = time.monotonic_ns(), resource.getrusage(resource.RUSAGE_SELF)
+            await asyncio.sleep(task["window_s"])
+            after, end = resource.getrusage(resource.RUSAGE_SELF), time.monotonic_ns()
+            for reader in readers:
+                reader.cancel()
+        stats = [asdict(lidar.stats) for lidar in lidars]
+    seconds = (end - start) * 1e-9
+    return {
+        "cpu": (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime) / seconds,
+        "system": (after.ru_stime - before.ru_stime) / seconds,
+        "wakeups": (after.ru_nvcsw - before.ru_nvcsw) / seconds,
+        "points_per_s": sum(map(_rate, arrivals, points)),
+        "window": [start, end],
+        "first_scan_s": (max(each[0] for each in arrivals) - began) * 1e-9,
+        "arrivals": arrivals,
+        "stats": stats,
+        "rss_mb": after.ru_maxrss / 1024,
+    }
+
+
+async def _consume(lidar: lidario.Lidar, arrivals: list[int], points: list[int]) -> None:
+    async with lidar.scans(depth=4) as scans:
+        async for scan in scans:
+            arrivals.append(time.monotonic_ns())
+            points.append(len(scan))
+
+
+def _rate(arrivals: list[int], points: list[int]) -> float:
+    """Points a second, from the first scan to the last."""
+    seconds = (arrivals[-1] - arrivals[0]) * 1e-9
+    return sum(points[1:]) / seconds if seconds else 0.0
+
+
+async def _busy(busy_s: float, every_s: float) -> None:
+    """Compute for `busy_s` out of every `every_s`, without letting the loop do anything else meanwhile."""
+    while True:
+        until = time.perf_counter() + busy_s
+        while time.perf_counter() < until:
+            sum(range(200))
+        await asyncio.sleep(every_s - busy_s)
+
+
+if __name__ == "__main__":
+    print(json.dumps(asyncio.run(read(json.loads(sys.argv[1])))))

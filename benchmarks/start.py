@@ -1,0 +1,80 @@
+"""How long until something happens: opening, the first scan, the import, the command line.
+
+Processes are timed from outside, from their start to their end, with warm file caches. Opening is timed from
+inside, against a played device whose rotor turns already: `open_lidar` to the first scan, which contains the
+partial turn that is thrown away and the whole one behind it.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+
+from benchmarks.contest import Entry, read_live
+from benchmarks.processes import ROOT, Failed, Player
+from benchmarks.report import Result, Setting, Table, ratio, spread
+from benchmarks.streams import RATES
+
+__all__ = ["run"]
+
+_COMMANDS = {
+    "python -c pass": ["-c", "pass"],
+    "import asyncio, numpy, serial": ["-c", "import asyncio, numpy, serial"],
+    "import lidario": ["-c", "import lidario"],
+    "lidario --version": ["-m", "lidario", "--version"],
+}
+
+
+def run(setting: Setting) -> Result:
+    """Everything once, and again."""
+    rounds = 2 if setting.quick else 9
+    processes: dict[str, list[float]] = {}
+    failed: dict[str, str] = {}
+    for number in range(rounds):
+        if number == 0:
+            setting.say(f"start: {rounds} rounds of processes")
+        for name, arguments in _COMMANDS.items():
+            if name not in failed:
+                _time_process(name, arguments, processes, failed)
+    opened: dict[str, list[float]] = {}
+    for rate in list(RATES)[: 1 if setting.quick else None]:
+        setting.say(f"start: {rate}")
+        rivals = [Entry("pyrplidarsdk (C++)", "pyrplidarsdk")] if setting.peers and rate != "4ROS" else []
+        with Player(rate) as player:
+            for _ in range(rounds if rounds < 5 else 5):
+                for entry in (Entry("lidario", latency=0.005), *rivals):
+                    try:
+                        got, _ = read_live(setting, entry, rate, player, settle_s=0.0, window_s=0.1)
+                    except Failed as error:
+                        failed[f"{entry.name}, {rate}"] = str(error)
+                        continue
+                    opened.setdefault(f"{rate}, {entry.name}", []).append(got["first_scan_s"])
+    tables = [_process_table(processes, failed), _open_table(opened)]
+    return Result("start", tables, {"processes": processes, "first_scan_s": opened, "failed": failed})
+
+
+def _time_process(name: str, arguments: list[str], into: dict[str, list[float]], failed: dict[str, str]) -> None:
+    start = time.perf_counter()
+    done = subprocess.run([sys.executable, *arguments], cwd=ROOT, capture_output=True, text=True, check=False)
+    took = time.perf_counter() - start
+    if done.returncode:
+        failed[name] = (done.stderr.strip().splitlines() or [f"ended with {done.returncode}"])[-1]
+    else:
+        into.setdefault(name, []).append(took)
+
+
+def _process_table(processes: dict[str, list[float]], failed: dict[str, str]) -> Table:
+    table = Table("start: processes", ["process", "ms", "python -c pass = 1"])
+    for name, times in processes.items():
+        baseline = processes.get("python -c pass", [])
+        table.rows.append([name, spread([1000 * each for each in times], 0), ratio(times, baseline)])
+    table.notes += [f"failed: {name}: {why}" for name, why in failed.items()]
+    return table
+
+
+def _open_table(opened: dict[str, list[float]]) -> Table:
+    table = Table("start: opening to the first scan", ["device, reader", "s"])
+    table.rows += [[name, spread(times, 2)] for name, times in opened.items()]
+    table.notes.append("lidario throws the first, partial turn away; pyrplidarsdk hands out what it has")
+    return table

@@ -1,0 +1,193 @@
+"""What the benchmarks feed on: measurement streams of the simulated devices, all seven formats of them.
+
+For work in memory all six formats of the first family run at the same 32000 samples and ten turns a second,
+which no product does in each of them, so that figures can be compared: 3200 points a revolution. The line is
+made fast enough to carry them. The seventh, the 4ROS's, runs at its own 20000 samples and seven turns.
+
+For live work the devices are as they are sold: `RATES` names them. A `Recording` of one is bytes that can be
+played for ever, since what repeats is a whole number of turns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from itertools import pairwise
+from typing import Any
+
+from lidario.families.base import Decoder, Stream
+from lidario.families.rplidar import commands as rplidar_commands
+from lidario.families.rplidar.decode import DECODERS
+from lidario.families.rplidar.formats import FORMATS
+from lidario.families.rplidar.simulated import PROFILES, Mode, Profile, SimulatedRplidar
+from lidario.families.ydlidar import commands as ydlidar_commands
+from lidario.families.ydlidar.decode import PointCloudDecoder
+from lidario.families.ydlidar.formats import PointCloud
+from lidario.families.ydlidar.simulated import make_simulated as make_4ros
+from lidario.model import ScanMode
+from lidario.wire.envelope import DESCRIPTOR_SIZE, Request
+from lidario.wire.formats import BEGINS, StreamFormat
+
+__all__ = ["KINDS", "RATES", "Kind", "Rate", "Recording", "capture", "recording"]
+
+_STEP_NS = 10_000_000
+_NAMES = {0x81: "nodes", 0x82: "express", 0x83: "HQ", 0x84: "ultra", 0x85: "dense", 0x86: "ultra-dense"}
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """One format, and how to get a stream of it.
+
+    Attributes:
+        name: For tables.
+        family: Name of the family.
+        mode: The scan mode, as the session would describe it.
+        device: Makes a simulated device whose rotor needs no time to speed up.
+        make_format: A fresh packet format.
+        make_decoder: A fresh decoder.
+        request: The request that starts a stream of that format.
+    """
+
+    name: str
+    family: str
+    mode: ScanMode
+    device: Callable[[], Any]
+    make_format: Callable[[], StreamFormat]
+    make_decoder: Callable[[], Decoder]
+    request: Callable[[StreamFormat], Request]
+
+    def stream(self) -> Stream:
+        """The stream as the family would describe it to the session."""
+        return Stream(
+            format=self.make_format(),
+            decoder=self.make_decoder(),
+            mode=self.mode,
+            sample_ns=self.mode.sample_us * 1e3,
+            spin_up_s=5.0,
+            slowest_turn_s=1.0,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Rate:
+    """A device as it is sold, sending in one mode.
+
+    Attributes:
+        name: For tables.
+        kind: What it sends.
+        baudrate: Speed of its line.
+        samples_per_s: Points a second.
+    """
+
+    name: str
+    kind: Kind
+    baudrate: int
+    samples_per_s: int
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """A stream that can be played for ever.
+
+    A turn is complete when the first packet that belongs to the next one has come: only that tells.
+
+    Attributes:
+        descriptor: The seven bytes that announce it.
+        head: Its beginning, played once.
+        loop: A second of it, repeated from then on; it begins with the first packet of a turn.
+        head_ends: Offsets in `head` at which turns become complete.
+        loop_ends: Offsets in `loop` at which turns become complete.
+    """
+
+    descriptor: bytes
+    head: bytes
+    loop: bytes
+    head_ends: tuple[int, ...]
+    loop_ends: tuple[int, ...]
+
+
+def _rplidar(profile: Profile) -> SimulatedRplidar:
+    device = SimulatedRplidar(profile)
+    device.spin_up_s = 0.0
+    return device
+
+
+def _4ros() -> Any:
+    device = make_4ros("ydlidar-4ros")
+    device.spin_up_s = 0.0
+    return device
+
+
+def _rplidar_kind(name: str, profile: Profile, mode: Mode) -> Kind:
+    answer = mode.answer
+    about = ScanMode(mode.id, mode.name, mode.us_q8 / 256, mode.max_distance_q8 / 256, answer)
+    request = rplidar_commands.scan if answer == 0x81 else partial(rplidar_commands.express_scan, mode.id)
+    return Kind(name, "rplidar", about, partial(_rplidar, profile), FORMATS[answer], DECODERS[answer], request)
+
+
+def _4ros_kind(name: str) -> Kind:
+    about = ScanMode(0, "Standard", 50.0, 30.0, 0x81, typical=True)
+    return Kind(name, "ydlidar", about, _4ros, PointCloud, PointCloudDecoder, ydlidar_commands.scan)
+
+
+def _kinds() -> dict[str, Kind]:
+    modes = tuple(Mode(each, f"mode {each:#x}", 0x81 + each, 8000, 40 * 256) for each in range(6))
+    profile = Profile("bench", 0x71, 4_000_000, modes, typical=4)
+    kinds = [_rplidar_kind(f"{mode.answer:#x} {_NAMES[mode.answer]}", profile, mode) for mode in modes]
+    return {kind.name: kind for kind in (*kinds, _4ros_kind("4ROS points"))}
+
+
+def _rates() -> dict[str, Rate]:
+    rates = [Rate("4ROS", _4ros_kind("4ROS points"), 512_000, 20_000)]
+    sold = PROFILES["rplidar-s2"]
+    for mode, samples in zip(sold.modes, (16_000, 32_000), strict=True):
+        # The rivals cannot all be told a mode: each takes what the device recommends, or a plain scan.
+        kind = _rplidar_kind(f"S2 {mode.name}", replace(sold, typical=mode.id), mode)
+        rates.append(Rate(kind.name, kind, sold.baudrate, samples))
+    return {rate.name: rate for rate in reversed(rates)}
+
+
+KINDS = _kinds()
+"""One stream of each of the seven formats."""
+
+RATES = _rates()
+"""The three devices that are played live: S2 DenseBoost, S2 Standard, 4ROS."""
+
+
+@cache
+def capture(kind: Kind, seconds: float) -> bytes:
+    """What a device of that kind sends in `seconds`, from the descriptor on."""
+    device = kind.device()
+    now = _STEP_NS
+    device.receive(kind.request(kind.make_format()).data, now)
+    end = now + round(seconds * 1e9)
+    pieces = []
+    while now < end:
+        now += _STEP_NS
+        pieces.append(device.transmit(now))
+    return b"".join(pieces)
+
+
+@cache
+def recording(kind: Kind) -> Recording:
+    """A beginning, and a second to repeat; all devices make whole turns in one."""
+    raw, wire = capture(kind, 2.5), kind.make_format()
+    size = wire.shortest if wire.shortest == wire.longest else 1
+    packets = raw[DESCRIPTOR_SIZE:]
+    packets = packets[: len(packets) // size * size]
+    if size == 1:
+        packets = packets[: wire.run(bytearray(packets), 0)[0]]
+    offsets = [*wire.offsets(packets), len(packets)]
+    headings = [heading & (BEGINS - 1) for heading in wire.headings(packets)]
+    wraps = [at for at, (last, here) in enumerate(pairwise(headings), 1) if here < last - wire.full_turn // 2]
+    turns = 1000 * len(wraps) // 2400
+    first, last = wraps[turns - 1], wraps[2 * turns - 1]
+    start = offsets[first]
+    return Recording(
+        descriptor=raw[:DESCRIPTOR_SIZE],
+        head=packets[:start],
+        loop=packets[start : offsets[last]],
+        head_ends=tuple(offsets[at + 1] for at in wraps[: turns - 1]),
+        loop_ends=tuple(offsets[at + 1] - start for at in wraps[turns - 1 : 2 * turns - 1]),
+    )
