@@ -82,9 +82,29 @@ def emit(text: str) -> None:
         OSError: It cannot be written.
     """
     try:
-        click.echo(text, nl=False)
+        handle = _handle()
+        if handle is None:
+            click.echo(text, nl=False)
+            return
+        data = text.encode(sys.stdout.encoding, "replace")
+        while data:
+            data = data[os.write(handle, data) :]
     except BrokenPipeError as error:
         raise ReaderGone from error
+
+
+def _handle() -> int | None:
+    """The file descriptor behind stdout, if that is one that takes plain bytes.
+
+    Past Python's own buffer, nothing is left in it that could not be written when the process ends, and a thread
+    that is stuck in a write holds no lock.
+    """
+    if os.name != "posix":
+        return None
+    try:
+        return sys.stdout.fileno()
+    except (OSError, ValueError):
+        return None
 
 
 def dump(value: object) -> None:

@@ -147,6 +147,7 @@ class NodeFormat(StreamFormat):
         np.subtract(angles[1:], angles[:-1], out=steps[1:])
         steps += BACKWARD_Q6
         np.add(steps, FULL_TURN_Q6, out=steps, where=steps < 0)
+        np.subtract(steps, FULL_TURN_Q6, out=steps, where=steps >= FULL_TURN_Q6)
         good: NDArray[np.bool_] = (_CHECKED[first] & words & 1).astype(np.bool_)
         good &= angles < FULL_TURN_Q6
         good &= steps <= FORWARD_Q6 + BACKWARD_Q6
