@@ -53,13 +53,13 @@ class _Played:
         """Begin again with a device that knows nothing."""
         termios.tcflush(self._slave, termios.TCIOFLUSH)
         self._device: Any = self._rate.kind.device()
+        self._said = b""
         self._source = b""
         self._place = 0
         self.written = 0
         self._began_ns = 0
         self._ends: tuple[int, ...] = ()
         self._next_end = 0
-        self._looping = False
         self.playing = False
         self.lost = 0
         self.late_ns = self.active_ns = 0
@@ -78,7 +78,7 @@ class _Played:
             if device.scanning:
                 return  # a keepalive, or somebody very hasty: it goes on
             self.playing = False
-            self._device = device
+            self._device, self._said = device, b""
         else:
             self._device.receive(data, now)
 
@@ -102,13 +102,19 @@ class _Played:
         data = self._device.transmit(now)
         if not data:
             return
-        if self._device.scanning and (at := data.find(self._recording.descriptor)) >= 0:
-            data = data[: at + len(self._recording.descriptor)]
-            self._begin(now)
+        if self._device.scanning:
+            # The descriptor may leave in two pieces; what stands behind it is not the simulated device's any more.
+            descriptor = self._recording.descriptor
+            said = self._said + data
+            at = said.find(descriptor)
+            if at >= 0:
+                data = data[: at + len(descriptor) - len(self._said)]
+                self._begin(now)
+            self._said = said[1 - len(descriptor) :]
         self._write(data)
 
     def _begin(self, now: int) -> None:
-        self.playing, self._looping = True, False
+        self.playing = True
         self._began_ns, self.written, self._place = now, 0, 0
         self._source, self._ends, self._next_end = self._recording.head, self._recording.head_ends, 0
 
@@ -117,8 +123,8 @@ class _Played:
         ready = (now - self._began_ns) * self._bytes_per_s // 1_000_000_000 - self.written
         step = ready if self._every_ns else self._delivery
         self.active_ns = now - self._began_ns
-        if ready >= self._delivery:
-            self.late_ns = max(self.late_ns, now - (self.due(now) or now))
+        behind = ready * 1_000_000_000 // self._bytes_per_s - self._every_ns
+        self.late_ns = max(self.late_ns, behind if self.written else 0)
         while ready >= step > 0:
             piece = self._piece(step)
             ready -= len(piece)

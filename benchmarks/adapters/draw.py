@@ -62,8 +62,8 @@ def lidars(data: dict[str, Any], folder: Path) -> None:
         count, cpu, p99 = zip(*sorted(points), strict=True)
         left.plot(count, cpu, marker="o", label=f"latency {latency * 1000:g} ms")
         right.plot(count, p99, marker="o", label=f"latency {latency * 1000:g} ms")
+    right.set_xscale("log", base=2)
     for axes, what in ((left, "CPU, % of a core"), (right, "p99 of the delay of a scan, ms")):
-        axes.set_xscale("log", base=2)
         axes.set_xticks(count, [str(each) for each in count])
         axes.set_xlabel("S2 lidars at 32 kS/s in one process")
         axes.set_ylabel(what)
@@ -86,6 +86,7 @@ def live(data: dict[str, Any], folder: Path) -> None:
         colours = ["tab:blue" if name.startswith("lidario") else "tab:gray" for name in names]
         bars = axes.barh(names, cpu, color=colours)
         axes.bar_label(bars, fmt="%.2f", fontsize=7, padding=2)
+        axes.margins(x=0.1)
         axes.set_title(rate, fontsize=9)
         axes.tick_params(labelsize=8)
     panels[-1].set_xlabel("CPU of the reading process, % of a core")

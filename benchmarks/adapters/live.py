@@ -13,6 +13,7 @@ import os
 import resource
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 from benchmarks.adapters.drivers import ASYNC, DRIVERS
@@ -60,8 +61,14 @@ class _Meter:
             "window": [self._start, now],
             "first_scan_s": (self.arrivals[0] - self._began) * 1e-9,
             "arrivals": [self.arrivals],
-            "rss_mb": after.ru_maxrss / 1024,
+            "rss_mb": _most_resident_mb(),
         }
+
+
+def _most_resident_mb() -> float:
+    """The most that was resident. `resource` would count the process that started this one."""
+    status = Path("/proc/self/status").read_text()
+    return int(status.partition("VmHWM:")[2].split()[0]) / 1024
 
 
 async def _read_async(scans: Any, meter: _Meter) -> None:
