@@ -242,3 +242,43 @@ async def test_a_forced_scan_does_not_wait_for_the_rotor() -> None:
             with pytest.raises(Unsupported, match="forced"):
                 await anext(lidar.scans("DenseBoost", force=True))
     assert waits[True] < waits[False] - 1.0
+
+
+@both_families
+@driven
+async def test_taps_see_every_byte_in_both_directions(family: str) -> None:
+    rig = make_rig(family)
+    seen: dict[str, bytearray] = {"in": bytearray(), "out": bytearray()}
+
+    def tap(direction: str, data: bytes, now: int) -> None:
+        seen[direction] += data
+
+    async with rig.open() as lidar:
+        before = lidar.stats.bytes_received
+        lidar.tap(tap)
+        await take(lidar, 2)
+        await lidar.stop()
+        assert len(seen["in"]) == lidar.stats.bytes_received - before
+        assert bytes(seen["out"]).endswith(b"\xa5\x25" if family == "rplidar" else b"\xa5\x65")
+        lidar.untap(tap)
+        heard = len(seen["out"])
+        await lidar.get_health()
+        assert len(seen["out"]) == heard
+
+
+@driven
+async def test_sample_rates_and_what_there_is_not() -> None:
+    first, second = make_rig("rplidar"), make_rig("ydlidar")
+    async with first.open() as lidar:
+        rate = await lidar.get_sample_rate()
+        assert (rate.standard_us, rate.express_us) == (62, 31)
+        assert "idle" in repr(lidar)
+        for refused in (lidar.zero_offset(), lidar.use_zero_offset(True), lidar.power_down_protection(True)):
+            with pytest.raises(Unsupported):
+                await refused
+        assert lidar.mode is None
+        assert lidar.scan_frequency is None
+    assert "closed" in repr(lidar)
+    async with second.open() as lidar:
+        with pytest.raises(Unsupported):
+            await lidar.get_sample_rate()

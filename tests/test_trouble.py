@@ -68,10 +68,18 @@ async def test_garbage_for_an_answer_is_asked_again(family: str) -> None:
         assert (await lidar.get_info()) == lidar.info
 
 
-@both_families
+@pytest.mark.parametrize(
+    ("family", "model"),
+    [
+        ("rplidar", "rplidar-s2"),
+        ("rplidar", "rplidar-s1"),  # silent for two seconds
+        ("rplidar", "rplidar-old-firmware"),  # prints a banner
+        ("ydlidar", "ydlidar-4ros"),
+    ],
+)
 @driven
-async def test_protection_stop_is_cured_by_a_reset(family: str) -> None:
-    rig = make_rig(family)
+async def test_protection_stop_is_cured_by_a_reset(family: str, model: str) -> None:
+    rig = make_rig(family, model)
     rig.device.protection_stop(0x21)
     async with rig.open() as lidar:
         assert lidar.health.ok
@@ -255,3 +263,32 @@ async def test_turns_are_told_apart_even_if_the_device_never_marks_one(monkeypat
     assert [len(scan) for scan in scans] == pytest.approx([turn] * 4, rel=0.01)
     for scan in scans:
         np.testing.assert_allclose(scan.ranges, 2.0, atol=0.002)
+
+
+@both_families
+@driven
+async def test_a_device_that_does_not_come_back_from_a_reset(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        async with lidar.scans() as stream:
+            await anext(stream)
+            rig.device.boot_s = 600.0
+            with pytest.raises(ResponseTimeout, match="no answer to"):
+                await lidar.reset()
+            with pytest.raises(DeviceLost, match="could not be taken up again"):
+                while True:
+                    await anext(stream)
+        assert not lidar.is_scanning
+
+
+@both_families
+@driven
+async def test_a_device_that_does_not_stop_is_reported(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        random = np.random.default_rng(1)
+        rig.device.transmit = lambda now: random.bytes(64)
+        rig.device.wakeup = lambda now: now + 5_000_000
+        with pytest.raises(DeviceLost, match="goes on sending after 3 STOP requests"):
+            await lidar.stop()
