@@ -231,8 +231,8 @@ class Scanner:
         if stream is None or not scan.rpm > 0:
             return 0.0
         wire_s = stream.format.longest * 10 / baudrate if baudrate else 0.0
-        # Behind the packet that crosses the seam one more must arrive, and it crosses half a packet in, on average.
-        packets_s = 2.5 * stream.format.samples * stream.sample_ns * 1e-9
+        # Behind the packet that crosses the seam one more must arrive; where in it the crossing lies is chance.
+        packets_s = 1.75 * stream.format.samples * stream.sample_ns * 1e-9
         return scan.stamp_ns * 1e-9 + 2 * 60 / scan.rpm + packets_s + wire_s
 
     def _rest(self) -> float:
