@@ -79,7 +79,16 @@ def _text(about: dict[str, str], results: list[Result], peers: list[str]) -> str
 def _write(path: Path, about: dict[str, str], results: list[Result]) -> None:
     whole: dict[str, Any] = {"machine": about, "benchmarks": {result.name: result.data for result in results}}
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(whole, indent=1) + "\n")
+    path.write_text(json.dumps(_rounded(whole), indent=1) + "\n")
+
+
+def _rounded(value: Any) -> Any:
+    """Six digits are more than any of it is worth."""
+    if isinstance(value, float):
+        return float(f"{value:.6g}")
+    if isinstance(value, dict):
+        return {key: _rounded(each) for key, each in value.items()}
+    return [_rounded(each) for each in value] if isinstance(value, list) else value
 
 
 if __name__ == "__main__":

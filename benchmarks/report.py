@@ -20,7 +20,7 @@ import numpy as np
 
 from benchmarks.peers import Peers
 
-__all__ = ["Result", "Setting", "Table", "machine", "median", "percentile", "ratio", "spread"]
+__all__ = ["Result", "Setting", "Table", "machine", "median", "percentile", "ratio", "spread", "thinned"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +86,13 @@ def median(values: Sequence[float]) -> float:
 def percentile(values: Sequence[float], percent: float) -> float:
     """A percentile; NaN of none."""
     return float(np.percentile(values, percent)) if len(values) else float("nan")
+
+
+def thinned(values: Sequence[float], most: int = 401) -> list[float]:
+    """At most so many of the values, in order, so that every percentile stays what it is."""
+    if len(values) <= most:
+        return sorted(values)
+    return [float(each) for each in np.quantile(values, np.linspace(0.0, 1.0, most))]
 
 
 def spread(values: Sequence[float], digits: int = 1) -> str:

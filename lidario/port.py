@@ -114,8 +114,8 @@ class Port(asyncio.Protocol):
     def set_latency(self, seconds: float, rest: Callable[[], float] | None = None) -> None:
         """Look for bytes every `seconds` only, and take all there is; 0 to wake for each delivery.
 
-        `rest`, asked before each pause, may make it longer: it says for how many seconds nothing that matters
-        will arrive.
+        `rest`, asked before each pause, says when to look instead, as long as it says more than 0: in how many
+        seconds something is due that matters.
         """
         if isinstance(self._transport, _SerialTransport) and os.name == "posix":
             self._transport.set_latency(seconds, rest)
@@ -262,8 +262,8 @@ class _SerialTransport(serial_asyncio.SerialTransport):  # type: ignore[misc]
             self.poll()
         finally:
             if self._latency > 0 and not self._closing and self._timer is None:
-                wait = self._latency if self._rest is None else max(self._latency, self._rest())
-                self._timer = self._loop.call_later(wait, self._look)
+                rest = 0.0 if self._rest is None else self._rest()
+                self._timer = self._loop.call_later(rest if rest > 0 else self._latency, self._look)
 
     def _read_ready(self) -> None:
         if os.name == "posix":

@@ -236,7 +236,7 @@ class Scanner:
         return scan.stamp_ns * 1e-9 + 2 * 60 / scan.rpm + packets_s + wire_s
 
     def _rest(self) -> float:
-        """Seconds for which nothing will arrive that completes a turn."""
+        """Seconds until the packet is due that completes the turn, but no longer than the buffer allows."""
         return min(self._turn_due - self._loop.time(), REST_S)
 
     def _watch(self) -> None:

@@ -27,7 +27,7 @@ from lidario.wire.formats import StreamFormat
 
 __all__ = ["Link", "LinkState", "LinkStats"]
 
-_SLICE = 64 * 1024
+_SLICE = 32 * 1024
 _LIMIT = 2 * _SLICE
 
 
