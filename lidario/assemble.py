@@ -17,13 +17,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.base import Samples, Stream
-from lidario.model import Scan
+from lidario.model import Scan, read_only
 from lidario.seam import Seam, Split
 from lidario.wire.events import Packets
 
@@ -36,8 +35,6 @@ _BROKEN_TURNS = 0.9
 
 _ENDLESS_TURNS = 2
 """Turns of the slowest kind after which a turn that has not ended is given up."""
-
-_A = TypeVar("_A", bound=np.generic)
 
 
 @dataclass(slots=True)
@@ -267,11 +264,11 @@ def _build(
     ranges = arrays.distance * np.float32(1e-3)
     np.copyto(ranges, np.nan, where=arrays.distance <= 0)
     return Scan(
-        angles=_frozen(angles.astype(np.float32)),
-        ranges=_frozen(ranges),
-        intensities=None if arrays.intensity is None else _frozen(arrays.intensity),
-        device_angles=_frozen(device_angles),
-        device_distances=_frozen(arrays.distance),
+        angles=read_only(angles.astype(np.float32)),
+        ranges=read_only(ranges),
+        intensities=None if arrays.intensity is None else read_only(arrays.intensity),
+        device_angles=read_only(device_angles),
+        device_distances=read_only(arrays.distance),
         stamp_ns=start_ns,
         wall_stamp_ns=wall_ns,
         time_increment_ns=round(sample_ns),
@@ -282,8 +279,3 @@ def _build(
         lost_packets=lost,
         mode=stream.mode.name,
     )
-
-
-def _frozen(array: NDArray[_A]) -> NDArray[_A]:
-    array.setflags(write=False)
-    return array

@@ -8,7 +8,7 @@ degrees and millimetres, stand beside them untouched.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING, TypeVar
 
@@ -82,22 +82,13 @@ class Scan:
     def sorted(self) -> Scan:
         """The same scan with its samples by ascending `angles`; they are no longer in time order."""
         order = np.argsort(self.angles, kind="stable")
-        intensities = None if self.intensities is None else _frozen(self.intensities[order])
-        return Scan(
-            angles=_frozen(self.angles[order]),
-            ranges=_frozen(self.ranges[order]),
-            intensities=intensities,
-            device_angles=_frozen(self.device_angles[order]),
-            device_distances=_frozen(self.device_distances[order]),
-            stamp_ns=self.stamp_ns,
-            wall_stamp_ns=self.wall_stamp_ns,
-            time_increment_ns=self.time_increment_ns,
-            duration_ns=self.duration_ns,
-            rpm=self.rpm,
-            seq=self.seq,
-            dropped_before=self.dropped_before,
-            lost_packets=self.lost_packets,
-            mode=self.mode,
+        return replace(
+            self,
+            angles=read_only(self.angles[order]),
+            ranges=read_only(self.ranges[order]),
+            intensities=None if self.intensities is None else read_only(self.intensities[order]),
+            device_angles=read_only(self.device_angles[order]),
+            device_distances=read_only(self.device_distances[order]),
         )
 
     def to_laserscan(
@@ -133,7 +124,8 @@ class Scan:
         )
 
 
-def _frozen(array: _ArrayT) -> _ArrayT:
+def read_only(array: _ArrayT) -> _ArrayT:
+    """The same array, which nobody can write to any more: every reader of a stream holds the same one."""
     array.setflags(write=False)
     return array
 

@@ -5,14 +5,11 @@ from __future__ import annotations
 import json
 import signal
 import socket
-import sys
 
 import pytest
 
 from lidario.families.registry import FAMILIES
 from tests.cli.processes import BOUND, invoke, line_of, run, started
-
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and pseudo-terminals of POSIX")
 
 
 def test_the_models_are_listed() -> None:
