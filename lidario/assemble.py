@@ -56,7 +56,7 @@ class AssemblerStats:
 class _Arrays:
     """Samples in measuring order; shape (n,) each."""
 
-    angle: NDArray[np.float64]
+    angle: NDArray[np.float32]
     distance: NDArray[np.float32]
     intensity: NDArray[np.uint8] | None
 
@@ -64,15 +64,17 @@ class _Arrays:
         return len(self.angle)
 
     def cut(self, begin: int, end: int | None = None) -> _Arrays:
+        """Some of them; nothing is copied."""
         intensity = None if self.intensity is None else self.intensity[begin:end]
         return _Arrays(self.angle[begin:end], self.distance[begin:end], intensity)
 
-    def before(self, later: _Arrays) -> _Arrays:
-        intensity = None
-        if self.intensity is not None and later.intensity is not None:
-            intensity = np.concatenate((self.intensity, later.intensity))
-        angle = np.concatenate((self.angle, later.angle))
-        return _Arrays(angle, np.concatenate((self.distance, later.distance)), intensity)
+    def begin_with(self, earlier: _Arrays) -> None:
+        """Fill the front, which was left free, with `earlier`."""
+        room = len(earlier)
+        self.angle[:room] = earlier.angle
+        self.distance[:room] = earlier.distance
+        if self.intensity is not None and earlier.intensity is not None:
+            self.intensity[:room] = earlier.intensity
 
 
 @dataclass(slots=True, eq=False)
@@ -166,18 +168,20 @@ class Assembler:
         turn, self._turn = self._turn, _Turn(whole=not split.broken)
         arrays, samples, lost = turn.carried, None, turn.lost
         if turn.runs:
-            samples = self._stream.decoder.decode(b"".join(turn.runs), None if split.broken else following)
+            room = 0 if arrays is None else len(arrays)
+            samples = self._stream.decoder.decode(b"".join(turn.runs), None if split.broken else following, room)
             self.stats.lost_packets += samples.lost
             lost += samples.lost
             here = _Arrays(samples.angle_deg, samples.distance_mm, samples.intensity)
-            crossed = len(here) if split.marked or split.broken else self._crossing(samples)
+            if arrays is not None:
+                here.begin_with(arrays)
+            crossed = len(here) if split.marked or split.broken else room + self._crossing(samples)
             if crossed < len(here):
                 self._turn.carried = here.cut(crossed)
                 self._turn.carried_ns = turn.last_ns
                 self._turn.lost = samples.lost_behind
                 lost -= samples.lost_behind
-                here = here.cut(0, crossed)
-            arrays = here if arrays is None else arrays.before(here)
+            arrays = here.cut(0, crossed)
         if arrays is None or not len(arrays):
             return None
         if split.broken or not turn.whole:
@@ -187,14 +191,14 @@ class Assembler:
         return self._scan(arrays, turn, samples, lost)
 
     def _crossing(self, samples: Samples) -> int:
-        """How many of the samples were measured before the rotor passed the seam, in the last packet."""
+        """How many of the samples decoded were measured before the rotor passed the seam, in the last packet."""
+        beam = samples.last_beam_deg
+        count = samples.ends[-1]
         if self._seam.angle is None:
-            return len(samples.beam_deg)
-        first = int(samples.ends[-2]) if len(samples.ends) > 1 else 0
-        beam = samples.beam_deg[first:]
+            return count
         seam = self._seam.angle * 360.0 / self._stream.format.full_turn
-        away = (beam[0] - seam) % 360.0 + (beam - beam[0])
-        return first + int(np.count_nonzero(away < 360.0))
+        away = beam - (beam[0] - (beam[0] - seam) % 360.0)
+        return count - int(np.count_nonzero(away >= 360.0))
 
     def _start_ns(self, turn: _Turn, samples: Samples | None) -> int:
         """When the first sample of the turn was measured, by the least delayed packet before the first gap."""
@@ -207,7 +211,7 @@ class Assembler:
             for packets, received_ns in turn.arrivals:
                 if packets > samples.unbroken and candidates:
                     break
-                candidates.append(received_ns - (carried + int(samples.ends[packets - 1]) - 1) * sample_ns)
+                candidates.append(received_ns - (carried + samples.ends[packets - 1] - 1) * sample_ns)
         packet_bytes = sum(map(len, turn.runs)) / turn.packets if turn.packets else self._stream.format.shortest
         return round(min(candidates) - _DEVICE_DELAY_SAMPLES * sample_ns - packet_bytes * self._byte_ns)
 
@@ -217,7 +221,7 @@ class Assembler:
         sample_ns = self._stream.sample_ns or (turn.last_ns - start_ns) / len(arrays)
         spanned_ns = len(arrays) * sample_ns
         if samples is not None:
-            spanned_ns += lost * sample_ns * len(samples.beam_deg) / len(samples.ends)
+            spanned_ns += lost * sample_ns * samples.ends[-1] / len(samples.ends)
         ordinary_ns = self._last_turn_ns or spanned_ns
         if turn.last_ns - start_ns > spanned_ns + _BROKEN_TURNS * ordinary_ns:
             self.stats.broken_scans += 1
@@ -254,21 +258,13 @@ def _build(
 ) -> Scan:
     degrees = arrays.angle
     if stream.zero_offset_deg:
-        degrees = (degrees + stream.zero_offset_deg) % 360.0
-    device_angles = degrees.astype(np.float32)
-    # Just below a turn, single precision rounds up to the turn itself.
-    np.copyto(device_angles, 0.0, where=device_angles >= 360.0)
-    angles = np.negative(degrees)
-    np.add(angles, 360.0, out=angles, where=degrees > 180.0)
-    angles *= math.pi / 180.0
-    ranges = arrays.distance * np.float32(1e-3)
-    np.copyto(ranges, np.nan, where=arrays.distance <= 0)
+        degrees = ((degrees.astype(np.float64) + stream.zero_offset_deg) % 360.0).astype(np.float32)
+        # Just below a turn, single precision rounds up to the turn itself.
+        degrees[degrees >= 360.0] = 0.0
     return Scan(
-        angles=read_only(angles.astype(np.float32)),
-        ranges=read_only(ranges),
-        intensities=None if arrays.intensity is None else read_only(arrays.intensity),
-        device_angles=read_only(device_angles),
+        device_angles=read_only(degrees),
         device_distances=read_only(arrays.distance),
+        intensities=None if arrays.intensity is None else read_only(arrays.intensity),
         stamp_ns=start_ns,
         wall_stamp_ns=wall_ns,
         time_increment_ns=round(sample_ns),

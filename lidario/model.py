@@ -8,9 +8,9 @@ degrees and millimetres, stand beside them untouched.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,12 +28,13 @@ _ArrayT = TypeVar("_ArrayT", bound=NDArray[np.generic])
 class Scan:
     """One full revolution, its samples in the order they were measured. All arrays are read-only, shape (n,).
 
+    The device's own figures are the ones held; `angles` and `ranges` are made from them when they are first
+    looked at, so that nobody pays for the convention that is not used.
+
     Attributes:
-        angles: Radians, float32, counter-clockwise, in [-pi, pi]; 0 is the device's forward axis.
-        ranges: Metres, float32; NaN where nothing came back.
-        intensities: uint8, the device's own scale of 0..255; None where the format carries none.
         device_angles: Degrees, float32, clockwise, in [0, 360): the device's own convention.
         device_distances: Millimetres, float32; 0 where nothing came back: the device's own convention.
+        intensities: uint8, the device's own scale of 0..255; None where the format carries none.
         stamp_ns: When the first sample was measured, on the monotonic clock of the event loop.
         wall_stamp_ns: The same instant in nanoseconds since the Unix epoch.
         time_increment_ns: Time from one sample to the next.
@@ -45,11 +46,9 @@ class Scan:
         mode: Name of the scan mode.
     """
 
-    angles: FloatArray
-    ranges: FloatArray
-    intensities: NDArray[np.uint8] | None
     device_angles: FloatArray
     device_distances: FloatArray
+    intensities: NDArray[np.uint8] | None
     stamp_ns: int
     wall_stamp_ns: int
     time_increment_ns: int
@@ -59,9 +58,11 @@ class Scan:
     dropped_before: int
     lost_packets: int
     mode: str
+    _angles: FloatArray | None = field(default=None, init=False)
+    _ranges: FloatArray | None = field(default=None, init=False)
 
     def __len__(self) -> int:
-        return len(self.ranges)
+        return len(self.device_distances)
 
     def __repr__(self) -> str:
         hits = int(np.count_nonzero(self.device_distances))
@@ -69,6 +70,26 @@ class Scan:
             f"<Scan {self.seq}: {len(self)} samples, {hits} returns, {self.rpm:.0f} rpm, "
             f"{self.lost_packets} packets lost, {self.dropped_before} scans dropped before>"
         )
+
+    @property
+    def angles(self) -> FloatArray:
+        """Radians, float32, counter-clockwise, in [-pi, pi]; 0 is the device's forward axis."""
+        if self._angles is None:
+            degrees = np.negative(self.device_angles)
+            # Half a turn is taken off in degrees, where that is exact.
+            np.add(degrees, 360.0, out=degrees, where=degrees < -180.0)
+            degrees *= math.pi / 180.0
+            object.__setattr__(self, "_angles", read_only(degrees))
+        return cast(FloatArray, self._angles)
+
+    @property
+    def ranges(self) -> FloatArray:
+        """Metres, float32; NaN where nothing came back."""
+        if self._ranges is None:
+            metres = self.device_distances / np.float32(1000)
+            metres[self.device_distances <= 0] = np.nan
+            object.__setattr__(self, "_ranges", read_only(metres))
+        return cast(FloatArray, self._ranges)
 
     @property
     def valid(self) -> NDArray[np.bool_]:
@@ -84,11 +105,9 @@ class Scan:
         order = np.argsort(self.angles, kind="stable")
         return replace(
             self,
-            angles=read_only(self.angles[order]),
-            ranges=read_only(self.ranges[order]),
-            intensities=None if self.intensities is None else read_only(self.intensities[order]),
             device_angles=read_only(self.device_angles[order]),
             device_distances=read_only(self.device_distances[order]),
+            intensities=None if self.intensities is None else read_only(self.intensities[order]),
         )
 
     def to_laserscan(

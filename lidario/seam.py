@@ -58,33 +58,42 @@ class Seam:
 
     def splits(self, headings: Headings) -> list[Split]:
         """Where revolutions begin among `headings`, the next ones of the stream."""
-        if len(headings) >= _WORTH_AN_ARRAY and self.angle is not None:
-            array = np.asarray(headings)
-            if int(array.max()) < BEGINS:
-                return self._leap(array, self.angle)
-        if isinstance(headings, np.ndarray):
-            headings = headings.tolist()
-        return [split for index, heading in enumerate(headings) if (split := self._step(index, heading))]
+        if not isinstance(headings, np.ndarray) or len(headings) < _WORTH_AN_ARRAY or self.angle is None:
+            plain = headings.tolist() if isinstance(headings, np.ndarray) else headings
+            return [split for index, heading in enumerate(plain) if (split := self._step(index, heading))]
+        found: list[Split] = []
+        begin = 0
+        for at in (headings >= BEGINS).nonzero()[0].tolist():
+            self._leap(headings[begin:at], begin, found)
+            split = self._step(at, int(headings[at]))
+            if split:
+                found.append(split)
+            begin = at + 1
+        self._leap(headings[begin:], begin, found)
+        return found
 
-    def _leap(self, headings: NDArray[np.integer[Any]], angle: int) -> list[Split]:
-        """As a walk over unmarked headings, looking only at those where they fall back; the rest rises."""
-        away = (headings - angle) % self._full_turn if angle else headings
-        falls = np.flatnonzero(away[1:] < away[:-1]) + 1
-        result: list[Split] = []
+    def _leap(self, headings: NDArray[np.integer[Any]], offset: int, found: list[Split]) -> None:
+        """Step only onto those headings, `offset` on from the first, that fall back behind the one before."""
+        away = (headings - self.angle) % self._full_turn if self.angle else headings
+        falls = (away[1:] < away[:-1]).nonzero()[0] + 1
         begin = 0
         for end in (*falls.tolist(), len(headings)):
-            split = self._step(begin, int(headings[begin]))
-            if split:
-                result.append(split)
-            rising = away[begin:end]
-            if len(rising) > 1:
-                self._last = int(rising[-1])
-                if self._last >= self._near:
-                    self._passed_unmarked = False
-                    beyond = max(1, int(np.searchsorted(rising, self._near)))
-                    self._armed |= self._forward(int(rising[beyond - 1]), int(rising[beyond]))
+            if begin < end:
+                split = self._step(offset + begin, int(headings[begin]))
+                if split:
+                    found.append(split)
+            if begin + 1 < end:
+                self._rise(away[begin:end])
             begin = end
-        return result
+
+    def _rise(self, away: NDArray[np.integer[Any]]) -> None:
+        """As a walk over readings that rise from one already stepped onto."""
+        self._last = int(away[-1])
+        if self._last >= self._near:
+            self._passed_unmarked = False
+            if not self._armed:
+                beyond = max(1, int(away.searchsorted(self._near)))
+                self._armed = self._forward(int(away[beyond - 1]), int(away[beyond]))
 
     def _step(self, index: int, heading: int) -> Split | None:
         if heading >= BEGINS:

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lidario.wire.events import Packets
-from tests.support.streams import CASES, Case, assembled, feed, named
+from tests.support.streams import CASES, KINDS, SINGLE_DEG, Case, assembled, beams_of, feed, named
 
 Q6_TURN = 360 * 64
 CHUNKS = {"whole": None, "byte by byte": 1, "in eights": 8, "in 64s": 64, "in kilobytes": 1024}
@@ -36,7 +36,7 @@ def test_distances_are_the_vendors_and_angles_within_a_64th(case: Case) -> None:
     np.testing.assert_array_equal(samples.distance_mm[:count], truth.distance_mm)
     angle = samples.angle_deg[:count]
     if case.answer_type == 0x83:
-        np.testing.assert_allclose(angle, truth.angle_deg, rtol=0, atol=1e-6)
+        np.testing.assert_array_equal(angle, truth.angle_deg)
         return
     off = (np.floor(angle * 64).astype(np.int64) - golden_q6(case) + Q6_TURN // 2) % Q6_TURN - Q6_TURN // 2
     # Only a step between samples can be rounded differently: a node states its angle itself.
@@ -48,17 +48,14 @@ def test_distances_are_the_vendors_and_angles_within_a_64th(case: Case) -> None:
 def test_every_figure_is_the_scalar_references(case: Case) -> None:
     samples = case.make_decoder().decode(feed(case, case.raw).data, None)
     reference = case.samples
-    assert samples.ends.tolist() == np.cumsum([_samples_in(case, packet) for packet in case.packets]).tolist()
+    assert list(samples.ends) == np.cumsum([_samples_in(case, packet) for packet in case.packets]).tolist()
     assert (samples.lost, samples.unbroken) == (0, len(case.packets))
     # The last capsule has no successor to tell how far the rotor turned meanwhile.
     count = len(reference)
     assert count == (samples.ends[-2] if case.lookahead else samples.ends[-1])
     np.testing.assert_array_equal(samples.distance_mm[:count], [s.distance_mm for s in reference])
-    np.testing.assert_allclose(
-        samples.beam_deg[:count] % 360, [s.raw_deg % 360 for s in reference], rtol=0, atol=1e-6
-    )
     # The vendor's near-range correction of 0x84 is truncated to 1/65536 degrees, and so is the reference's.
-    allowed = 1 / 65536 if case.answer_type == 0x84 else 1e-6
+    allowed = SINGLE_DEG + 1 / 65536 if case.answer_type == 0x84 else SINGLE_DEG
     np.testing.assert_allclose(samples.angle_deg[:count], [s.angle_deg for s in reference], rtol=0, atol=allowed)
     qualities = [s.quality for s in reference]
     if samples.intensity is None:
@@ -67,6 +64,14 @@ def test_every_figure_is_the_scalar_references(case: Case) -> None:
         assert samples.intensity[:count].tolist() == qualities
         assert case.truth.quality is not None
         np.testing.assert_array_equal(samples.intensity[:count], case.truth.quality)
+
+
+@pytest.mark.parametrize("case", KINDS, ids=named)
+def test_the_beam_is_the_scalar_references(case: Case) -> None:
+    packets = case.packets[:300]
+    reference = [sample.raw_deg for sample in case.samples if sample.packet < len(packets) - case.lookahead]
+    beams = beams_of(case.make_decoder(), packets)[: len(reference)]
+    np.testing.assert_allclose(beams % 360, np.array(reference) % 360, rtol=0, atol=1e-9)
 
 
 @every_case

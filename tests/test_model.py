@@ -1,7 +1,7 @@
 """Scans in the hand: points, sorting, resampling; and the small records."""
 
 import math
-from dataclasses import FrozenInstanceError, fields
+from dataclasses import FrozenInstanceError, fields, replace
 from typing import Any
 
 import numpy as np
@@ -17,10 +17,7 @@ from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, Scan, Sc
 def scan(degrees: Any, metres: Any, intensities: Any = None, **about: Any) -> Scan:
     """A scan of these counter-clockwise degrees and metres; 0 for no return."""
     metres = np.asarray(metres, np.float32)
-    angles = np.radians(np.asarray(degrees, np.float64)).astype(np.float32)
     values: dict[str, Any] = {
-        "angles": angles,
-        "ranges": np.where(metres > 0, metres, np.float32(np.nan)),
         "intensities": None if intensities is None else np.asarray(intensities, np.uint8),
         "device_angles": (-np.asarray(degrees, np.float64) % 360).astype(np.float32),
         "device_distances": metres * 1000,
@@ -58,13 +55,14 @@ def test_length_and_text() -> None:
 
 def test_sorting_reorders_every_array_alike_and_keeps_the_rest() -> None:
     ordered = FOUR.sorted()
-    np.testing.assert_allclose(np.degrees(ordered.angles), [-90, 0, 90, 180], atol=1e-4)
-    assert ordered.device_distances.tolist() == [2000, 1000, 4000, 0]
+    np.testing.assert_allclose(np.degrees(ordered.angles), [-180, -90, 0, 90], atol=1e-4)
+    assert ordered.device_distances.tolist() == [0, 2000, 1000, 4000]
     assert ordered.intensities is not None
-    assert ordered.intensities.tolist() == [20, 10, 40, 30]
-    assert ordered.device_angles.tolist() == [90, 0, 270, 180]
-    for field in fields(Scan):
-        before, after = getattr(FOUR, field.name), getattr(ordered, field.name)
+    assert ordered.intensities.tolist() == [30, 20, 10, 40]
+    assert ordered.device_angles.tolist() == [180, 90, 0, 270]
+    names = ["angles", "ranges", *(field.name for field in fields(Scan) if not field.name.startswith("_"))]
+    for name in names:
+        before, after = getattr(FOUR, name), getattr(ordered, name)
         if isinstance(before, np.ndarray):
             assert not after.flags.writeable
             assert after.dtype == before.dtype
@@ -72,6 +70,26 @@ def test_sorting_reorders_every_array_alike_and_keeps_the_rest() -> None:
             assert after == before
     assert scan([1, 0], [1, 2]).sorted().intensities is None
     assert len(scan([], []).sorted()) == 0
+
+
+def test_radians_and_metres_are_made_once_of_the_devices_own_figures() -> None:
+    device = np.linspace(0, 360, 5000, endpoint=False, dtype=np.float32)
+    millimetres = np.where(np.arange(5000) % 7, np.arange(5000), 0).astype(np.float32)
+    made = replace(FOUR, device_angles=device, device_distances=millimetres, intensities=None)
+    exact = -np.radians((device.astype(np.float64) + 180) % 360 - 180)
+    exact[device == 180] = -np.pi
+    # One rounding, of a number of up to pi.
+    np.testing.assert_allclose(made.angles, exact, rtol=0, atol=2.4e-7)
+    assert -np.pi <= made.angles.min() < made.angles.max() <= np.pi
+    np.testing.assert_allclose(made.ranges[millimetres > 0], millimetres[millimetres > 0] / 1000, rtol=2e-7)
+    assert np.isnan(made.ranges[millimetres == 0]).all()
+    for array in (made.angles, made.ranges):
+        assert array.dtype == np.float32
+        assert not array.flags.writeable
+    assert made.angles is made.angles
+    assert made.ranges is made.ranges
+    # Another scan made from it has its own.
+    assert replace(made, device_angles=device[::-1]).angles[0] == made.angles[-1]
 
 
 def test_a_scan_cannot_be_changed() -> None:

@@ -9,7 +9,7 @@ question stayed unanswered, which a script may catch to fall back on something e
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, TypeAlias, TypeVar
 
@@ -32,25 +32,25 @@ Script: TypeAlias = Generator[Request, bytes, T]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """The decoded packets of one stretch of stream; arrays of shape (n,), in measuring order.
+    """The decoded packets of one stretch of stream; arrays of shape (room + n,), in measuring order.
 
     Attributes:
-        beam_deg: Where the rotor stood, float64 degrees clockwise, counted on past 360 inside a packet that
-            crosses 0, so that the seam of the revolution can be found.
-        angle_deg: Where the beam went, float64 degrees clockwise, in [0, 360); corrections applied.
+        angle_deg: Where the beam went, float32 degrees clockwise, in [0, 360); corrections applied.
         distance_mm: Millimetres, float32; 0 where nothing came back.
         intensity: uint8, or None where the format carries none.
+        last_beam_deg: Where the rotor stood at each sample of the last packet: float64 degrees clockwise, without
+            corrections, and counted on past 360, so that the seam of the revolution can be found among them.
         ends: Samples up to and including each packet, shape (packets,).
         lost: Packets missing between these ones and before the one that follows.
         unbroken: Leading packets before the first gap.
         lost_behind: How many of the lost ones stood behind the last packet.
     """
 
-    beam_deg: NDArray[np.float64]
-    angle_deg: NDArray[np.float64]
+    angle_deg: NDArray[np.float32]
     distance_mm: NDArray[np.float32]
     intensity: NDArray[np.uint8] | None
-    ends: NDArray[np.intp]
+    last_beam_deg: NDArray[np.float64]
+    ends: Sequence[int]
     lost: int
     unbroken: int
     lost_behind: int = 0
@@ -59,7 +59,7 @@ class Samples:
 class Decoder(Protocol):
     """Turns packets into samples; one object follows one stream, in order."""
 
-    def decode(self, packets: bytes, following: bytes | None) -> Samples:
+    def decode(self, packets: bytes, following: bytes | None, room: int = 0) -> Samples:
         """Decode whole packets, back to back.
 
         Args:
@@ -67,6 +67,8 @@ class Decoder(Protocol):
             following: The packet after the last one, since some formats need it to know how far the rotor
                 turned; None when there is none, and the last packet is then decoded with the step of its
                 neighbours.
+            room: Elements to leave at the front of the arrays, for samples the caller has already: filling them
+                in is cheaper than joining arrays.
         """
         ...
 

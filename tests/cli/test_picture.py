@@ -18,8 +18,6 @@ FULL_TURN = np.linspace(-np.pi, np.pi, 3600, endpoint=False)
 
 def scan_of(angles: NDArray[np.float64], ranges: NDArray[np.float64]) -> Scan:
     return Scan(
-        angles=angles.astype(np.float32),
-        ranges=ranges.astype(np.float32),
         intensities=None,
         device_angles=(np.degrees(-angles) % 360).astype(np.float32),
         device_distances=np.nan_to_num(ranges * 1000).astype(np.float32),

@@ -1,6 +1,7 @@
 """Decoding inverts packing, format by format, for whatever a format can carry; and what a gap leaves untold."""
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from lidario.families.rplidar import simulated_packers as packers
 from lidario.families.rplidar.cabins import ultra_dense_cabins
 from lidario.families.rplidar.decode import DECODERS, in_turn
 from tests.reference import rplidar
+from tests.support.streams import SINGLE_DEG
 
 Ints = NDArray[np.int64]
 P = 3
@@ -33,15 +35,25 @@ def beginnings(start: tuple[int, int], packets: int = P + 1) -> Ints:
     return angles
 
 
-def check_beam(samples: Samples, start: tuple[int, int], count: int) -> None:
-    """That samples lie at equal steps, on and on."""
+def even(start: tuple[int, int], count: int) -> NDArray[np.float64]:
+    """Samples at equal steps, on and on."""
     first, arc = start
-    expected = (first + arc * np.arange(P * count) / count) / 64
-    np.testing.assert_allclose(samples.beam_deg % 360, expected % 360, atol=1e-9)
-    within = samples.beam_deg.reshape(P, count)
-    assert (np.diff(within, axis=1) > 0).all()
+    degrees: NDArray[np.float64] = (first + arc * np.arange(P * count) / count) / 64
+    return degrees
+
+
+def apart(ours: NDArray[np.floating[Any]], theirs: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    """Degrees from one to the other, the short way round."""
+    degrees: NDArray[np.float64] = (ours - theirs.astype(np.float64) + 180) % 360 - 180
+    return degrees
+
+
+def check_beam(samples: Samples, start: tuple[int, int], count: int) -> None:
+    """That the last packet's samples lie at equal steps, and that nothing is missing."""
+    assert np.abs(apart(samples.last_beam_deg, even(start, count)[-count:])).max() < 1e-9
+    assert (np.diff(samples.last_beam_deg) > 0).all()
     assert (samples.lost, samples.lost_behind, samples.unbroken) == (0, 0, P)
-    assert samples.ends.tolist() == [count * (n + 1) for n in range(P)]
+    assert list(samples.ends) == [count * (n + 1) for n in range(P)]
 
 
 @given(start=starts, mm=hnp.arrays(np.int64, (P + 1, 40), elements=st.integers(0, 65535)))
@@ -50,7 +62,7 @@ def test_dense(start: tuple[int, int], mm: Ints) -> None:
     np.testing.assert_array_equal(samples.distance_mm, mm[:-1].ravel())
     assert samples.intensity is None
     check_beam(samples, start, 40)
-    np.testing.assert_allclose(samples.angle_deg, samples.beam_deg % 360, atol=1e-9)
+    assert np.abs(apart(samples.angle_deg, even(start, 40))).max() <= SINGLE_DEG
 
 
 @given(
@@ -62,8 +74,8 @@ def test_express(start: tuple[int, int], mm: Ints, offsets: Ints) -> None:
     samples = decode(0x82, packers.pack_express(beginnings(start), mm, offsets))
     np.testing.assert_array_equal(samples.distance_mm, mm[:-1].ravel())
     check_beam(samples, start, 32)
-    behind = (samples.beam_deg - samples.angle_deg) % 360 * 8
-    np.testing.assert_allclose((behind + 1) % 2880 - 1, offsets[:-1].ravel(), atol=1e-6)
+    behind = apart(even(start, 32), samples.angle_deg) * 8
+    np.testing.assert_allclose(behind, offsets[:-1].ravel(), atol=8 * SINGLE_DEG)
 
 
 @given(start=starts, mm=hnp.arrays(np.int64, (P + 1, 96), elements=st.integers(0, 30000)), seed=st.integers(0, 99))
@@ -116,12 +128,12 @@ def test_ultra_dense_smooths_short_distances_as_the_reference_does(walk: Ints, g
 
 def test_a_long_chain_of_smoothing_ends() -> None:
     """Each sample hangs on the one before: the worst case for solving them all at once."""
-    low = np.zeros((200, 32, 2), np.uint16)
-    low[...] = 500 << 2
-    low.reshape(-1)[0] = 501 << 2
-    distance, _ = ultra_dense_cabins(low, np.zeros((200, 32), np.uint8), 4008)
+    low = [501 << 2] + [500 << 2] * (200 * 64 - 1)
+    pairs = zip(low[::2], low[1::2], strict=True)
+    cabins = b"".join(one.to_bytes(2, "little") + other.to_bytes(2, "little") + b"\0" for one, other in pairs)
+    distance, _ = ultra_dense_cabins(np.frombuffer(cabins, np.uint8).reshape(200, 160), 4008)
     expected, last = [], 4008
-    for word in low.reshape(-1).tolist():
+    for word in low:
         last = ((word >> 2) * 8 + last) >> 1 if abs((word >> 2) * 8 - last) <= 8 else (word >> 2) * 8
         expected.append(last)
     assert distance.tolist() == expected
@@ -136,7 +148,7 @@ def test_hq(angle: Ints, distance: Ints, quality: Ints) -> None:
     raw = packers.pack_hq(angle, distance, quality, quality & 1, time_us=2**63)
     samples = DECODERS[0x83]().decode(raw, None)
     np.testing.assert_array_equal(samples.distance_mm, distance.ravel() / 4)
-    np.testing.assert_array_equal(samples.angle_deg, angle.ravel() * 90 / 16384)
+    np.testing.assert_array_equal(samples.angle_deg, (angle.ravel() * 90 / 16384).astype(np.float32))
     assert samples.intensity is not None
     np.testing.assert_array_equal(samples.intensity, quality.ravel())
 
@@ -178,5 +190,5 @@ def test_what_leans_on_a_lost_packet_has_no_distance(major: int, behind_gap: int
 
 
 def test_angles_are_brought_into_the_turn() -> None:
-    degrees = np.array([-1e-16, -0.5, 0.0, 359.999, 360.0, 400.0])
-    assert in_turn(degrees).tolist() == [0.0, 359.5, 0.0, 359.999, 0.0, 40.0]
+    degrees = np.array([-1e-16, -0.5, 0.0, 359.75, 360.0, 400.0], np.float32)
+    assert in_turn(degrees, 360.0).tolist() == [0.0, 359.5, 0.0, 359.75, 0.0, 40.0]

@@ -13,7 +13,7 @@ from lidario.seam import Seam, Split
 from lidario.wire.formats import BEGINS, RESTARTS, StreamFormat
 from tests.support.contents import any_packets
 from tests.support.harm import messes
-from tests.support.streams import CASES, KINDS, Case, Sample, named
+from tests.support.streams import CASES, KINDS, SINGLE_DEG, Case, Sample, named
 
 every_kind = pytest.mark.parametrize("case", KINDS, ids=named)
 seeds = st.integers(0, 2**32)
@@ -25,13 +25,11 @@ def assert_same(case: Case, samples: Samples, reference: Sequence[Sample]) -> No
     count = len(reference)
     np.testing.assert_array_equal(samples.distance_mm[:count], [s.distance_mm for s in reference])
     # The reference's correction of 0x84 is truncated to 1/65536 degrees.
-    allowed = 1 / 65536 + 1e-9 if case.answer_type == 0x84 else 1e-9
-    for ours, theirs in (
-        (samples.beam_deg, [s.raw_deg for s in reference]),
-        (samples.angle_deg, [s.angle_deg for s in reference]),
-    ):
-        off = (ours[:count] - np.array(theirs) + 180) % 360 - 180
-        assert np.abs(off).max(initial=0) <= allowed
+    allowed = SINGLE_DEG + 1 / 65536 if case.answer_type == 0x84 else SINGLE_DEG
+    off = (samples.angle_deg[:count] - np.array([s.angle_deg for s in reference]) + 180) % 360 - 180
+    assert np.abs(off).max(initial=0) <= allowed
+    last = [s for s in reference if s.packet == len(samples.ends) - 1]
+    np.testing.assert_allclose(samples.last_beam_deg[: len(last)], [s.raw_deg for s in last], rtol=0, atol=1e-9)
     if samples.intensity is not None:
         assert samples.intensity[:count].tolist() == [s.quality for s in reference]
     else:
@@ -46,7 +44,24 @@ def test_any_contents_decode_as_the_scalar_reference_decodes_them(case: Case, se
     assert_same(case, samples, case.decode(packets))
     assert ((samples.angle_deg >= 0) & (samples.angle_deg < 360)).all()
     assert len(samples.ends) == count
-    assert samples.ends[-1] == len(samples.distance_mm) == len(samples.beam_deg) == len(samples.angle_deg)
+    assert samples.ends[-1] == len(samples.distance_mm) == len(samples.angle_deg)
+
+
+@every_kind
+@given(seed=seeds, count=st.integers(2, 40), room=st.integers(1, 200))
+def test_room_is_left_at_the_front_of_every_array(case: Case, seed: int, count: int, room: int) -> None:
+    raw = b"".join(any_packets(case, seed, count, wild=False))
+    plain, roomy = case.make_decoder().decode(raw, None), case.make_decoder().decode(raw, None, room)
+    for one, other in (
+        (plain.angle_deg, roomy.angle_deg),
+        (plain.distance_mm, roomy.distance_mm),
+        (plain.intensity, roomy.intensity),
+    ):
+        assert (one is None) == (other is None)
+        if one is not None and other is not None:
+            assert one.dtype == other.dtype
+            np.testing.assert_array_equal(other[room:], one)
+    assert list(roomy.ends) == list(plain.ends)
 
 
 @every_kind
@@ -63,7 +78,7 @@ def test_it_does_not_matter_where_the_stream_is_cut_into_turns(
     np.testing.assert_array_equal(np.concatenate([part.distance_mm for part in parts]), whole.distance_mm)
     known = len(whole.angle_deg) if not case.lookahead else int(whole.ends[-2])
     angles = np.concatenate([part.angle_deg for part in parts])
-    np.testing.assert_allclose(angles[:known], whole.angle_deg[:known], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(angles[:known], whole.angle_deg[:known], rtol=0, atol=SINGLE_DEG)
 
 
 @pytest.mark.parametrize("case", [case for case in KINDS if len(case.packets[0]) > 5], ids=named)

@@ -10,6 +10,9 @@ from functools import cache, partial
 from itertools import accumulate, cycle, pairwise
 from typing import NamedTuple, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from lidario.assemble import Assembler, AssemblerStats
 from lidario.families.base import Decoder, Stream
 from lidario.families.rplidar import commands as rplidar_commands
@@ -28,12 +31,14 @@ from tests.reference import golden, rplidar, ydlidar
 __all__ = [
     "CASES",
     "KINDS",
+    "SINGLE_DEG",
     "Assembled",
     "Case",
     "Chunks",
     "Received",
     "Sample",
     "assembled",
+    "beams_of",
     "cut_up",
     "feed",
     "named",
@@ -190,6 +195,16 @@ KINDS = tuple(case for case in CASES if case.name in _KINDS)
 def named(case: Case) -> str:
     """For `pytest.mark.parametrize(…, ids=named)`."""
     return case.name
+
+
+SINGLE_DEG = 2e-5
+"""Half a step of single precision just below 360 degrees: what rounding may cost an angle, and no more."""
+
+
+def beams_of(decoder: Decoder, packets: Sequence[bytes]) -> NDArray[np.float64]:
+    """Where the rotor stood at each sample: told of the last packet only, so every packet is made the last."""
+    followers = [*packets[1:], None]
+    return np.concatenate([decoder.decode(*each).last_beam_deg for each in zip(packets, followers, strict=True)])
 
 
 def cut_up(raw: bytes, chunks: Chunks) -> Iterator[bytes]:

@@ -1,7 +1,9 @@
 """What is inside the cabins of the packed formats: distances squeezed into few bits.
 
 All of it from the vendor's SDK 2.1.0 (handlers of the normal, ultra and ultra-dense capsules); the manual
-describes none of it. Shapes are (packets, cabins) in and (packets, samples) out.
+describes none of it.
+
+What a few bits mean is looked up in tables, made once from those rules: a look costs a fraction of the arithmetic.
 """
 
 from __future__ import annotations
@@ -12,134 +14,171 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["UltraCabins", "express_cabins", "near_range_correction", "ultra_dense_cabins"]
+__all__ = ["express_cabins", "near_range_corrections", "ultra_cabins", "ultra_dense_cabins"]
 
 _LEVELS: Final = ((3328, 16384, 4), (1792, 4096, 3), (1280, 2048, 2), (512, 512, 1), (0, 0, 0))
 """0x84's variable bit scale: (first code, distance of the first code in mm, shift), highest first."""
 
 _NO_PREDICTION: Final = (-512, 511)
 """0x84: predictions that mean: no return."""
+_NOTHING: Final = -(1 << 20)
+"""0x84: a prediction so far below any distance that the sum is none."""
 
 _NEAR_Q2: Final = 200
 _NEAR_RAD_Q16: Final = int(7.5 * 3.1415926535 * 65536 / 180)
 _FAR_RAD_Q16: Final = int(8 * 3.1415926535 * 65536 / 180)
 _K1: Final = 98361
 
-_STEP_Q2: Final = np.array([2, 3, 4, 5], np.int32) * 4
-_OFFSET_Q2: Final = np.array([0, 2046, 8187, 24567], np.int32) * 4
-_MASK: Final = np.array([0x3FF, 0x7FF, 0xFFF, 0x1FFF], np.int32)
-_QUALITY_AT: Final = np.array([12, 13, 14, 15], np.int32)
-_QUALITY_UP: Final = np.array([0, 1, 2, 3], np.int32)
-"""0x86, by the scale in the two lowest bits: distance = offset + step * (the bits of the mask above those two);
-the bits from there on are the quality, shifted up to eight."""
+_SCALES: Final = ((8, 0, 0x3FF), (12, 8184, 0x7FF), (16, 32748, 0xFFF), (20, 98268, 0x1FFF))
+"""0x86, by the scale in the two lowest bits: (step and offset in 1/4 mm, mask of the bits above those two); as many
+bits are left for the quality, which is shifted up to eight."""
 
 _SMOOTHED_Q2: Final = 8
 """0x86: at scale 0, a step of up to 2 mm from the sample before is halved."""
 
+_PAIR: Final = np.dtype([("first", "<u2"), ("second", "<u2"), ("both", "u1")])
+"""A cabin of 0x82 and 0x86: two samples' words, and a byte with four more bits for each, the lower ones first."""
 
-def express_cabins(
-    words: NDArray[np.uint16], offsets: NDArray[np.uint8]
-) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """0x82: distances in mm and the degrees to subtract from the even steps, both (packets, 32).
+
+def _pairs(cabins: NDArray[np.uint8]) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
+    """The words of all samples, shape (n, 2), and the byte of each pair, shape (n,)."""
+    pairs = cabins.reshape(-1).view(_PAIR)
+    words = np.empty((len(pairs), 2), np.uint16)
+    words[:, 0] = pairs["first"]
+    words[:, 1] = pairs["second"]
+    return words, pairs["both"]
+
+
+def express_cabins(cabins: NDArray[np.uint8]) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
+    """0x82: distances in mm and what to subtract from the even steps in 1/8 degrees, both flat, (packets * 32,).
 
     Args:
-        words: (packets, 16, 2), distance in the upper 14 bits, upper 2 bits of the correction below.
-        offsets: (packets, 16), the lower 4 bits of both corrections.
+        cabins: (packets, 80): distance in the upper 14 bits of each word, the upper 2 bits of the correction below
+            it, and its lower 4 bits in the byte of the pair.
     """
-    upper = (words & 3).astype(np.uint8) << 4
-    lower = np.empty(words.shape, np.uint8)
-    np.bitwise_and(offsets, 0xF, out=lower[..., 0])
-    np.right_shift(offsets, 4, out=lower[..., 1])
-    shape = (len(words), -1)
-    return (words >> 2).astype(np.float32).reshape(shape), ((upper | lower) / 8.0).reshape(shape)
+    words, lower = _pairs(cabins)
+    eighths = words & 3
+    eighths <<= 4
+    eighths[:, 0] |= lower & 0xF
+    eighths[:, 1] |= lower >> 4
+    words >>= 2
+    return words.reshape(-1), eighths.reshape(-1)
 
 
-class UltraCabins:
-    """0x84: one distance on a variable bit scale and two predicted from its neighbours, a cabin."""
+class _UltraTables:
+    """0x84: what codes and predictions mean.
+
+    Attributes:
+        base: By 12 bits of code: distance in mm, float32.
+        scale: By 12 bits of code: where in `predicted` its bit scale begins.
+        predicted: By scale and 10 bits of prediction: what to add to a base, in mm, float32.
+    """
 
     def __init__(self) -> None:
-        codes = np.arange(4096, dtype=np.int32)
-        self._base = np.zeros(4096, np.int32)
-        self._level = np.zeros(4096, np.int32)
+        codes = np.arange(4096)
+        self.base = np.zeros(4096, np.float32)
+        self.scale = np.zeros(4096, np.intp)
+        bits = np.arange(1024)
+        value = (bits ^ 0x200) - 0x200
+        predicted = np.empty((len(_LEVELS), 1024), np.float32)
         for first, base, level in reversed(_LEVELS):
             above = codes >= first
-            self._base[above] = base + (codes[above] - first << level)
-            self._level[above] = level
-
-    def distances(
-        self, cabins: NDArray[np.uint32], follower: int, followed: NDArray[np.bool_]
-    ) -> NDArray[np.float32]:
-        """Distances in mm, (packets, 96).
-
-        The last prediction of a packet leans on the first cabin of the next packet, so where that one is
-        missing the sample has no distance.
-
-        Args:
-            cabins: (packets, 32).
-            follower: First cabin of the packet behind the last one.
-            followed: (packets,), whether the next packet really follows.
-        """
-        words = cabins.astype(np.int64)
-        codes = words & 0xFFF
-        next_codes = np.empty_like(codes)
-        next_codes.reshape(-1)[:-1] = codes.reshape(-1)[1:]
-        next_codes[-1, -1] = follower & 0xFFF
-        major, level = self._base[codes], self._level[codes]
-        next_major, next_level = self._base[next_codes], self._level[next_codes]
-        lean = (major == 0) & (next_major != 0)
-        result = np.empty((*cabins.shape, 3), np.int32)
-        result[..., 0] = major
-        result[..., 1] = _predicted(
-            words >> 12, np.where(lean, next_level, level), np.where(lean, next_major, major)
-        )
-        result[..., 2] = _predicted(words >> 22, next_level, next_major)
-        result[~followed, -1, 2] = 0
-        result[~followed & (major[:, -1] == 0), -1, 1] = 0
-        return np.maximum(result, 0).astype(np.float32).reshape(len(cabins), -1)
+            self.base[above] = base + (codes[above] - first << level)
+            self.scale[above] = level << 10
+            predicted[level] = np.where(np.isin(value, _NO_PREDICTION), _NOTHING, value << level)
+        self.predicted = predicted.reshape(-1)
 
 
-def _predicted(bits: NDArray[np.int64], level: NDArray[np.int32], base: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Ten signed bits, scaled like the distance they lean on; 0 where they say: no return."""
-    value = ((bits & 0x3FF) ^ 0x200) - 0x200
-    absent = (value == _NO_PREDICTION[0]) | (value == _NO_PREDICTION[1])
-    return np.where(absent, 0, (value << level) + base)
+_ultra_tables = cache(_UltraTables)
 
 
-def near_range_correction(distance_mm: NDArray[np.float32]) -> NDArray[np.float64]:
-    """0x84: degrees to subtract from the even steps, by the distance; same shape.
+def ultra_cabins(
+    cabins: NDArray[np.intp], follower: int | None, missing: NDArray[np.intp] | None, distance: NDArray[np.float32]
+) -> None:
+    """0x84: one distance on a variable bit scale and two predicted from its neighbours, a cabin.
 
-    The beam leaves beside the axis. The integer steps are the SDK's, so that both agree to the last bit.
+    The last prediction of a packet leans on the first cabin of the next packet, so where that one is missing the
+    sample has no distance.
+
+    Args:
+        cabins: (packets, 32).
+        follower: First cabin of the packet behind the last one; None where there is none.
+        missing: (packets,), packets missing behind each; None when none is.
+        distance: (packets, 96), written to, in mm.
     """
-    return _corrections()[distance_mm.astype(np.int32)]
+    tables = _ultra_tables()
+    codes = (cabins & 0xFFF).reshape(-1)
+    behind = np.empty_like(codes)
+    behind[:-1] = codes[1:]
+    behind[-1] = 0 if follower is None else follower & 0xFFF
+    # The first prediction leans on its own cabin, unless that one has no return.
+    leant = np.where(codes == 0, behind, codes)
+    cells = distance.reshape(-1, 3)
+    base = tables.base.take(codes)
+    cells[:, 0] = base
+    bits = cabins.reshape(-1) >> 12
+    cells[:, 1] = tables.base.take(leant)
+    cells[:, 1] += tables.predicted.take(tables.scale.take(leant) + (bits & 0x3FF))
+    bits >>= 10
+    cells[:, 2] = tables.base.take(behind)
+    cells[:, 2] += tables.predicted.take(tables.scale.take(behind) + bits)
+    np.maximum(distance, 0.0, out=distance)
+    if missing is not None or follower is None:
+        cut_off = np.zeros(len(cabins), np.bool_) if missing is None else missing > 0
+        cut_off[-1] |= follower is None
+        distance[cut_off, -1] = 0.0
+        distance[cut_off & (distance[:, -3] == 0.0), -2] = 0.0
 
 
 @cache
-def _corrections() -> NDArray[np.float64]:
-    """`near_range_correction` for every whole millimetre: looking up costs an eighth of computing."""
+def near_range_corrections(units: float) -> NDArray[np.float32]:
+    """0x84: what to subtract from the even steps, by the distance in whole mm, in so many parts of a degree.
+
+    The beam leaves beside the axis. The integer steps are the SDK's, so that both agree to the last bit.
+    """
     q2 = np.arange(1 << 16) * 4
     k2 = _K1 // np.maximum(q2, 1)
     far = _FAR_RAD_Q16 - (k2 << 6) - k2**3 // 98304
-    return np.trunc(np.where(q2 < _NEAR_Q2, _NEAR_RAD_Q16, far) * (180 / 3.14159265)) / 65536
+    degrees = np.trunc(np.where(q2 < _NEAR_Q2, _NEAR_RAD_Q16, far) * (180 / 3.14159265)) / 65536
+    return (degrees * units).astype(np.float32)
 
 
-def ultra_dense_cabins(
-    low: NDArray[np.uint16], high: NDArray[np.uint8], last_q2: int
-) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
+class _UltraDenseTables:
+    """0x86: what the lower 16 of a sample's 20 bits mean.
+
+    Attributes:
+        distance: In 1/4 mm, int32.
+        intensity: The lower bits of the eight, uint8.
+    """
+
+    def __init__(self) -> None:
+        words = np.arange(1 << 16)
+        self.distance = np.empty(1 << 16, np.int32)
+        self.intensity = np.empty(1 << 16, np.uint8)
+        for scale, (step, offset, mask) in enumerate(_SCALES):
+            these = words & 3 == scale
+            self.distance[these] = (words[these] >> 2 & mask) * step + offset
+            self.intensity[these] = words[these] >> 12 + scale << scale
+
+
+_ultra_dense_tables = cache(_UltraDenseTables)
+
+
+def ultra_dense_cabins(cabins: NDArray[np.uint8], last_q2: int) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
     """0x86: distances in 1/4 mm and intensities, both flat, (packets * 64,).
 
     Args:
-        low: (packets, 32, 2), the lower 16 bits of both samples.
-        high: (packets, 32), their upper 4 bits each.
+        cabins: (packets, 160): the lower 16 bits of each sample in its word, the upper 4 in the byte of the pair.
         last_q2: Distance of the sample before the first.
     """
-    words = low.astype(np.int32)
-    words[..., 0] |= (high & 0xF).astype(np.int32) << 16
-    words[..., 1] |= (high >> 4).astype(np.int32) << 16
+    tables = _ultra_dense_tables()
+    words, upper = _pairs(cabins)
+    intensity = tables.intensity.take(words)
+    intensity[:, 0] |= upper << 4
+    intensity[:, 1] |= upper & 0xF0
     words = words.reshape(-1)
-    scale = words & 3
-    distance = (words >> 2 & _MASK[scale]) * _STEP_Q2[scale] + _OFFSET_Q2[scale]
-    intensity = words >> _QUALITY_AT[scale] << _QUALITY_UP[scale]
-    return _smoothed(distance, scale == 0, last_q2), intensity.astype(np.uint8)
+    distance = tables.distance.take(words)
+    return _smoothed(distance, words & 3 == 0, last_q2), intensity.reshape(-1)
 
 
 def _smoothed(raw: NDArray[np.int32], fine: NDArray[np.bool_], last: int) -> NDArray[np.int32]:

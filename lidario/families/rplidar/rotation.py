@@ -27,12 +27,28 @@ class Arcs(NamedTuple):
     """What `Rotation.arcs` found; arrays of shape (packets,).
 
     Attributes:
-        arc: Rotation during each packet, in heading units, float64.
-        missing: Packets missing behind each packet.
+        arc: Rotation during each packet, in heading units: integers where nothing is missing, else float64.
+        missing: Packets missing behind each packet; None when none is.
     """
 
-    arc: NDArray[np.float64]
-    missing: NDArray[np.intp]
+    arc: NDArray[np.float64] | NDArray[np.int32]
+    missing: NDArray[np.intp] | None
+
+    @property
+    def lost(self) -> int:
+        """Packets missing altogether."""
+        return 0 if self.missing is None else int(self.missing.sum())
+
+    @property
+    def lost_behind(self) -> int:
+        """Packets missing behind the last one."""
+        return 0 if self.missing is None else int(self.missing[-1])
+
+    @property
+    def unbroken(self) -> int:
+        """Leading packets before the first gap."""
+        gaps = () if self.missing is None else np.flatnonzero(self.missing)
+        return int(gaps[0]) + 1 if len(gaps) else len(self.arc)
 
 
 class Rotation:
@@ -45,29 +61,40 @@ class Rotation:
 
     def __init__(self, full_turn: int, jitter: float = 0.5) -> None:
         self._full_turn = full_turn
+        self._retreat = int(full_turn * RETREAT_TURNS)
         self._jitter = jitter
         self._typical = 0.0
         self._strange = 0
         self._last_arc = 0.0
 
-    def arcs(self, headings: NDArray[np.int64], following: int | None) -> Arcs:
+    def arcs(self, headings: NDArray[np.int32], following: int | None) -> Arcs:
         """The arc of each packet and the gaps behind them, given where the next packet begins, if known."""
-        ends = np.empty_like(headings)
-        ends[:-1] = headings[1:]
-        ends[-1] = headings[-1] if following is None else following
-        retreat = int(self._full_turn * RETREAT_TURNS)
-        spans = ((ends - headings + retreat) % self._full_turn - retreat).astype(np.float64)
-        known = spans if following is not None else spans[:-1]
-        typical = self._learn(known)
-        if typical <= 0:
-            return Arcs(np.maximum(spans, 0.0), np.zeros(len(spans), np.intp))
-        ordinary = self._jitter * typical < spans.min() and spans.max() <= (1 + self._jitter) * typical
-        if ordinary and following is not None:
+        spans = np.empty_like(headings)
+        np.subtract(headings[1:], headings[:-1], out=spans[:-1])
+        spans[-1] = 0 if following is None else following - headings[-1]
+        np.add(spans, self._full_turn, out=spans, where=spans < -self._retreat)
+        if following is not None and self._is_ordinary(spans):
+            # The mean is as good as the median where nothing is far from either, and much cheaper.
+            self._typical = float(np.add.reduce(spans)) / len(spans)
+            self._strange = 0
             self._last_arc = float(spans[-1])
-            return Arcs(spans, np.zeros(len(spans), np.intp))
+            return Arcs(spans, None)
+        np.subtract(spans, self._full_turn, out=spans, where=spans >= self._full_turn - self._retreat)
+        return self._among_gaps(spans.astype(np.float64), following is not None)
+
+    def _is_ordinary(self, spans: NDArray[np.int32]) -> bool:
+        """Whether all are so near to what was typical that none holds a gap."""
+        shortest, longest = self._jitter * self._typical, (1 + self._jitter) * self._typical
+        return shortest < int(spans.min()) and int(spans.max()) <= longest
+
+    def _among_gaps(self, spans: NDArray[np.float64], followed: bool) -> Arcs:
+        """As `arcs`, where spans may hold more than one packet, or less."""
+        typical = self._learn(spans if followed else spans[:-1])
+        if typical <= 0:
+            return Arcs(np.maximum(spans, 0.0), None)
         turns = spans / typical
         missing = np.ceil(turns - 1 - self._jitter).astype(np.intp)
-        if following is None:
+        if not followed:
             missing[-1] = -1
         # A leap beside a fall is one heading that is out of place, not a gap.
         falls = spans < 0

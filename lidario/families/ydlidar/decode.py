@@ -24,15 +24,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.base import Samples
-from lidario.families.ydlidar.formats import FULL_TURN_Q6, HEADER_SIZE, START_BIT, packet_offsets
+from lidario.families.ydlidar.formats import (
+    FULL_TURN_Q6,
+    HEADER_SIZE,
+    MOST_SAMPLES,
+    START_BIT,
+    blocks,
+    packet_heads,
+)
 
 __all__ = ["PointCloudDecoder", "speed_hz"]
 
-Ints = NDArray[np.int64]
+Ints = NDArray[np.int32]
 
 LOWEST_SPEED: Final = 30
 """Tenths of Hz that the speed code 0 stands for."""
 HEADER_WORDS: Final = HEADER_SIZE // 2
+ORDER: Final = np.arange(MOST_SAMPLES, dtype=np.float32)
 SLACK_SAMPLES: Final = 3.0
 """Missing samples below which a jump is taken for unsteadiness of the rotor, where no start packet is due."""
 BACKWARD_Q6: Final = 2 << 6
@@ -41,7 +49,7 @@ BACKWARD_Q6: Final = 2 << 6
 
 def speed_hz(packet: bytes) -> float | None:
     """Scan frequency in Hz that a start packet tells; None for any other packet."""
-    return (LOWEST_SPEED + (packet[2] >> 1)) / 10 if packet[2] & START_BIT else None
+    return _speed_hz(packet[2]) if packet[2] & START_BIT else None
 
 
 class PointCloudDecoder:
@@ -58,68 +66,79 @@ class PointCloudDecoder:
         self._seam: int | None = None
         self._usual = 0.0
 
-    def decode(self, packets: bytes, following: bytes | None) -> Samples:
+    def decode(self, packets: bytes, following: bytes | None, room: int = 0) -> Samples:
         """As `Decoder.decode`."""
         words = np.frombuffer(packets, "<u2")
-        places = np.array(packet_offsets(packets)) >> 1
-        control = words[places + 1].astype(np.int64)
-        counts = control >> 8
-        fsa = words[places + 2].astype(np.int64)
-        first = (fsa >> 1) % FULL_TURN_Q6
-        way = ((words[places + 3].astype(np.int64) >> 1) - first) % FULL_TURN_Q6
+        stretches = blocks(packets)
+        heads = packet_heads(packets, stretches)
+        control, fsa = heads[:, 1], heads[:, 2]
+        counts = (control >> 8).astype(np.int32)
+        starts = (control & START_BIT).astype(np.bool_)
+        first = (fsa >> 1).astype(np.int32) % FULL_TURN_Q6
+        way = ((heads[:, 3] >> 1) - first) % FULL_TURN_Q6
         way[counts == 1] = 0
-        starts = control & START_BIT == START_BIT
+        ends = np.add.accumulate(counts).tolist()
 
-        ends = np.cumsum(counts)
-        order = np.arange(ends[-1])
-        index = order - np.repeat(ends - counts, counts)
-        beam = np.repeat(way, counts) * index / np.repeat(np.maximum(counts - 1, 1), counts)
-        beam += np.repeat(first, counts)
-        beam /= 64.0
-        angle = beam.copy()
-        angle[angle >= 360.0] -= 360.0
-        sources = order + np.repeat(HEADER_WORDS * np.arange(1, len(counts) + 1), counts)
+        angle, distance = np.empty(room + ends[-1], np.float32), np.empty(room + ends[-1], np.float32)
+        at, packet = room, 0
+        for place, size, count in stretches:
+            samples = (size - HEADER_SIZE) // 2
+            these, until = slice(packet, packet + count), at + count * samples
+            rows = words[place >> 1 : place + count * size >> 1].reshape(count, size >> 1)
+            distance[at:until].reshape(count, samples)[...] = rows[:, HEADER_WORDS:]
+            # Whole numbers until the last division, so that it alone rounds.
+            steps = max(samples - 1, 1)
+            grid = angle[at:until].reshape(count, samples)
+            np.multiply(way[these, None].astype(np.float32), ORDER[:samples], out=grid)
+            grid += (first[these, None] * steps).astype(np.float32)
+            grid /= 64.0 * steps
+            at, packet = until, packet + count
+        for across in (first + way >= FULL_TURN_Q6).nonzero()[0].tolist():
+            samples = int(counts[across])
+            beam = _beam_deg(int(first[across]), int(way[across]), samples)
+            angle[room + ends[across] - samples : room + ends[across]] = np.where(beam < 360.0, beam, beam - 360.0)
 
-        self.unmarked += int(np.count_nonzero(fsa & 1 == 0))
+        self.unmarked += len(fsa) - int(np.count_nonzero(fsa & 1))
         missing = self._missing(first, way, counts, starts, following)
-        if starts.any():
-            last = 2 * int(places[starts][-1])
-            self.speed_hz = speed_hz(packets[last : last + HEADER_SIZE])
-        gaps = np.flatnonzero(missing)
+        marked = starts.nonzero()[0]
+        if len(marked):
+            self.speed_hz = _speed_hz(int(control[marked[-1]]))
+        gaps = missing.nonzero()[0]
         return Samples(
-            beam_deg=beam,
             angle_deg=angle,
-            distance_mm=words[sources].astype(np.float32),
+            distance_mm=distance,
             intensity=None,
-            ends=ends.astype(np.intp),
+            last_beam_deg=_beam_deg(int(first[-1]), int(way[-1]), int(counts[-1])),
+            ends=ends,
             lost=int(missing.sum()),
             unbroken=int(gaps[0]) + 1 if len(gaps) else len(counts),
         )
 
     def _missing(
         self, first: Ints, way: Ints, counts: Ints, starts: NDArray[np.bool_], following: bytes | None
-    ) -> Ints:
-        """Packets missing behind each packet, shape (packets,)."""
-        missing = np.zeros(len(first), np.int64)
-        if starts.any():
-            self._seam = int(first[starts][0])
-        heads, marks = np.empty_like(first), np.zeros_like(starts)
-        heads[:-1], marks[:-1] = first[1:], starts[1:]
-        heads[-1] = first[-1] + way[-1]
-        if following is not None:
-            heads[-1], marks[-1] = _heading(following), following[2] & START_BIT
-        steps = int((counts - 1).sum())
+    ) -> NDArray[np.intp]:
+        """Packets missing behind each packet, shape (packets,); empty where none is."""
+        marked = starts.nonzero()[0]
+        if len(marked):
+            self._seam = int(first[marked[0]])
+        tails = first + way
+        jumps = np.empty_like(first)
+        np.subtract(first[1:], tails[:-1], out=jumps[:-1])
+        jumps[-1] = 0 if following is None else _heading(following) - tails[-1]
+        jumps %= FULL_TURN_Q6
+        jumps[jumps > FULL_TURN_Q6 - BACKWARD_Q6] = 0
+        steps = int(counts.sum()) - len(counts)
         step = int(way.sum()) / steps if steps else 0.0
-        if step:
+        # Nothing is missing in a jump of one step; half a step more is the least that can mean something.
+        gaps = (jumps > 1.5 * step).nonzero()[0].tolist() if step else ()
+        missing = np.zeros(len(first) if gaps else 0, np.intp)
+        if gaps:
             self._usual = float(np.median(counts[counts > 1]))
-            tails = first + way
-            jumps = (heads - tails) % FULL_TURN_Q6
-            jumps[jumps > FULL_TURN_Q6 - BACKWARD_Q6] = 0
-            # Nothing is missing in a jump of one step; half a step more is the least that can mean something.
-            for at in np.flatnonzero(jumps > 1.5 * step).tolist():
-                missing[at] = self._lost_in(int(tails[at]), int(jumps[at]), bool(marks[at]), step)
-        if starts.any():
-            self._seam = int(first[starts][-1])
+            marks = [*starts[1:].tolist(), following is not None and bool(following[2] & START_BIT)]
+            for at in gaps:
+                missing[at] = self._lost_in(int(tails[at]), int(jumps[at]), marks[at], step)
+        if len(marked):
+            self._seam = int(first[marked[-1]])
         return missing
 
     def _lost_in(self, tail: int, jump: int, marked: bool, step: float) -> int:
@@ -138,6 +157,17 @@ class PointCloudDecoder:
 
     def _packets_before_seam(self, samples: float) -> int:
         return 0 if samples < SLACK_SAMPLES else math.ceil((samples - SLACK_SAMPLES) / self._usual) or 1
+
+
+def _beam_deg(first: int, way: int, samples: int) -> NDArray[np.float64]:
+    """Where the rotor stood at each sample of one packet, counted on past 360."""
+    steps = max(samples - 1, 1)
+    beam: NDArray[np.float64] = (first * steps + way * np.arange(samples)) / (64.0 * steps)
+    return beam
+
+
+def _speed_hz(control: int) -> float:
+    return (LOWEST_SPEED + ((control & 0xFF) >> 1)) / 10
 
 
 def _heading(packet: bytes) -> int:

@@ -25,19 +25,32 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Final
+from itertools import chain
+from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lidario.wire.envelope import xor_bytes
 from lidario.wire.formats import BEGINS, NO_PACKET, Headings, StreamFormat
 
-__all__ = ["FULL_TURN_Q6", "HEADER_SIZE", "START_BIT", "PointCloud", "packet_offsets"]
+__all__ = [
+    "FULL_TURN_Q6",
+    "HEADER_SIZE",
+    "MOST_SAMPLES",
+    "START_BIT",
+    "Block",
+    "PointCloud",
+    "blocks",
+    "packet_heads",
+    "packet_offsets",
+]
 
 HEADER_SIZE: Final = 10
 FULL_TURN_Q6: Final = 360 << 6
 MOST_SAMPLES: Final = 80
 START_BIT: Final = 0x01
+MAGIC_WORD: Final = 0x55AA
 
 STAMP_MAGIC: Final = b"\xaa\x66"
 STAMP_SIZE: Final = 8
@@ -47,24 +60,54 @@ INFO_SIZE: Final = 20
 
 WORTH_AN_ARRAY: Final = 8
 """Equal packets from which checking them as one array costs less than one by one (measured)."""
-LONGEST_ARRAY: Final = 64
-"""Packets checked at once: there are about as many between two start packets, where the length changes."""
+
+
+class Block(NamedTuple):
+    """Packets of one size that follow each other.
+
+    Attributes:
+        at: Offset of the first.
+        size: Bytes of each.
+        count: How many there are.
+    """
+
+    at: int
+    size: int
+    count: int
+
+
+def blocks(packets: bytes) -> list[Block]:
+    """Several packets on end, by their size: a turn is a start packet, many full ones, and a shorter one."""
+    found, at, end = [], 0, len(packets)
+    while at < end:
+        size = HEADER_SIZE + 2 * packets[at + 3]
+        count = _equal_sizes(packets, at, size)
+        found.append(Block(at, size, count))
+        at += count * size
+    return found
+
+
+def _equal_sizes(data: bytes | bytearray, at: int, size: int) -> int:
+    """How many whole packets of `size` bytes follow each other from `at`, by what they say of themselves."""
+    # Each packet says where the next begins, so those that say the same stand at equal steps.
+    lengths = data[at + 3 : len(data) - size + 4 : size]
+    return len(lengths) - len(lengths.lstrip(lengths[:1]))
 
 
 def packet_offsets(packets: bytes) -> Sequence[int]:
     """Where each of several packets on end begins."""
-    if not packets:
-        return ()
-    size = HEADER_SIZE + 2 * packets[3]
-    lengths = packets[3::size]
-    if len(lengths) * size == len(packets) and lengths.count(packets[3]) == len(lengths):
-        # Each of them says that the next begins a size further on, so there is no need to walk.
-        return range(0, len(packets), size)
-    found, at, end = [], 0, len(packets)
-    while at < end:
-        found.append(at)
-        at += HEADER_SIZE + 2 * packets[at + 3]
-    return found
+    found = [range(at, at + count * size, size) for at, size, count in blocks(packets)]
+    return found[0] if len(found) == 1 else [*chain(*found)]
+
+
+def packet_heads(packets: bytes, stretches: list[Block]) -> NDArray[np.uint16]:
+    """The words before the samples, shape (packets, 5), of all packets in these stretches."""
+    words = np.frombuffer(packets, "<u2")
+    heads = [
+        words[at >> 1 : at + count * size >> 1].reshape(count, size >> 1)[:, : HEADER_SIZE // 2]
+        for at, size, count in stretches
+    ]
+    return heads[0] if len(heads) == 1 else np.concatenate(heads)
 
 
 class PointCloud(StreamFormat):
@@ -107,9 +150,9 @@ class PointCloud(StreamFormat):
             size = self.measure(data, at)
             if not 0 < size <= available - at:
                 break
-            rows = (available - at) // size
-            if rows >= WORTH_AN_ARRAY and data[at + 3] == data[at + size + 3]:
-                whole = self._intact_rows(data, at, size, min(rows, LONGEST_ARRAY))
+            rows = _equal_sizes(data, at, size)
+            if rows >= WORTH_AN_ARRAY:
+                whole = self._intact_rows(data, at, size, rows)
             else:
                 whole = int(self.intact(data, at, size))
             if not whole:
@@ -124,17 +167,17 @@ class PointCloud(StreamFormat):
 
     def samples_in(self, packets: bytes) -> int:
         """As `StreamFormat.samples_in`."""
-        return (len(packets) - HEADER_SIZE * len(packet_offsets(packets))) // 2
+        return sum((size - HEADER_SIZE) // 2 * count for _, size, count in blocks(packets))
 
     def headings(self, packets: bytes) -> Headings:
         """As `StreamFormat.headings`, in 1/64 degrees."""
-        offsets = packet_offsets(packets)
-        if isinstance(offsets, range) and len(offsets) >= WORTH_AN_ARRAY:
-            rows = np.frombuffer(packets, np.uint8).reshape(len(offsets), offsets.step)
-            angles = (rows[:, 4].astype(np.int32) >> 1 | rows[:, 5].astype(np.int32) << 7) % FULL_TURN_Q6
-            return angles | np.where(rows[:, 2] & START_BIT, BEGINS, 0)
+        stretches = blocks(packets)
+        if sum(block.count for block in stretches) >= WORTH_AN_ARRAY:
+            heads = packet_heads(packets, stretches)
+            angles = (heads[:, 2] >> 1).astype(np.int32) % FULL_TURN_Q6
+            return angles + (heads[:, 1] & START_BIT) * np.int32(BEGINS)
         found = []
-        for at in offsets:
+        for at in packet_offsets(packets):
             angle = (packets[at + 4] >> 1 | packets[at + 5] << 7) % FULL_TURN_Q6
             found.append(angle | BEGINS if packets[at + 2] & START_BIT else angle)
         return found
@@ -159,11 +202,6 @@ class PointCloud(StreamFormat):
     @staticmethod
     def _intact_rows(data: bytearray, at: int, size: int, rows: int) -> int:
         """How many of `rows` packets of `size` bytes from `at` are intact, up to the first that is not."""
-        words = np.frombuffer(bytes(data[at : at + rows * size]), "<u2").reshape(rows, size // 2)
-        head = words[0]
-        good = (
-            (words[:, 0] == head[0])
-            & (words[:, 1] >> 8 == head[1] >> 8)
-            & (np.bitwise_xor.reduce(words, axis=1) == 0)
-        )
-        return rows if good.all() else int(good.argmin())
+        words = np.frombuffer(data, "<u2", rows * size // 2, at).reshape(rows, size // 2)
+        good = (words[:, 0] == MAGIC_WORD) & (np.bitwise_xor.reduce(words, axis=1) == 0)
+        return rows if np.count_nonzero(good) == rows else int(good.argmin())
