@@ -16,6 +16,7 @@ that was least delayed tells best when the turn began.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -88,7 +89,7 @@ class _Turn:
         lost: Packets missing right behind that packet.
         runs: The packets since.
         packets: Their number.
-        arrivals: For each run, the number of packets up to its end, and its arrival.
+        arrivals: What came when: numbers of packets, counted from the first, and their arrival.
     """
 
     whole: bool
@@ -132,31 +133,39 @@ class Assembler:
         stream_format = self._stream.format
         splits = self._seam.splits(stream_format.headings(event.data))
         if not splits:
-            self._keep(event.data, event.count, event.received_ns)
+            self._keep(event, 0, event.count, event.data, event.received_ns)
             return []
         scans: list[Scan] = []
-        offsets = stream_format.offsets(event.data)
+        offsets = (*stream_format.offsets(event.data), len(event.data))
         begin = 0
         for split in splits:
-            at = offsets[split.packet]
             if split.packet > begin:
-                # What stands behind it was measured after it and is here already: it was late by that much.
-                late_ns = stream_format.samples_in(event.data[at:]) * self._stream.sample_ns
-                self._keep(
-                    event.data[offsets[begin] : at], split.packet - begin, event.received_ns - round(late_ns)
-                )
-            end = offsets[split.packet + 1] if split.packet + 1 < event.count else len(event.data)
-            scan = self._close(split, event.data[at:end])
+                data = event.data[offsets[begin] : offsets[split.packet]]
+                self._keep(event, begin, split.packet, data, self._arrival(event, split.packet, offsets))
+            scan = self._close(split, event.data[offsets[split.packet] : offsets[split.packet + 1]])
             if scan is not None:
                 scans.append(scan)
             begin = split.packet
-        self._keep(event.data[offsets[begin] :], event.count - begin, event.received_ns)
+        self._keep(event, begin, event.count, event.data[offsets[begin] :], event.received_ns)
         return scans
 
-    def _keep(self, data: bytes, count: int, received_ns: int) -> None:
+    def _arrival(self, event: Packets, packets: int, offsets: Sequence[int]) -> int:
+        """When the first `packets` of a run had come."""
+        count, received_ns = next(
+            (each for each in event.earlier if each[0] >= packets), (event.count, event.received_ns)
+        )
+        # What stands behind them was measured after them and was there already: they were late by that much.
+        behind = event.data[offsets[packets] : offsets[count]]
+        return received_ns - round(self._stream.format.samples_in(behind) * self._stream.sample_ns)
+
+    def _keep(self, event: Packets, begin: int, end: int, data: bytes, received_ns: int) -> None:
+        """Add the packets of a run from `begin` to `end`, which are `data`, to the turn in the making."""
         turn = self._turn
         turn.runs.append(data)
-        turn.packets += count
+        if event.earlier:
+            before = turn.packets - begin
+            turn.arrivals += [(before + count, at_ns) for count, at_ns in event.earlier if begin < count < end]
+        turn.packets += end - begin
         turn.arrivals.append((turn.packets, received_ns))
         if received_ns - turn.arrivals[0][1] > _ENDLESS_TURNS * 1e9 * self._stream.slowest_turn_s:
             # It will never end as it should; without a bound it would be kept for ever.

@@ -6,9 +6,9 @@ Here a write reaches the operating system before `write` returns, since the STOP
 torn down has no other moment; and `close` returns when the port is closed.
 
 While a stream runs, waking up for each of a thousand deliveries a second costs more than all the decoding.
-`set_latency` makes the port look only every few milliseconds and take all that is there, and less often still while
-whoever reads knows that nothing urgent can come; the terminal's buffer holds 4 KiB, 48 ms of the fastest stream, so
-nothing is lost by it.
+`set_latency` makes the port look only every few milliseconds and take all that is there; and while whoever reads knows
+that nothing urgent can come, at whatever latency, less often still. The terminal's buffer holds 4 KiB, 48 ms of the
+fastest stream, so nothing is lost by it.
 
 Every exception of the operating system or of pyserial leaves as one of `lidario.errors`.
 """
@@ -33,6 +33,8 @@ __all__ = ["Port", "Receiver", "Tap", "open_serial", "open_tcp"]
 CONNECT_TIMEOUT_S = 5.0
 CLOSE_TIMEOUT_S = 2.0
 _READ_SIZE = 65536
+_TIMER_S = 0.001
+"""How late timers may be: the loop waits in whole milliseconds, rounded up."""
 
 Tap = Callable[[str, bytes, int], None]
 """Sees every chunk: ``"in"`` or ``"out"``, the bytes, the time in nanoseconds."""
@@ -114,8 +116,8 @@ class Port(asyncio.Protocol):
     def set_latency(self, seconds: float, rest: Callable[[], float] | None = None) -> None:
         """Look for bytes every `seconds` only, and take all there is; 0 to wake for each delivery.
 
-        `rest`, asked before each pause, says when to look instead, as long as it says more than 0: in how many
-        seconds something is due that matters.
+        `rest`, asked before each pause, says when to look instead, as long as it says more than 0: for how many
+        seconds nothing can come that matters.
         """
         if isinstance(self._transport, _SerialTransport) and os.name == "posix":
             self._transport.set_latency(seconds, rest)
@@ -230,13 +232,7 @@ class _SerialTransport(serial_asyncio.SerialTransport):  # type: ignore[misc]
         self._latency = seconds
         self._rest = rest
         self._stop_timer()
-        if self._closing:
-            return
-        if seconds > 0:
-            self._remove_reader()
-            self._timer = self._loop.call_later(seconds, self._look)
-        else:
-            self._ensure_reader()
+        self._wait()
 
     def poll(self) -> None:
         if os.name == "posix":
@@ -261,15 +257,28 @@ class _SerialTransport(serial_asyncio.SerialTransport):  # type: ignore[misc]
         try:
             self.poll()
         finally:
-            if self._latency > 0 and not self._closing and self._timer is None:
-                rest = 0.0 if self._rest is None else self._rest()
-                self._timer = self._loop.call_later(rest if rest > 0 else self._latency, self._look)
+            self._wait()
+
+    def _wait(self) -> None:
+        """Wait for the next bytes: by the clock, or, where none of them may wait, for the very next delivery."""
+        if self._closing or self._timer is not None:
+            return
+        pause = 0.0 if self._rest is None else self._rest()
+        if pause <= 0:
+            pause = max(self._latency - _TIMER_S, self._latency / 2)
+        if pause > 0:
+            self._remove_reader()
+            self._timer = self._loop.call_later(pause, self._look)
+        else:
+            self._ensure_reader()
 
     def _read_ready(self) -> None:
-        if os.name == "posix":
-            self._take(readable=True)
-        else:
+        if os.name != "posix":
             super()._read_ready()
+            return
+        self._take(readable=True)
+        if self._rest is not None:
+            self._wait()
 
     def _take(self, *, readable: bool) -> None:
         """Read all there is. A terminal that is readable and yet has nothing to read was hung up."""

@@ -22,6 +22,7 @@ from lidario.dialogue import Dialogue
 from lidario.errors import DeviceLost, LidarError, LocalProtocolError, Unsupported
 from lidario.families.base import Device, Script, Stream
 from lidario.model import Scan, ScanMode
+from lidario.pace import Pace
 from lidario.stream import Hub, Mailbox
 from lidario.wire.events import Packets
 
@@ -34,9 +35,6 @@ SILENCE_S = 0.9
 """Longest time without a packet once they flow. The slowest format sends one every 10 ms."""
 TURNS_MISSED = 3
 """Turns of the slowest kind that may fail to complete before a stream of packets counts as stuck."""
-REST_S = 0.02
-"""Longest rest between two looks at the port within a turn: 1.7 KiB of the fastest stream, of the 4 KiB that a
-terminal's buffer holds; the rest is there for a program that blocks its loop."""
 LEAVE_TIMEOUT_S = 2.0
 _WATCH_MARGIN_S = 0.001
 STOP_ATTEMPTS = 3
@@ -81,7 +79,8 @@ class Scanner:
         self._watchdog: asyncio.TimerHandle | None = None
         self._keepalive: asyncio.TimerHandle | None = None
         self._restoring: asyncio.Task[None] | None = None
-        self._began = self._last_packet = self._last_scan = self._turn_due = 0.0
+        self._pace: Pace | None = None
+        self._began = self._last_packet = self._last_scan = 0.0
         dialogue.on_lost = self._lost
 
     async def modes(self) -> tuple[ScanMode, ...]:
@@ -170,7 +169,7 @@ class Scanner:
         self.stream = stream
         self._began = self._last_packet = self._last_scan = self._loop.time()
         self._dialogue.on_packets = self._take
-        self._turn_due = 0.0
+        self._pace = Pace(stream, self._dialogue.port.baudrate, self._latency)
         self._dialogue.port.set_latency(self._latency, self._rest)
         self._watch()
         if stream.keepalive is not None:
@@ -207,7 +206,7 @@ class Scanner:
 
     def _at_rest(self) -> None:
         self.stream = None
-        self._assembler = None
+        self._assembler = self._pace = None
         for timer in (self._watchdog, self._keepalive):
             if timer is not None:
                 timer.cancel()
@@ -221,23 +220,16 @@ class Scanner:
         self._last_packet = self._loop.time()
         for scan in self._assembler.add(packets):
             self._last_scan = self._last_packet
-            self._turn_due = self._next_end(scan)
+            if self._pace is not None:
+                link = self._dialogue.link
+                self._pace.turned(scan, link.stats.bytes_received)
+                link.hold(round(self._pace.hold(self._last_packet) * 1e9))
             self.latest = scan
             self.hub.publish(scan)
 
-    def _next_end(self, scan: Scan) -> float:
-        """When the turn after `scan` will be complete in the kernel's buffer, if the rotor goes on as it does."""
-        stream, baudrate = self.stream, self._dialogue.port.baudrate
-        if stream is None or not scan.rpm > 0:
-            return 0.0
-        wire_s = stream.format.longest * 10 / baudrate if baudrate else 0.0
-        # Behind the packet that crosses the seam one more must arrive; where in it the crossing lies is chance.
-        packets_s = 1.75 * stream.format.samples * stream.sample_ns * 1e-9
-        return scan.stamp_ns * 1e-9 + 2 * 60 / scan.rpm + packets_s + wire_s
-
     def _rest(self) -> float:
-        """Seconds until the packet is due that completes the turn, but no longer than the buffer allows."""
-        return min(self._turn_due - self._loop.time(), REST_S)
+        """Seconds for which nothing can come that matters."""
+        return 0.0 if self._pace is None else self._pace.rest(self._loop.time())
 
     def _watch(self) -> None:
         stream = self.stream

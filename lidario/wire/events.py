@@ -8,7 +8,7 @@ for whoever replays a recording.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 __all__ = ["Descriptor", "Event", "Packets", "Response", "Skipped", "merged"]
 
@@ -51,11 +51,14 @@ class Packets:
         data: The packets, back to back.
         count: How many there are.
         received_ns: Arrival of the chunk that completed the last of them.
+        earlier: Where they lay uncut for a while, the arrivals before that: each the number of packets that were
+            complete by then, and when.
     """
 
     data: bytes
     count: int
     received_ns: int
+    earlier: tuple[tuple[int, int], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +82,8 @@ def merged(events: Iterable[Event]) -> list[Event]:
         last = result[-1] if result else None
         if isinstance(event, Packets) and isinstance(last, Packets):
             result[-1] = Packets(last.data + event.data, last.count + event.count, event.received_ns)
+        elif isinstance(event, Packets) and event.earlier:
+            result.append(replace(event, earlier=()))
         else:
             result.append(event)
     return result

@@ -1,0 +1,82 @@
+"""When a turn will be complete: while it cannot be, nobody need look at the port.
+
+A rotor turns evenly, so the scans that came tell when the next will be whole. Until then bytes may lie in the
+kernel's buffer, as long as it does not fill, and what was read of them may lie uncut in `Link`. Waking up and
+cutting packets is most of the work there is; done once a turn it is a fraction of it.
+
+A prediction can be wrong, when the motor is told to turn faster, say. Then a scan comes late by as much as the turn
+was shorter, once; nothing else depends on it.
+"""
+
+from __future__ import annotations
+
+from lidario.families.base import Stream
+from lidario.model import Scan
+
+__all__ = ["Pace"]
+
+BUFFER_SHARE = 1400
+"""Bytes that may gather between two looks: a third of the 4 KiB that a terminal's buffer holds. The rest is there for
+a program that blocks its event loop."""
+LONGEST_REST_S = 0.05
+LONGEST_HOLD_S = 0.25
+"""Longest time for which packets may lie uncut: those who watch whether any come must not be misled."""
+EAGER_S = 0.003
+"""Latency below which no look is saved at the price of a delay."""
+GUARD_S = 0.002
+"""How much earlier than predicted a turn may be complete: timers are late by up to a millisecond."""
+_FOLLOW = 0.25
+"""Share of a surprise by which the period follows; more would pass the noise of one scan's stamp on."""
+_SURPRISED = 0.03
+"""Part of a period that is no noise: the speed has changed."""
+
+
+class Pace:
+    """Follows the turns of one stream. All times are seconds of the event loop's clock.
+
+    Args:
+        stream: The stream.
+        baudrate: Speed of the line in bits a second; 0 when bytes take no time.
+        latency: How long a whole turn may wait. Where that is next to nothing, the turn is due at the first moment
+            at which it may be whole; else at the first at which it most probably is, which saves looks.
+
+    Attributes:
+        due: When the turn in progress is expected to be whole; 0 when nothing is known.
+    """
+
+    def __init__(self, stream: Stream, baudrate: int, latency: float) -> None:
+        self.due = 0.0
+        packet_s = stream.format.samples * stream.sample_ns * 1e-9
+        wire_s = stream.format.longest * 10 / baudrate if baudrate else 0.0
+        # Behind the packet that crosses the seam one more must arrive; where in it the crossing lies is chance.
+        self._eager = latency < EAGER_S
+        self._behind_s = wire_s + (1.0 if self._eager else 1.75) * packet_s
+        self._period = 0.0
+        self._unsteady = 0.0
+        self._last_start = 0.0
+        self._received = 0
+        self._rest_s = 0.0
+
+    def turned(self, scan: Scan, received: int) -> None:
+        """Take note of a scan that has just come, of `received` bytes altogether."""
+        start = scan.stamp_ns * 1e-9
+        measured = start - self._last_start if self._period else 60 / scan.rpm if scan.rpm > 0 else 0.0
+        surprise = measured - self._period
+        if abs(surprise) > _SURPRISED * self._period:
+            self._period, self._unsteady = measured, abs(surprise) if self._period else 0.0
+        else:
+            self._period += _FOLLOW * surprise
+            self._unsteady = max(abs(surprise), self._unsteady / 2)
+        size, self._received = received - self._received, received
+        self._rest_s = min(BUFFER_SHARE * self._period / size, LONGEST_REST_S) if size else 0.0
+        self._last_start = start
+        early_s = GUARD_S + self._unsteady if self._eager else 0.0
+        self.due = start + 2 * self._period + self._behind_s - early_s if self._period else 0.0
+
+    def rest(self, now: float) -> float:
+        """Seconds for which nobody need look at the port; 0 or less when the turn may be whole."""
+        return min(self.due - now, self._rest_s)
+
+    def hold(self, now: float) -> float:
+        """Until when packets may lie uncut."""
+        return min(self.due, now + LONGEST_HOLD_S)
