@@ -10,14 +10,17 @@ was shorter, once; nothing else depends on it.
 
 from __future__ import annotations
 
+import math
+
 from lidario.families.base import Stream
 from lidario.model import Scan
 
 __all__ = ["Pace"]
 
-BUFFER_SHARE = 1400
-"""Bytes that may gather between two looks: a third of the 4 KiB that a terminal's buffer holds. The rest is there for
-a program that blocks its event loop."""
+BUFFER_BYTES = 4096
+"""What a terminal's buffer holds, on Linux."""
+BUFFER_SHARE = 0.55
+"""Share of it that may fill between two looks, as planned; the rest is there for looks that come late."""
 LONGEST_REST_S = 0.05
 LONGEST_HOLD_S = 0.25
 """Longest time for which packets may lie uncut: those who watch whether any come must not be misled."""
@@ -27,6 +30,8 @@ GUARD_S = 0.002
 """How much earlier than predicted a turn may be complete: timers are late by up to a millisecond."""
 _FOLLOW = 0.25
 """Share of a surprise by which the period follows; more would pass the noise of one scan's stamp on."""
+_FORGET = 0.95
+"""What is left of the greatest lateness after another turn."""
 _SURPRISED = 0.03
 """Part of a period that is no noise: the speed has changed."""
 
@@ -55,7 +60,8 @@ class Pace:
         self._unsteady = 0.0
         self._last_start = 0.0
         self._received = 0
-        self._rest_s = 0.0
+        self._buffer_s = 0.0
+        self._late = 0.0
 
     def turned(self, scan: Scan, received: int) -> None:
         """Take note of a scan that has just come, of `received` bytes altogether."""
@@ -68,14 +74,25 @@ class Pace:
             self._period += _FOLLOW * surprise
             self._unsteady = max(abs(surprise), self._unsteady / 2)
         size, self._received = received - self._received, received
-        self._rest_s = min(BUFFER_SHARE * self._period / size, LONGEST_REST_S) if size else 0.0
+        self._buffer_s = BUFFER_BYTES * self._period / size if size else 0.0
+        self._late *= _FORGET
         self._last_start = start
         early_s = GUARD_S + self._unsteady if self._eager else 0.0
         self.due = start + 2 * self._period + self._behind_s - early_s if self._period else 0.0
 
-    def rest(self, now: float) -> float:
-        """Seconds for which nobody need look at the port; 0 or less when the turn may be whole."""
-        return min(self.due - now, self._rest_s)
+    def rest(self, now: float, late: float) -> float:
+        """Seconds for which nobody need look at the port; 0 when the turn may be whole.
+
+        Args:
+            now: The time.
+            late: How long after its time this look came. A program that blocks its loop is looked after more often.
+        """
+        self._late = max(self._late, late)
+        left = self.due - now
+        longest = min(BUFFER_SHARE * self._buffer_s, self._buffer_s - 2 * self._late, LONGEST_REST_S)
+        if left <= 0 or longest <= 0:
+            return 0.0
+        return left / math.ceil(left / longest)
 
     def hold(self, now: float) -> float:
         """Until when packets may lie uncut."""

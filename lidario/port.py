@@ -40,6 +40,10 @@ Tap = Callable[[str, bytes, int], None]
 """Sees every chunk: ``"in"`` or ``"out"``, the bytes, the time in nanoseconds."""
 
 
+Rest = Callable[[float], float]
+"""Told how late a look at the port came, says how long to wait before the next; 0 for as usual."""
+
+
 class Receiver(Protocol):
     """Who is told what the port brings."""
 
@@ -113,11 +117,11 @@ class Port(asyncio.Protocol):
                 ) from error
         self.baudrate = baudrate
 
-    def set_latency(self, seconds: float, rest: Callable[[], float] | None = None) -> None:
+    def set_latency(self, seconds: float, rest: Rest | None = None) -> None:
         """Look for bytes every `seconds` only, and take all there is; 0 to wake for each delivery.
 
         `rest`, asked before each pause, says when to look instead, as long as it says more than 0: for how many
-        seconds nothing can come that matters.
+        seconds nothing can come that matters. It is told how late this look came, in seconds.
         """
         if isinstance(self._transport, _SerialTransport) and os.name == "posix":
             self._transport.set_latency(seconds, rest)
@@ -225,10 +229,10 @@ class _SerialTransport(serial_asyncio.SerialTransport):  # type: ignore[misc]
         self._port = protocol
         self._max_read_size = _READ_SIZE
         self._latency = 0.0
-        self._rest: Callable[[], float] | None = None
+        self._rest: Rest | None = None
         self._timer: asyncio.TimerHandle | None = None
 
-    def set_latency(self, seconds: float, rest: Callable[[], float] | None) -> None:
+    def set_latency(self, seconds: float, rest: Rest | None) -> None:
         self._latency = seconds
         self._rest = rest
         self._stop_timer()
@@ -253,17 +257,18 @@ class _SerialTransport(serial_asyncio.SerialTransport):  # type: ignore[misc]
             super().write(data)
 
     def _look(self) -> None:
+        late = self._loop.time() - self._timer.when() if self._timer else 0.0
         self._timer = None
         try:
             self.poll()
         finally:
-            self._wait()
+            self._wait(late)
 
-    def _wait(self) -> None:
+    def _wait(self, late: float = 0.0) -> None:
         """Wait for the next bytes: by the clock, or, where none of them may wait, for the very next delivery."""
         if self._closing or self._timer is not None:
             return
-        pause = 0.0 if self._rest is None else self._rest()
+        pause = 0.0 if self._rest is None else self._rest(late)
         if pause <= 0:
             pause = max(self._latency - _TIMER_S, self._latency / 2)
         if pause > 0:

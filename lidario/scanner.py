@@ -227,9 +227,9 @@ class Scanner:
             self.latest = scan
             self.hub.publish(scan)
 
-    def _rest(self) -> float:
+    def _rest(self, late: float) -> float:
         """Seconds for which nothing can come that matters."""
-        return 0.0 if self._pace is None else self._pace.rest(self._loop.time())
+        return 0.0 if self._pace is None else self._pace.rest(self._loop.time(), late)
 
     def _watch(self) -> None:
         stream = self.stream
