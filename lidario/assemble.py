@@ -178,13 +178,19 @@ class Assembler:
         arrays, samples, lost = turn.carried, None, turn.lost
         if turn.runs:
             room = 0 if arrays is None else len(arrays)
-            samples = self._stream.decoder.decode(b"".join(turn.runs), None if split.broken else following, room)
+            ends_inside = not (split.marked or split.broken)
+            samples = self._stream.decoder.decode(
+                b"".join(turn.runs),
+                None if split.broken else following,
+                room,
+                self._seam.angle if ends_inside else None,
+            )
             self.stats.lost_packets += samples.lost
             lost += samples.lost
             here = _Arrays(samples.angle_deg, samples.distance_mm, samples.intensity)
             if arrays is not None:
                 here.begin_with(arrays)
-            crossed = len(here) if split.marked or split.broken else room + self._crossing(samples)
+            crossed = room + samples.before_seam
             if crossed < len(here):
                 self._turn.carried = here.cut(crossed)
                 self._turn.carried_ns = turn.last_ns
@@ -198,16 +204,6 @@ class Assembler:
             self._last_start_ns = None
             return None
         return self._scan(arrays, turn, samples, lost)
-
-    def _crossing(self, samples: Samples) -> int:
-        """How many of the samples decoded were measured before the rotor passed the seam, in the last packet."""
-        beam = samples.last_beam_deg
-        count = samples.ends[-1]
-        if self._seam.angle is None:
-            return count
-        seam = self._seam.angle * 360.0 / self._stream.format.full_turn
-        away = beam - (beam[0] - (beam[0] - seam) % 360.0)
-        return count - int(np.count_nonzero(away >= 360.0))
 
     def _start_ns(self, turn: _Turn, samples: Samples | None) -> int:
         """When the first sample of the turn was measured, by the least delayed packet before the first gap."""

@@ -80,7 +80,7 @@ class Scan:
             np.add(degrees, 360.0, out=degrees, where=degrees < -180.0)
             degrees *= math.pi / 180.0
             object.__setattr__(self, "_angles", read_only(degrees))
-        return cast(FloatArray, self._angles)
+        return cast("FloatArray", self._angles)
 
     @property
     def ranges(self) -> FloatArray:
@@ -89,7 +89,7 @@ class Scan:
             metres = self.device_distances / np.float32(1000)
             metres[self.device_distances <= 0] = np.nan
             object.__setattr__(self, "_ranges", read_only(metres))
-        return cast(FloatArray, self._ranges)
+        return cast("FloatArray", self._ranges)
 
     @property
     def valid(self) -> NDArray[np.bool_]:

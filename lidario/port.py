@@ -6,9 +6,9 @@ Here a write reaches the operating system before `write` returns, since the STOP
 torn down has no other moment; and `close` returns when the port is closed.
 
 While a stream runs, waking up for each of a thousand deliveries a second costs more than all the decoding.
-`set_latency` makes the port look only every few milliseconds and take all that is there; and while whoever reads knows
-that nothing urgent can come, at whatever latency, less often still. The terminal's buffer holds 4 KiB, 48 ms of the
-fastest stream, so nothing is lost by it.
+`set_latency` makes the port look only every few milliseconds and take all that is there; and while whoever reads
+knows that nothing urgent can come, at whatever latency, less often still. The terminal's buffer holds 4 KiB, 48 ms
+of the fastest stream, so nothing is lost by it.
 
 Every exception of the operating system or of pyserial leaves as one of `lidario.errors`.
 """

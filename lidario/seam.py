@@ -8,18 +8,20 @@ tremble around it, or a mark just behind it, do not make a turn.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from bisect import bisect_left
+from itertools import compress, count
+from operator import lt
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lidario.wire.formats import BEGINS, RESTARTS, Headings
 
 __all__ = ["Seam", "Split"]
 
 _FLAGS = BEGINS | RESTARTS
-_WORTH_AN_ARRAY = 24
-"""Headings from which looking at them as one array costs less than one by one (measured)."""
+_WORTH_LEAPING = 24
+"""Headings from which looking at them together costs less than one by one (measured)."""
 _UNMARKED_TURNS = 2
 """Turns without a mark after which none is waited for any more."""
 
@@ -58,12 +60,12 @@ class Seam:
 
     def splits(self, headings: Headings) -> list[Split]:
         """Where revolutions begin among `headings`, the next ones of the stream."""
-        if not isinstance(headings, np.ndarray) or len(headings) < _WORTH_AN_ARRAY or self.angle is None:
+        if len(headings) < _WORTH_LEAPING or self.angle is None:
             plain = headings.tolist() if isinstance(headings, np.ndarray) else headings
             return [split for index, heading in enumerate(plain) if (split := self._step(index, heading))]
         found: list[Split] = []
         begin = 0
-        for at in (headings >= BEGINS).nonzero()[0].tolist():
+        for at in _flagged(headings):
             self._leap(headings[begin:at], begin, found)
             split = self._step(at, int(headings[at]))
             if split:
@@ -72,27 +74,33 @@ class Seam:
         self._leap(headings[begin:], begin, found)
         return found
 
-    def _leap(self, headings: NDArray[np.integer[Any]], offset: int, found: list[Split]) -> None:
+    def _leap(self, headings: Headings, offset: int, found: list[Split]) -> None:
         """Step only onto those headings, `offset` on from the first, that fall back behind the one before."""
-        away = (headings - self.angle) % self._full_turn if self.angle else headings
-        falls = (away[1:] < away[:-1]).nonzero()[0] + 1
+        away = self._away(headings)
         begin = 0
-        for end in (*falls.tolist(), len(headings)):
+        for end in (*_falls(away), len(headings)):
             if begin < end:
                 split = self._step(offset + begin, int(headings[begin]))
                 if split:
                     found.append(split)
             if begin + 1 < end:
-                self._rise(away[begin:end])
+                self._rise(away, begin, end)
             begin = end
 
-    def _rise(self, away: NDArray[np.integer[Any]]) -> None:
-        """As a walk over readings that rise from one already stepped onto."""
-        self._last = int(away[-1])
+    def _away(self, headings: Headings) -> Headings:
+        if not self.angle:
+            return headings
+        if isinstance(headings, np.ndarray):
+            return (headings - self.angle) % self._full_turn
+        return [(heading - self.angle) % self._full_turn for heading in headings]
+
+    def _rise(self, away: Headings, begin: int, end: int) -> None:
+        """As a walk over readings that rise from the first one, which was stepped onto."""
+        self._last = int(away[end - 1])
         if self._last >= self._near:
             self._passed_unmarked = False
             if not self._armed:
-                beyond = max(1, int(away.searchsorted(self._near)))
+                beyond = max(begin + 1, bisect_left(away, self._near, begin, end))
                 self._armed = self._forward(int(away[beyond - 1]), int(away[beyond]))
 
     def _step(self, index: int, heading: int) -> Split | None:
@@ -139,3 +147,21 @@ class Seam:
         # A mark just behind the seam that the headings passed belongs to the turn they began.
         belated, self._passed_unmarked = self._passed_unmarked, False
         return None if belated else Split(index, marked=True, broken=False)
+
+
+def _flagged(headings: Headings) -> list[int]:
+    """Which of them carry a flag."""
+    if isinstance(headings, np.ndarray):
+        places: list[int] = (headings >= BEGINS).nonzero()[0].tolist()
+        return places
+    if max(headings) < BEGINS:
+        return []
+    return [place for place, heading in enumerate(headings) if heading >= BEGINS]
+
+
+def _falls(headings: Headings) -> list[int]:
+    """Which of them lie behind the one before."""
+    if isinstance(headings, np.ndarray):
+        places: list[int] = ((headings[1:] < headings[:-1]).nonzero()[0] + 1).tolist()
+        return places
+    return list(compress(count(1), map(lt, headings[1:], headings)))

@@ -16,7 +16,7 @@ from lidario.assemble import Assembler, AssemblerStats
 from lidario.families.rplidar import simulated_packers as packers
 from lidario.model import Scan
 from lidario.wire.events import Packets
-from tests.support.streams import CASES, Case, cut_up, named, open_stream, stream_of
+from tests.support.streams import CASES, KINDS, Case, cut_up, named, open_stream, stream_of
 
 DENSE = next(case for case in CASES if case.name == "rplidar_32k_85")
 SAMPLE_NS = 31_250
@@ -196,6 +196,31 @@ def test_bytes_that_come_late_together_cost_no_turn(case: Case, chunk: int) -> N
             assert isinstance(event, Packets)
             assembler.add(event)
     assert (assembler.stats.scans, assembler.stats.broken_scans) == (len(case.turns), 0)
+
+
+@pytest.mark.parametrize("case", KINDS, ids=named)
+@pytest.mark.parametrize("chunk", [64, 700, 1500])
+def test_what_lay_uncut_tells_the_time_as_well(case: Case, chunk: int) -> None:
+    """Chunks come late by chance, are held for most of a turn, and each was noted when it came."""
+    results = []
+    for hold_ns in (0, 80_000_000):
+        random = np.random.default_rng(5)
+        link, assembler, at, scans = open_stream(case), Assembler(stream_of(case), BAUD), 0, list[Scan]()
+        for piece in cut_up(case.raw, chunk):
+            at += len(piece)
+            now = round(at * case.byte_ns + random.exponential(1_000_000))
+            link.receive_data(piece, now)
+            for event in link.events_received():
+                assert isinstance(event, Packets)
+                for scan in assembler.add(event):
+                    scans.append(scan)
+                    link.hold(now + hold_ns)
+        results.append(scans)
+    at_once, held = results
+    assert len(held) >= len(case.turns) - 1
+    for one, other in zip(at_once, held, strict=False):
+        assert (one.stamp_ns, one.rpm, one.seq) == (other.stamp_ns, other.rpm, other.seq)
+        np.testing.assert_array_equal(one.device_distances, other.device_distances)
 
 
 # -------------------------------------------------------------------------------------------- losses, endings

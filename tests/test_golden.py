@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lidario.wire.events import Packets
-from tests.support.streams import CASES, KINDS, SINGLE_DEG, Case, assembled, beams_of, feed, named
+from tests.support.streams import CASES, SINGLE_DEG, Case, assembled, feed, named
 
 Q6_TURN = 360 * 64
 CHUNKS = {"whole": None, "byte by byte": 1, "in eights": 8, "in 64s": 64, "in kilobytes": 1024}
@@ -64,14 +64,6 @@ def test_every_figure_is_the_scalar_references(case: Case) -> None:
         assert samples.intensity[:count].tolist() == qualities
         assert case.truth.quality is not None
         np.testing.assert_array_equal(samples.intensity[:count], case.truth.quality)
-
-
-@pytest.mark.parametrize("case", KINDS, ids=named)
-def test_the_beam_is_the_scalar_references(case: Case) -> None:
-    packets = case.packets[:300]
-    reference = [sample.raw_deg for sample in case.samples if sample.packet < len(packets) - case.lookahead]
-    beams = beams_of(case.make_decoder(), packets)[: len(reference)]
-    np.testing.assert_allclose(beams % 360, np.array(reference) % 360, rtol=0, atol=1e-9)
 
 
 @every_case

@@ -17,7 +17,7 @@ LAYERS = (
     {"errors", "model", "laserscan", "source"},
     {"wire"},
     {"families", "sim"},
-    {"seam", "assemble"},
+    {"seam", "assemble", "pace"},
     {"port", "simulated_port", "diagnose", "residue", "dialogue", "handshake", "connect", "discovery"}
     | {"stream", "scanner", "session"},
     {"__init__"},
@@ -31,6 +31,7 @@ SANS_IO = {"asyncio", "anyio", "serial", "serial_asyncio", "socket", "select", "
 OF_WIRE = {
     "__future__",
     "abc",
+    "bisect",
     "collections",
     "dataclasses",
     "enum",

@@ -9,6 +9,7 @@ import pty
 import subprocess
 import sys
 import threading
+import time
 import tty
 from collections.abc import Iterator
 from pathlib import Path
@@ -29,11 +30,13 @@ class Sink:
 
     def __init__(self) -> None:
         self.data = bytearray()
+        self.chunks: list[bytes] = []
         self.lost: list[DeviceLost | None] = []
         self.more = asyncio.Event()
 
     def data_received(self, data: bytes, now: int) -> None:
         self.data += data
+        self.chunks.append(data)
         self.more.set()
 
     def connection_lost(self, error: DeviceLost | None) -> None:
@@ -98,6 +101,35 @@ async def test_a_write_is_out_before_it_returns(terminal: tuple[int, str]) -> No
     port.write(b"too late")
     with pytest.raises(BlockingIOError):
         os.read(master, 16)
+
+
+@pytest.mark.parametrize("latency", LATENCIES)
+async def test_while_it_rests_bytes_gather_and_come_together(terminal: tuple[int, str], latency: float) -> None:
+    master, path = terminal
+    port, sink = await open_serial(path, 1_000_000), Sink()
+    port.attach(sink)
+    rests, lateness = [0.05, 0.05], list[float]()
+
+    def rest(late: float) -> float:
+        lateness.append(late)
+        return rests.pop(0) if rests else 0.0
+
+    port.set_latency(latency, rest)
+    for piece in (b"one ", b"two ", b"three"):
+        os.write(master, piece)
+    time.sleep(0.1)  # noqa: ASYNC251 - a program that blocks its loop
+    await sink.until(13)
+    assert sink.chunks == [b"one two three"]
+    assert lateness[0] == 0
+    assert lateness[1] >= 0.04
+    os.write(master, b"four")
+    await sink.until(17)
+    # The rest is over: as `latency` says, from now on.
+    assert not rests
+    os.write(master, b"five")
+    await sink.until(21)
+    assert bytes(sink.data) == b"one two threefourfive"
+    await port.close()
 
 
 @pytest.mark.parametrize("latency", LATENCIES)

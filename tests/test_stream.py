@@ -16,7 +16,7 @@ from tests.support.loop import driven
 
 def numbered(seq: int) -> Scan:
     nothing: Any = np.zeros(0, np.float32)
-    return Scan(nothing, nothing, None, nothing, nothing, 0, 0, 0, 0, 600.0, seq, 0, 0, "Standard")
+    return Scan(nothing, nothing, None, 0, 0, 0, 0, 600.0, seq, 0, 0, "Standard")
 
 
 @pytest.mark.parametrize("depth", [1, 2, 5])

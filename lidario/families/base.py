@@ -38,8 +38,8 @@ class Samples:
         angle_deg: Where the beam went, float32 degrees clockwise, in [0, 360); corrections applied.
         distance_mm: Millimetres, float32; 0 where nothing came back.
         intensity: uint8, or None where the format carries none.
-        last_beam_deg: Where the rotor stood at each sample of the last packet: float64 degrees clockwise, without
-            corrections, and counted on past 360, so that the seam of the revolution can be found among them.
+        before_seam: How many of the samples were measured before the rotor passed the seam in the last packet;
+            all of them where it did not.
         ends: Samples up to and including each packet, shape (packets,).
         lost: Packets missing between these ones and before the one that follows.
         unbroken: Leading packets before the first gap.
@@ -49,7 +49,7 @@ class Samples:
     angle_deg: NDArray[np.float32]
     distance_mm: NDArray[np.float32]
     intensity: NDArray[np.uint8] | None
-    last_beam_deg: NDArray[np.float64]
+    before_seam: int
     ends: Sequence[int]
     lost: int
     unbroken: int
@@ -59,7 +59,7 @@ class Samples:
 class Decoder(Protocol):
     """Turns packets into samples; one object follows one stream, in order."""
 
-    def decode(self, packets: bytes, following: bytes | None, room: int = 0) -> Samples:
+    def decode(self, packets: bytes, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         """Decode whole packets, back to back.
 
         Args:
@@ -69,6 +69,8 @@ class Decoder(Protocol):
                 neighbours.
             room: Elements to leave at the front of the arrays, for samples the caller has already: filling them
                 in is cheaper than joining arrays.
+            seam: Heading at which the revolution ends, so that `Samples.before_seam` can be told; None where no
+                packet lies across its end.
         """
         ...
 

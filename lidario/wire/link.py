@@ -230,7 +230,7 @@ class Link:
                 self.stats.packets += count
                 with memoryview(data) as view:
                     packets = bytes(view[at:run])
-                received, earlier = self._came(wire, packets, count, at, now) if self._arrivals else (now, ())
+                received, earlier = self._came(wire, packets, at, now) if self._arrivals else (now, ())
                 self._events.append(Packets(packets, count, received, earlier))
             if noise > run:
                 self._skip(wire, data, run, noise)
@@ -240,7 +240,7 @@ class Link:
         self._arrivals.clear()
 
     def _came(
-        self, wire: StreamFormat, packets: bytes, count: int, start: int, now: int
+        self, wire: StreamFormat, packets: bytes, start: int, now: int
     ) -> tuple[int, tuple[tuple[int, int], ...]]:
         """When these packets, which lay in the buffer from `start`, were complete, and some of them before that."""
         offsets = wire.offsets(packets)

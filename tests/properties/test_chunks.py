@@ -1,13 +1,16 @@
 """What a link makes of a stream does not depend on how the stream was chopped."""
 
+from itertools import cycle
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from lidario.wire.events import Event, merged
 from tests.reference import damage
 from tests.support.harm import messes
-from tests.support.streams import KINDS, Case, assembled, feed, named
+from tests.support.streams import KINDS, Case, Received, assembled, cut_up, feed, named, open_stream
 
 every_kind = pytest.mark.parametrize("case", KINDS, ids=named)
 HARM = {"flips": damage.flip, "lost bytes": damage.drop_bytes, "added bytes": damage.insert_bytes}
@@ -26,6 +29,34 @@ def test_any_mess_gives_the_same_events(case: Case, data: st.DataObject) -> None
     settled = feed(case, raw)
     assert feed(case, raw, 1) == settled
     assert feed(case, raw, chunks) == settled
+
+
+@every_kind
+@given(st.data())
+def test_bytes_that_lay_uncut_for_a_while_give_the_same_events(case: Case, data: st.DataObject) -> None:
+    raw = data.draw(messes(case), "raw") + b"".join(case.packets[:20])
+    sizes = data.draw(st.lists(st.integers(1, 3 * len(case.packets[-1])), min_size=1, max_size=12), "sizes")
+    holds = data.draw(st.lists(st.booleans(), min_size=len(sizes), max_size=len(sizes)), "holds")
+    link, events = open_stream(case), list[Event]()
+    for piece, hold in zip(cut_up(raw, sizes), cycle(holds)):
+        link.hold(1 if hold else 0)
+        link.receive_data(piece, 0)
+        events += link.events_received()
+    link.hold(0)
+    link.receive_data(b"", 0)
+    events += link.events_received()
+    assert Received(merged(events), link.stats, link.buffered) == feed(case, raw)
+
+
+@every_kind
+def test_what_is_held_is_bounded(case: Case) -> None:
+    link = open_stream(case)
+    link.hold(1)
+    for _ in range(100):
+        for piece in cut_up(case.raw[:2000], 500):
+            link.receive_data(piece, 0)
+            assert link.buffered < 34_000
+    assert link.stats.packets > 100
 
 
 @every_kind

@@ -1,6 +1,6 @@
 """Arrays in one go give what one sample at a time gives: decoding, checking, and looking for the seam."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from lidario.families.base import Samples
 from lidario.seam import Seam, Split
-from lidario.wire.formats import BEGINS, RESTARTS, StreamFormat
+from lidario.wire.formats import BEGINS, RESTARTS, Headings, StreamFormat
 from tests.support.contents import any_packets
 from tests.support.harm import messes
-from tests.support.streams import CASES, KINDS, SINGLE_DEG, Case, Sample, named
+from tests.support.streams import CASES, KINDS, SINGLE_DEG, Case, Sample, before_seam, named
 
 every_kind = pytest.mark.parametrize("case", KINDS, ids=named)
 seeds = st.integers(0, 2**32)
@@ -28,8 +28,6 @@ def assert_same(case: Case, samples: Samples, reference: Sequence[Sample]) -> No
     allowed = SINGLE_DEG + 1 / 65536 if case.answer_type == 0x84 else SINGLE_DEG
     off = (samples.angle_deg[:count] - np.array([s.angle_deg for s in reference]) + 180) % 360 - 180
     assert np.abs(off).max(initial=0) <= allowed
-    last = [s for s in reference if s.packet == len(samples.ends) - 1]
-    np.testing.assert_allclose(samples.last_beam_deg[: len(last)], [s.raw_deg for s in last], rtol=0, atol=1e-9)
     if samples.intensity is not None:
         assert samples.intensity[:count].tolist() == [s.quality for s in reference]
     else:
@@ -48,6 +46,23 @@ def test_any_contents_decode_as_the_scalar_reference_decodes_them(case: Case, se
 
 
 @every_kind
+@given(seed=seeds, count=st.integers(2, 20), place=st.floats(-0.2, 1.2), somewhere=st.integers(0, TURN - 1))
+def test_the_seam_is_found_where_the_scalar_reference_passes_it(
+    case: Case, seed: int, count: int, place: float, somewhere: int
+) -> None:
+    """In the last packet, near it, and anywhere."""
+    *packets, following = any_packets(case, seed, count + 1, wild=False)
+    raw, reference = b"".join(packets), case.decode([*packets, following])
+    last = [sample.raw_deg for sample in reference if sample.packet == count - 1]
+    inside = round((last[0] + place * (last[-1] - last[0])) % 360 / 360 * case.make_format().full_turn)
+    for seam in (inside % case.make_format().full_turn, somewhere):
+        samples = case.make_decoder().decode(raw, following, 0, seam)
+        if samples.lost == 0:
+            assert samples.before_seam == before_seam(case, reference, count, seam)
+    assert case.make_decoder().decode(raw, following).before_seam == len(samples.distance_mm)
+
+
+@every_kind
 @given(seed=seeds, count=st.integers(2, 40), room=st.integers(1, 200))
 def test_room_is_left_at_the_front_of_every_array(case: Case, seed: int, count: int, room: int) -> None:
     raw = b"".join(any_packets(case, seed, count, wild=False))
@@ -61,7 +76,7 @@ def test_room_is_left_at_the_front_of_every_array(case: Case, seed: int, count: 
         if one is not None and other is not None:
             assert one.dtype == other.dtype
             np.testing.assert_array_equal(other[room:], one)
-    assert list(roomy.ends) == list(plain.ends)
+    assert (list(roomy.ends), roomy.before_seam) == (list(plain.ends), plain.before_seam)
 
 
 @every_kind
@@ -119,15 +134,20 @@ def readings(draw: st.DrawFn) -> list[int]:
     return result
 
 
-@given(readings(), st.one_of(st.none(), st.integers(0, TURN - 1)), st.lists(st.integers(1, 120), max_size=6))
+@given(
+    readings(),
+    st.one_of(st.none(), st.integers(0, TURN - 1)),
+    st.lists(st.integers(1, 120), max_size=6),
+    st.sampled_from([list, np.array]),
+)
 def test_leaping_over_many_headings_finds_the_splits_a_walk_finds(
-    headings: list[int], angle: int | None, sizes: list[int]
+    headings: list[int], angle: int | None, sizes: list[int], kind: Callable[[list[int]], Headings]
 ) -> None:
     walk, leap = Seam(TURN, angle), Seam(TURN, angle)
     begin = 0
     for size in [*sizes, len(headings)]:
         part = headings[begin : begin + size]
-        assert leap.splits(part) == walked(walk, part)
+        assert leap.splits(kind(part)) == walked(walk, part)
         assert vars(leap) == vars(walk)
         begin += size
 

@@ -10,9 +10,6 @@ from functools import cache, partial
 from itertools import accumulate, cycle, pairwise
 from typing import NamedTuple, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from lidario.assemble import Assembler, AssemblerStats
 from lidario.families.base import Decoder, Stream
 from lidario.families.rplidar import commands as rplidar_commands
@@ -38,7 +35,7 @@ __all__ = [
     "Received",
     "Sample",
     "assembled",
-    "beams_of",
+    "before_seam",
     "cut_up",
     "feed",
     "named",
@@ -201,10 +198,13 @@ SINGLE_DEG = 2e-5
 """Half a step of single precision just below 360 degrees: what rounding may cost an angle, and no more."""
 
 
-def beams_of(decoder: Decoder, packets: Sequence[bytes]) -> NDArray[np.float64]:
-    """Where the rotor stood at each sample: told of the last packet only, so every packet is made the last."""
-    followers = [*packets[1:], None]
-    return np.concatenate([decoder.decode(*each).last_beam_deg for each in zip(packets, followers, strict=True)])
+def before_seam(case: Case, samples: Sequence[Sample], packets: int, seam: int) -> int:
+    """Scalar: how many samples of so many packets were measured before the rotor passed `seam` in the last one."""
+    degrees = seam * 360 / case.make_format().full_turn
+    last = [sample.raw_deg for sample in samples if sample.packet == packets - 1]
+    left = 360 - (last[0] - degrees) % 360
+    behind = sum(raw - last[0] >= left - 1e-9 for raw in last)
+    return sum(sample.packet < packets for sample in samples) - behind
 
 
 def cut_up(raw: bytes, chunks: Chunks) -> Iterator[bytes]:

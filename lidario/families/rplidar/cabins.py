@@ -36,28 +36,30 @@ bits are left for the quality, which is shifted up to eight."""
 _SMOOTHED_Q2: Final = 8
 """0x86: at scale 0, a step of up to 2 mm from the sample before is halved."""
 
-_PAIR: Final = np.dtype([("first", "<u2"), ("second", "<u2"), ("both", "u1")])
+_ROUNDS: Final = 8
+"""0x86: rounds in which all samples are smoothed together; few chains are longer."""
+
+_PAIR: Final = np.dtype({"names": ("words", "rest"), "formats": ("<u4", "u1"), "offsets": (0, 4)})
 """A cabin of 0x82 and 0x86: two samples' words, and a byte with four more bits for each, the lower ones first."""
 
 
-def _pairs(cabins: NDArray[np.uint8]) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
+def _pairs(cabins: NDArray[np.uint16]) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
     """The words of all samples, shape (n, 2), and the byte of each pair, shape (n,)."""
     pairs = cabins.reshape(-1).view(_PAIR)
-    words = np.empty((len(pairs), 2), np.uint16)
-    words[:, 0] = pairs["first"]
-    words[:, 1] = pairs["second"]
-    return words, pairs["both"]
+    words: NDArray[np.uint16] = np.ascontiguousarray(pairs["words"]).view("<u2")
+    rest: NDArray[np.uint8] = pairs["rest"]
+    return words.reshape(-1, 2), rest
 
 
-def express_cabins(cabins: NDArray[np.uint8]) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
+def express_cabins(cabins: NDArray[np.uint16]) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
     """0x82: distances in mm and what to subtract from the even steps in 1/8 degrees, both flat, (packets * 32,).
 
     Args:
-        cabins: (packets, 80): distance in the upper 14 bits of each word, the upper 2 bits of the correction below
-            it, and its lower 4 bits in the byte of the pair.
+        cabins: (packets, 40), five bytes for two samples: distance in the upper 14 bits of each word, the upper 2
+            bits of the correction below it, and its lower 4 bits in the byte of the pair.
     """
     words, lower = _pairs(cabins)
-    eighths = words & 3
+    eighths = words & np.uint16(3)
     eighths <<= 4
     eighths[:, 0] |= lower & 0xF
     eighths[:, 1] |= lower >> 4
@@ -112,7 +114,7 @@ def ultra_cabins(
     behind[:-1] = codes[1:]
     behind[-1] = 0 if follower is None else follower & 0xFFF
     # The first prediction leans on its own cabin, unless that one has no return.
-    leant = np.where(codes == 0, behind, codes)
+    leant = codes + behind * (codes == 0)
     cells = distance.reshape(-1, 3)
     base = tables.base.take(codes)
     cells[:, 0] = base
@@ -164,11 +166,12 @@ class _UltraDenseTables:
 _ultra_dense_tables = cache(_UltraDenseTables)
 
 
-def ultra_dense_cabins(cabins: NDArray[np.uint8], last_q2: int) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
+def ultra_dense_cabins(cabins: NDArray[np.uint16], last_q2: int) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
     """0x86: distances in 1/4 mm and intensities, both flat, (packets * 64,).
 
     Args:
-        cabins: (packets, 160): the lower 16 bits of each sample in its word, the upper 4 in the byte of the pair.
+        cabins: (packets, 80), five bytes for two samples: the lower 16 bits of each sample in its word, the upper
+            4 in the byte of the pair.
         last_q2: Distance of the sample before the first.
     """
     tables = _ultra_dense_tables()
@@ -184,21 +187,52 @@ def ultra_dense_cabins(cabins: NDArray[np.uint8], last_q2: int) -> tuple[NDArray
 def _smoothed(raw: NDArray[np.int32], fine: NDArray[np.bool_], last: int) -> NDArray[np.int32]:
     """Each fine distance averaged with the result before it, where the two are within 2 mm.
 
-    A recursion, solved for all samples at once: assume the results, compute them again from that, and go on with
-    those whose predecessor changed. Each round settles at least one more sample of a chain, and halving makes
-    chains short. Smoothing moves a sample by 1 mm at most, so pairs more than 4 mm apart are never concerned.
+    A recursion, solved for all samples at once: assume how far each was moved, and compute it again from that,
+    until nothing changes. Each round settles at least one more sample of a chain, and halving makes chains short.
+    Smoothing moves a sample by 1 mm at most, so pairs more than 4 mm apart are never concerned.
     """
-    result = raw.copy()
-    before = np.concatenate((np.array([last], np.int32), raw[:-1]))
-    unsettled = np.flatnonzero(fine & (np.abs(raw - before) <= 2 * _SMOOTHED_Q2))
-    while len(unsettled):
-        own, earlier = raw[unsettled], result[unsettled - 1]
-        if unsettled[0] == 0:
-            earlier[0] = last
+    before = np.empty_like(raw)
+    before[0] = last
+    before[1:] = raw[:-1]
+    step = raw - before
+    concerned = fine & (np.abs(step) <= 2 * _SMOOTHED_Q2)
+    if not np.count_nonzero(concerned):
+        return raw
+    small_step = step.astype(np.int8)
+    from_nothing = concerned & (before == 0)
+    any_from_nothing = np.count_nonzero(from_nothing)
+    moved = np.zeros(len(raw) + 1, np.int8)
+    for _ in range(_ROUNDS):
+        away = moved[:-1] - small_step
+        near = np.abs(away) <= _SMOOTHED_Q2
+        near &= concerned
+        if any_from_nothing:
+            near &= ~from_nothing | (moved[:-1] != 0)
+        again = (away >> 1) * near
+        unsettled = again != moved[1:]
+        moved[1:] = again
+        if not np.count_nonzero(unsettled):
+            break
+    else:
+        return _smoothed_on(raw, raw + moved[1:], concerned, unsettled)
+    return raw + moved[1:]
+
+
+def _smoothed_on(
+    raw: NDArray[np.int32],
+    result: NDArray[np.int32],
+    concerned: NDArray[np.bool_],
+    changed: NDArray[np.bool_],
+) -> NDArray[np.int32]:
+    """Finish what `_smoothed` began: follow the few chains that are long, sample by sample."""
+    heads = np.flatnonzero(changed) + 1
+    while len(heads):
+        heads = heads[heads < len(raw)]
+        heads = heads[concerned[heads]]
+        own, earlier = raw[heads], result[heads - 1]
         near = (earlier != 0) & (np.abs(own - earlier) <= _SMOOTHED_Q2)
         again = np.where(near, (own + earlier) >> 1, own)
-        successors = unsettled[again != result[unsettled]] + 1
-        result[unsettled] = again
-        successors = successors[successors < len(raw)]
-        unsettled = successors[fine[successors]]
+        different = again != result[heads]
+        result[heads] = again
+        heads = heads[different] + 1
     return result

@@ -15,7 +15,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import ClassVar, Final
+from itertools import compress, count, repeat
+from operator import gt, lt
+from typing import ClassVar, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +29,16 @@ from lidario.families.rplidar.cabins import (
     ultra_cabins,
     ultra_dense_cabins,
 )
-from lidario.families.rplidar.formats import ANGLE_MASK, FULL_TURN_Q6, FULL_TURN_Q14, CapsuleFormat, UltraDenseFormat
+from lidario.families.rplidar.formats import (
+    ANGLE_MASK,
+    FULL_TURN_Q6,
+    FULL_TURN_Q14,
+    CapsuleFormat,
+    DenseFormat,
+    ExpressFormat,
+    UltraDenseFormat,
+    UltraFormat,
+)
 from lidario.families.rplidar.rotation import Arcs, Rotation
 
 __all__ = [
@@ -42,17 +53,12 @@ __all__ = [
 ]
 
 Bytes = NDArray[np.uint8]
+Words = NDArray[np.uint16]
 Floats = NDArray[np.float32]
 
 NODE: Final = np.dtype([("quality", "u1"), ("angle", "<u2"), ("distance", "<u2")])
 HQ_NODE: Final = np.dtype([("angle", "<u2"), ("distance", "<u4"), ("quality", "u1"), ("flag", "u1")])
 HQ: Final = np.dtype([("sync", "u1"), ("time", "<u8"), ("nodes", HQ_NODE, 96), ("crc", "<u4")])
-DENSE: Final = np.dtype([("sync", "u1", 2), ("start", "<u2"), ("cabins", "<u2", 40)])
-EXPRESS: Final = np.dtype([("sync", "u1", 2), ("start", "<u2"), ("cabins", "u1", 80)])
-ULTRA: Final = np.dtype([("sync", "u1", 2), ("start", "<u2"), ("cabins", "<u4", 32)])
-ULTRA_DENSE: Final = np.dtype(
-    [("sync", "u1", 2), ("time", "<u4"), ("status", "<u2"), ("start", "<u2"), ("cabins", "u1", 160)]
-)
 
 
 def in_turn(angles: Floats, full_turn: float) -> Floats:
@@ -70,43 +76,45 @@ class CapsuleDecoder(ABC):
     numbers, as long as no arc had to be guessed.
 
     Attributes:
-        layout: The packet as a structure.
+        size: Bytes of one packet.
         start_at: Offset of the start angle.
         samples: Samples in one packet.
         reach: How far corrections may take an angle back, and how far ahead, in 1/64 degrees.
     """
 
-    layout: ClassVar[np.dtype[np.void]]
+    size: ClassVar[int]
     start_at: ClassVar[int] = CapsuleFormat.start_at
     samples: ClassVar[int]
     reach: ClassVar[tuple[int, int]] = (0, 0)
 
     def __init__(self) -> None:
         self._rotation = Rotation(FULL_TURN_Q6)
-        self._order = np.arange(self.samples, dtype=np.float32)
         self._units = 64.0 * self.samples
+        order = np.arange(self.samples, dtype=np.float32)
+        self._steps = np.stack((np.full_like(order, self.samples), order))
+        """What a start angle and an arc contribute to each sample of a packet."""
 
-    def decode(self, packets: bytes, following: bytes | None, room: int = 0) -> Samples:
+    def decode(self, packets: bytes, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         """As `Decoder.decode`."""
-        rows = np.frombuffer(packets, self.layout)
-        starts = _in_range(rows["start"].astype(np.int32))
-        arcs = self._rotation.arcs(starts, None if following is None else self._start(following))
-        size = room + len(rows) * self.samples
-        angle, distance = np.empty(size, np.float32), np.empty(size, np.float32)
-        grid = angle[room:].reshape(len(rows), self.samples)
-        np.multiply(arcs.arc.astype(np.float32)[:, None], self._order, out=grid)
-        grid += (starts * self.samples).astype(np.float32)[:, None]
-        after = None if following is None else np.frombuffer(following, self.layout)
-        intensity = self._payload(rows, after, arcs, distance[room:].reshape(grid.shape), grid)
-        self._bring_into_turn(grid, starts, arcs)
+        words = np.frombuffer(packets, "<u2").reshape(-1, self.size // 2)
+        column = self.start_at // 2
+        starts = _in_range(words[:, column].tolist())
+        after = None if following is None else np.frombuffer(following, "<u2")
+        arcs = self._rotation.arcs(starts, None if after is None else _in_range([int(after[column])])[0])
+        arc = cast("list[float]", arcs.arc)
+        end = room + len(starts) * self.samples
+        angle, distance = np.empty(end, np.float32), np.empty(end, np.float32)
+        grid = angle[room:].reshape(-1, self.samples)
+        np.matmul(np.array((starts, arc), np.float32).T, self._steps, out=grid)
+        intensity = self._payload(words, after, arcs, distance[room:].reshape(-1, self.samples), grid)
+        self._bring_into_turn(grid, starts, arc)
         angle[room:] /= self._units
-        first, last_arc = int(starts[-1]) * self.samples, float(arcs.arc[-1])
         return Samples(
             angle_deg=angle,
             distance_mm=distance,
             intensity=None if intensity is None else np.concatenate((np.empty(room, np.uint8), intensity)),
-            last_beam_deg=(first + last_arc * np.arange(self.samples)) / self._units,
-            ends=range(self.samples, size - room + 1, self.samples),
+            before_seam=end - room if seam is None else self._before_seam(starts, arc, seam),
+            ends=range(self.samples, end - room + 1, self.samples),
             lost=arcs.lost,
             unbroken=arcs.unbroken,
             lost_behind=arcs.lost_behind,
@@ -114,56 +122,60 @@ class CapsuleDecoder(ABC):
 
     @abstractmethod
     def _payload(
-        self, rows: NDArray[np.void], after: NDArray[np.void] | None, arcs: Arcs, distance: Floats, angle: Floats
+        self, words: Words, after: Words | None, arcs: Arcs, distance: Floats, angle: Floats
     ) -> Bytes | None:
-        """Write distances in mm, take corrections off the angles, both (packets, samples); return intensities."""
+        """Write distances in mm, take corrections off the angles, both (packets, samples); return intensities.
 
-    def _start(self, packet: bytes) -> int:
-        at = self.start_at
-        return ((packet[at] | packet[at + 1] << 8) & ANGLE_MASK) % FULL_TURN_Q6
+        `words` are the packets, (packets, words of one), and `after` is the one behind them.
+        """
 
-    def _bring_into_turn(self, angle: Floats, starts: NDArray[np.int32], arcs: Arcs) -> None:
+    def _bring_into_turn(self, angle: Floats, starts: list[int], arc: list[float]) -> None:
         """Take whole turns off the angles of those few packets that may lie across 0."""
         back, ahead = self.reach
-        across = starts + arcs.arc > FULL_TURN_Q6 - ahead
+        full_turn = FULL_TURN_Q6 * self.samples
+        beyond = _between(gt, starts, FULL_TURN_Q6 - ahead - max(arc))
+        np.subtract(angle[beyond], full_turn, out=angle[beyond], where=angle[beyond] >= full_turn)
         if back:
-            across |= starts < back
-        edge = across.nonzero()[0]
-        if len(edge):
-            angle[edge] = in_turn(angle[edge], FULL_TURN_Q6 * self.samples)
+            in_turn(angle[_between(lt, starts, back)], full_turn)
+
+    def _before_seam(self, starts: list[int], arc: list[float], seam: int) -> int:
+        """How many samples lie before the rotor passed `seam` in the last packet."""
+        left = FULL_TURN_Q6 - (starts[-1] - seam) % FULL_TURN_Q6
+        inside = -int(-left * self.samples // arc[-1]) if arc[-1] else self.samples
+        return (len(starts) - 1) * self.samples + min(inside, self.samples)
 
 
 class DenseDecoder(CapsuleDecoder):
     """0x85: the cabin is the distance in millimetres."""
 
-    layout, samples = DENSE, 40
+    size, samples = DenseFormat.shortest, 40
 
     def _payload(
         self,
-        rows: NDArray[np.void],
-        after: NDArray[np.void] | None,  # noqa: ARG002
+        words: Words,
+        after: Words | None,  # noqa: ARG002
         arcs: Arcs,  # noqa: ARG002
         distance: Floats,
         angle: Floats,  # noqa: ARG002
     ) -> None:
-        distance[...] = rows["cabins"]
+        distance[...] = words[:, 2:]
 
 
 class ExpressDecoder(CapsuleDecoder):
     """0x82: each sample carries its own correction of the angle."""
 
-    layout, samples = EXPRESS, 32
+    size, samples = ExpressFormat.shortest, 32
     reach = (8 << 6, 0)
 
     def _payload(
         self,
-        rows: NDArray[np.void],
-        after: NDArray[np.void] | None,  # noqa: ARG002
+        words: Words,
+        after: Words | None,  # noqa: ARG002
         arcs: Arcs,  # noqa: ARG002
         distance: Floats,
         angle: Floats,
     ) -> None:
-        millimetres, eighths = express_cabins(np.ascontiguousarray(rows["cabins"]))
+        millimetres, eighths = express_cabins(np.ascontiguousarray(words[:, 2:]))
         distance[...] = millimetres.reshape(distance.shape)
         angle -= eighths.reshape(angle.shape) * np.float32(self._units / 8)
 
@@ -171,25 +183,24 @@ class ExpressDecoder(CapsuleDecoder):
 class UltraDecoder(CapsuleDecoder):
     """0x84: scaled and predicted distances; the angle is corrected by the distance."""
 
-    layout, samples = ULTRA, 96
+    size, samples = UltraFormat.shortest, 96
     reach = (8 << 6, 30 << 6)
 
     def __init__(self) -> None:
         super().__init__()
         self._corrections = near_range_corrections(self._units)
 
-    def _payload(
-        self, rows: NDArray[np.void], after: NDArray[np.void] | None, arcs: Arcs, distance: Floats, angle: Floats
-    ) -> None:
-        cabins = rows["cabins"].astype(np.intp)
-        ultra_cabins(cabins, None if after is None else int(after["cabins"][0, 0]), arcs.missing, distance)
+    def _payload(self, words: Words, after: Words | None, arcs: Arcs, distance: Floats, angle: Floats) -> None:
+        cabins = np.ascontiguousarray(words[:, 2:]).view("<u4").astype(np.intp)
+        follower = None if after is None else int(after[2]) | int(after[3]) << 16
+        ultra_cabins(cabins, follower, arcs.missing, distance)
         angle -= self._corrections.take(distance.astype(np.intp))
 
 
 class UltraDenseDecoder(CapsuleDecoder):
     """0x86: 20 bits a sample, distance and intensity on a sliding scale; short distances are smoothed."""
 
-    layout, start_at, samples = ULTRA_DENSE, UltraDenseFormat.start_at, 64
+    size, start_at, samples = UltraDenseFormat.shortest, UltraDenseFormat.start_at, 64
 
     def __init__(self) -> None:
         super().__init__()
@@ -197,13 +208,13 @@ class UltraDenseDecoder(CapsuleDecoder):
 
     def _payload(
         self,
-        rows: NDArray[np.void],
-        after: NDArray[np.void] | None,  # noqa: ARG002
+        words: Words,
+        after: Words | None,  # noqa: ARG002
         arcs: Arcs,  # noqa: ARG002
         distance: Floats,
         angle: Floats,  # noqa: ARG002
     ) -> Bytes:
-        distance_q2, intensity = ultra_dense_cabins(np.ascontiguousarray(rows["cabins"]), self._last_q2)
+        distance_q2, intensity = ultra_dense_cabins(np.ascontiguousarray(words[:, 5:]), self._last_q2)
         self._last_q2 = int(distance_q2[-1])
         distance[...] = distance_q2.reshape(distance.shape)
         distance /= 4.0
@@ -218,31 +229,40 @@ class HqDecoder:
     def __init__(self) -> None:
         self._rotation = Rotation(FULL_TURN_Q14)
 
-    def decode(self, packets: bytes, following: bytes | None, room: int = 0) -> Samples:
+    def decode(self, packets: bytes, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         """As `Decoder.decode`."""
         rows = np.frombuffer(packets, HQ)
         nodes = rows["nodes"]
         after = None if following is None else int(np.frombuffer(following, HQ)["nodes"]["angle"][0, 0])
-        arcs = self._rotation.arcs(nodes["angle"][:, 0].astype(np.int32), after)
+        arcs = self._rotation.arcs(nodes["angle"][:, 0].tolist(), after)
         size = room + nodes.size
-        angle, distance, intensity = (np.empty(size, kind) for kind in (np.float32, np.float32, np.uint8))
+        angle, distance, intensity = (
+            np.empty(size, np.float32),
+            np.empty(size, np.float32),
+            np.empty(size, np.uint8),
+        )
         angle[room:].reshape(nodes.shape)[...] = nodes["angle"]
         distance[room:].reshape(nodes.shape)[...] = nodes["distance"]
         intensity[room:].reshape(nodes.shape)[...] = nodes["quality"]
         angle[room:] *= 360.0 / FULL_TURN_Q14
         distance[room:] /= 4.0
-        last = nodes["angle"][-1].astype(np.int64)
-        last[last < last[0] - FULL_TURN_Q14 // 2] += FULL_TURN_Q14
         return Samples(
             angle_deg=angle,
             distance_mm=distance,
             intensity=intensity,
-            last_beam_deg=last * (360.0 / FULL_TURN_Q14),
+            before_seam=nodes.size if seam is None else nodes.size - self._behind_seam(nodes["angle"][-1], seam),
             ends=range(self.samples, nodes.size + 1, self.samples),
             lost=arcs.lost,
             unbroken=arcs.unbroken,
             lost_behind=arcs.lost_behind,
         )
+
+    @staticmethod
+    def _behind_seam(angles: Words, seam: int) -> int:
+        """How many nodes of one packet, which all lie ahead of its first one, are behind the seam."""
+        ahead = angles.astype(np.int64) - int(angles[0])
+        ahead[ahead < -FULL_TURN_Q14 // 2] += FULL_TURN_Q14
+        return int(np.count_nonzero(ahead >= FULL_TURN_Q14 - (int(angles[0]) - seam) % FULL_TURN_Q14))
 
 
 class NodeDecoder:
@@ -252,13 +272,23 @@ class NodeDecoder:
         # Nodes carry corrected angles, which scatter by most of a step: only a doubled step is a lost node.
         self._rotation = Rotation(FULL_TURN_Q6, jitter=0.75)
 
-    def decode(self, packets: bytes, following: bytes | None, room: int = 0) -> Samples:
+    def decode(
+        self,
+        packets: bytes,
+        following: bytes | None,
+        room: int = 0,
+        seam: int | None = None,  # noqa: ARG002 - a node is too short to lie across it
+    ) -> Samples:
         """As `Decoder.decode`."""
         rows = np.frombuffer(packets, NODE)
         angles = (rows["angle"] >> 1).astype(np.int32)
         arcs = self._rotation.arcs(angles, None if following is None else following[1] >> 1 | following[2] << 7)
         size = room + len(rows)
-        angle, distance, intensity = (np.empty(size, kind) for kind in (np.float32, np.float32, np.uint8))
+        angle, distance, intensity = (
+            np.empty(size, np.float32),
+            np.empty(size, np.float32),
+            np.empty(size, np.uint8),
+        )
         np.divide(angles, 64.0, out=angle[room:], dtype=np.float32, casting="same_kind")
         distance[room:] = rows["distance"]
         distance[room:] /= 4.0
@@ -267,7 +297,7 @@ class NodeDecoder:
             angle_deg=angle,
             distance_mm=distance,
             intensity=intensity,
-            last_beam_deg=angles[-1:] / 64.0,
+            before_seam=len(rows),
             ends=range(1, len(rows) + 1),
             lost=arcs.lost,
             unbroken=arcs.unbroken,
@@ -275,9 +305,15 @@ class NodeDecoder:
         )
 
 
-def _in_range(starts: NDArray[np.int32]) -> NDArray[np.int32]:
+def _between(compare: Callable[[float, float], bool], values: list[int], limit: float) -> slice:
+    """From the first to the last of the values for which `compare` with the limit holds."""
+    places = list(compress(count(), map(compare, values, repeat(limit))))
+    return slice(places[0], places[-1] + 1) if places else slice(0)
+
+
+def _in_range(starts: list[int]) -> list[int]:
     """Start angles without the flag beside them, below a turn; mostly they are so already."""
-    return starts if starts.max() < FULL_TURN_Q6 else (starts & ANGLE_MASK) % FULL_TURN_Q6
+    return starts if max(starts) < FULL_TURN_Q6 else [(start & ANGLE_MASK) % FULL_TURN_Q6 for start in starts]
 
 
 DECODERS: Final[dict[int, Callable[[], CapsuleDecoder | HqDecoder | NodeDecoder]]] = {

@@ -46,6 +46,8 @@ def _whole_xor() -> NDArray[np.uint16]:
 
 _WHOLE_XOR = _whole_xor()
 """By its first two bytes: what the XOR of an intact packet is; 256 where they begin none."""
+_FOLDED = np.bitwise_xor(np.arange(1 << 16, dtype=np.uint16), np.arange(1 << 16, dtype=np.uint16) >> 8) & 0xFF
+"""By two bytes: their XOR."""
 
 
 class CapsuleFormat(StreamFormat):
@@ -81,31 +83,29 @@ class CapsuleFormat(StreamFormat):
         if count < WORTH_AN_ARRAY:
             return super().run(data, at)
         intact = self._intact_rows(data, at, count)
-        whole = count if intact.all() else int(intact.argmin())
+        whole = count if np.count_nonzero(intact) == count else int(intact.argmin())
         return at + whole * self.shortest, whole
 
-    def headings(self, packets: bytes) -> Headings:
+    def headings(self, packets: bytes) -> list[int]:
         """As `StreamFormat.headings`, in 1/64 degrees."""
-        if len(packets) >= WORTH_AN_ARRAY * self.shortest:
-            words = np.frombuffer(packets, "<u2")[self.start_at // 2 :: self.shortest // 2].astype(np.int64)
-            # A restart sets the highest bit, so all words below a turn are plain angles.
-            if int(words.max()) < FULL_TURN_Q6:
-                return words
-            return (words & ANGLE_MASK) % FULL_TURN_Q6 | np.where(words & STREAM_START_BIT, RESTARTS, 0)
-        result = []
-        for place in range(self.start_at, len(packets), self.shortest):
-            word = packets[place] | packets[place + 1] << 8
-            angle = (word & ANGLE_MASK) % FULL_TURN_Q6
-            result.append(angle | RESTARTS if word & STREAM_START_BIT else angle)
-        return result
+        words: list[int]
+        if len(packets) < WORTH_AN_ARRAY * self.shortest:
+            words = [packets[at] | packets[at + 1] << 8 for at in range(self.start_at, len(packets), self.shortest)]
+        else:
+            words = np.frombuffer(packets, "<u2")[self.start_at // 2 :: self.shortest // 2].tolist()
+        # A restart sets the highest bit, so all words below a turn are plain angles.
+        if max(words, default=0) < FULL_TURN_Q6:
+            return words
+        angles = ((word & ANGLE_MASK) % FULL_TURN_Q6 for word in words)
+        return [
+            angle | RESTARTS if word & STREAM_START_BIT else angle
+            for word, angle in zip(words, angles, strict=True)
+        ]
 
     def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
-        size = self.shortest
-        width = 4 if size % 4 == 0 else 2
-        words = np.frombuffer(data, f"<u{width}", count * size // width, at).reshape(count, size // width)
-        folded = np.bitwise_xor.reduce(words, axis=1).view(np.uint8).reshape(count, width)
-        heads = words[:, 0].astype(np.uint16)
-        intact: NDArray[np.bool_] = np.bitwise_xor.reduce(folded, axis=1) == _WHOLE_XOR[heads]
+        words = np.frombuffer(data, "<u2", count * self.shortest // 2, at).reshape(count, -1)
+        folded = _FOLDED.take(np.bitwise_xor.reduce(words, axis=1))
+        intact: NDArray[np.bool_] = folded == _WHOLE_XOR.take(words[:, 0])
         return intact
 
 

@@ -66,7 +66,7 @@ class PointCloudDecoder:
         self._seam: int | None = None
         self._usual = 0.0
 
-    def decode(self, packets: bytes, following: bytes | None, room: int = 0) -> Samples:
+    def decode(self, packets: bytes, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         """As `Decoder.decode`."""
         words = np.frombuffer(packets, "<u2")
         stretches = blocks(packets)
@@ -108,7 +108,7 @@ class PointCloudDecoder:
             angle_deg=angle,
             distance_mm=distance,
             intensity=None,
-            last_beam_deg=_beam_deg(int(first[-1]), int(way[-1]), int(counts[-1])),
+            before_seam=ends[-1] - _behind_seam(int(first[-1]), int(way[-1]), int(counts[-1]), seam),
             ends=ends,
             lost=int(missing.sum()),
             unbroken=int(gaps[0]) + 1 if len(gaps) else len(counts),
@@ -164,6 +164,14 @@ def _beam_deg(first: int, way: int, samples: int) -> NDArray[np.float64]:
     steps = max(samples - 1, 1)
     beam: NDArray[np.float64] = (first * steps + way * np.arange(samples)) / (64.0 * steps)
     return beam
+
+
+def _behind_seam(first: int, way: int, samples: int, seam: int | None) -> int:
+    """How many samples of one packet were measured when the rotor had passed `seam`."""
+    if seam is None or not way:
+        return 0
+    left = FULL_TURN_Q6 - (first - seam) % FULL_TURN_Q6
+    return max(0, samples + (-left * (samples - 1) // way))
 
 
 def _speed_hz(control: int) -> float:

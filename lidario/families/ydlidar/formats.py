@@ -68,12 +68,12 @@ class Block(NamedTuple):
     Attributes:
         at: Offset of the first.
         size: Bytes of each.
-        count: How many there are.
+        packets: How many there are.
     """
 
     at: int
     size: int
-    count: int
+    packets: int
 
 
 def blocks(packets: bytes) -> list[Block]:
@@ -172,7 +172,7 @@ class PointCloud(StreamFormat):
     def headings(self, packets: bytes) -> Headings:
         """As `StreamFormat.headings`, in 1/64 degrees."""
         stretches = blocks(packets)
-        if sum(block.count for block in stretches) >= WORTH_AN_ARRAY:
+        if sum(block.packets for block in stretches) >= WORTH_AN_ARRAY:
             heads = packet_heads(packets, stretches)
             angles = (heads[:, 2] >> 1).astype(np.int32) % FULL_TURN_Q6
             return angles + (heads[:, 1] & START_BIT) * np.int32(BEGINS)

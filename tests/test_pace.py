@@ -1,0 +1,111 @@
+"""When the next turn is whole: predictions from the scans that came, and how long nobody need look."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lidario.model import Scan
+from lidario.pace import BUFFER_BYTES, BUFFER_SHARE, LONGEST_HOLD_S, LONGEST_REST_S, Pace
+from tests.support.streams import CASES, stream_of
+
+DENSE = next(case for case in CASES if case.name == "rplidar_32k_85")
+PACKET_S = 40 * 31.25e-6
+WIRE_S = 840 / 1_000_000
+TURN_BYTES = 6720
+NOTHING = np.zeros(0, np.float32)
+SCAN = Scan(NOTHING, NOTHING, None, 0, 0, 0, 0, 600.0, 0, 0, 0, "DenseBoost")
+
+
+def pace(latency: float = 0.005) -> Pace:
+    return Pace(stream_of(DENSE, sample_ns=31_250.0), 1_000_000, latency)
+
+
+def turning(pace: Pace, *starts: float, size: int = TURN_BYTES, received: int = 0) -> Pace:
+    """After scans that began at these times, each of `size` bytes."""
+    last = None
+    for number, start in enumerate(starts, 1):
+        rpm = 600.0 if last is None else 60 / (start - last)
+        pace.turned(replace(SCAN, stamp_ns=round(start * 1e9), rpm=rpm), received + number * size)
+        last = start
+    return pace
+
+
+def test_before_the_first_scan_nothing_is_known() -> None:
+    assert pace().rest(5.0, 0.0) == 0
+    assert pace().hold(5.0) == 0
+    unknown = pace()
+    unknown.turned(replace(SCAN, rpm=float("nan")), TURN_BYTES)
+    assert unknown.rest(0.01, 0.0) == 0
+
+
+@given(st.floats(0.05, 0.2), st.integers(1, 20), st.floats(0, 1000))
+def test_a_steady_rotor_is_predicted(period: float, turns: int, begin: float) -> None:
+    starts = [begin + n * period for n in range(turns + 1)]
+    first = replace(SCAN, stamp_ns=round(begin * 1e9), rpm=60 / period)
+    for latency, early, packets in ((0.005, 0.0, 1.75), (0.0, 0.002, 1.0)):
+        steady = pace(latency)
+        steady.turned(first, TURN_BYTES)
+        turning(steady, *starts[1:], received=TURN_BYTES)
+        # The scan that is being measured began one period ago, and its last packet needs another behind it.
+        expected = starts[-1] + 2 * period + packets * PACKET_S + WIRE_S - early
+        assert steady.due == pytest.approx(expected, abs=1e-6)
+
+
+def test_one_stamp_that_is_off_hardly_moves_the_prediction() -> None:
+    exact = turning(pace(), 0.0, 0.1, 0.2, 0.3).due
+    assert turning(pace(), 0.0, 0.1, 0.2, 0.302).due - exact == pytest.approx(0.003, abs=2e-4)
+    assert turning(pace(), 0.0, 0.1, 0.202, 0.3).due == pytest.approx(exact, abs=2e-3)
+
+
+def test_a_new_speed_is_taken_at_its_word() -> None:
+    changed = turning(pace(), 0.0, 0.1, 0.2, 0.25)
+    assert changed.due == pytest.approx(0.25 + 2 * 0.05 + 1.75 * PACKET_S + WIRE_S)
+    # Where every moment counts, an unsteady rotor is looked after earlier, and steadiness forgives.
+    wary = turning(pace(0.0), 0.0, 0.1, 0.2, 0.25)
+    assert changed.due - wary.due > 0.04
+    steady = turning(pace(0.0), *np.arange(12) * 0.1)
+    assert steady.due == pytest.approx(1.1 + 0.2 + PACKET_S + WIRE_S - 0.002, abs=1e-3)
+
+
+@given(st.integers(100, 20_000), st.floats(0.0, 0.2))
+def test_the_buffer_never_fills_while_one_rests(size: int, late: float) -> None:
+    even = turning(pace(), 0.0, 0.1, 0.2, size=size)
+    rest = even.rest(0.2, late)
+    assert 0 <= rest <= LONGEST_REST_S
+    bytes_a_second = size / 0.1
+    assert rest * bytes_a_second <= BUFFER_SHARE * BUFFER_BYTES + 1
+    if rest:
+        # As late as it was, and as late again.
+        assert (rest + 2 * late) * bytes_a_second <= BUFFER_BYTES + 1
+
+
+def test_looks_are_evenly_spaced_up_to_the_end_of_the_turn() -> None:
+    even, now = turning(pace(), 0.0, 0.1, 0.2), 0.3
+    looks = []
+    while rest := even.rest(now, 0.0):
+        now += rest
+        looks.append(rest)
+    assert now == pytest.approx(even.due)
+    assert len(looks) == 4
+    assert max(looks) - min(looks) < 1e-9
+    assert even.rest(now, 0.0) == 0
+
+
+def test_a_program_that_was_late_is_forgiven_in_time() -> None:
+    even = turning(pace(), 0.0, 0.1, 0.2)
+    at_ease = even.rest(0.3, 0.0)
+    assert even.rest(0.3, 0.02) < at_ease
+    assert even.rest(0.3, 0.0) < at_ease
+    turning(even, *(0.3 + np.arange(60) * 0.1), received=3 * TURN_BYTES)
+    assert even.rest(6.3, 0.0) == pytest.approx(at_ease, rel=0.2)
+
+
+def test_what_lies_uncut_does_not_look_like_silence() -> None:
+    slow = turning(pace(), 0.0, 0.9, 1.8)
+    assert slow.due > 3.6
+    assert slow.hold(1.8) == pytest.approx(1.8 + LONGEST_HOLD_S)
+    fast = turning(pace(), 0.0, 0.05)
+    assert fast.hold(0.1) == fast.due
