@@ -30,6 +30,7 @@ GUARD_S = 0.002
 """How much earlier than predicted a turn may be complete: timers are late by up to a millisecond."""
 _FOLLOW = 0.25
 """Share of a surprise by which the period follows; more would pass the noise of one scan's stamp on."""
+_HAIR_S = 1e-5
 _FORGET = 0.95
 """What is left of the greatest lateness after another turn."""
 _SURPRISED = 0.03
@@ -95,5 +96,5 @@ class Pace:
         return left / math.ceil(left / longest)
 
     def hold(self, now: float) -> float:
-        """Until when packets may lie uncut."""
-        return min(self.due, now + LONGEST_HOLD_S)
+        """Until when packets may lie uncut: a hair less than one rests, so that the look that is due cuts them."""
+        return min(self.due, now + LONGEST_HOLD_S) - _HAIR_S

@@ -117,14 +117,18 @@ class Port(asyncio.Protocol):
                 ) from error
         self.baudrate = baudrate
 
-    def set_latency(self, seconds: float, rest: Rest | None = None) -> None:
+    def set_latency(self, seconds: float, rest: Rest | None = None) -> bool:
         """Look for bytes every `seconds` only, and take all there is; 0 to wake for each delivery.
 
         `rest`, asked before each pause, says when to look instead, as long as it says more than 0: for how many
         seconds nothing can come that matters. It is told how late this look came, in seconds.
+
+        Returns whether it will: only a serial port can be looked at, others bring their bytes when they please.
         """
         if isinstance(self._transport, _SerialTransport) and os.name == "posix":
             self._transport.set_latency(seconds, rest)
+            return True
+        return False
 
     def poll(self) -> None:
         """Look for bytes now, whatever the latency."""

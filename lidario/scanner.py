@@ -80,6 +80,7 @@ class Scanner:
         self._keepalive: asyncio.TimerHandle | None = None
         self._restoring: asyncio.Task[None] | None = None
         self._pace: Pace | None = None
+        self._may_hold = False
         self._began = self._last_packet = self._last_scan = 0.0
         dialogue.on_lost = self._lost
 
@@ -170,7 +171,7 @@ class Scanner:
         self._began = self._last_packet = self._last_scan = self._loop.time()
         self._dialogue.on_packets = self._take
         self._pace = Pace(stream, self._dialogue.port.baudrate, self._latency)
-        self._dialogue.port.set_latency(self._latency, self._rest)
+        self._may_hold = self._dialogue.port.set_latency(self._latency, self._rest)
         self._watch()
         if stream.keepalive is not None:
             self._keepalive = self._loop.call_later(stream.keepalive.interval_s, self._keep_alive)
@@ -215,14 +216,14 @@ class Scanner:
             self._dialogue.port.set_latency(0)
 
     def _take(self, packets: Packets) -> None:
-        if self._assembler is None:
+        if self._assembler is None or self._pace is None:
             return
         self._last_packet = self._loop.time()
         for scan in self._assembler.add(packets):
             self._last_scan = self._last_packet
-            if self._pace is not None:
-                link = self._dialogue.link
-                self._pace.turned(scan, link.stats.bytes_received)
+            link = self._dialogue.link
+            self._pace.turned(scan, link.stats.bytes_received)
+            if self._may_hold:
                 link.hold(round(self._pace.hold(self._last_packet) * 1e9))
             self.latest = scan
             self.hub.publish(scan)

@@ -20,7 +20,7 @@ from lidario.wire.formats import BEGINS, RESTARTS, Headings
 __all__ = ["Seam", "Split"]
 
 _FLAGS = BEGINS | RESTARTS
-_WORTH_LEAPING = 24
+_WORTH_LEAPING = 8
 """Headings from which looking at them together costs less than one by one (measured)."""
 _UNMARKED_TURNS = 2
 """Turns without a mark after which none is waited for any more."""

@@ -41,6 +41,10 @@ class LinkState(Enum):
     DRAINING = "draining"
 
 
+_AWAIT_RESPONSE, _STREAMING = LinkState.AWAIT_RESPONSE, LinkState.STREAMING
+"""Looking a member up in its class is dear where it is done for every chunk."""
+
+
 @dataclass(slots=True)
 class LinkStats:
     """Running totals since the link was made; they only grow.
@@ -154,16 +158,18 @@ class Link:
 
     def _feed(self, data: bytes | bytearray | memoryview, now: int) -> None:
         self._buffer.append(data)
-        if self.state is LinkState.AWAIT_RESPONSE:
+        state = self.state
+        if state is _AWAIT_RESPONSE:
             self._await_response(now)
-        if self.state is LinkState.STREAMING:
+            state = self.state
+        if state is _STREAMING:
             if now < self._held_until and len(self._buffer) < _SLICE:
                 self._arrivals.append((len(self._buffer), now))
             else:
                 self._stream(now)
-        elif self.state is LinkState.DRAINING:
+        elif state is LinkState.DRAINING:
             self.stats.drained_bytes += self._buffer.clear()
-        elif self.state is LinkState.IDLE:
+        elif state is LinkState.IDLE:
             self.stats.stray_bytes += self._buffer.clear()
 
     def _await_response(self, now: int) -> None:

@@ -36,11 +36,16 @@ bits are left for the quality, which is shifted up to eight."""
 _SMOOTHED_Q2: Final = 8
 """0x86: at scale 0, a step of up to 2 mm from the sample before is halved."""
 
+_FAR_Q2: Final = 100
 _ROUNDS: Final = 8
 """0x86: rounds in which all samples are smoothed together; few chains are longer."""
 
 _PAIR: Final = np.dtype({"names": ("words", "rest"), "formats": ("<u4", "u1"), "offsets": (0, 4)})
 """A cabin of 0x82 and 0x86: two samples' words, and a byte with four more bits for each, the lower ones first."""
+
+_NIBBLES: Final = np.array([(byte & 0xF, byte >> 4) for byte in range(256)], np.uint16)
+_UPPER_NIBBLES: Final = np.array([(byte << 4 & 0xF0, byte & 0xF0) for byte in range(256)], np.uint8)
+"""What a byte holds for the two samples of its pair; in the second table, as the upper half of a byte."""
 
 
 def _pairs(cabins: NDArray[np.uint16]) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
@@ -61,8 +66,7 @@ def express_cabins(cabins: NDArray[np.uint16]) -> tuple[NDArray[np.uint16], NDAr
     words, lower = _pairs(cabins)
     eighths = words & np.uint16(3)
     eighths <<= 4
-    eighths[:, 0] |= lower & 0xF
-    eighths[:, 1] |= lower >> 4
+    eighths |= _NIBBLES.take(lower, axis=0)
     words >>= 2
     return words.reshape(-1), eighths.reshape(-1)
 
@@ -109,22 +113,23 @@ def ultra_cabins(
         distance: (packets, 96), written to, in mm.
     """
     tables = _ultra_tables()
-    codes = (cabins & 0xFFF).reshape(-1)
-    behind = np.empty_like(codes)
-    behind[:-1] = codes[1:]
-    behind[-1] = 0 if follower is None else follower & 0xFFF
-    # The first prediction leans on its own cabin, unless that one has no return.
-    leant = codes + behind * (codes == 0)
-    cells = distance.reshape(-1, 3)
-    base = tables.base.take(codes)
-    cells[:, 0] = base
-    bits = cabins.reshape(-1) >> 12
-    cells[:, 1] = tables.base.take(leant)
-    cells[:, 1] += tables.predicted.take(tables.scale.take(leant) + (bits & 0x3FF))
-    bits >>= 10
-    cells[:, 2] = tables.base.take(behind)
-    cells[:, 2] += tables.predicted.take(tables.scale.take(behind) + bits)
-    np.maximum(distance, 0.0, out=distance)
+    words = cabins.reshape(-1)
+    codes = words & 0xFFF
+    # What each of the three leans on, one after the other: itself, itself unless it has no return, the next cabin.
+    leant = np.empty((3, len(words)), np.intp)
+    leant[0] = codes
+    leant[2, :-1] = codes[1:]
+    leant[2, -1] = 0 if follower is None else follower & 0xFFF
+    np.multiply(leant[2], codes == 0, out=leant[1])
+    leant[1] += codes
+    predictions = np.empty((2, len(words)), np.intp)
+    np.right_shift(words, 12, out=predictions[0])
+    np.right_shift(words, 22, out=predictions[1])
+    predictions &= 0x3FF
+    predictions += tables.scale.take(leant[1:])
+    sums = tables.base.take(leant)
+    sums[1:] += tables.predicted.take(predictions)
+    np.maximum(sums.T, 0.0, out=distance.reshape(-1, 3))
     if missing is not None or follower is None:
         cut_off = np.zeros(len(cabins), np.bool_) if missing is None else missing > 0
         cut_off[-1] |= follower is None
@@ -177,8 +182,7 @@ def ultra_dense_cabins(cabins: NDArray[np.uint16], last_q2: int) -> tuple[NDArra
     tables = _ultra_dense_tables()
     words, upper = _pairs(cabins)
     intensity = tables.intensity.take(words)
-    intensity[:, 0] |= upper << 4
-    intensity[:, 1] |= upper & 0xF0
+    intensity |= _UPPER_NIBBLES.take(upper, axis=0)
     words = words.reshape(-1)
     distance = tables.distance.take(words)
     return _smoothed(distance, words & 3 == 0, last_q2), intensity.reshape(-1)
@@ -198,24 +202,23 @@ def _smoothed(raw: NDArray[np.int32], fine: NDArray[np.bool_], last: int) -> NDA
     concerned = fine & (np.abs(step) <= 2 * _SMOOTHED_Q2)
     if not np.count_nonzero(concerned):
         return raw
-    small_step = step.astype(np.int8)
+    # A step too large for any movement to bridge stands for: not concerned.
+    small_step = np.where(concerned, step, _FAR_Q2).astype(np.int8)
     from_nothing = concerned & (before == 0)
     any_from_nothing = np.count_nonzero(from_nothing)
-    moved = np.zeros(len(raw) + 1, np.int8)
+    moved, again = np.zeros((2, len(raw) + 1), np.int8)
     for _ in range(_ROUNDS):
         away = moved[:-1] - small_step
         near = np.abs(away) <= _SMOOTHED_Q2
-        near &= concerned
         if any_from_nothing:
             near &= ~from_nothing | (moved[:-1] != 0)
-        again = (away >> 1) * near
-        unsettled = again != moved[1:]
-        moved[1:] = again
-        if not np.count_nonzero(unsettled):
-            break
-    else:
-        return _smoothed_on(raw, raw + moved[1:], concerned, unsettled)
-    return raw + moved[1:]
+        away >>= 1
+        np.multiply(away, near, out=again[1:])
+        changed = again != moved
+        moved, again = again, moved
+        if not np.count_nonzero(changed):
+            return raw + moved[1:]
+    return _smoothed_on(raw, raw + moved[1:], concerned, changed[1:])
 
 
 def _smoothed_on(

@@ -45,8 +45,10 @@ WORTH_AN_ARRAY: Final = 16
 """Nodes from which checking them as one array costs less than one by one (measured)."""
 
 _LAYOUT = np.dtype([("quality", "u1"), ("angle", "<u2"), ("distance", "<u2")])
-_CHECKED = np.array([(byte ^ byte >> 1) & 1 for byte in range(256)], np.uint8)
-"""By its first byte: whether a node's two check bits there differ, as they must."""
+_HEADS = np.dtype({"names": ("head",), "formats": ("<u4",), "offsets": (0,), "itemsize": SIZE})
+"""A node's first four bytes: its quality, the angle and its check bit, and half the distance."""
+_CHECKED, _UNMARKED = 0x103, 0x102
+"""The check bits among them, and what they are where no new scan begins."""
 
 
 class NodeFormat(StreamFormat):
@@ -82,17 +84,19 @@ class NodeFormat(StreamFormat):
     def run(self, data: bytearray, at: int) -> tuple[int, int]:
         """Nodes from `at` that continue the last accepted angle, and each other."""
         count = (len(data) - at) // SIZE
-        if count >= WORTH_AN_ARRAY and self._last is not None:
-            good = self._good_rows(data, at, count, self._last)
-            count = count if good.all() else int(good.argmin())
-            if count:
-                self._last = _angle(data, at + (count - 1) * SIZE)
-            return at + count * SIZE, count
-        done = 0
+        done = one_by_one = 0
         while done < count and self._continues(data, at, self._last):
             self._last = _angle(data, at)
             at += SIZE
             done += 1
+            if done >= one_by_one and count - done >= WORTH_AN_ARRAY:
+                # What stops it may be right all the same, a new scan's mark for one: that the next step tells.
+                ordinary = self._ordinary_rows(data, at, count - done, self._last)
+                at += ordinary * SIZE
+                done += ordinary
+                self._last = _angle(data, at - SIZE)
+                if ordinary < WORTH_AN_ARRAY:
+                    one_by_one = done + WORTH_AN_ARRAY
         return at, done
 
     def cut(self, data: bytearray, at: int) -> Cut:
@@ -138,24 +142,21 @@ class NodeFormat(StreamFormat):
             return False
         return last is None or _step(last, _angle(data, at)) <= FORWARD_Q6
 
-    def _good_rows(self, data: bytearray, at: int, count: int, last: int) -> NDArray[np.bool_]:
-        rows = np.frombuffer(data, _LAYOUT, count, at)
-        first, words = rows["quality"], rows["angle"]
-        angles = (words >> 1).astype(np.int32)
-        steps = np.empty_like(angles)
-        steps[0] = angles[0] - last
-        np.subtract(angles[1:], angles[:-1], out=steps[1:])
+    @staticmethod
+    def _ordinary_rows(data: bytearray, at: int, count: int, last: int) -> int:
+        """How many nodes from `at` are ordinary: unmarked, and a small step ahead of the one before."""
+        heads = np.frombuffer(data, _HEADS, count, at)["head"].astype(np.uint32)
+        angles = np.empty(count + 1, np.int32)
+        angles[0] = last
+        np.bitwise_and(heads >> 9, 0x7FFF, out=angles[1:], casting="unsafe")
+        steps = angles[1:] - angles[:-1]
         steps += BACKWARD_Q6
-        np.add(steps, FULL_TURN_Q6, out=steps, where=steps < 0)
-        np.subtract(steps, FULL_TURN_Q6, out=steps, where=steps >= FULL_TURN_Q6)
-        good: NDArray[np.bool_] = (_CHECKED[first] & words & 1).astype(np.bool_)
-        good &= angles < FULL_TURN_Q6
-        good &= steps <= FORWARD_Q6 + BACKWARD_Q6
-        # Marks are rare: only they have to be looked at.
-        for mark in np.flatnonzero(first & 1).tolist():
-            angle = angles[mark]
-            good[mark] &= angle < SEAM_Q6 or angle > FULL_TURN_Q6 - SEAM_Q6
-        return good
+        # Without a sign, what is below 0 is large.
+        good = steps.view(np.uint32) <= FORWARD_Q6 + BACKWARD_Q6
+        heads &= _CHECKED
+        good &= heads == _UNMARKED
+        good &= angles[1:] < FULL_TURN_Q6
+        return count if np.count_nonzero(good) == count else int(good.argmin())
 
 
 def _angle(data: bytes | bytearray, at: int) -> int:
