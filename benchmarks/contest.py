@@ -11,7 +11,7 @@ from benchmarks.processes import Failed, Player, run_json
 from benchmarks.report import Setting
 from benchmarks.streams import RATES
 
-__all__ = ["Entry", "entries", "late_by", "lost_scans", "read_live"]
+__all__ = ["Entry", "entries", "late_by", "lost_scans", "read_live", "take_part"]
 
 _MARGIN_S = 15.0
 _FORMS = {"S2 DenseBoost": "dense", "S2 Standard": "nodes", "4ROS": "points"}
@@ -89,6 +89,27 @@ def read_live(
     finally:
         report = player.report()
     return got, report
+
+
+def take_part(
+    setting: Setting,
+    entry: Entry,
+    rate: str,
+    player: Player,
+    absent: dict[str, str],
+    *,
+    settle_s: float,
+    window_s: float,
+) -> tuple[dict[str, Any], dict[str, Any]] | None:
+    """As `read_live`; None for who is absent, or failed, which is noted in `absent` and not tried again."""
+    name = f"{entry.name}, {rate}"
+    if name in absent:
+        return None
+    try:
+        return read_live(setting, entry, rate, player, settle_s=settle_s, window_s=window_s)
+    except Failed as failed:
+        absent[name] = str(failed)
+        return None
 
 
 def lost_scans(arrivals: list[int], turns: list[int]) -> int:

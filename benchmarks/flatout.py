@@ -13,8 +13,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from benchmarks.contest import Entry, read_live
-from benchmarks.processes import Failed, Player
+from benchmarks.contest import Entry, take_part
+from benchmarks.processes import Player
 from benchmarks.report import Result, Setting, Table, median, ratio, spread
 from benchmarks.streams import RATES, recording
 
@@ -42,27 +42,17 @@ def run(setting: Setting) -> Result:
                 for number in range(rounds):
                     setting.say(f"{pace}: {rate}, round {number + 1} of {rounds}")
                     for entry in (Entry("lidario"), *entries):
-                        if f"{entry.name}, {rate}" not in absent:
-                            _take_part(setting, entry, rate, player, window_s, found[pace][rate], absent)
+                        both = take_part(
+                            setting, entry, rate, player, absent, settle_s=window_s / 5, window_s=window_s
+                        )
+                        if both is not None:
+                            found[pace][rate].setdefault(entry.name, []).append(_figures(rate, *both))
     tables = [_table(pace, by_rate) for pace, by_rate in found.items()]
     tables[-1].notes += [f"absent: {who}: {why}" for who, why in absent.items()]
     return Result("flatout", tables, {"paces": found, "absent": absent})
 
 
-def _take_part(
-    setting: Setting,
-    entry: Entry,
-    rate: str,
-    player: Player,
-    window_s: float,
-    into: dict[str, list[dict[str, Any]]],
-    absent: dict[str, str],
-) -> None:
-    try:
-        got, played = read_live(setting, entry, rate, player, settle_s=window_s / 5, window_s=window_s)
-    except Failed as failed:
-        absent[f"{entry.name}, {rate}"] = str(failed)
-        return
+def _figures(rate: str, got: dict[str, Any], played: dict[str, Any]) -> dict[str, Any]:
     got.pop("stats", None)
     got.pop("arrivals")
     read, seconds = played["written_bytes"][0] - played["lost_bytes"][0], played["active_s"][0]
@@ -70,7 +60,7 @@ def _take_part(
     got["pace"] = played["written_bytes"][0] / seconds / len(recording(RATES[rate].kind).loop)
     got["points_share"] = got["points_per_s"] / RATES[rate].samples_per_s / got["pace"]
     got["cpu_s_per_mb"] = got["cpu"] / got["mb_per_s"]
-    into.setdefault(entry.name, []).append(got)
+    return got
 
 
 def _table(pace: str, found: dict[str, dict[str, list[dict[str, Any]]]]) -> Table:

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from benchmarks.contest import Entry, entries, lost_scans, read_live
-from benchmarks.processes import Failed, Player
+from benchmarks.contest import entries, lost_scans, take_part
+from benchmarks.processes import Player
 from benchmarks.report import Result, Setting, Table, median, ratio, spread
 from benchmarks.streams import RATES
 
@@ -32,28 +32,16 @@ def run(setting: Setting) -> Result:
             for number in range(rounds):
                 setting.say(f"live: {rate}, round {number + 1} of {rounds}")
                 for entry in entries(rate, rivals=setting.peers is not None):
-                    if f"{entry.name}, {rate}" not in absent:
-                        _take_part(setting, entry, rate, player, window_s, found[rate], absent)
+                    both = take_part(setting, entry, rate, player, absent, settle_s=window_s / 4, window_s=window_s)
+                    if both is not None:
+                        found[rate].setdefault(entry.name, []).append(_figures(rate, *both))
     tables = [_table(rate, rounds) for rate, rounds in found.items()]
     if absent:
         tables[-1].notes += [f"absent: {who}: {why}" for who, why in absent.items()]
     return Result("live", tables, {"rates": found, "absent": absent, "window_s": window_s})
 
 
-def _take_part(
-    setting: Setting,
-    entry: Entry,
-    rate: str,
-    player: Player,
-    window_s: float,
-    into: dict[str, list[dict[str, Any]]],
-    absent: dict[str, str],
-) -> None:
-    try:
-        got, played = read_live(setting, entry, rate, player, settle_s=window_s / 4, window_s=window_s)
-    except Failed as failed:
-        absent[f"{entry.name}, {rate}"] = str(failed)
-        return
+def _figures(rate: str, got: dict[str, Any], played: dict[str, Any]) -> dict[str, Any]:
     arrivals = got.pop("arrivals")[0]
     got.pop("stats", None)
     got["scans"] = len(arrivals)
@@ -61,7 +49,7 @@ def _take_part(
     got["lost_bytes"] = played["lost_bytes"][0]
     got["player_late_ms"] = played["late_ms"]
     got["points_share"] = got["points_per_s"] / RATES[rate].samples_per_s
-    into.setdefault(entry.name, []).append(got)
+    return got
 
 
 def _table(rate: str, found: dict[str, list[dict[str, Any]]]) -> Table:

@@ -63,7 +63,8 @@ async def _consume(lidar: lidario.Lidar, arrivals: list[int], points: list[int])
     async with lidar.scans(depth=4) as scans:
         async for scan in scans:
             arrivals.append(time.monotonic_ns())
-            points.append(len(scan))
+            # As a program would that wants radians and metres; they are made when they are looked at.
+            points.append(min(len(scan.angles), len(scan.ranges)))
 
 
 def _rate(arrivals: list[int], points: list[int]) -> float:

@@ -21,6 +21,10 @@ BUFFER_BYTES = 4096
 """What a terminal's buffer holds, on Linux."""
 BUFFER_SHARE = 0.55
 """Share of it that may fill between two looks, as planned; the rest is there for looks that come late."""
+LEAST_SHARE = 0.125
+"""Share that may fill however late looks have come."""
+WARY = 1.5
+"""A look may come as late as looks came lately, and half as late again."""
 LONGEST_REST_S = 0.05
 LONGEST_HOLD_S = 0.25
 """Longest time for which packets may lie uncut: those who watch whether any come must not be misled."""
@@ -90,10 +94,11 @@ class Pace:
         """
         self._late = max(self._late, late)
         left = self.due - now
-        longest = min(BUFFER_SHARE * self._buffer_s, self._buffer_s - 2 * self._late, LONGEST_REST_S)
-        if left <= 0 or longest <= 0:
+        if left <= 0 or not self._buffer_s:
             return 0.0
-        return left / math.ceil(left / longest)
+        # Where even that would not do, looking all the time would only make the program later still.
+        cautious = max(self._buffer_s - WARY * self._late, LEAST_SHARE * self._buffer_s)
+        return left / math.ceil(left / min(BUFFER_SHARE * self._buffer_s, cautious, LONGEST_REST_S))
 
     def hold(self, now: float) -> float:
         """Until when packets may lie uncut: a hair less than one rests, so that the look that is due cuts them."""

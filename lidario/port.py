@@ -264,7 +264,7 @@ class _SerialTransport(serial_asyncio.SerialTransport):  # type: ignore[misc]
         late = self._loop.time() - self._timer.when() if self._timer else 0.0
         self._timer = None
         try:
-            self.poll()
+            self._take(readable=False)
         finally:
             self._wait(late)
 

@@ -320,7 +320,8 @@ def open_lidar(
         family: Name of its family; None to find out.
         baudrate: Speed of the line; None to find out.
         latency: Seconds by which a scan may be late because the port is only looked at from time to time while a
-            stream runs. 0 wakes the program for each delivery, up to a thousand times a second.
+            stream runs. With 0 the program is woken for each delivery from shortly before a turn's end is due until
+            it has come; before that, at any setting, as seldom as the kernel's buffer allows.
         keep_spinning: Leave the motor on when the session ends; only the measuring stops.
 
     Raises:

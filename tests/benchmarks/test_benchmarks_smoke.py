@@ -25,7 +25,7 @@ def test_every_format_is_decoded_in_every_size_of_chunks(decoded: Result) -> Non
     assert set(found) == set(KINDS)
     assert len(found) == 7
     for name, by_chunk in found.items():
-        assert list(by_chunk) == ["1", "16", "64", "1024", "4096", "whole"]
+        assert list(by_chunk) == ["1", "16", "64", "1024", "4096", "whole", decode.CONVERTED]
         for chunk, rounds in by_chunk.items():
             assert rounds[0]["scans"] >= 3, f"{name} in chunks of {chunk}"
 
@@ -33,7 +33,7 @@ def test_every_format_is_decoded_in_every_size_of_chunks(decoded: Result) -> Non
 @pytest.mark.parametrize("name", KINDS)
 def test_the_size_of_the_chunks_does_not_change_what_is_delivered(decoded: Result, name: str) -> None:
     by_chunk = decoded.data["lidario"][name]
-    assert {by_chunk[chunk][0]["points"] for chunk in ("64", "1024", "4096", "whole")} == {
+    assert {by_chunk[chunk][0]["points"] for chunk in ("64", "1024", "4096", "whole", decode.CONVERTED)} == {
         by_chunk["64"][0]["points"]
     }
 

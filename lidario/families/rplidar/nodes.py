@@ -20,7 +20,6 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lidario.wire.formats import NO_PACKET, Cut, Headings, StreamFormat
 
