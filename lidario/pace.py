@@ -26,6 +26,7 @@ LEAST_SHARE = 0.125
 WARY = 1.5
 """A look may come as late as looks came lately, and half as late again."""
 LONGEST_REST_S = 0.05
+"""Longest time between two looks, however slowly bytes come: a line that was pulled should be noticed."""
 LONGEST_HOLD_S = 0.25
 """Longest time for which packets may lie uncut: those who watch whether any come must not be misled."""
 EAGER_S = 0.003
@@ -35,6 +36,7 @@ GUARD_S = 0.002
 _FOLLOW = 0.25
 """Share of a surprise by which the period follows; more would pass the noise of one scan's stamp on."""
 _HAIR_S = 1e-5
+"""Far less than a packet takes, and more than a clock is read wrong by."""
 _FORGET = 0.95
 """What is left of the greatest lateness after another turn."""
 _SURPRISED = 0.03
@@ -49,12 +51,13 @@ class Pace:
         baudrate: Speed of the line in bits a second; 0 when bytes take no time.
         latency: How long a whole turn may wait. Where that is next to nothing, the turn is due at the first moment
             at which it may be whole; else at the first at which it most probably is, which saves looks.
+        received: Bytes received before the stream began.
 
     Attributes:
         due: When the turn in progress is expected to be whole; 0 when nothing is known.
     """
 
-    def __init__(self, stream: Stream, baudrate: int, latency: float) -> None:
+    def __init__(self, stream: Stream, baudrate: int, latency: float, received: int = 0) -> None:
         self.due = 0.0
         packet_s = stream.format.samples * stream.sample_ns * 1e-9
         wire_s = stream.format.longest * 10 / baudrate if baudrate else 0.0
@@ -63,27 +66,30 @@ class Pace:
         self._behind_s = wire_s + (1.0 if self._eager else 1.75) * packet_s
         self._period = 0.0
         self._unsteady = 0.0
-        self._last_start = 0.0
-        self._received = 0
+        self._received = received
         self._buffer_s = 0.0
         self._late = 0.0
 
     def turned(self, scan: Scan, received: int) -> None:
         """Take note of a scan that has just come, of `received` bytes altogether."""
-        start = scan.stamp_ns * 1e-9
-        measured = start - self._last_start if self._period else 60 / scan.rpm if scan.rpm > 0 else 0.0
-        surprise = measured - self._period
-        if abs(surprise) > _SURPRISED * self._period:
-            self._period, self._unsteady = measured, abs(surprise) if self._period else 0.0
+        size, self._received = received - self._received, received
+        self.due = 0.0
+        if not scan.rpm > 0:
+            return
+        measured = 60 / scan.rpm
+        expected, surprise = self._period or measured, measured - self._period
+        if abs(surprise) > _SURPRISED * expected:
+            # Better look too early than too late, whichever way the speed has changed.
+            expected, self._period = min(expected, measured), measured
+            self._unsteady = abs(measured - expected)
         else:
             self._period += _FOLLOW * surprise
+            expected = self._period
             self._unsteady = max(abs(surprise), self._unsteady / 2)
-        size, self._received = received - self._received, received
         self._buffer_s = BUFFER_BYTES * self._period / size if size else 0.0
         self._late *= _FORGET
-        self._last_start = start
         early_s = GUARD_S + self._unsteady if self._eager else 0.0
-        self.due = start + 2 * self._period + self._behind_s - early_s if self._period else 0.0
+        self.due = scan.stamp_ns * 1e-9 + 2 * expected + self._behind_s - early_s
 
     def rest(self, now: float, late: float) -> float:
         """Seconds for which nobody need look at the port; 0 when the turn may be whole.

@@ -170,7 +170,8 @@ class Scanner:
         self.stream = stream
         self._began = self._last_packet = self._last_scan = self._loop.time()
         self._dialogue.on_packets = self._take
-        self._pace = Pace(stream, self._dialogue.port.baudrate, self._latency)
+        received = self._dialogue.link.stats.bytes_received
+        self._pace = Pace(stream, self._dialogue.port.baudrate, self._latency, received)
         self._may_hold = self._dialogue.port.set_latency(self._latency, self._rest)
         self._watch()
         if stream.keepalive is not None:

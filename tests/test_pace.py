@@ -1,6 +1,7 @@
 """When the next turn is whole: predictions from the scans that came, and how long nobody need look."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidario.model import Scan
-from lidario.pace import BUFFER_BYTES, BUFFER_SHARE, LEAST_SHARE, LONGEST_HOLD_S, LONGEST_REST_S, Pace
+from lidario.pace import BUFFER_BYTES, BUFFER_SHARE, GUARD_S, LEAST_SHARE, LONGEST_HOLD_S, LONGEST_REST_S, Pace
 from tests.support.streams import CASES, stream_of
 
 DENSE = next(case for case in CASES if case.name == "rplidar_32k_85")
@@ -23,13 +24,11 @@ def pace(latency: float = 0.005) -> Pace:
     return Pace(stream_of(DENSE, sample_ns=31_250.0), 1_000_000, latency)
 
 
-def turning(pace: Pace, *starts: float, size: int = TURN_BYTES, received: int = 0) -> Pace:
-    """After scans that began at these times, each of `size` bytes."""
-    last = None
-    for number, start in enumerate(starts, 1):
-        rpm = 600.0 if last is None else 60 / (start - last)
-        pace.turned(replace(SCAN, stamp_ns=round(start * 1e9), rpm=rpm), received + number * size)
-        last = start
+def turning(pace: Pace, *starts: float, size: int = TURN_BYTES, received: int = 0, first_s: float = 0.1) -> Pace:
+    """After scans that began at these times, each of `size` bytes; the first took `first_s`."""
+    for number, (last, start) in enumerate(pairwise((starts[0] - first_s, *starts)), 1):
+        scan = replace(SCAN, stamp_ns=round(start * 1e9), rpm=60 / (start - last))
+        pace.turned(scan, received + number * size)
     return pace
 
 
@@ -44,11 +43,8 @@ def test_before_the_first_scan_nothing_is_known() -> None:
 @given(st.floats(0.05, 0.2), st.integers(1, 20), st.floats(0, 1000))
 def test_a_steady_rotor_is_predicted(period: float, turns: int, begin: float) -> None:
     starts = [begin + n * period for n in range(turns + 1)]
-    first = replace(SCAN, stamp_ns=round(begin * 1e9), rpm=60 / period)
     for latency, early, packets in ((0.005, 0.0, 1.75), (0.0, 0.002, 1.0)):
-        steady = pace(latency)
-        steady.turned(first, TURN_BYTES)
-        turning(steady, *starts[1:], received=TURN_BYTES)
+        steady = turning(pace(latency), *starts, first_s=period)
         # The scan that is being measured began one period ago, and its last packet needs another behind it.
         expected = starts[-1] + 2 * period + packets * PACKET_S + WIRE_S - early
         assert steady.due == pytest.approx(expected, abs=1e-6)
@@ -60,14 +56,29 @@ def test_one_stamp_that_is_off_hardly_moves_the_prediction() -> None:
     assert turning(pace(), 0.0, 0.1, 0.202, 0.3).due == pytest.approx(exact, abs=2e-3)
 
 
-def test_a_new_speed_is_taken_at_its_word() -> None:
-    changed = turning(pace(), 0.0, 0.1, 0.2, 0.25)
-    assert changed.due == pytest.approx(0.25 + 2 * 0.05 + 1.75 * PACKET_S + WIRE_S)
-    # Where every moment counts, an unsteady rotor is looked after earlier, and steadiness forgives.
-    wary = turning(pace(0.0), 0.0, 0.1, 0.2, 0.25)
-    assert changed.due - wary.due > 0.04
-    steady = turning(pace(0.0), *np.arange(12) * 0.1)
-    assert steady.due == pytest.approx(1.1 + 0.2 + PACKET_S + WIRE_S - 0.002, abs=1e-3)
+def test_when_the_speed_changes_one_looks_early_rather_than_late() -> None:
+    faster = turning(pace(), 0.0, 0.1, 0.2, 0.25)
+    assert faster.due == pytest.approx(0.25 + 2 * 0.05 + 1.75 * PACKET_S + WIRE_S)
+    slower = turning(pace(), 0.0, 0.1, 0.2, 0.4)
+    assert slower.due == pytest.approx(0.4 + 2 * 0.1 + 1.75 * PACKET_S + WIRE_S)
+    # From then on the new speed is the one to expect.
+    steady = turning(pace(), 0.0, 0.1, 0.2, 0.4, 0.6, 0.8)
+    assert steady.due == pytest.approx(0.8 + 2 * 0.2 + 1.75 * PACKET_S + WIRE_S)
+
+
+def test_where_every_moment_counts_an_unsteady_rotor_is_looked_after_earlier() -> None:
+    calm, wary = turning(pace(), 0.0, 0.1, 0.2, 0.302), turning(pace(0.0), 0.0, 0.1, 0.2, 0.302)
+    assert calm.due - wary.due == pytest.approx(0.75 * PACKET_S + GUARD_S + 0.002, abs=1e-6)
+    # Steadiness forgives.
+    steady = turning(pace(0.0), 0.0, 0.1, 0.2, 0.302, *(0.402 + np.arange(12) * 0.1))
+    assert steady.due == pytest.approx(1.502 + 0.2 + PACKET_S + WIRE_S - GUARD_S, abs=3e-4)
+
+
+def test_what_came_before_the_stream_is_not_counted() -> None:
+    fresh = turning(pace(), 0.0)
+    later = Pace(stream_of(DENSE, sample_ns=31_250.0), 1_000_000, 0.005, 10**9)
+    turning(later, 0.0, received=10**9)
+    assert later.rest(0.1, 0.0) == fresh.rest(0.1, 0.0) > 0.01
 
 
 @given(st.integers(100, 20_000), st.floats(0.0, 0.2))
@@ -104,8 +115,8 @@ def test_a_program_that_was_late_is_forgiven_in_time() -> None:
 
 
 def test_what_lies_uncut_does_not_look_like_silence() -> None:
-    slow = turning(pace(), 0.0, 0.9, 1.8)
-    assert slow.due > 3.6
-    assert slow.hold(1.8) == pytest.approx(1.8 + LONGEST_HOLD_S, abs=1e-4)
-    fast = turning(pace(), 0.0, 0.05)
-    assert fast.due - 1e-4 < fast.hold(0.1) < fast.due
+    slow = turning(pace(), 0.0, 0.9, 1.8, 2.7)
+    assert slow.due > 4.5
+    assert slow.hold(2.7) == pytest.approx(2.7 + LONGEST_HOLD_S, abs=1e-4)
+    fast = turning(pace(), 0.0, 0.05, 0.1)
+    assert fast.due - 1e-4 < fast.hold(0.15) < fast.due
