@@ -39,6 +39,8 @@ _HAIR_S = 1e-5
 """Far less than a packet takes, and more than a clock is read wrong by."""
 _FORGET = 0.95
 """What is left of the greatest lateness after another turn."""
+_TOLD = 0.8
+"""Part of a turn's time that must have gone by since the scan before."""
 _SURPRISED = 0.03
 """Part of a period that is no noise: the speed has changed."""
 
@@ -67,16 +69,19 @@ class Pace:
         self._period = 0.0
         self._unsteady = 0.0
         self._received = received
+        self._last = math.inf
         self._buffer_s = 0.0
         self._late = 0.0
 
-    def turned(self, scan: Scan, received: int) -> None:
+    def turned(self, scan: Scan, received: int, now: float) -> None:
         """Take note of a scan that has just come, of `received` bytes altogether."""
         size, self._received = received - self._received, received
+        since, self._last = now - self._last, now
         self.due = 0.0
-        if not scan.rpm > 0:
+        measured = 60 / scan.rpm if scan.rpm > 0 else 0.0
+        if not measured or since < _TOLD * measured:
+            # Scans come faster than by their own account: late ones all at once, or the device's rate is wrong.
             return
-        measured = 60 / scan.rpm
         expected, surprise = self._period or measured, measured - self._period
         if abs(surprise) > _SURPRISED * expected:
             # Better look too early than too late, whichever way the speed has changed.
@@ -86,10 +91,11 @@ class Pace:
             self._period += _FOLLOW * surprise
             expected = self._period
             self._unsteady = max(abs(surprise), self._unsteady / 2)
-        self._buffer_s = BUFFER_BYTES * self._period / size if size else 0.0
+        self._buffer_s = BUFFER_BYTES * expected / size if size else 0.0
         self._late *= _FORGET
         early_s = GUARD_S + self._unsteady if self._eager else 0.0
-        self.due = scan.stamp_ns * 1e-9 + 2 * expected + self._behind_s - early_s
+        whole = scan.stamp_ns * 1e-9 + 2 * expected + self._behind_s
+        self.due = min(whole, now + expected) - early_s
 
     def rest(self, now: float, late: float) -> float:
         """Seconds for which nobody need look at the port; 0 when the turn may be whole.

@@ -223,7 +223,7 @@ class Scanner:
         for scan in self._assembler.add(packets):
             self._last_scan = self._last_packet
             link = self._dialogue.link
-            self._pace.turned(scan, link.stats.bytes_received)
+            self._pace.turned(scan, link.stats.bytes_received, self._last_packet)
             if self._may_hold:
                 link.hold(round(self._pace.hold(self._last_packet) * 1e9))
             self.latest = scan

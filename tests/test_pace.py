@@ -25,10 +25,15 @@ def pace(latency: float = 0.005) -> Pace:
 
 
 def turning(pace: Pace, *starts: float, size: int = TURN_BYTES, received: int = 0, first_s: float = 0.1) -> Pace:
-    """After scans that began at these times, each of `size` bytes; the first took `first_s`."""
-    for number, (last, start) in enumerate(pairwise((starts[0] - first_s, *starts)), 1):
-        scan = replace(SCAN, stamp_ns=round(start * 1e9), rpm=60 / (start - last))
-        pace.turned(scan, received + number * size)
+    """After scans that began at these times, each of `size` bytes; the first took `first_s`.
+
+    Each is handed over when it is whole, 5 ms late.
+    """
+    pace.turned(SCAN, received - size, starts[0] - 1)
+    for number, (last, start) in enumerate(pairwise((starts[0] - first_s, *starts))):
+        period = start - last
+        scan = replace(SCAN, stamp_ns=round(start * 1e9), rpm=60 / period)
+        pace.turned(scan, received + number * size, start + period + 2 * PACKET_S + WIRE_S + 0.005)
     return pace
 
 
@@ -36,8 +41,35 @@ def test_before_the_first_scan_nothing_is_known() -> None:
     assert pace().rest(5.0, 0.0) == 0
     assert pace().hold(5.0) <= 0
     unknown = pace()
-    unknown.turned(replace(SCAN, rpm=float("nan")), TURN_BYTES)
-    assert unknown.rest(0.01, 0.0) == 0
+    unknown.turned(SCAN, TURN_BYTES, 0.1)
+    assert unknown.rest(0.1, 0.0) == 0
+    unknown.turned(replace(SCAN, rpm=float("nan")), 2 * TURN_BYTES, 0.2)
+    assert unknown.rest(0.2, 0.0) == 0
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.005])
+@pytest.mark.parametrize("times", [2, 50])
+def test_a_device_that_tells_its_rate_wrong_is_not_believed(times: int, latency: float) -> None:
+    """It says 600 rpm, and its scans come so many times as often."""
+    wrong = pace(latency)
+    for number in range(1, 20):
+        wrong.turned(replace(SCAN, stamp_ns=round(number * 1e8 / times)), number * TURN_BYTES, number * 0.1 / times)
+        assert wrong.rest(number * 0.1 / times, 0.0) == 0
+        assert wrong.hold(number * 0.1 / times) < 0
+
+
+def test_several_scans_at_once_are_not_several_turns() -> None:
+    late = turning(pace(), 0.0, 0.1, 0.2)
+    for number in (3, 4):
+        late.turned(replace(SCAN, stamp_ns=number * 10**8), 5 * TURN_BYTES, 0.55)
+    assert late.rest(0.55, 0.0) == 0
+
+
+def test_a_stamp_that_is_too_late_makes_no_scan_late() -> None:
+    """However a scan is dated: a turn after it came, the next is there."""
+    odd = turning(pace(), 0.0, 0.1, 0.2)
+    odd.turned(replace(SCAN, stamp_ns=400_000_000), 4 * TURN_BYTES, 0.41)
+    assert odd.due == pytest.approx(0.51)
 
 
 @given(st.floats(0.05, 0.2), st.integers(1, 20), st.floats(0, 1000))
@@ -57,8 +89,8 @@ def test_one_stamp_that_is_off_hardly_moves_the_prediction() -> None:
 
 
 def test_when_the_speed_changes_one_looks_early_rather_than_late() -> None:
-    faster = turning(pace(), 0.0, 0.1, 0.2, 0.25)
-    assert faster.due == pytest.approx(0.25 + 2 * 0.05 + 1.75 * PACKET_S + WIRE_S)
+    faster = turning(pace(), 0.0, 0.1, 0.2, 0.29)
+    assert faster.due == pytest.approx(0.29 + 2 * 0.09 + 1.75 * PACKET_S + WIRE_S)
     slower = turning(pace(), 0.0, 0.1, 0.2, 0.4)
     assert slower.due == pytest.approx(0.4 + 2 * 0.1 + 1.75 * PACKET_S + WIRE_S)
     # From then on the new speed is the one to expect.
