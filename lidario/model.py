@@ -75,11 +75,11 @@ class Scan:
     def angles(self) -> FloatArray:
         """Radians, float32, counter-clockwise, in [-pi, pi]; 0 is the device's forward axis."""
         if self._angles is None:
-            degrees = np.negative(self.device_angles)
-            # Half a turn is taken off in degrees, where that is exact.
-            np.add(degrees, 360.0, out=degrees, where=degrees < -180.0)
-            degrees *= math.pi / 180.0
-            object.__setattr__(self, "_angles", read_only(degrees))
+            # A turn is added in degrees, where that is exact.
+            radians = (self.device_angles > 180.0) * np.float32(360.0)
+            radians -= self.device_angles
+            radians *= math.pi / 180.0
+            object.__setattr__(self, "_angles", read_only(radians))
         return cast("FloatArray", self._angles)
 
     @property
