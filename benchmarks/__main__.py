@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from benchmarks import decode, flatout, latency, live, memory, readme, scale, start
+from benchmarks import decode, flatout, latency, live, memory, readme, scale, stages, start
 from benchmarks.peers import set_up
 from benchmarks.plots import draw
 from benchmarks.processes import ROOT
@@ -20,6 +20,7 @@ __all__ = ["main"]
 
 _BENCHMARKS: dict[str, Callable[[Setting], Result]] = {
     "decode": decode.run,
+    "stages": stages.run,
     "flatout": flatout.run,
     "live": live.run,
     "latency": latency.run,

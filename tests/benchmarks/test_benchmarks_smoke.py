@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import pytest
 
-from benchmarks import decode
+from benchmarks import decode, stages
 from benchmarks.contest import late_by, lost_scans
 from benchmarks.report import Result, Setting, spread
 from benchmarks.streams import KINDS, RATES, recording
@@ -43,6 +43,18 @@ def test_tables_are_markdown(decoded: Result) -> None:
     lines = [line for line in table.markdown().splitlines() if line.startswith("|")]
     assert len(lines) == 2 + 3 * len(KINDS)
     assert len({line.count("|") for line in lines}) == 1
+
+
+def test_the_stages_of_a_turn_are_told_for_every_format() -> None:
+    result = stages.run(Setting(quick=True))
+    in_memory, live = result.tables
+    assert [row[0] for row in in_memory.rows] == list(KINDS)
+    for row in in_memory.rows:
+        assert len(row) == len(in_memory.columns) == 2 + 2 * len(stages.STAGES)
+    # The decoder's part is measured, not what is left over.
+    assert all(min(each["decoder"]) > 0 for each in result.data["formats"].values())
+    assert len(live.rows) == 4
+    assert all(len(took) == 3 and min(took) > 0 for took in result.data["live"].values())
 
 
 @pytest.mark.parametrize("name", RATES)

@@ -1,0 +1,154 @@
+"""Where the time of a revolution goes: what limits decoding in memory, and what limits reading live.
+
+In memory a stream is taken in chunks of 4 KiB, first by `Link` alone, then with the search for the seam, then
+wholly, with the decoder timed inside; what is left is the keeping of packets and the building of scans. Live, the
+same work is done ten times a second instead of one after the other, with cold caches; and waking up costs something
+even to who does nothing else.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+from benchmarks.report import Result, Setting, Table, median, spread
+from benchmarks.streams import KINDS, RATES, Kind, capture, recording
+from lidario.assemble import Assembler
+from lidario.families.base import Decoder, Samples, Stream
+from lidario.seam import Seam
+from lidario.wire.events import Packets
+from lidario.wire.link import Link
+
+__all__ = ["STAGES", "run"]
+
+STAGES = ("Link", "headings, seam", "decoder", "keeping, scan")
+_CHUNK = 4096
+_LIVE = "S2 DenseBoost"
+_TURN_S = 0.1
+
+
+class _Timed:
+    """A decoder, and how long it took."""
+
+    def __init__(self, decoder: Decoder) -> None:
+        self.seconds = 0.0
+        self._decoder = decoder
+
+    def decode(self, packets: bytes, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
+        start = time.perf_counter()
+        samples = self._decoder.decode(packets, following, room, seam)
+        self.seconds += time.perf_counter() - start
+        return samples
+
+
+def run(setting: Setting) -> Result:
+    """Every format in memory; then one device at its own pace."""
+    rounds, seconds, turns = (1, 0.6, 3) if setting.quick else (9, 2.0, 40)
+    found: dict[str, dict[str, list[float]]] = {name: {} for name in KINDS}
+    for number in range(rounds):
+        setting.say(f"stages: round {number + 1} of {rounds}")
+        for kind in KINDS.values():
+            for stage, took in _stages(kind, seconds).items():
+                found[kind.name].setdefault(stage, []).append(took)
+    setting.say(f"stages: {_LIVE}, once in a while")
+    live = {
+        "a turn, one after the other": _turns(turns, 0.0),
+        f"a turn, {1 / _TURN_S:.0f} times a second": _turns(turns, _TURN_S),
+        "waking up after 20 ms, for nothing": _sleeps(turns, 0.020),
+        "waking up after 1 ms, for nothing": _sleeps(turns, 0.001),
+    }
+    return Result("stages", [_table(found), _live_table(live)], {"formats": found, "live": live})
+
+
+def _stages(kind: Kind, seconds: float) -> dict[str, float]:
+    """Microseconds a revolution."""
+    raw = capture(kind, seconds)
+    alone = _through(kind.stream(), kind, raw, lambda _: None)
+    stream = kind.stream()
+    wire, seam = stream.format, Seam(stream.format.full_turn, stream.format.first_seam)
+    sought = _through(stream, kind, raw, lambda packets: seam.splits(wire.headings(packets.data)))
+    stream = kind.stream()
+    decoder = _Timed(stream.decoder)
+    assembler = Assembler(replace(stream, decoder=decoder))
+    whole = _through(stream, kind, raw, assembler.add)
+    parts = (alone, sought - alone, decoder.seconds, whole - sought - decoder.seconds)
+    return {name: part / assembler.stats.scans * 1e6 for name, part in zip(STAGES, parts, strict=True)}
+
+
+def _through(stream: Stream, kind: Kind, raw: bytes, take: Callable[[Packets], object]) -> float:
+    """Seconds to pass a stream through a `Link` and what it reports to `take`."""
+    link = _opened(stream, kind)
+    start = time.perf_counter()
+    for at in range(0, len(raw), _CHUNK):
+        link.receive_data(raw[at : at + _CHUNK], 0)
+        for event in link.events_received():
+            if isinstance(event, Packets):
+                take(event)
+    return time.perf_counter() - start
+
+
+def _opened(stream: Stream, kind: Kind) -> Link:
+    link = Link()
+    link.send_request(kind.request(stream.format))
+    link.data_to_send()
+    return link
+
+
+def _turns(count: int, every_s: float) -> list[float]:
+    """Microseconds of CPU for each of so many turns, from bytes to radians and metres."""
+    kind = RATES[_LIVE].kind
+    played, stream = recording(kind), kind.stream()
+    link, assembler = _opened(stream, kind), Assembler(stream)
+    link.receive_data(played.descriptor + played.head, 0)
+    for event in link.events_received():
+        if isinstance(event, Packets):
+            assembler.add(event)
+    ends = (0, *played.loop_ends)
+    found: list[float] = []
+    while len(found) < count:
+        begin, end = ends[len(found) % len(played.loop_ends)], ends[len(found) % len(played.loop_ends) + 1]
+        time.sleep(every_s)
+        start = time.thread_time_ns()
+        link.receive_data(played.loop[begin:end], len(found))
+        for event in link.events_received():
+            if isinstance(event, Packets):
+                for scan in assembler.add(event):
+                    assert len(scan.angles) == len(scan.ranges)
+        found.append((time.thread_time_ns() - start) / 1e3)
+        if end == ends[-1]:
+            link.receive_data(played.loop[end:], len(found))
+    return found
+
+
+def _sleeps(count: int, seconds: float) -> list[float]:
+    """Microseconds of CPU for each of so many naps."""
+    found = []
+    for _ in range(count):
+        start = time.thread_time_ns()
+        time.sleep(seconds)
+        found.append((time.thread_time_ns() - start) / 1e3)
+    return found
+
+
+def _table(found: dict[str, dict[str, list[float]]]) -> Table:
+    columns = ["format", "µs/rev", *(f"{stage}, µs" for stage in STAGES), *(f"{stage}, %" for stage in STAGES)]
+    table = Table("stages: in memory, chunks of 4096 B", columns)
+    for name, stages in found.items():
+        medians = [median(stages[stage]) for stage in STAGES]
+        whole = sum(medians)
+        table.rows.append(
+            [
+                name,
+                f"{whole:.0f}",
+                *(f"{each:.0f}" for each in medians),
+                *(f"{100 * each / whole:.0f}" for each in medians),
+            ]
+        )
+    return table
+
+
+def _live_table(live: dict[str, list[float]]) -> Table:
+    table = Table(f"stages: {_LIVE}, CPU", ["what", "µs each"])
+    table.rows = [[name, spread(took, 0)] for name, took in live.items()]
+    return table
