@@ -5,8 +5,8 @@
     IDLE ──request with answer──> AWAIT_RESPONSE ──answer──> IDLE
                                         └──stream descriptor──> STREAMING ──STOP──> DRAINING ──drained()──> IDLE
 
-Four verbs: `receive_data`, `events_received`, `send_request`, `data_to_send`. Time is an argument. While it
-streams it never looks for a descriptor, and while it waits for an answer it accepts only the one that was
+Four verbs: `receive_data`, `events_received`, `send_request`, `data_to_send`. Time is an argument, and `hold` says
+until when bytes of a stream may lie, so that they are cut together and not a few at a time. While it streams it never looks for a descriptor, and while it waits for an answer it accepts only the one that was
 asked for, by type *and* length, since ``A5 5A`` stands in scan data by chance about four times a second.
 Whatever fits nowhere is counted in `LinkStats`; bytes never raise. Misuse does: `LocalProtocolError`.
 

@@ -29,6 +29,7 @@ from lidario.families.ydlidar.formats import (
     HEADER_SIZE,
     MOST_SAMPLES,
     START_BIT,
+    Block,
     blocks,
     packet_heads,
 )
@@ -80,19 +81,7 @@ class PointCloudDecoder:
         ends = np.add.accumulate(counts).tolist()
 
         angle, distance = np.empty(room + ends[-1], np.float32), np.empty(room + ends[-1], np.float32)
-        at, packet = room, 0
-        for place, size, count in stretches:
-            samples = (size - HEADER_SIZE) // 2
-            these, until = slice(packet, packet + count), at + count * samples
-            rows = words[place >> 1 : place + count * size >> 1].reshape(count, size >> 1)
-            distance[at:until].reshape(count, samples)[...] = rows[:, HEADER_WORDS:]
-            # Whole numbers until the last division, so that it alone rounds.
-            steps = max(samples - 1, 1)
-            grid = angle[at:until].reshape(count, samples)
-            np.multiply(way[these, None].astype(np.float32), ORDER[:samples], out=grid)
-            grid += (first[these, None] * steps).astype(np.float32)
-            grid /= 64.0 * steps
-            at, packet = until, packet + count
+        _fill(angle[room:], distance[room:], words, stretches, first, way)
         for across in (first + way >= FULL_TURN_Q6).nonzero()[0].tolist():
             samples = int(counts[across])
             beam = _beam_deg(int(first[across]), int(way[across]), samples)
@@ -157,6 +146,30 @@ class PointCloudDecoder:
 
     def _packets_before_seam(self, samples: float) -> int:
         return 0 if samples < SLACK_SAMPLES else math.ceil((samples - SLACK_SAMPLES) / self._usual) or 1
+
+
+def _fill(
+    angle: NDArray[np.float32],
+    distance: NDArray[np.float32],
+    words: NDArray[np.uint16],
+    stretches: list[Block],
+    first: Ints,
+    way: Ints,
+) -> None:
+    """Write degrees, counted on past 360, and millimetres of all samples: packets of one size together."""
+    at = packet = 0
+    for place, size, count in stretches:
+        samples = (size - HEADER_SIZE) // 2
+        these, until = slice(packet, packet + count), at + count * samples
+        rows = words[place >> 1 : place + count * size >> 1].reshape(count, size >> 1)
+        distance[at:until].reshape(count, samples)[...] = rows[:, HEADER_WORDS:]
+        # Whole numbers until the last division, so that it alone rounds.
+        steps = max(samples - 1, 1)
+        grid = angle[at:until].reshape(count, samples)
+        np.multiply(way[these, None].astype(np.float32), ORDER[:samples], out=grid)
+        grid += (first[these, None] * steps).astype(np.float32)
+        grid /= 64.0 * steps
+        at, packet = until, packet + count
 
 
 def _beam_deg(first: int, way: int, samples: int) -> NDArray[np.float64]:
