@@ -6,8 +6,9 @@
                                         └──stream descriptor──> STREAMING ──STOP──> DRAINING ──drained()──> IDLE
 
 Four verbs: `receive_data`, `events_received`, `send_request`, `data_to_send`. Time is an argument, and `hold` says
-until when bytes of a stream may lie, so that they are cut together and not a few at a time. While it streams it never looks for a descriptor, and while it waits for an answer it accepts only the one that was
-asked for, by type *and* length, since ``A5 5A`` stands in scan data by chance about four times a second.
+until when bytes of a stream may lie, so that they are cut together and not a few at a time. While it streams it
+never looks for a descriptor, and while it waits for an answer it accepts only the one that was asked for, by type
+*and* length, since ``A5 5A`` stands in scan data by chance about four times a second.
 Whatever fits nowhere is counted in `LinkStats`; bytes never raise. Misuse does: `LocalProtocolError`.
 
 The buffer is bounded: data is fed in slices, noise leaves at once, and no claimed length beyond the largest
