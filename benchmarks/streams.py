@@ -178,7 +178,7 @@ def recording(kind: Kind) -> Recording:
     packets = packets[: len(packets) // size * size]
     if size == 1:
         packets = packets[: wire.run(bytearray(packets), 0)[0]]
-    offsets = [*wire.offsets(packets), len(packets)]
+    offsets = wire.offsets(packets)
     headings = [heading & (BEGINS - 1) for heading in wire.headings(packets)]
     wraps = [at for at, (last, here) in enumerate(pairwise(headings), 1) if here < last - wire.full_turn // 2]
     turns = 1000 * len(wraps) // 2400

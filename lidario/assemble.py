@@ -136,7 +136,7 @@ class Assembler:
             self._keep(event, 0, event.count, event.data, event.received_ns)
             return []
         scans: list[Scan] = []
-        offsets = (*stream_format.offsets(event.data), len(event.data))
+        offsets = stream_format.offsets(event.data)
         begin = 0
         for split in splits:
             if split.packet > begin:

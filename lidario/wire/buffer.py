@@ -34,7 +34,7 @@ class ReceiveBuffer:
 
     def append(self, chunk: bytes | bytearray | memoryview) -> None:
         """Add bytes at the end; raises OverflowError past the limit."""
-        if len(self.data) + len(chunk) > self.limit:
+        if len(chunk) > self.room:
             raise OverflowError(f"{len(chunk)} bytes do not fit: {len(self.data)} of {self.limit} are in use")
         self.data += chunk
 

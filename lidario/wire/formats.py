@@ -96,8 +96,8 @@ class StreamFormat(ABC):
         """Start angle of each packet in units of one `full_turn`-th, `BEGINS` or `RESTARTS` added."""
 
     def offsets(self, packets: bytes) -> Sequence[int]:
-        """Where each packet of a run begins; as it stands, for packets of one size."""
-        return range(0, len(packets), self.shortest)
+        """Where each packet of a run begins, and where the last one ends; as it stands, for packets of one size."""
+        return range(0, len(packets) + 1, self.shortest)
 
     def samples_in(self, packets: bytes) -> int:
         """Samples in a run of packets; as it stands, for packets of one size."""

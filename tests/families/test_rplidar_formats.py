@@ -83,7 +83,7 @@ def test_headings_are_start_angles_and_say_where_the_stream_began_anew(kind: int
     ]
     assert headings[0] & RESTARTS
     assert not any(heading & RESTARTS for heading in headings[1:])
-    assert list(stream.offsets(b"".join(packets))) == list(range(0, len(GOLDEN[kind].raw), stream.shortest))
+    assert list(stream.offsets(b"".join(packets))) == list(range(0, len(GOLDEN[kind].raw) + 1, stream.shortest))
     assert stream.headings(b"") == []
 
 

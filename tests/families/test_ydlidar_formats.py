@@ -199,7 +199,7 @@ def test_headings_and_offsets() -> None:
     packets = [packet(39, 22290), start, packet(40, 22751), packet(1, 160), packet(2, FULL_TURN_Q6)]
     wire, raw = PointCloud(), b"".join(packets)
     assert list(wire.headings(raw)) == [22290, 22739 | BEGINS, 22751, 160, 0]
-    assert list(wire.offsets(raw)) == [0, 88, 100, 190, 202]
+    assert list(wire.offsets(raw)) == [0, 88, 100, 190, 202, len(raw)]
     assert wire.headings(b"") == []
 
 

@@ -254,8 +254,7 @@ class Received(NamedTuple):
         found, at, wire = {}, 0, case.make_format()
         for event in self.events:
             if isinstance(event, Packets):
-                offsets = [*wire.offsets(event.data), len(event.data)]
-                for begin, end in pairwise(offsets):
+                for begin, end in pairwise(wire.offsets(event.data)):
                     found[at + begin] = event.data[begin:end]
                 at += len(event.data)
             elif isinstance(event, Skipped):

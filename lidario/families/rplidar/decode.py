@@ -17,7 +17,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from itertools import compress, count, repeat
 from operator import gt, lt
-from typing import ClassVar, Final, cast
+from typing import ClassVar, Final, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,8 @@ from lidario.families.rplidar.formats import (
     UltraDenseFormat,
     UltraFormat,
 )
-from lidario.families.rplidar.rotation import Arcs, Rotation
+from lidario.families.rplidar.nodes import NODE
+from lidario.families.rplidar.rotation import Rotation
 
 __all__ = [
     "DECODERS",
@@ -56,7 +57,6 @@ Bytes = NDArray[np.uint8]
 Words = NDArray[np.uint16]
 Floats = NDArray[np.float32]
 
-NODE: Final = np.dtype([("quality", "u1"), ("angle", "<u2"), ("distance", "<u2")])
 HQ_NODE: Final = np.dtype([("angle", "<u2"), ("distance", "<u4"), ("quality", "u1"), ("flag", "u1")])
 HQ: Final = np.dtype([("sync", "u1"), ("time", "<u8"), ("nodes", HQ_NODE, 96), ("crc", "<u4")])
 
@@ -67,6 +67,20 @@ def in_turn(angles: Floats, full_turn: float) -> Floats:
     # A tiny negative angle plus a turn rounds up to the turn itself.
     np.subtract(angles, full_turn, out=angles, where=angles >= full_turn)
     return angles
+
+
+class Capsules(NamedTuple):
+    """Packets of a capsule format, as words.
+
+    Attributes:
+        words: (packets, words of one).
+        after: The packet behind them, if known.
+        missing: Packets missing behind each; None when none is.
+    """
+
+    words: Words
+    after: Words | None
+    missing: NDArray[np.intp] | None
 
 
 class CapsuleDecoder(ABC):
@@ -106,7 +120,8 @@ class CapsuleDecoder(ABC):
         angle, distance = np.empty(end, np.float32), np.empty(end, np.float32)
         grid = angle[room:].reshape(-1, self.samples)
         np.matmul(np.array((starts, arc), np.float32).T, self._steps, out=grid)
-        intensity = self._payload(words, after, arcs, distance[room:].reshape(-1, self.samples), grid)
+        capsules = Capsules(words, after, arcs.missing)
+        intensity = self._payload(capsules, distance[room:].reshape(-1, self.samples), grid)
         self._bring_into_turn(grid, starts, arc)
         angle[room:] /= self._units
         return Samples(
@@ -121,13 +136,8 @@ class CapsuleDecoder(ABC):
         )
 
     @abstractmethod
-    def _payload(
-        self, words: Words, after: Words | None, arcs: Arcs, distance: Floats, angle: Floats
-    ) -> Bytes | None:
-        """Write distances in mm, take corrections off the angles, both (packets, samples); return intensities.
-
-        `words` are the packets, (packets, words of one), and `after` is the one behind them.
-        """
+    def _payload(self, capsules: Capsules, distance: Floats, angle: Floats) -> Bytes | None:
+        """Write distances in mm, take corrections off the angles, both (packets, samples); return intensities."""
 
     def _bring_into_turn(self, angle: Floats, starts: list[int], arc: list[float]) -> None:
         """Take whole turns off the angles of those few packets that may lie across 0."""
@@ -150,15 +160,8 @@ class DenseDecoder(CapsuleDecoder):
 
     size, samples = DenseFormat.shortest, 40
 
-    def _payload(
-        self,
-        words: Words,
-        after: Words | None,  # noqa: ARG002
-        arcs: Arcs,  # noqa: ARG002
-        distance: Floats,
-        angle: Floats,  # noqa: ARG002
-    ) -> None:
-        distance[...] = words[:, 2:]
+    def _payload(self, capsules: Capsules, distance: Floats, angle: Floats) -> None:  # noqa: ARG002
+        distance[...] = capsules.words[:, 2:]
 
 
 class ExpressDecoder(CapsuleDecoder):
@@ -167,15 +170,8 @@ class ExpressDecoder(CapsuleDecoder):
     size, samples = ExpressFormat.shortest, 32
     reach = (8 << 6, 0)
 
-    def _payload(
-        self,
-        words: Words,
-        after: Words | None,  # noqa: ARG002
-        arcs: Arcs,  # noqa: ARG002
-        distance: Floats,
-        angle: Floats,
-    ) -> None:
-        millimetres, eighths = express_cabins(np.ascontiguousarray(words[:, 2:]))
+    def _payload(self, capsules: Capsules, distance: Floats, angle: Floats) -> None:
+        millimetres, eighths = express_cabins(np.ascontiguousarray(capsules.words[:, 2:]))
         distance[...] = millimetres.reshape(distance.shape)
         angle -= eighths.reshape(angle.shape) * np.float32(self._units / 8)
 
@@ -190,10 +186,11 @@ class UltraDecoder(CapsuleDecoder):
         super().__init__()
         self._corrections = near_range_corrections(self._units)
 
-    def _payload(self, words: Words, after: Words | None, arcs: Arcs, distance: Floats, angle: Floats) -> None:
-        cabins = np.ascontiguousarray(words[:, 2:]).view("<u4").astype(np.intp)
+    def _payload(self, capsules: Capsules, distance: Floats, angle: Floats) -> None:
+        after = capsules.after
+        cabins = np.ascontiguousarray(capsules.words[:, 2:]).view("<u4").astype(np.intp)
         follower = None if after is None else int(after[2]) | int(after[3]) << 16
-        ultra_cabins(cabins, follower, arcs.missing, distance)
+        ultra_cabins(cabins, follower, capsules.missing, distance)
         angle -= self._corrections.take(distance.astype(np.intp))
 
 
@@ -206,15 +203,8 @@ class UltraDenseDecoder(CapsuleDecoder):
         super().__init__()
         self._last_q2 = 0
 
-    def _payload(
-        self,
-        words: Words,
-        after: Words | None,  # noqa: ARG002
-        arcs: Arcs,  # noqa: ARG002
-        distance: Floats,
-        angle: Floats,  # noqa: ARG002
-    ) -> Bytes:
-        distance_q2, intensity = ultra_dense_cabins(np.ascontiguousarray(words[:, 5:]), self._last_q2)
+    def _payload(self, capsules: Capsules, distance: Floats, angle: Floats) -> Bytes:  # noqa: ARG002
+        distance_q2, intensity = ultra_dense_cabins(np.ascontiguousarray(capsules.words[:, 5:]), self._last_q2)
         self._last_q2 = int(distance_q2[-1])
         distance[...] = distance_q2.reshape(distance.shape)
         distance /= 4.0
@@ -236,11 +226,7 @@ class HqDecoder:
         after = None if following is None else int(np.frombuffer(following, HQ)["nodes"]["angle"][0, 0])
         arcs = self._rotation.arcs(nodes["angle"][:, 0].tolist(), after)
         size = room + nodes.size
-        angle, distance, intensity = (
-            np.empty(size, np.float32),
-            np.empty(size, np.float32),
-            np.empty(size, np.uint8),
-        )
+        angle, distance, intensity = _empty(size)
         angle[room:].reshape(nodes.shape)[...] = nodes["angle"]
         distance[room:].reshape(nodes.shape)[...] = nodes["distance"]
         intensity[room:].reshape(nodes.shape)[...] = nodes["quality"]
@@ -284,11 +270,7 @@ class NodeDecoder:
         angles = (rows["angle"] >> 1).astype(np.int32)
         arcs = self._rotation.arcs(angles, None if following is None else following[1] >> 1 | following[2] << 7)
         size = room + len(rows)
-        angle, distance, intensity = (
-            np.empty(size, np.float32),
-            np.empty(size, np.float32),
-            np.empty(size, np.uint8),
-        )
+        angle, distance, intensity = _empty(size)
         np.divide(angles, 64.0, out=angle[room:], dtype=np.float32, casting="same_kind")
         distance[room:] = rows["distance"]
         distance[room:] /= 4.0
@@ -303,6 +285,11 @@ class NodeDecoder:
             unbroken=arcs.unbroken,
             lost_behind=arcs.lost_behind,
         )
+
+
+def _empty(size: int) -> tuple[Floats, Floats, Bytes]:
+    """Angles, distances and intensities, to be filled."""
+    return np.empty(size, np.float32), np.empty(size, np.float32), np.empty(size, np.uint8)
 
 
 def _between(compare: Callable[[float, float], bool], values: list[int], limit: float) -> slice:

@@ -23,7 +23,7 @@ import numpy as np
 
 from lidario.wire.formats import NO_PACKET, Cut, Headings, StreamFormat
 
-__all__ = ["NodeFormat"]
+__all__ = ["NODE", "NodeFormat"]
 
 SIZE: Final = 5
 FULL_TURN_Q6: Final = 360 << 6
@@ -43,7 +43,7 @@ PHASES_BACK: Final = 4
 WORTH_AN_ARRAY: Final = 16
 """Nodes from which checking them as one array costs less than one by one (measured)."""
 
-_LAYOUT = np.dtype([("quality", "u1"), ("angle", "<u2"), ("distance", "<u2")])
+NODE: Final = np.dtype([("quality", "u1"), ("angle", "<u2"), ("distance", "<u2")])
 _HEADS = np.dtype({"names": ("head",), "formats": ("<u4",), "offsets": (0,), "itemsize": SIZE})
 """A node's first four bytes: its quality, the angle and its check bit, and half the distance."""
 _CHECKED, _UNMARKED = 0x103, 0x102
@@ -78,7 +78,7 @@ class NodeFormat(StreamFormat):
         """As `StreamFormat.headings`, in 1/64 degrees."""
         if len(packets) < WORTH_AN_ARRAY * SIZE:
             return [_angle(packets, place) for place in range(0, len(packets), SIZE)]
-        return np.frombuffer(packets, _LAYOUT)["angle"].astype(np.int32) >> 1
+        return np.frombuffer(packets, NODE)["angle"].astype(np.int32) >> 1
 
     def run(self, data: bytearray, at: int) -> tuple[int, int]:
         """Nodes from `at` that continue the last accepted angle, and each other."""

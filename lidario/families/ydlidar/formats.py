@@ -163,7 +163,7 @@ class PointCloud(StreamFormat):
 
     def offsets(self, packets: bytes) -> Sequence[int]:
         """As `StreamFormat.offsets`: each packet's LSN tells where the next one begins."""
-        return packet_offsets(packets)
+        return [*packet_offsets(packets), len(packets)]
 
     def samples_in(self, packets: bytes) -> int:
         """As `StreamFormat.samples_in`."""
