@@ -17,7 +17,7 @@ from typing import Any
 from benchmarks.processes import Failed, run_json
 from benchmarks.report import Result, Setting, Table, median, ratio, spread
 from benchmarks.streams import KINDS, Kind, capture
-from lidario.assemble import Assembler
+from lidario.revolution.assemble import Assembler
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
 

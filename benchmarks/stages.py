@@ -14,9 +14,9 @@ from dataclasses import replace
 
 from benchmarks.report import Result, Setting, Table, median, spread
 from benchmarks.streams import KINDS, RATES, Kind, capture, recording
-from lidario.assemble import Assembler
 from lidario.families.base import Decoder, Samples, Stream
-from lidario.seam import Seam
+from lidario.revolution.assemble import Assembler
+from lidario.revolution.seam import Seam
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
 

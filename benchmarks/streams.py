@@ -20,11 +20,11 @@ from lidario.families.base import Decoder, Stream
 from lidario.families.rplidar import commands as rplidar_commands
 from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.formats import FORMATS
-from lidario.families.rplidar.simulated import PROFILES, Mode, Profile, SimulatedRplidar
+from lidario.families.rplidar.simulated.device import PROFILES, Mode, Profile, SimulatedRplidar
 from lidario.families.ydlidar import commands as ydlidar_commands
 from lidario.families.ydlidar.decode import PointCloudDecoder
 from lidario.families.ydlidar.formats import PointCloud
-from lidario.families.ydlidar.simulated import make_simulated as make_4ros
+from lidario.families.ydlidar.simulated.device import make_simulated as make_4ros
 from lidario.model import ScanMode
 from lidario.wire.envelope import DESCRIPTOR_SIZE, Request
 from lidario.wire.formats import BEGINS, StreamFormat

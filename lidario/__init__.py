@@ -16,7 +16,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from lidario.discovery import Found, PortInfo, list_lidars, list_serial_ports
     from lidario.errors import (
         Busy,
         ConnectFailed,
@@ -32,8 +31,9 @@ if TYPE_CHECKING:
     )
     from lidario.laserscan import LaserScan
     from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, Scan, ScanMode, Stats
-    from lidario.session import Lidar, open_lidar
-    from lidario.stream import ScanStream
+    from lidario.session.discovery import Found, PortInfo, list_lidars, list_serial_ports
+    from lidario.session.lidar import Lidar, open_lidar
+    from lidario.session.stream import ScanStream
 
 __version__ = "0.1.0"
 
@@ -68,11 +68,11 @@ __all__ = [
 ]
 
 _HOMES = {
-    "discovery": ("Found", "PortInfo", "list_lidars", "list_serial_ports"),
+    "session.discovery": ("Found", "PortInfo", "list_lidars", "list_serial_ports"),
     "laserscan": ("LaserScan",),
     "model": ("DeviceInfo", "Health", "HealthStatus", "SampleRate", "Scan", "ScanMode", "Stats"),
-    "session": ("Lidar", "open_lidar"),
-    "stream": ("ScanStream",),
+    "session.lidar": ("Lidar", "open_lidar"),
+    "session.stream": ("ScanStream",),
 }
 """Module -> the public names that live in it; those not named here are errors."""
 

@@ -16,7 +16,13 @@ settings.register_profile("search", deadline=None, max_examples=1500, suppress_h
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 # Pseudo-terminals, signals and /proc: these tests are about what only such systems have.
-LINUX_ONLY = ["cli/test_ending.py", "cli/test_sim.py", "sim/test_serve.py", "test_diagnose.py", "test_port.py"]
+LINUX_ONLY = [
+    "cli/test_ending.py",
+    "cli/test_sim.py",
+    "sim/test_serve.py",
+    "port/test_diagnose.py",
+    "port/test_port.py",
+]
 collect_ignore = [] if sys.platform == "linux" else LINUX_ONLY
 
 

@@ -17,9 +17,9 @@ LAYERS = (
     {"errors", "model", "laserscan", "source"},
     {"wire"},
     {"families", "sim"},
-    {"seam", "assemble", "pace"},
-    {"port", "simulated_port", "diagnose", "residue", "dialogue", "handshake", "connect", "discovery"}
-    | {"stream", "scanner", "session"},
+    {"revolution"},
+    {"port"},
+    {"session"},
     {"__init__"},
     {"cli", "__main__"},
 )
@@ -105,7 +105,7 @@ def test_the_rules_see_the_whole_package() -> None:
     link = ours(PACKAGE / "wire" / "link.py")
     assert {"lidario.errors", "lidario.wire.buffer", "lidario.wire.formats"} <= link
     assert "lidario.families.rplidar" in ours(PACKAGE / "families" / "registry.py")
-    assert "serial" in foreign(PACKAGE / "port.py") | foreign(PACKAGE / "discovery.py")
+    assert "serial" in foreign(PACKAGE / "port" / "port.py")
 
 
 @every_file
@@ -128,7 +128,7 @@ def test_input_and_output_begin_at_the_port(path: Path) -> None:
 
 def test_serial_ports_are_known_in_two_places() -> None:
     users = {named(path) for path in FILES if foreign(path) & {"serial", "serial_asyncio"}}
-    assert users == {"port.py", "discovery.py"}
+    assert users == {"port/port.py", "session/discovery.py"}
 
 
 @pytest.mark.parametrize("path", sorted((PACKAGE / "wire").glob("*.py")), ids=named)
@@ -160,7 +160,7 @@ def test_the_registry_alone_lists_families() -> None:
 
 
 def is_device_side(path: Path) -> bool:
-    return "sim" in path.parts or (path.stem.startswith("simulated") and "families" in path.parts)
+    return "sim" in path.parts or ("simulated" in path.parts and "families" in path.parts)
 
 
 @pytest.mark.parametrize("path", [path for path in FILES if is_device_side(path)], ids=named)
@@ -168,7 +168,7 @@ def test_the_device_side_shares_nothing_with_the_host(path: Path) -> None:
     """A mistake must be made twice to hide."""
     package = module(path).rsplit(".", 1)[0]
     for name in ours(path):
-        own = name == package or name.startswith(f"{package}.simulated")
+        own = name == package or name.startswith(f"{package}.")
         assert name.startswith("lidario.sim") or own, f"{named(path)} imports {name}"
 
 

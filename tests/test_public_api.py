@@ -116,7 +116,7 @@ def test_importing_costs_next_to_nothing() -> None:
 
 def test_no_public_name_brings_an_extra_along() -> None:
     loaded = set(in_a_fresh_interpreter(f"from lidario import *; import sys; {LOADED}").split())
-    assert {"numpy", "lidario.session"} <= loaded
+    assert {"numpy", "lidario.session.lidar"} <= loaded
     assert not loaded & EXTRAS
     # Nor the simulator, which only few need.
     assert not any(name.startswith("lidario.families") and ".simulated" in name for name in loaded)

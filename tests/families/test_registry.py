@@ -7,8 +7,8 @@ import pytest
 from lidario.errors import ConnectFailed
 from lidario.families.base import Device, Family
 from lidario.families.registry import FAMILIES, family_named, family_of_simulated
-from lidario.families.rplidar.simulated_profiles import PROFILES as FIRST
-from lidario.families.ydlidar.simulated import PROFILES as SECOND
+from lidario.families.rplidar.simulated.profiles import PROFILES as FIRST
+from lidario.families.ydlidar.simulated.device import PROFILES as SECOND
 
 
 def test_the_simulated_models_are_those_there_are() -> None:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidario.families.base import Samples
-from lidario.seam import Seam, Split
+from lidario.revolution.seam import Seam, Split
 from lidario.wire.formats import BEGINS, RESTARTS, Headings, StreamFormat
 from tests.support.contents import any_packets
 from tests.support.harm import messes

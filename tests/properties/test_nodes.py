@@ -12,7 +12,7 @@ from random import Random
 import numpy as np
 import pytest
 
-from lidario.families.rplidar.simulated_packers import pack_standard
+from lidario.families.rplidar.simulated.packers import pack_standard
 from lidario.wire.events import Packets
 from tests.reference import damage
 from tests.support.kept import spoil_inside

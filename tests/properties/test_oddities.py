@@ -2,7 +2,7 @@
 
 import pytest
 
-from lidario.families.ydlidar.simulated_packers import SCAN_HEADER, pack_answer, pack_time_stamp
+from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_answer, pack_time_stamp
 from tests.reference import ydlidar
 from tests.support.kept import Kept, kept
 from tests.support.streams import CASES, Case, assembled, named

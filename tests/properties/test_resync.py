@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidario.families.ydlidar.simulated_packers import pack_answer
+from lidario.families.ydlidar.simulated.packers import pack_answer
 from tests.support.harm import LURES, noises
 from tests.support.streams import KINDS, Case, cut_up, feed, named, open_stream
 

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidario.assemble import Assembler
 from lidario.families.rplidar import commands as rplidar
 from lidario.families.ydlidar import commands as ydlidar
 from lidario.model import Scan
+from lidario.revolution.assemble import Assembler
 from lidario.wire.envelope import Request
 from lidario.wire.events import Packets
 from lidario.wire.link import Link, LinkState

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from lidario.families.rplidar import simulated_packers as packers
-from lidario.families.ydlidar.simulated_packers import pack_points
+from lidario.families.rplidar.simulated import packers
+from lidario.families.ydlidar.simulated.packers import pack_points
 from tests.support.streams import Case
 
 __all__ = ["any_packets"]

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from lidario.families.rplidar.simulated import make_simulated as make_first
-from lidario.families.ydlidar.simulated import make_simulated as make_second
+from lidario.families.rplidar.simulated.device import make_simulated as make_first
+from lidario.families.ydlidar.simulated.device import make_simulated as make_second
 from lidario.model import Scan
-from lidario.session import Lidar, OpenLidar, open_lidar
+from lidario.session.lidar import Lidar, OpenLidar, open_lidar
 
 __all__ = ["FAMILIES", "Rig", "both_families", "left_still", "make_rig", "names", "take"]
 

@@ -2,7 +2,7 @@
 
 from hypothesis import strategies as st
 
-from lidario.families.ydlidar.simulated_packers import SCAN_HEADER, pack_answer, pack_time_stamp
+from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_answer, pack_time_stamp
 from tests.support.streams import Case
 
 __all__ = ["fragments", "messes", "noises", "runs"]

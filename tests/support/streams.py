@@ -10,7 +10,6 @@ from functools import cache, partial
 from itertools import accumulate, cycle, pairwise
 from typing import NamedTuple, Protocol
 
-from lidario.assemble import Assembler, AssemblerStats
 from lidario.families.base import Decoder, Stream
 from lidario.families.rplidar import commands as rplidar_commands
 from lidario.families.rplidar.decode import DECODERS
@@ -19,6 +18,7 @@ from lidario.families.ydlidar import commands as ydlidar_commands
 from lidario.families.ydlidar.decode import PointCloudDecoder
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.model import Scan, ScanMode
+from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor, Event, Packets, Skipped, merged
 from lidario.wire.formats import StreamFormat

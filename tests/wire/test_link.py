@@ -6,10 +6,10 @@ from lidario.errors import LocalProtocolError
 from lidario.families.rplidar import commands
 from lidario.families.rplidar.commands import Conf, get_lidar_conf
 from lidario.families.rplidar.formats import DenseFormat
-from lidario.families.rplidar.simulated_packers import pack_dense
+from lidario.families.rplidar.simulated.packers import pack_dense
 from lidario.families.ydlidar import commands as other
 from lidario.families.ydlidar.formats import PointCloud
-from lidario.families.ydlidar.simulated_packers import SCAN_HEADER, pack_answer, pack_points
+from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_answer, pack_points
 from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor, Event, Packets, Response, Skipped
 from lidario.wire.link import Link, LinkState

@@ -27,12 +27,12 @@ SIMULATED = (
     "rplidar-no-modes",
     "rplidar-old-firmware",
 )
-"""The names of `simulated_profiles.PROFILES`, told apart from them so that who has a real device need not load the
+"""The names of `simulated.profiles.PROFILES`, told apart from them so that who has a real device need not load the
 simulated one."""
 
 
 def _simulate(model: str, *, world: World | None, serial: bytes | None, seed: int) -> SimulatedDevice:
-    from lidario.families.rplidar.simulated import make_simulated
+    from lidario.families.rplidar.simulated.device import make_simulated
 
     return make_simulated(model, world=world, serial=serial, seed=seed)
 

@@ -24,7 +24,7 @@ one."""
 
 
 def _simulate(model: str, *, world: World | None, serial: bytes | None, seed: int) -> SimulatedDevice:
-    from lidario.families.ydlidar.simulated import make_simulated
+    from lidario.families.ydlidar.simulated.device import make_simulated
 
     return make_simulated(model, world=world, serial=serial, seed=seed)
 

@@ -1,0 +1,1 @@
+"""The device side of the RPLIDAR protocol, for tests and for those who have no lidar."""

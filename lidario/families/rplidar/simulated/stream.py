@@ -1,0 +1,166 @@
+"""What the simulated device measures, and how it packs it: one builder for each answer type.
+
+The n-th sample of a stream is taken at `origin + n * µs_per_sample`, where the motor points then, and the
+world says how far it is. All three are functions of n alone, so a stretch of packets is built in one go
+with numpy, ahead of its time, however short the steps in which the device is asked for bytes.
+
+Angles in the capsule formats go in equal steps from one start angle to the next (S-series interface manual,
+DenseBoost answer). Two formats shift each sample by an amount of its own, which the host subtracts: 0x82
+carries it, in 0x84 it follows from the distance (vendor SDK 2.1.0, ultra capsule unpacker).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from lidario.families.rplidar.simulated import packers
+from lidario.families.rplidar.simulated.profiles import Mode
+from lidario.sim.motor import Motor
+from lidario.sim.world import World
+
+__all__ = ["MeasurementStream"]
+
+Floats = npt.NDArray[np.float64]
+
+_STRETCH = 4096  # samples built in one go: enough to forget numpy's overhead, little enough for the caches
+_EXPRESS_OFFSETS_Q3 = np.array([18 + k % 5 for k in range(32)])  # 2.25° to 2.75°, so both halves are in use
+
+
+class MeasurementStream:
+    """One measurement stream, from the answer's descriptor on.
+
+    Args:
+        mode: The scan mode.
+        origin: When the first sample's measuring begins, in nanoseconds.
+        motor: Turns the head; must not change its speed while the stream lasts.
+        world: What there is to see.
+        first: Whether the first packet begins a stream (S set) or one that has long been running.
+    """
+
+    def __init__(self, mode: Mode, origin: int, motor: Motor, world: World, *, first: bool = True) -> None:
+        self.mode = mode
+        self.size, self._per_packet = mode.packet
+        self.period = mode.period_ns
+        self._origin = origin
+        self._motor = motor
+        self._world = world
+        self._first = first
+        self._built = 0
+        self._sample_ns = self.period / self._per_packet  # so that samples and packets never drift apart
+        self._max_mm = mode.max_distance_q8 * 1000.0 / 256.0
+        self._build = {
+            0x81: self._standard,
+            0x82: self._express,
+            0x83: self._hq,
+            0x84: self._ultra,
+            0x85: self._dense,
+            0x86: self._ultra_dense,
+        }[mode.format]
+
+    @property
+    def ready(self) -> int:
+        """When the first packet not built yet will be made: after its last sample."""
+        return self._origin + (self._built + 1) * self.period
+
+    def until(self, now: int) -> Iterator[tuple[bytes, int]]:
+        """Build stretches of packets until they reach beyond `now`; each with when its first one is made."""
+        count = _STRETCH // self._per_packet
+        while (made := self.ready) <= now:
+            data = self._build(self._built, count)
+            self._built += count
+            yield data, made
+
+    def _head(self, first: int, count: int) -> tuple[Floats, Floats]:
+        """Turns and times (ns) of `count` samples from number `first` on."""
+        times = np.arange(first, first + count, dtype=np.float64)
+        times *= self._sample_ns
+        times += self._origin
+        return self._motor.turns(times), times
+
+    def _measure(self, degrees: Floats, times: Floats) -> Floats:
+        """Distances in mm at these angles and times; 0 beyond the mode's reach."""
+        mm = self._world.ranges_mm(degrees, times * 1e-9)
+        mm *= mm <= self._max_mm
+        return mm
+
+    def _capsules(self, packet: int, count: int) -> tuple[npt.NDArray[np.int64], Floats, Floats]:
+        """Start angles (count,) in q6, and degrees and times of all samples of these packets."""
+        turns, times = self._head(packet * self._per_packet, count * self._per_packet)
+        return _q6(turns[:: self._per_packet]), turns * 360.0, times
+
+    def _new(self, packet: int) -> bool:
+        return self._first and packet == 0
+
+    def _standard(self, packet: int, count: int) -> bytes:
+        turns, times = self._head(packet - 1, count + 1)  # one before, to see where a revolution begins
+        mm = self._measure(turns[1:] * 360.0, times[1:])
+        begins = np.diff(np.floor(turns)) > 0.0
+        distance = np.rint(_carried(mm, 65535 / 4) * 4.0).astype(np.int64)
+        return packers.pack_standard(_q6(turns[1:]), distance, _strength(mm) >> 2, begins)
+
+    def _express(self, packet: int, count: int) -> bytes:
+        start, degrees, times = self._capsules(packet, count)
+        offsets = np.tile(_EXPRESS_OFFSETS_Q3, count)
+        mm = _carried(self._measure(degrees - offsets / 8.0, times), 16383.0)
+        return packers.pack_express(start, mm, offsets, new_stream=self._new(packet))
+
+    def _hq(self, packet: int, count: int) -> bytes:
+        turns, times = self._head(packet * 96 - 1, count * 96 + 1)
+        mm = self._measure(turns[1:] * 360.0, times[1:])
+        angle = np.floor((turns[1:] % 1.0) * 65536.0).astype(np.int64) & 0xFFFF
+        begins = np.diff(np.floor(turns)) > 0.0
+        stamp = (times[1::96] * 1e-3).astype(np.uint64)
+        return packers.pack_hq(
+            angle, np.rint(mm * 4.0).astype(np.int64), _strength(mm), np.where(begins, 1, 2), time_us=stamp
+        )
+
+    def _ultra(self, packet: int, count: int) -> bytes:
+        samples = count * 96
+        turns, times = self._head(packet * 96, samples + 1)  # one more: predictions look at the next packet
+        degrees = turns * 360.0
+        mm = self._measure(degrees - 8.0, times)
+        for _ in range(2):  # the shift depends on the distance, the distance on the shift
+            mm = self._measure(degrees - _ultra_shift(mm), times)
+        return packers.pack_ultra(
+            _q6(turns[:samples:96]),
+            mm[:samples].reshape(count, 96),
+            float(mm[samples]),
+            new_stream=self._new(packet),
+        )
+
+    def _dense(self, packet: int, count: int) -> bytes:
+        start, degrees, times = self._capsules(packet, count)
+        return packers.pack_dense(start, self._measure(degrees, times), new_stream=self._new(packet))
+
+    def _ultra_dense(self, packet: int, count: int) -> bytes:
+        start, degrees, times = self._capsules(packet, count)
+        mm = self._measure(degrees, times)
+        stamp = (times[::64] * 1e-3).astype(np.int64)
+        return packers.pack_ultra_dense(
+            start, mm, _strength(mm), time_us=stamp, new_stream=self._new(packet)
+        )  # fmt: skip
+
+
+def _q6(turns: Floats) -> npt.NDArray[np.int64]:
+    """Angles in 1/64 degree, below 360°."""
+    return np.floor(turns * 23040.0).astype(np.int64) % 23040
+
+
+def _carried(mm: Floats, top: float) -> Floats:
+    """No return where the format's distance field is too short."""
+    return np.where(mm <= top, mm, 0.0)
+
+
+def _strength(mm: Floats) -> npt.NDArray[np.int64]:
+    """An echo's strength, 0..255: it falls with the distance, and nothing comes back from nowhere."""
+    return np.where(mm > 0.0, np.clip(250.0 - mm / 80.0, 40.0, 250.0), 0.0).astype(np.int64)
+
+
+def _ultra_shift(mm: Floats) -> Floats:
+    """Degrees that the host subtracts from a sample of answer 0x84 (vendor SDK 2.1.0, without rounding)."""
+    k = 98361.0 / np.maximum(mm * 4.0, 1.0)
+    far = 8.0 - np.degrees((k * 64.0 + k**3 / 98304.0) / 65536.0)
+    return np.where(mm * 4.0 < 200.0, 7.5, far)

@@ -1,0 +1,288 @@
+"""The device side: answers requests and sends point clouds as a 4ROS does, and as strictly.
+
+What a real device does not forgive, this one does not either (4ROS development manual where not said
+otherwise):
+
+* while it scans it hears nothing but STOP, FORCED_STOP (vendor SDK), RESET and SCAN; the last one only renews
+  power-down protection, without a header;
+* with protection on, it stops when 3 s pass without a SCAN;
+* the scan header comes at once, the first packet when the motor is up to speed;
+* a request within 5 ms of a stop is discarded, the pause the vendor's SDK keeps; another stop is obeyed;
+* after RESET it is deaf until it has booted; then it sends device information that nobody asked for (the
+  vendor's SDK waits for that), and is set as it came from the factory: 7 Hz (data sheet), protection off;
+* it answers one of the two health requests, and not the other;
+* an unknown request is discarded without a word, as are A5 D0 and D1, which only the SDK knows;
+* reporting health 2, it starts no scan; RESET clears it if the fault has gone.
+
+A scan starts the motor, a stop stops it. Steps of the speed end at 5 and 12 Hz (data sheet). Where all
+documents are silent, the choice is ours: how long a restart takes and what it forgets, LSN, the spin-up time.
+
+`Simulated4Ros.log` tells of every request, with the reason where it was discarded.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_answer
+from lidario.families.ydlidar.simulated.stream import SAMPLE_NS, PointStream
+from lidario.sim.chassis import Chassis
+from lidario.sim.motor import Motor
+from lidario.sim.world import World
+
+__all__ = ["PROFILES", "Profile", "Simulated4Ros", "make_simulated"]
+
+_MS = 1_000_000
+_BAUDRATE = 512_000  # data sheet, chart 5
+_SETTLE_AFTER_STOP = 5 * _MS  # vendor SDK 1.2.20
+_AFTER_STOP = "within 5 ms of stop"
+_ALIVE_FOR = 3000 * _MS  # manual 3.8
+_FACTORY_SPEED = 700  # hundredths of Hz: data sheet
+_SPEEDS = (500, 1200)  # data sheet
+_ERROR = 2  # health status
+_SETTING, _HEALTH = 0x04, 0x06  # answer types
+_FIRMWARE = (1, 3)  # minor, major, in the order in which they are sent
+_HARDWARE = 2
+
+_NAMES = {
+    0x00: "forced_stop",
+    0x09: "speed_up_fine",
+    0x0A: "speed_down_fine",
+    0x0B: "speed_up",
+    0x0C: "speed_down",
+    0x0D: "get_speed",
+    0x60: "scan",
+    0x65: "stop",
+    0x80: "reset",
+    0x90: "get_info",
+    0x91: "get_health",
+    0x92: "get_health",
+    0x93: "get_zero_offset",
+    0xD9: "toggle_protection",
+}
+_HEARD_WHILE_SCANNING = {0x00, 0x60, 0x65, 0x80}
+_STOPS = {0x00, 0x65}
+_STEPS = {0x09: 10, 0x0A: -10, 0x0B: 100, 0x0C: -100}  # hundredths of Hz
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """What kind of device it is.
+
+    Attributes:
+        name: Its name in ``sim://`` sources.
+        model: Model number.
+        health_command: The health request that it answers: 0x91 as in the manual, or 0x92 as in the SDK.
+        spin_up_s: Seconds the motor needs from standstill to a stable speed.
+    """
+
+    name: str
+    model: int = 101
+    health_command: int = 0x91
+    spin_up_s: float = 1.0
+
+
+PROFILES = {
+    profile.name: profile
+    for profile in (
+        Profile("ydlidar-4ros"),
+        Profile("ydlidar-4ros-92", health_command=0x92),
+        Profile("ydlidar-4ros-slow", spin_up_s=2.5),
+    )
+}
+
+
+class Simulated4Ros(Chassis[PointStream]):
+    """One simulated device; obeys `lidario.sim.device.SimulatedDevice`.
+
+    Args:
+        profile: What it is.
+        world: What it sees; the furnished room by default.
+        serial: Its serial number: 16 digits as text, 16 bytes of 0 to 9, or 8 bytes of two digits each; drawn
+            from `seed` by default.
+        seed: Decides serial number, noise of the default world, first angle and garbled answers.
+
+    Attributes:
+        profile: What it is.
+        serial: Its serial number, bytes of 0 to 9.
+        health: Status (0 good, 1 warning, 2 error) and error code; this and more as in `Chassis`.
+        zero_offset: What it tells of its zero-angle offset, in quarter degrees; nothing else depends on it.
+        set_speed: The speed that is set, in hundredths of Hz.
+        protected: Whether power-down protection is on.
+        lapses: How often protection has ended a scan.
+
+    Raises:
+        ValueError: The serial number is not 16 digits.
+    """
+
+    def __init__(
+        self,
+        profile: Profile,
+        *,
+        world: World | None = None,
+        serial: bytes | str | None = None,
+        seed: int = 0,
+    ) -> None:
+        super().__init__(_BAUDRATE, world, seed, profile.model)
+        self.profile = profile
+        drawn = self._random.integers(0, 10, 16).tolist()
+        self.serial = _digits(drawn if serial is None else serial)
+        self.zero_offset = 0
+        self.set_speed = _FACTORY_SPEED
+        self.protected = False
+        self.lapses = 0
+        self.answer_delay_s = 0.0005
+        self._motor = Motor(spin_up_s=profile.spin_up_s, turns=float(self._random.random()))
+        self._begun = False  # the first byte of a request is there
+        self._alive_until = 0
+
+    def receive(self, data: bytes, now: int) -> None:
+        """Take bytes that the host sent and that arrived at `now`."""
+        self._advance(now)
+        for byte in data:
+            if not self._begun:
+                self._begun = byte == 0xA5
+            elif byte != 0xA5:
+                self._begun = False
+                self._consider(byte, now)
+
+    def wakeup(self, now: int) -> int | None:
+        """When the answer or packet that is next will have left; None while the device is idle."""
+        at = self._queue.wakeup(now)
+        if at is None and self._stream is not None:
+            at = max(now, self._stream.ready)
+        return at
+
+    def begin_streaming(self, now: int) -> None:
+        """Be in the middle of a scan, and of a packet, that a program long gone has started."""
+        past = 10 * 40 * SAMPLE_NS + self._queue.airtime(90) * 2 // 5
+        spin_up, self._motor.spin_up_s = self._motor.spin_up_s, 0.0
+        self._motor.set_rpm(self.set_speed * 0.6, now - past)
+        self._motor.spin_up_s = spin_up
+        self._alive_until = now + _ALIVE_FOR
+        self._stream = PointStream(now - past, self._motor, self.world)
+        self._advance(now)
+        self._queue.take(now)
+
+    def protection_stop(self, error_code: int) -> None:
+        """Fail: the stream and the motor cease, and health says so until a RESET helps."""
+        self.health = (_ERROR, error_code)
+        self._halt(self._now)
+
+    def _advance(self, now: int) -> None:
+        """Do what is due by `now`: build packets, stop when nobody keeps the scan alive."""
+        self._now = now = max(self._now, now)
+        if self._stream is not None and self.protected and now >= self._alive_until:
+            self._build(self._alive_until)
+            self._halt(self._alive_until)
+            self.lapses += 1
+        self._build(now)
+
+    def _build(self, now: int) -> None:
+        if self._stream is not None:
+            for data, ready, size, period in self._stream.until(now):
+                self._queue.push(data, ready, size=size, period=period)
+
+    def _halt(self, now: int) -> None:
+        """End the scan and stop the motor; the packet that is made still leaves."""
+        if self._stream is not None:
+            self._stream = None
+            self._queue.withdraw(now)
+        self._motor.set_rpm(0.0, now)
+
+    def _consider(self, command: int, now: int) -> None:
+        """Obey a request or discard it, and remember which."""
+        why = self._refusal(command, now)
+        if not why:
+            self._obey(command, now)
+        self._log.add(now, _NAMES.get(command, "unknown"), bytes((0xA5, command)), why)
+
+    def _refusal(self, command: int, now: int) -> str:
+        """Why the device does not do as it is told; empty when it does."""
+        if now < self._deaf_until and (command not in _STOPS or self._deaf_why != _AFTER_STOP):
+            return self._deaf_why
+        other_health = command in (0x91, 0x92) and command != self.profile.health_command
+        if command not in _NAMES or other_health:
+            return "unknown to this device"
+        if self.scanning and command not in _HEARD_WHILE_SCANNING:
+            return "scanning"
+        if command == 0x60 and self.health[0] == _ERROR:
+            return "in protection stop"
+        return ""
+
+    def _obey(self, command: int, now: int) -> None:
+        if command in _STOPS:
+            self._halt(now)
+            self._deaf_until, self._deaf_why = now + _SETTLE_AFTER_STOP, _AFTER_STOP
+        elif command == 0x80:
+            self._reset(now)
+        elif command == 0x60:
+            self._scan(now)
+        else:
+            answer = self._garbled(pack_answer(*self._reply(command)))
+            self._queue.push(answer, now + int(self.answer_delay_s * 1e9))
+
+    def _reply(self, command: int) -> tuple[int, bytes]:
+        """Answer type and payload."""
+        if command == 0x90:
+            return _SETTING, self._info()
+        if command == self.profile.health_command:
+            return _HEALTH, struct.pack("<BH", *self.health)
+        if command == 0x93:
+            return _SETTING, struct.pack("<i", self.zero_offset)
+        if command == 0xD9:
+            self.protected = not self.protected
+            return _SETTING, bytes((not self.protected,))
+        lowest, highest = _SPEEDS
+        self.set_speed = min(max(self.set_speed + _STEPS.get(command, 0), lowest), highest)
+        return _SETTING, struct.pack("<I", self.set_speed)
+
+    def _info(self) -> bytes:
+        return bytes((self.profile.model, *_FIRMWARE, _HARDWARE)) + self.serial
+
+    def _scan(self, now: int) -> None:
+        """Announce a stream that begins once the motor is up to speed, or keep alive the one there is."""
+        self._alive_until = now + _ALIVE_FOR
+        if self._stream is not None:
+            return
+        self._motor.set_rpm(self.set_speed * 0.6, now)
+        announced = now + int(self.answer_delay_s * 1e9)
+        self._queue.push(SCAN_HEADER, announced)
+        self._stream = PointStream(max(announced, self._motor.stable_at or 0), self._motor, self.world)
+
+    def _reset(self, now: int) -> None:
+        self._halt(now)
+        self._queue.cut(now)
+        self.set_speed, self.protected = _FACTORY_SPEED, False
+        if self.faults_cleared_by_reset:
+            self.health = (0, 0)
+        up = now + int(self.boot_s * 1e9)
+        self._deaf_until, self._deaf_why = up, "still booting after reset"
+        self._queue.push(pack_answer(_SETTING, self._info()), up)
+
+
+def make_simulated(
+    model: str, *, world: World | None = None, serial: bytes | str | None = None, seed: int = 0
+) -> Simulated4Ros:
+    """Build a simulated device by the name of its profile, such as ``"ydlidar-4ros"``.
+
+    Raises:
+        ValueError: No profile has that name.
+    """
+    if model not in PROFILES:
+        raise ValueError(f"no simulated device is called {model!r}; there are {', '.join(PROFILES)}")
+    return Simulated4Ros(PROFILES[model], world=world, serial=serial, seed=seed)
+
+
+def _digits(serial: bytes | str | list[int]) -> bytes:
+    """Sixteen bytes of 0 to 9."""
+    if isinstance(serial, bytes) and len(serial) == 8:
+        serial = serial.hex()
+    try:
+        digits = bytes(int(digit) for digit in serial)
+    except ValueError:
+        digits = b""
+    if len(digits) != 16 or max(digits) > 9:
+        raise ValueError(f"a serial number of a 4ROS has 16 digits, which {serial!r} has not")
+    return digits

@@ -1,0 +1,110 @@
+"""What the simulated device measures, and how it cuts it into packets.
+
+The n-th sample is taken at ``origin + n * 50 µs`` (data sheet: 20000 samples a second), where the motor
+points then, and the world says how far it is: functions of n alone. So a turn is built in one go with numpy,
+ahead of its time, however short the steps in which the device is asked for bytes.
+
+The first sample past zero stands alone, in a start packet that tells the speed. Packets of 40 follow (by a
+comment in the vendor's SDK; the manual gives no number), and the last one before the next zero is shorter.
+Angles are cut to 1/64 degrees, so none reads as 360.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from lidario.families.ydlidar.simulated.packers import pack_points, start_control
+from lidario.sim.motor import Motor
+from lidario.sim.world import World
+
+__all__ = ["SAMPLE_NS", "Burst", "PointStream"]
+
+SAMPLE_NS = 50_000
+_PER_PACKET = 40
+_REACH_MM = (50.0, 30_000.0)  # data sheet
+_FULL_TURN_Q6 = 360 * 64
+_MOST_AHEAD = 6000  # samples: a turn at 3.5 Hz
+
+
+class Burst(NamedTuple):
+    """Packets of one size, the first made at `ready`, the others `period` nanoseconds apart."""
+
+    data: bytes
+    ready: int
+    size: int
+    period: int
+
+
+class PointStream:
+    """One measurement stream.
+
+    Args:
+        origin: When the first sample is taken, in nanoseconds.
+        motor: Turns the head; must not change its speed while the stream lasts.
+        world: What there is to see.
+    """
+
+    def __init__(self, origin: int, motor: Motor, world: World) -> None:
+        self._origin = origin
+        self._motor = motor
+        self._world = world
+        self._next = 0
+        self._at_zero = False
+
+    @property
+    def ready(self) -> int:
+        """When the first sample not built yet will have been taken."""
+        return self._origin + (self._next + 1) * SAMPLE_NS
+
+    def until(self, now: int) -> Iterator[Burst]:
+        """Build turns until they reach beyond `now`."""
+        while self.ready <= now:
+            yield from self._turn()
+
+    def _turn(self) -> list[Burst]:
+        """The packets from the next sample to the zero behind it, or as far as is sensible."""
+        first = self._next
+        hertz = self._motor.rpm(self._origin + first * SAMPLE_NS) / 60.0
+        count = min(int(1.05e9 / SAMPLE_NS / max(hertz, 1.0)) + 2 * _PER_PACKET, _MOST_AHEAD)
+        times = np.arange(first, first + count, dtype=np.float64)
+        times *= SAMPLE_NS
+        times += self._origin
+        turns = self._motor.turns(times)
+        zero = int(np.searchsorted(turns, np.floor(turns[0]) + 1.0))
+        lone = int(self._at_zero)
+        self._at_zero = zero < count
+        full = (min(zero, count) - lone) // _PER_PACKET
+        end = zero if self._at_zero else lone + full * _PER_PACKET
+        self._next = first + end
+
+        turns, times = turns[:end], times[:end]
+        q6 = np.floor(turns * _FULL_TURN_Q6).astype(np.int64) % _FULL_TURN_Q6
+        mm = self._world.ranges_mm(turns * 360.0, times * 1e-9)
+        mm[(mm < _REACH_MM[0]) | (mm > _REACH_MM[1])] = 0.0
+        bursts = []
+        if lone:
+            bursts.append(self._burst(q6[:1], mm[:1], 1, first, start_control(hertz)))
+        middle = slice(lone, lone + full * _PER_PACKET)
+        if full:
+            bursts.append(self._burst(q6[middle], mm[middle], _PER_PACKET, first + lone))
+        if end > middle.stop:
+            rest = slice(middle.stop, end)
+            bursts.append(self._burst(q6[rest], mm[rest], end - middle.stop, first + middle.stop))
+        return bursts
+
+    def _burst(
+        self,
+        q6: npt.NDArray[np.int64],
+        mm: npt.NDArray[np.float64],
+        samples: int,
+        first: int,
+        control: int = 0,
+    ) -> Burst:
+        """Packets of `samples`, of which the first begins with sample number `first`."""
+        data = pack_points(mm.reshape(-1, samples), q6[::samples], q6[samples - 1 :: samples], control=control)
+        ready = self._origin + (first + samples) * SAMPLE_NS
+        return Burst(data, ready, 10 + 2 * samples, samples * SAMPLE_NS)

@@ -1,0 +1,1 @@
+"""An open line with one face: serial port, TCP connection or simulator."""

@@ -1,0 +1,137 @@
+"""A port with a simulated device at its other end.
+
+Three ways to get there: ``via=pty`` (the default where the system has pseudo-terminals) takes the whole path a
+real device takes, through the kernel and pyserial-asyncio; ``via=tcp`` the same through a socket; ``via=memory``
+hands the bytes over inside the event loop, on the loop's own clock, so that a test that drives the loop's time
+drives the device with it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+
+from lidario.errors import ConnectFailed
+from lidario.families.registry import family_of_simulated
+from lidario.port.port import Port, open_serial, open_tcp
+from lidario.sim.device import SimulatedDevice
+from lidario.sim.faults import Faults, parse_faults
+from lidario.sim.serve import MemoryLine, PtyServer, TcpServer
+from lidario.sim.world import make_world
+from lidario.source import Source
+
+__all__ = ["connect_in_memory", "make_device", "open_simulated"]
+
+_TICK_S = 0.002
+_WAYS = ("pty", "tcp", "memory")
+
+
+def make_device(source: Source) -> tuple[SimulatedDevice, Faults | None]:
+    """The device that a ``sim://`` source describes, and what happens to its bytes on the way.
+
+    Raises:
+        ConnectFailed: With reason ``source``, for an unknown model, world or fault.
+    """
+    family = family_of_simulated(source.address)
+    options = source.options
+    try:
+        seed = int(options.get("seed", "0"))
+        world = make_world(options["world"], seed=seed) if "world" in options else None
+        faults = parse_faults(options["fault"], seed=seed) if "fault" in options else None
+        serial = bytes.fromhex(options["serial"]) if "serial" in options else None
+        device = family.simulate(source.address, world=world, serial=serial, seed=seed)
+    except ValueError as error:
+        raise ConnectFailed(f"{source.text!r}: {error}", reason="source") from error
+    return device, faults
+
+
+async def open_simulated(source: Source) -> Port:
+    """Start a simulated device and open the line to it; closing the port ends it.
+
+    Raises:
+        ConnectFailed: The source is no good, or the line could not be opened.
+    """
+    way = source.options.get("via", "pty" if os.name == "posix" else "tcp")
+    if way not in _WAYS:
+        raise ConnectFailed(f"{source.text!r}: via={way} is not known; use {', '.join(_WAYS)}", reason="source")
+    device, faults = make_device(source)
+    if way == "memory":
+        return connect_in_memory(device, faults, name=source.text)
+    server = PtyServer(device, faults=faults) if way == "pty" else TcpServer(device, faults=faults)
+    try:
+        if isinstance(server, PtyServer):
+            port = await open_serial(server.path, device.baudrate)
+        else:
+            port = await open_tcp(source.text, *server.address, baudrate=device.baudrate)
+    except BaseException:
+        server.close()
+        raise
+    port.name = source.text
+    port.on_close(server.close)
+    return port
+
+
+def connect_in_memory(device: SimulatedDevice, faults: Faults | None = None, *, name: str = "memory") -> Port:
+    """A port on `device`, without a kernel between them; needs a running event loop."""
+    port = Port(name, device.baudrate)
+    port.connection_made(_MemoryTransport(asyncio.get_running_loop(), port, MemoryLine(device, faults)))
+    return port
+
+
+class _MemoryTransport(asyncio.Transport):
+    """Carries bytes between a port and a device on the clock of the loop."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, port: Port, line: MemoryLine) -> None:
+        super().__init__()
+        self._loop = loop
+        self._port = port
+        self._line = line
+        self._closing = False
+        self._timer: asyncio.TimerHandle | None = None
+        self._arm()
+
+    def is_closing(self) -> bool:
+        return self._closing
+
+    def write(self, data: bytes | bytearray | memoryview) -> None:
+        if not self._closing:
+            self._line.write(bytes(data), self._now())
+            self._arm()
+
+    def close(self) -> None:
+        self._end(None)
+
+    def abort(self) -> None:
+        self._end(None)
+
+    def _now(self) -> int:
+        return round(self._loop.time() * 1e9)
+
+    def _arm(self) -> None:
+        """Look again when the device next has something to say, but at most once a tick."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        now = self._now()
+        due = self._line.wakeup(now)
+        if due is not None and not self._closing:
+            self._timer = self._loop.call_at(max(due, now + round(_TICK_S * 1e9)) * 1e-9, self._deliver)
+
+    def _deliver(self) -> None:
+        self._timer = None
+        now = self._now()
+        data = self._line.read(now)
+        if self._line.unplugged(now):
+            self._end(OSError("the line was unplugged"))
+            return
+        if data:
+            self._port.data_received(data)
+        self._arm()
+
+    def _end(self, error: Exception | None) -> None:
+        if self._closing:
+            return
+        self._closing = True
+        if self._timer is not None:
+            self._timer.cancel()
+        self._loop.call_soon(self._port.connection_lost, error)

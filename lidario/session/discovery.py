@@ -1,0 +1,143 @@
+"""Finding lidars: which ports there are, and what answers at their ends.
+
+A port is written to without being named only when its USB adapter is one that lidars come with: a stray byte
+can reset other people's machines. Families share adapters, so only the protocol tells them apart.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from lidario.errors import ConnectFailed, LidarError
+from lidario.model import DeviceInfo
+from lidario.session.connect import connect, shut_down
+from lidario.source import Source
+
+__all__ = ["Found", "PortInfo", "find_source", "list_lidars", "list_serial_ports"]
+
+KNOWN_ADAPTERS: Final = {
+    (0x10C4, 0xEA60): "CP2102",
+    (0x1A86, 0x7523): "CH340",
+    (0x1A86, 0x55D4): "CH9102",
+    (0x0483, 0x5740): "STM32 virtual port",
+    (0x067B, 0x2303): "PL2303",
+    (0x0403, 0x6001): "FT232",
+    (0x0403, 0x6015): "FT231X",
+}
+"""USB vendor and product of the adapters that lidars are sold with."""
+
+_BY_ID = Path("/dev/serial/by-id")
+
+
+@dataclass(frozen=True, slots=True)
+class PortInfo:
+    """A serial port of this machine.
+
+    Attributes:
+        path: What to open.
+        by_id: A name that stays the same when ports are plugged in another order; empty where there is none.
+        adapter: The adapter's name if lidars come with it, else empty.
+        description: What the system says of it.
+    """
+
+    path: str
+    by_id: str
+    adapter: str
+    description: str
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What stands behind a port.
+
+    Attributes:
+        port: The port.
+        info: What the device says it is; None when none was found.
+        baudrate: Speed at which it answered; 0 when none was found.
+        error: Why none was found; empty when one was.
+    """
+
+    port: PortInfo
+    info: DeviceInfo | None
+    baudrate: int
+    error: str
+
+
+def list_serial_ports() -> list[PortInfo]:
+    """Every serial port of this machine; nothing is opened."""
+    from serial.tools import list_ports  # slow to import, and seldom needed
+
+    stable = {}
+    if _BY_ID.is_dir():
+        stable = {os.path.realpath(link): str(link) for link in _BY_ID.iterdir()}
+    return [
+        PortInfo(
+            path=port.device,
+            by_id=stable.get(os.path.realpath(port.device), ""),
+            adapter=KNOWN_ADAPTERS.get((port.vid, port.pid), "") if port.vid is not None else "",
+            description=port.description if port.description != "n/a" else "",
+        )
+        for port in sorted(list_ports.comports(), key=lambda port: str(port.device))
+    ]
+
+
+async def list_lidars(paths: tuple[str, ...] = ()) -> list[Found]:
+    """Ask what stands behind the ports named, or behind every port with a known adapter.
+
+    A device that streams is stopped by this.
+    """
+    named = {path: PortInfo(path, "", "", "") for path in paths}
+    ports = list(named.values()) or [port for port in list_serial_ports() if port.adapter]
+    return [await _ask(port) for port in ports]
+
+
+async def find_source(source: Source) -> Source:
+    """The source to open for ``auto`` and ``id:``; any other as it is.
+
+    Raises:
+        ConnectFailed: No lidar answers, or several do (reason ``ambiguous``); the text lists them.
+    """
+    if source.kind not in ("auto", "id"):
+        return source
+    found = await list_lidars()
+    answering = [each for each in found if each.info is not None]
+    if source.kind == "id":
+        wanted = source.address.casefold()
+        answering = [each for each in answering if each.info and each.info.serial.casefold() == wanted]
+    if len(answering) == 1:
+        best = answering[0]
+        family = best.info.family if best.info else ""
+        return Source(best.port.path, "serial", best.port.path, {"baud": str(best.baudrate), "family": family})
+    raise _none(source, found) if not answering else _several(answering)
+
+
+async def _ask(port: PortInfo) -> Found:
+    try:
+        connection = await connect(Source(port.path, "serial", port.path))
+    except LidarError as error:
+        return Found(port, None, 0, str(error))
+    await shut_down(connection.dialogue, connection.device.halt())
+    return Found(port, connection.info, connection.port.baudrate, "")
+
+
+def _none(source: Source, found: list[Found]) -> ConnectFailed:
+    what = f"no lidar with serial number {source.address}" if source.kind == "id" else "no lidar found"
+    if not found:
+        others = [port.path for port in list_serial_ports()]
+        tried = "no port has an adapter that lidars come with"
+        cure = f"; name the port if it is one of {', '.join(others)}" if others else ". Is it plugged in?"
+        return ConnectFailed(f"{what}: {tried}{cure}", reason="missing")
+    lines = "".join(f"\n{each.port.path}: {each.error or _title(each)}" for each in found)
+    return ConnectFailed(f"{what} on {len(found)} port(s) tried:{lines}", reason="missing")
+
+
+def _several(found: list[Found]) -> ConnectFailed:
+    lines = "".join(f"\n{each.port.path}: {_title(each)}" for each in found)
+    return ConnectFailed(f"{len(found)} lidars answer; name one:{lines}", reason="ambiguous")
+
+
+def _title(found: Found) -> str:
+    return f"{found.info.model}, serial number {found.info.serial}" if found.info else ""

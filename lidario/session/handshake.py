@@ -1,0 +1,83 @@
+"""Getting to know a device, whatever state it was left in.
+
+A device may still be streaming for a program that was killed, may hold half a request, may be in its protection
+stop, or may be booting. So the first word is always STOP, then silence is awaited, and only then a question is
+asked whose answer is recognised by type and length. A device that reports an error is reset once.
+"""
+
+from __future__ import annotations
+
+import asyncio
+
+from lidario.errors import DeviceFault, ResponseTimeout
+from lidario.families.base import Device, Timing
+from lidario.model import DeviceInfo, Health
+from lidario.session.dialogue import Dialogue
+
+__all__ = ["healthy", "introduce", "restart"]
+
+_LEAST_ROUNDS = 2
+"""A single question may be swallowed by half a request that a killed program left behind."""
+
+
+async def introduce(dialogue: Dialogue, device: Device, patience: float) -> DeviceInfo:
+    """Stop whatever the device is doing and ask what it is, again and again for `patience` seconds.
+
+    With no patience at all it is asked once.
+
+    Raises:
+        ResponseTimeout: It does not answer.
+        DeviceLost: The port died.
+    """
+    loop = asyncio.get_running_loop()
+    deadline = loop.time() + patience
+    rounds = _LEAST_ROUNDS if patience else 1
+    while True:
+        rounds -= 1
+        began = loop.time()
+        await dialogue.quieten()
+        try:
+            return await dialogue.run(device.identify())
+        except ResponseTimeout:
+            if rounds <= 0 and began >= deadline:
+                raise
+
+
+async def healthy(dialogue: Dialogue, device: Device, timing: Timing) -> Health:
+    """Ask how the device is, and reset it if it has stopped to protect itself.
+
+    Raises:
+        DeviceFault: It still reports an error after the reset.
+        ResponseTimeout: It does not answer, or not again after the reset.
+    """
+    health = await dialogue.run(device.health())
+    if health.ok:
+        return health
+    await restart(dialogue, device, timing)
+    again = await dialogue.run(device.health())
+    if again.ok:
+        return again
+    raise DeviceFault(
+        f"the device protects itself: health {again.status.value}, code {again.code} (0x{again.code:04X}), "
+        "also after a reset. Check that the rotor turns freely and that the supply gives 5 V under load",
+        again,
+    )
+
+
+async def restart(dialogue: Dialogue, device: Device, timing: Timing) -> None:
+    """Reset the device and wait until it answers, however long it boots and whatever it prints meanwhile.
+
+    Raises:
+        ResponseTimeout: It does not come back.
+    """
+    loop = asyncio.get_running_loop()
+    await dialogue.ask(device.reset())
+    deadline = loop.time() + timing.boot_s
+    while True:
+        try:
+            await introduce(dialogue, device, patience=0)
+            return
+        except ResponseTimeout:
+            if loop.time() > deadline:
+                raise
+        await asyncio.sleep(timing.boot_poll_s)

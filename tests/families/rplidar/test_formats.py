@@ -1,0 +1,110 @@
+"""Where packets begin, how long they are, and which are believed, format by format."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lidario.families.rplidar.formats import FORMATS, FULL_TURN_Q6, FULL_TURN_Q14, CapsuleFormat, HqFormat
+from lidario.families.rplidar.simulated import packers
+from lidario.wire.formats import NO_PACKET, RESTARTS
+from tests.reference import rplidar
+from tests.support.streams import CASES
+
+CAPSULES = (0x82, 0x84, 0x85, 0x86)
+GOLDEN = {case.answer_type: case for case in CASES if case.name.startswith("rplidar_32k")}
+capsules = pytest.mark.parametrize("kind", CAPSULES)
+
+
+def test_every_format_is_in_the_table_with_the_references_size() -> None:
+    assert set(FORMATS) == set(rplidar.PACKET_BYTES)
+    for kind, make in FORMATS.items():
+        stream = make()
+        assert stream.answer_type == kind
+        assert stream.shortest == stream.longest == rplidar.PACKET_BYTES[kind]
+    assert len({make.name for make in FORMATS.values()}) == len(FORMATS)
+
+
+@pytest.mark.parametrize("kind", sorted(FORMATS))
+def test_a_packet_is_measured_by_its_first_bytes(kind: int) -> None:
+    stream, packet = FORMATS[kind](), bytearray(GOLDEN[kind].packets[5])
+    assert stream.measure(packet, 0) == len(packet)
+    assert stream.header.match(packet)
+    assert stream.measure(bytearray(packet[:1]), 0) in (0, stream.shortest)
+    assert stream.measure(bytearray(b"\0" + packet), 1) == len(packet)
+    for wrong in (b"\x00\x00", b"\xff\xff", b"\x50\xa5"):
+        assert stream.measure(bytearray(wrong), 0) == NO_PACKET
+
+
+@capsules
+def test_any_nibbles_may_stand_beside_the_marks(kind: int) -> None:
+    stream = FORMATS[kind]()
+    found = {
+        (first, second)
+        for first in range(256)
+        for second in range(256)
+        if stream.measure(bytearray((first, second)), 0) == stream.shortest
+    }
+    assert found == {(0xA0 | low, 0x50 | high) for low in range(16) for high in range(16)}
+
+
+@pytest.mark.parametrize("kind", [*CAPSULES, 0x83])
+def test_every_single_flipped_bit_is_seen(kind: int) -> None:
+    stream, packet = FORMATS[kind](), bytearray(GOLDEN[kind].packets[7])
+    assert stream.intact(packet, 0, len(packet))
+    assert stream.intact(bytearray(b"xyz" + packet + b"z"), 3, len(packet))
+    for bit in range(8 * len(packet)):
+        packet[bit // 8] ^= 1 << bit % 8
+        size = stream.measure(packet, 0)
+        assert size == NO_PACKET or not stream.intact(packet, 0, size), f"bit {bit}"
+        packet[bit // 8] ^= 1 << bit % 8
+
+
+@capsules
+@given(st.data())
+def test_intact_is_what_the_reference_says(kind: int, data: st.DataObject) -> None:
+    body = data.draw(st.binary(min_size=rplidar.PACKET_BYTES[kind] - 2, max_size=rplidar.PACKET_BYTES[kind] - 2))
+    check = 0
+    for byte in body:
+        check ^= byte
+    stated = data.draw(st.one_of(st.just(check), st.integers(0, 255)))
+    packet = bytearray((0xA0 | stated & 15, 0x50 | stated >> 4)) + body
+    assert FORMATS[kind]().intact(packet, 0, len(packet)) is (stated == check)
+
+
+@capsules
+def test_headings_are_start_angles_and_say_where_the_stream_began_anew(kind: int) -> None:
+    stream, packets = FORMATS[kind](), GOLDEN[kind].packets
+    assert isinstance(stream, CapsuleFormat)
+    headings = list(stream.headings(b"".join(packets)))
+    assert stream.full_turn == FULL_TURN_Q6
+    assert headings == [
+        rplidar.start_q6(kind, packet) | (RESTARTS if rplidar.is_reset(kind, packet) else 0) for packet in packets
+    ]
+    assert headings[0] & RESTARTS
+    assert not any(heading & RESTARTS for heading in headings[1:])
+    assert list(stream.offsets(b"".join(packets))) == list(range(0, len(GOLDEN[kind].raw) + 1, stream.shortest))
+    assert stream.headings(b"") == []
+
+
+def test_a_start_angle_beyond_the_turn_is_brought_into_it() -> None:
+    raw = packers.pack_dense([0, 23039, 23040, 23041, 0x7FFF], np.zeros((5, 40)))
+    assert list(FORMATS[0x85]().headings(raw)) == [0, 23039, 0, 1, 0x7FFF - 23040]
+
+
+def test_headings_of_hq_are_the_angles_of_the_first_nodes() -> None:
+    case = GOLDEN[0x83]
+    stream = HqFormat()
+    assert stream.full_turn == FULL_TURN_Q14
+    firsts = [case.samples[n].raw_deg for n in range(0, len(case.samples), 96)]
+    np.testing.assert_allclose(np.array(stream.headings(case.raw)) * 360 / FULL_TURN_Q14, firsts)
+
+
+def test_the_crc_of_hq_covers_the_padding() -> None:
+    import zlib
+
+    packet = bytearray(GOLDEN[0x83].packets[0])
+    packet[777:] = zlib.crc32(packet[:777]).to_bytes(4, "little")
+    assert not HqFormat().intact(packet, 0, 781)
+    packet[777:] = zlib.crc32(packet[:777] + b"\0\0\0").to_bytes(4, "little")
+    assert HqFormat().intact(packet, 0, 781)

@@ -1,0 +1,169 @@
+"""Decoding the 4ROS's packets: against the vendor's decoder, a scalar reference, and the packer's inverse."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from lidario.families.base import Samples
+from lidario.families.ydlidar.decode import PointCloudDecoder, speed_hz
+from lidario.families.ydlidar.simulated.packers import pack_points, start_control
+from tests.reference import golden, ydlidar
+from tests.support.streams import SINGLE_DEG
+
+
+def turns_of(name: str) -> list[list[bytes]]:
+    """The packets of each whole turn, and of the open one at the end."""
+    packets = ydlidar.split(golden.load(name).raw)
+    begins = [n for n, packet in enumerate(packets) if ydlidar.is_start(packet)] + [len(packets)]
+    return [packets[begin:end] for begin, end in pairwise(begins)]
+
+
+def decoded(packets: list[bytes], following: bytes | None = None) -> Samples:
+    return PointCloudDecoder().decode(b"".join(packets), following)
+
+
+@pytest.mark.parametrize("name", golden.YDLIDAR_NAMES)
+def test_golden_streams(name: str) -> None:
+    truth, decoder = golden.load(name), PointCloudDecoder()
+    turns = turns_of(name)
+    assert len(turns) == 12 or name != "ydlidar_4ros_room10"
+    done = 0
+    for turn, after in zip(turns, [*turns[1:], None], strict=True):
+        samples = decoder.decode(b"".join(turn), None if after is None else after[0])
+        assert (samples.lost, samples.unbroken) == (0, len(turn))
+        assert samples.intensity is None
+        end = done + len(samples.distance_mm)
+        if end > len(truth.distance_mm):
+            break  # the vendor's decoder delivers no open turn
+        np.testing.assert_array_equal(samples.distance_mm, truth.distance_mm[done:end])
+        # The vendor truncates to 1/64 degree.
+        late = samples.angle_deg - truth.angle_deg[done:end]
+        assert late.min() >= -1e-4
+        assert late.max() <= 1 / 64 + 1e-4
+        done = end
+    assert done == len(truth.distance_mm)
+
+
+@pytest.mark.parametrize("name", golden.YDLIDAR_NAMES)
+def test_the_reference_agrees_to_the_last_digit(name: str) -> None:
+    for turn in turns_of(name):
+        samples, reference = decoded(turn), ydlidar.decode(turn)
+        assert samples.angle_deg.dtype == samples.distance_mm.dtype == np.float32
+        # The one rounding there is, is that to single precision.
+        np.testing.assert_array_equal(samples.angle_deg, np.array([s.angle_deg for s in reference], np.float32))
+        np.testing.assert_array_equal(samples.distance_mm, [s.distance_mm for s in reference])
+        np.testing.assert_array_equal(samples.ends, np.cumsum([packet[3] for packet in turn]))
+
+
+def test_a_lone_sample_has_the_first_angle() -> None:
+    samples = decoded([pack_points([1234], 6400, 999)])
+    assert samples.angle_deg.tolist() == [100.0]
+    assert samples.distance_mm.tolist() == [1234.0]
+
+
+def test_an_angle_of_360_degrees_is_0() -> None:
+    exact = decoded([pack_points([1, 2, 3], 359 * 64, 64)])
+    assert exact.angle_deg.tolist() == [359.0, 0.0, 1.0]
+    stated = decoded([pack_points([7], 360 * 64, 360 * 64)])
+    assert stated.angle_deg.tolist() == [0.0]
+
+
+def test_the_longest_packet_across_zero() -> None:
+    samples = decoded([pack_points(range(1, 81), 355 * 64, 10 * 64)])
+    np.testing.assert_allclose(samples.angle_deg, np.linspace(355, 370, 80) % 360, rtol=0, atol=SINGLE_DEG)
+    assert samples.angle_deg.min() >= 0
+    assert samples.angle_deg.max() < 360
+
+
+lengths = st.lists(st.integers(1, 80), min_size=1, max_size=8)
+
+
+@settings(max_examples=200, deadline=None)
+@given(counts=lengths, seed=st.integers(0, 2**32))
+def test_decoding_inverts_packing(counts: list[int], seed: int) -> None:
+    random = np.random.default_rng(seed)
+    packets, beams, distances = [], [], []
+    for count in counts:
+        first, way = int(random.integers(0, 23040)), int(random.integers(0, 2000)) * (count > 1)
+        mm: NDArray[np.int64] = random.integers(0, 65536, count)
+        packets.append(pack_points(mm, first, (first + way) % 23040))
+        beams.append(np.linspace(first, first + way, count) / 64)
+        distances.append(mm)
+    samples = decoded(packets)
+    whole = np.concatenate(beams)
+    np.testing.assert_array_equal(samples.distance_mm, np.concatenate(distances))
+    off = (samples.angle_deg - whole + 180) % 360 - 180
+    assert np.abs(off).max() <= SINGLE_DEG
+    assert ((samples.angle_deg >= 0) & (samples.angle_deg < 360)).all()
+
+
+def lost_behind(turns: list[list[bytes]], missing: range) -> tuple[int, int]:
+    """Lost packets and unbroken ones, of a turn and a bit, with those of the second turn's start `missing`."""
+    decoder = PointCloudDecoder()
+    decoder.decode(b"".join(turns[0]), turns[1][0])
+    stream = turns[1] + turns[2]
+    left = [packet for number, packet in enumerate(stream) if number not in missing]
+    # As the assembler does: up to the first start packet behind the gap, or well behind it.
+    end = next(
+        (n for n, packet in enumerate(left) if n > missing.start and ydlidar.is_start(packet)), len(left) - 1
+    )
+    samples = decoder.decode(b"".join(left[:end]), left[end])
+    return samples.lost, samples.unbroken
+
+
+@pytest.mark.parametrize("name", golden.YDLIDAR_NAMES)
+def test_a_lost_packet_is_counted_wherever_it_was(name: str) -> None:
+    turns = turns_of(name)[:3]
+    for gone in range(1, len(turns[1]) + 10):
+        assert lost_behind(turns, range(gone, gone + 1)) == (1, gone), f"packet {gone}"
+
+
+@pytest.mark.parametrize("count", [2, 3, 5, 20])
+def test_several_lost_packets_are_counted(count: int) -> None:
+    turns = turns_of("ydlidar_4ros_room10")[:3]
+    for gone in range(1, len(turns[1]) + 4):
+        assert lost_behind(turns, range(gone, gone + count)) == (count, gone), f"packets from {gone}"
+
+
+def test_what_the_angles_cannot_tell_is_not_counted() -> None:
+    turn = turns_of("ydlidar_4ros_room10")[0]
+    assert decoded(turn[:1]).lost == 0
+    assert decoded(turn[:1], turn[20]).lost == 0  # a lone sample has no step
+    assert decoded(turn[:5]).lost == 0  # what follows is not known
+    assert decoded(turn[:5], turn[6]).lost == 1
+
+
+def test_an_unsteady_rotor_loses_nothing() -> None:
+    random, first, packets = np.random.default_rng(5), 0, []
+    for _ in range(50):
+        last = first + 39 * 11
+        packets.append(pack_points([1000] * 40, first % 23040, last % 23040))
+        first = last + 11 + int(random.integers(-12, 24))
+    assert decoded(packets[:-1], packets[-1]).lost == 0
+
+
+def test_speed_is_read_from_start_packets_alone() -> None:
+    start, other = start_control(3.0), 0x0E
+    assert start == 1
+    decoder = PointCloudDecoder()
+    assert PointCloudDecoder().speed_hz is None
+    ordinary = pack_points([1, 2], 0, 64, control=other)
+    assert speed_hz(ordinary) is None
+    decoder.decode(pack_points([1], 0, 0, control=start) + ordinary, None)
+    assert decoder.speed_hz == 3.0
+    decoder.decode(ordinary, None)
+    assert decoder.speed_hz == 3.0
+    assert speed_hz(pack_points([1], 0, 0, control=0xB7)) == 12.1
+    assert [speed_hz(pack_points([1], 0, 0, control=start_control(hz))) for hz in (7.0, 15.7)] == [7.0, 15.7]
+
+
+def test_c_bits_of_0_are_counted() -> None:
+    decoder = PointCloudDecoder()
+    good, odd = pack_points([5] * 3, 100, 120), pack_points([5] * 3, 130, 150, marked=False)
+    samples = decoder.decode(good + odd + good, None)
+    assert decoder.unmarked == 1
+    assert samples.angle_deg[3] == 130 / 64

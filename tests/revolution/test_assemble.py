@@ -1,0 +1,346 @@
+"""From packets to revolutions: seams, time, losses, and what a scan promises of its arrays.
+
+Most tests use 0x85 packets whose samples are numbered: every sample has its own distance, so that none can be
+lost, doubled or swapped unseen.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lidario.families.rplidar.simulated import packers
+from lidario.model import Scan
+from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.wire.events import Packets
+from tests.support.streams import CASES, KINDS, Case, cut_up, named, open_stream, stream_of
+
+DENSE = next(case for case in CASES if case.name == "rplidar_32k_85")
+SAMPLE_NS = 31_250
+TURN = 23040
+BAUD = 1_000_000
+WIRE_NS = 84 * 10_000
+Arrival = Callable[[int], float]
+
+
+def numbered(count: int, arc: float, first: int = 0) -> list[bytes]:
+    """Dense packets of `arc` 1/64 degrees each; the n-th sample measures n + 1 millimetres."""
+    starts = np.rint(first + arc * np.arange(count)).astype(np.int64) % TURN
+    millimetres = np.arange(count * 40).reshape(-1, 40) % 65535 + 1
+    raw = packers.pack_dense(starts, millimetres)
+    return [raw[at : at + 84] for at in range(0, len(raw), 84)]
+
+
+def on_time(number: int) -> float:
+    """When the n-th packet arrives on a line without delays, the first sample being measured at 0."""
+    return ((number + 1) * 40 - 1 + 1.5) * SAMPLE_NS + WIRE_NS
+
+
+def assemble(
+    packets: Sequence[bytes],
+    arrival: Arrival = on_time,
+    *,
+    run: int = 1,
+    baudrate: int = BAUD,
+    stats: AssemblerStats | None = None,
+    wall: int = 0,
+    **about: Any,
+) -> list[Scan]:
+    """The scans of these packets, `run` of which arrive together."""
+    about.setdefault("sample_ns", float(SAMPLE_NS))
+    assembler = Assembler(stream_of(DENSE, **about), baudrate, wall, stats)
+    scans: list[Scan] = []
+    for at in range(0, len(packets), run):
+        part = packets[at : at + run]
+        scans += assembler.add(Packets(b"".join(part), len(part), round(arrival(at + len(part) - 1))))
+    return scans
+
+
+def numbers(scans: Sequence[Scan]) -> list[int]:
+    """The numbers of the samples of all scans."""
+    return [round(float(mm)) for scan in scans for mm in scan.device_distances]
+
+
+# ----------------------------------------------------------------------------------------------------- seams
+
+
+@given(arc=st.floats(200, 6000), first=st.integers(0, TURN - 1), run=st.integers(1, 90))
+def test_every_sample_is_in_the_turn_it_belongs_to(arc: float, first: int, run: int) -> None:
+    stats = AssemblerStats()
+    scans = assemble(numbered(260, arc, first), run=run, stats=stats)
+    found = numbers(scans)
+    assert len(scans) == stats.scans >= 1
+    assert (stats.broken_scans, stats.lost_packets) == (0, 0)
+    # One after the other without a hole, from scan to scan.
+    assert found == list(range(found[0], found[0] + len(found)))
+    for number, scan in enumerate(scans):
+        angles = scan.device_angles
+        assert (np.diff(angles) > 0).all()
+        # Between the last sample of one turn and the first of the next lies no more than a step.
+        assert angles[0] < arc / 64 / 39 + 1e-3
+        assert angles[-1] > 360 - arc / 64 / 39 - 1e-3
+        assert scan.seq == number
+        assert scan.lost_packets == scan.dropped_before == 0
+
+
+def test_a_turn_that_ends_with_a_packet_carries_nothing_over() -> None:
+    scans = assemble(numbered(24 * 4 + 1, 960))
+    assert [len(scan) for scan in scans] == [960, 960, 960]
+    assert numbers(scans) == list(range(961, 4 * 960 + 1))
+    assert scans[0].device_angles[0] == 0
+
+
+def test_the_first_turn_is_not_whole() -> None:
+    stats = AssemblerStats()
+    assert assemble(numbered(40, 960, 5000), stats=stats) == []
+    assert stats == AssemblerStats()
+    (scan,) = assemble(numbered(45, 960, 5000))
+    assert numbers([scan])[0] > 1
+
+
+def test_less_than_two_seams_are_no_scan() -> None:
+    assert assemble(numbered(1, 960)) == []
+    assert assemble([]) == []
+    assert assemble(numbered(47, 960, 100)) == []
+
+
+@pytest.mark.parametrize("case", [c for c in CASES if c.answer_type == 0x86], ids=named)
+def test_smoothing_goes_on_across_the_seam(case: Case) -> None:
+    """0x86 halves short steps against the sample before, the last one of the turn before included."""
+    random = np.random.default_rng(3)
+    mm = 400 + 2 * random.integers(-1, 2, (80, 64)).cumsum(axis=None).reshape(80, 64) % 60
+    raw = packers.pack_ultra_dense(np.arange(80) * 1000 % TURN, mm, 30)
+    packets = [raw[at : at + 170] for at in range(0, len(raw), 170)]
+    assembler, scans = Assembler(stream_of(case)), list[Scan]()
+    for number, packet in enumerate(packets):
+        scans += assembler.add(Packets(packet, 1, number))
+    reference = [sample.distance_mm for sample in case.decode(packets)]
+    found = np.concatenate([scan.device_distances for scan in scans]).tolist()
+    # 1000/64 degrees a packet: the first seam lies in the 24th, the 23rd begins at 343.75.
+    first = 23 * 64 + np.count_nonzero(23 * 1000 + np.arange(64) * 1000 / 64 < TURN)
+    assert found == reference[first : first + len(found)]
+    assert len(found) > 40 * 64
+    assert any(a != b for a, b in zip(reference, mm.ravel().tolist(), strict=False))
+
+
+# ------------------------------------------------------------------------------------------------------ time
+
+
+def test_stamps_are_exact_on_a_line_that_delays_nothing() -> None:
+    scans = assemble(numbered(160, 961.7, 300), wall=10**18)
+    assert len(scans) >= 5
+    for scan in scans:
+        first = round(float(scan.device_distances[0])) - 1
+        assert abs(scan.stamp_ns - first * SAMPLE_NS) <= 1
+        assert scan.wall_stamp_ns == scan.stamp_ns + 10**18
+        assert scan.time_increment_ns == SAMPLE_NS
+        assert scan.duration_ns == len(scan) * SAMPLE_NS
+
+
+@pytest.mark.parametrize("run", [1, 3, 7])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_least_delayed_packet_tells_the_time(run: int, seed: int) -> None:
+    """Late as most may be: one in eight is not, and it is enough."""
+    random = np.random.default_rng(seed)
+    delay = random.exponential(1_000_000, 400) * (random.random(400) > 1 / 8)
+    arrival = np.maximum.accumulate([on_time(n) + delay[n] for n in range(400)])
+    exact = [n for n in range(400) if arrival[n] == on_time(n)]
+    assert len(exact) > 10  # what comes behind a late packet is late as well
+    scans = assemble(numbered(400, 960.3), lambda n: float(arrival[n]), run=run)
+    late = [scan.stamp_ns - (round(float(scan.device_distances[0])) - 1) * SAMPLE_NS for scan in scans]
+    assert min(late) >= -1
+    if run == 1:
+        # Exact where a packet of the turn came in time; else late by the least of their delays.
+        for scan, error in zip(scans, late, strict=True):
+            first = (round(float(scan.device_distances[0])) - 1) // 40
+            least = min(arrival[n] - on_time(n) for n in range(first, first + len(scan) // 40))
+            assert error <= least + 1
+    assert np.median(late) < 300_000
+
+
+@pytest.mark.parametrize("hertz", [5.0, 10.0, 13.7])
+def test_rpm_is_measured_from_turn_to_turn(hertz: float) -> None:
+    arc = TURN * hertz * 40 * SAMPLE_NS / 1e9
+    scans = assemble(numbered(round(5 * TURN / arc), arc))
+    assert len(scans) >= 3
+    for scan in scans:
+        # A turn begins with a sample: it is off by one of them at most.
+        assert scan.rpm == pytest.approx(60 * hertz, rel=2.5 * hertz * SAMPLE_NS / 1e9)
+        assert scan.duration_ns == pytest.approx(1e9 / hertz, rel=0.002)
+
+
+def test_without_a_line_speed_bytes_take_no_time() -> None:
+    (scan, *_) = assemble(numbered(100, 960), lambda n: on_time(n) - WIRE_NS, baudrate=0)
+    assert scan.stamp_ns == (round(float(scan.device_distances[0])) - 1) * SAMPLE_NS
+
+
+def test_a_sample_rate_nobody_tells_is_measured() -> None:
+    for scan in assemble(numbered(160, 960), sample_ns=0.0)[1:]:
+        assert scan.time_increment_ns == pytest.approx(SAMPLE_NS, rel=0.05)
+        assert scan.duration_ns == pytest.approx(len(scan) * SAMPLE_NS, rel=0.05)
+        assert scan.rpm == pytest.approx(2000, rel=0.05)
+
+
+@pytest.mark.parametrize("case", CASES, ids=named)
+@pytest.mark.parametrize("chunk", [512, 2048, 4096, 8192])
+def test_bytes_that_come_late_together_cost_no_turn(case: Case, chunk: int) -> None:
+    """As after a blocked event loop: chunks that hold more than a turn, and seams between them."""
+    link, assembler, at = open_stream(case), Assembler(stream_of(case)), 0
+    for piece in cut_up(case.raw, chunk):
+        at += len(piece)
+        link.receive_data(piece, round(at * case.byte_ns))
+        for event in link.events_received():
+            assert isinstance(event, Packets)
+            assembler.add(event)
+    assert (assembler.stats.scans, assembler.stats.broken_scans) == (len(case.turns), 0)
+
+
+@pytest.mark.parametrize("case", KINDS, ids=named)
+@pytest.mark.parametrize("chunk", [64, 700, 1500])
+def test_what_lay_uncut_tells_the_time_as_well(case: Case, chunk: int) -> None:
+    """Chunks come late by chance, are held for most of a turn, and each was noted when it came."""
+    results = []
+    for hold_ns in (0, 80_000_000):
+        random = np.random.default_rng(5)
+        link, assembler, at, scans = open_stream(case), Assembler(stream_of(case), BAUD), 0, list[Scan]()
+        for piece in cut_up(case.raw, chunk):
+            at += len(piece)
+            now = round(at * case.byte_ns + random.exponential(1_000_000))
+            link.receive_data(piece, now)
+            for event in link.events_received():
+                assert isinstance(event, Packets)
+                for scan in assembler.add(event):
+                    scans.append(scan)
+                    link.hold(now + hold_ns)
+        results.append(scans)
+    at_once, held = results
+    assert len(held) >= len(case.turns) - 1
+    for one, other in zip(at_once, held, strict=False):
+        assert (one.stamp_ns, one.rpm, one.seq) == (other.stamp_ns, other.rpm, other.seq)
+        np.testing.assert_array_equal(one.device_distances, other.device_distances)
+
+
+# -------------------------------------------------------------------------------------------- losses, endings
+
+
+def without(packets: list[bytes], *lost: int) -> tuple[list[bytes], Arrival]:
+    """The packets but for those, and when each of the others arrives."""
+    left = [number for number in range(len(packets)) if number not in lost]
+    return [packets[number] for number in left], lambda place: on_time(left[place])
+
+
+@pytest.mark.parametrize("lost", [(30,), (30, 31, 32), (30, 35, 39), tuple(range(26, 46))])
+def test_lost_packets_are_counted_in_their_turn(lost: tuple[int, ...]) -> None:
+    stats = AssemblerStats()
+    scans = assemble(*without(numbered(24 * 5 + 1, 960), *lost), stats=stats)
+    assert [scan.lost_packets for scan in scans] == [len(lost), 0, 0, 0]
+    assert [len(scan) for scan in scans] == [960 - 40 * len(lost), 960, 960, 960]
+    assert (stats.lost_packets, stats.broken_scans) == (len(lost), 0)
+    for scan in scans:
+        # Numbers are angles here: sample n stands at n times 3/8 degrees.
+        expected = (scan.device_distances.astype(np.float64) - 1) * 0.375 % 360
+        np.testing.assert_allclose(scan.device_angles, expected, atol=1e-4)
+        # A turn lasts as long as it lasts, however little of it came; and begins when it began.
+        assert scan.duration_ns == pytest.approx(960 * SAMPLE_NS)
+        first = round(float(scan.device_distances[0])) - 1
+        assert abs(scan.stamp_ns - first * SAMPLE_NS) <= 1
+        assert scan.rpm == pytest.approx(2000, rel=1e-3)
+
+
+def test_a_packet_lost_behind_the_seam_is_missing_in_the_turn_that_begins() -> None:
+    packets = numbered(24 * 5, 960, 500)
+    crossing = next(n for n in range(24, 60) if 500 + 960 * n < 2 * TURN <= 500 + 960 * (n + 1))
+    scans = assemble(*without(packets, crossing + 1))
+    assert [scan.lost_packets for scan in scans] == [0, 1, 0]
+
+
+@pytest.mark.parametrize("turns", [1, 2, 3])
+def test_whole_turns_that_are_missing_are_not_glued_over(turns: int) -> None:
+    """From the middle of a turn to the middle of a later one: the angles go on as if nothing had been."""
+    stats = AssemblerStats()
+    packets, arrival = without(numbered(24 * 8 + 1, 960), *range(36, 36 + 24 * turns))
+    scans = assemble(packets, arrival, stats=stats)
+    assert (stats.broken_scans, stats.scans) == (1, 7 - turns - 1)
+    assert [len(scan) for scan in scans] == [960] * len(scans)
+    found = numbers(scans)
+    assert found == list(range(found[0], found[0] + len(found)))
+
+
+def test_a_turn_that_never_ends_is_given_up_and_does_not_grow() -> None:
+    stats = AssemblerStats()
+    lead, still = numbered(60, 960), packers.pack_dense([11520], [[1] * 40])
+    follow = numbered(100, 960, 11520)
+    packets = [*lead, *[still] * 4000, *follow]
+    assembler = Assembler(stream_of(DENSE, sample_ns=float(SAMPLE_NS)), BAUD, stats=stats)
+    scans, held = [], 0
+    for number, packet in enumerate(packets):
+        scans += assembler.add(Packets(packet, 1, round(on_time(number))))
+        held = max(held, assembler._turn.packets)
+    # Twice the slowest turn, which takes a second here, is 1600 packets.
+    assert held <= 1700
+    assert stats.broken_scans == 1
+    assert len(scans) == 1 + 3
+    assert all(len(scan) == 960 for scan in scans)
+
+
+def test_a_stream_that_begins_anew_breaks_one_turn_once() -> None:
+    packets = numbered(24 * 6, 960)
+    again = numbered(24 * 4, 960, 7777)
+    again[0] = packers.pack_dense([7777], [range(1, 41)], new_stream=True)
+    stats = AssemblerStats()
+    scans = assemble([*packets[:60], *again], stats=stats)
+    assert stats.broken_scans == 1
+    assert [len(scan) for scan in scans[:1]] == [960]
+    assert len(scans) == 1 + 3
+    found = numbers(scans[1:])
+    assert found == list(range(found[0], found[0] + len(found)))
+
+
+# ---------------------------------------------------------------------------------------------------- arrays
+
+
+@pytest.mark.parametrize("case", CASES, ids=named)
+def test_what_a_scan_promises(case: Case) -> None:
+    assembler = Assembler(stream_of(case))
+    scans = assembler.add(Packets(case.raw, len(case.packets), 10**9))
+    assert len(scans) == len(case.turns)
+    for scan in scans:
+        arrays = [scan.angles, scan.ranges, scan.device_angles, scan.device_distances]
+        assert {array.dtype for array in arrays} == {np.dtype(np.float32)}
+        if scan.intensities is not None:
+            assert scan.intensities.dtype == np.uint8
+            arrays.append(scan.intensities)  # type: ignore[arg-type]
+        assert {array.shape for array in arrays} == {(len(scan),)}
+        for array in arrays:
+            assert not array.flags.writeable
+            with pytest.raises(ValueError, match="read-only"):
+                array[0] = 0
+        assert ((scan.device_angles >= 0) & (scan.device_angles < 360)).all()
+        assert (np.abs(scan.angles) <= np.float32(np.pi)).all()
+        # Counter-clockwise radians against clockwise degrees.
+        np.testing.assert_allclose(np.cos(scan.angles), np.cos(np.radians(scan.device_angles)), atol=1e-5)
+        np.testing.assert_allclose(np.sin(scan.angles), -np.sin(np.radians(scan.device_angles)), atol=1e-5)
+        np.testing.assert_array_equal(np.isnan(scan.ranges), scan.device_distances == 0)
+        np.testing.assert_allclose(scan.ranges[scan.valid], scan.device_distances[scan.valid] / 1000, rtol=1e-6)
+        assert scan.mode == "mode of the case"
+    assert (scans[0].intensities is None) is (case.samples[0].quality is None)
+
+
+@pytest.mark.parametrize("offset", [0.0, 12.5, -90.0, 359.99, 400.0])
+def test_the_zero_offset_turns_every_angle(offset: float) -> None:
+    plain, turned = (assemble(numbered(80, 960.3), zero_offset_deg=degrees) for degrees in (0.0, offset))
+    for before, after in zip(plain, turned, strict=True):
+        moved = after.device_angles.astype(np.float64) - before.device_angles - offset
+        assert np.abs((moved + 180) % 360 - 180).max() < 1e-4
+        assert ((after.device_angles >= 0) & (after.device_angles < 360)).all()
+        assert (np.abs(after.angles) <= np.float32(np.pi)).all()
+        np.testing.assert_array_equal(after.device_distances, before.device_distances)
+
+
+def test_just_below_a_turn_is_not_the_turn_itself() -> None:
+    """In single precision 359.99999 is 360."""
+    scans = assemble(numbered(80, 960), zero_offset_deg=-1e-7)
+    assert all((scan.device_angles < 360).all() for scan in scans)

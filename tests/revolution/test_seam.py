@@ -1,0 +1,145 @@
+"""Where a turn ends: at 0 or where the device says, once a turn, whatever trembles, is lost, or begins anew."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lidario.revolution.seam import Seam, Split
+from lidario.wire.formats import BEGINS, RESTARTS
+
+TURN = 36_000
+"""Hundredths of degrees, to be read by eye."""
+
+
+def splits(*degrees: float, seam: int | None = 0) -> list[int]:
+    """Where turns begin, and that a device marked none of them."""
+    found = Seam(TURN, seam).splits([round(each * 100) % TURN for each in degrees])
+    assert not any(split.marked or split.broken for split in found)
+    return [split.packet for split in found]
+
+
+def test_a_turn_ends_where_the_headings_pass_the_seam() -> None:
+    assert splits(300, 340, 20, 60, 120, 240, 350, 10) == [2, 7]
+    assert splits(200, 300, 359.9, 0) == [3]
+    assert splits(350, 0.1, 30) == [1]
+
+
+@pytest.mark.parametrize("seam", [0, 9_000, 18_000, 35_999])
+def test_the_seam_may_be_anywhere(seam: int) -> None:
+    degrees = [(seam / 100 + each) % 360 for each in (300, 340, 20, 60, 120, 240, 350, 10)]
+    assert splits(*degrees, seam=seam) == [2, 7]
+
+
+def test_without_a_seam_only_marks_count() -> None:
+    assert splits(300, 20, 200, 300, 20, seam=None) == []
+    seam = Seam(TURN, None)
+    assert seam.splits([30_000, 10 | BEGINS, 20_000]) == [Split(1, marked=True, broken=False)]
+    assert seam.angle == 10
+    # From now on the angle tells too, should a mark be lost.
+    assert seam.splits([30_000, 100, 20_000]) == [Split(1, marked=False, broken=False)]
+
+
+def test_trembling_at_the_seam_is_one_turn() -> None:
+    assert splits(300, 350, 359.8, 0.1, 359.9, 0.2, 359.9, 2, 30, 120) == [3]
+    assert splits(300, 359, 1, 358, 2, 357, 3, 356, 4, 90, 200, 300, 358, 3, 357, 4) == [2, 13]
+
+
+@pytest.mark.parametrize("around", [0, 45, 89.9, 90, 90.1, 180, 270, 329.9, 330, 330.1, 350])
+@pytest.mark.parametrize("back", [0.02, 1, 3, 5])
+def test_falling_back_a_little_ends_no_turn(around: float, back: float) -> None:
+    """Triangulating models correct their angles by up to 3 degrees, wherever they look."""
+    lead = [each for each in (200, 260, 320, 355) if around < 10 or each]
+    degrees = [*lead, *(each for each in range(5, 360, 7) if each < around - back)]
+    trembling = [around + back * (-1 if n % 2 else 1) / 2 for n in range(10)]
+    rest = [each for each in range(5, 360, 7) if each > around + back]
+    whole = splits(*degrees, *trembling, *rest, 1, 8)
+    assert len(whole) == 2
+    assert whole[1] == len(degrees) + len(trembling) + len(rest) + (around == 0 and 0)
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [(300, 60), (350, 89), (200, 10), (120, 20), (100, 20), (359, 300), (300, 200), (200, 100), (270, 180)],
+)
+def test_a_gap_across_the_seam_ends_the_turn(before: float, after: float) -> None:
+    """The headings fall far: the rest of the turn and the beginning of the next were lost."""
+    assert splits(40, 80, before, after, after + 10) == [3]
+
+
+@pytest.mark.parametrize(("before", "after"), [(84, 22), (60, 20), (89, 58)])
+def test_most_of_a_turn_lost_between_two_readings_near_its_beginning(before: float, after: float) -> None:
+    """They fall back further than anything trembles, though the far side was never seen."""
+    assert splits(300, 20, before, after, after + 20) == [1, 3]
+
+
+def test_a_loss_within_the_turn_ends_nothing() -> None:
+    assert splits(10, 40, 300, 350) == []
+    assert splits(300, 350, 10, 320, 350, 20) == [2, 5]
+
+
+def marked(*headings: int) -> list[tuple[int, bool]]:
+    found = Seam(TURN, None).splits(headings)
+    return [(split.packet, split.marked) for split in found]
+
+
+def test_a_mark_ends_the_turn_before_its_packet() -> None:
+    turn = [5 | BEGINS, 9_000, 18_000, 27_000]
+    assert marked(*turn * 3) == [(0, True), (4, True), (8, True)]
+
+
+def test_a_lost_mark_does_not_merge_two_turns() -> None:
+    turn = [5 | BEGINS, 4_000, 9_000, 18_000, 27_000]
+    found = marked(*turn, *turn[1:], *turn)
+    assert found == [(0, True), (5, False), (9, True)]
+
+
+@pytest.mark.parametrize("late", [10, 500, 3_000])
+def test_a_mark_just_behind_the_seam_begins_no_second_turn(late: int) -> None:
+    """The first turn's mark stood at 0; the next stands a little behind it, and a packet slips before it."""
+    found = marked(0 | BEGINS, 9_000, 18_000, 27_000, late // 2, late | BEGINS, 9_000, 18_000, 27_000, 35_000, late)
+    assert found[0] == (0, True)
+    assert found[1] == (4, False)
+    assert len(found) == 3
+
+
+def test_a_mark_before_the_seam_ends_the_turn_once() -> None:
+    found = marked(0 | BEGINS, 9_000, 18_000, 27_000, 35_000 | BEGINS, 10, 9_000, 18_000, 27_000, 34_900, 35_100)
+    assert found == [(0, True), (4, True), (10, False)]
+
+
+def test_a_new_beginning_breaks_the_turn_wherever_it_stands() -> None:
+    found = Seam(TURN, 0).splits([30_000, 100, 9_000, 18_000, 20_000 | RESTARTS, 30_000, 100, 9_000])
+    assert found == [
+        Split(1, marked=False, broken=False),
+        Split(4, marked=False, broken=True),
+        Split(6, marked=False, broken=False),
+    ]
+
+
+@given(
+    step=st.integers(20, 3_000),
+    tremble=st.integers(0, 300),
+    first=st.integers(0, TURN - 1),
+    count=st.integers(1, 2_000),
+    seed=st.randoms(use_true_random=False),
+)
+def test_a_turning_rotor_splits_once_a_turn(step: int, tremble: int, first: int, count: int, seed: object) -> None:
+    random = seed.randint  # type: ignore[attr-defined]
+    headings: list[int] = []
+    at = first
+    for _ in range(count):
+        at += step
+        headings.append((at + random(-tremble, tremble)) % TURN)
+    found = Seam(TURN, 0).splits(headings)
+    passed = at // TURN - (first + step) // TURN
+    # At both ends, trembling may bring the seam forward or put it off.
+    assert abs(len(found) - passed) <= 1
+    gaps = _gaps([split.packet for split in found])
+    assert all(abs(gap * step - TURN) <= 2 * tremble + step for gap in gaps)
+
+
+def _gaps(places: Sequence[int]) -> list[int]:
+    return [behind - before for before, behind in pairwise(places)]

@@ -1,0 +1,144 @@
+"""Finding out what is at the other end: probing on real pseudo-terminals, and what is said when nothing answers."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import pty
+import threading
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from lidario import ConnectFailed, Lidar, list_lidars, open_lidar
+from lidario.families.rplidar.simulated.packers import pack_dense
+from lidario.session.discovery import PortInfo
+from lidario.session.evidence import Residue
+from lidario.sim.serve import PtyServer
+from tests.support.devices import make_rig
+from tests.support.loop import driven
+
+PATIENCE_S = 30.0
+
+
+@contextmanager
+def babbling(babble: bytes) -> Iterator[str]:
+    """A terminal whose other end answers every request with the same bytes."""
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    path = os.ttyname(slave)
+
+    def answer() -> None:
+        while os.read(master, 64) != b"END":
+            os.write(master, babble)
+
+    thread = threading.Thread(target=answer)
+    thread.start()
+    try:
+        yield path
+    finally:
+        os.write(slave, b"END")
+        thread.join(PATIENCE_S)
+        os.close(slave)
+        os.close(master)
+
+
+async def test_both_families_are_found_and_stream_side_by_side(soak: float) -> None:
+    first, second = make_rig("rplidar"), make_rig("ydlidar")
+    with PtyServer(first.device, chunk=64) as one, PtyServer(second.device, chunk=64) as two:
+        found = await list_lidars((one.path, two.path))
+        assert [each.info.family for each in found if each.info] == ["rplidar", "ydlidar"]
+        assert [each.baudrate for each in found] == [1_000_000, 512_000]
+        async with open_lidar(one.path) as left, open_lidar(two.path) as right:
+            assert left.info.model == "RPLIDAR S2M1"
+            assert right.info.model == "YDLIDAR 4ROS"
+
+            async def watch(lidar: Lidar, turn_s: float) -> None:
+                loop = asyncio.get_running_loop()
+                end = loop.time() + soak
+                expected = None
+                async with lidar.scans(depth=8) as stream:
+                    async for scan in stream:
+                        assert scan.lost_packets == scan.dropped_before == 0
+                        assert expected is None or scan.seq == expected
+                        expected = scan.seq + 1
+                        if loop.time() > end:
+                            break
+                stats = lidar.stats
+                assert stats.skipped_bytes == stats.lost_packets == stats.broken_scans == stats.dropped_scans == 0
+                assert stats.scans > 0.7 * soak / turn_s
+
+            await asyncio.gather(watch(left, first.turn_s), watch(right, second.turn_s))
+        assert one.lost == two.lost == 0
+
+
+async def test_auto_takes_the_only_lidar_that_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = make_rig("ydlidar")
+    with PtyServer(rig.device) as server, babbling(b"") as silent:
+        ports = [PortInfo(server.path, "", "CP2102", ""), PortInfo(silent, "", "CP2102", "")]
+        monkeypatch.setattr("lidario.session.discovery.list_serial_ports", lambda: ports)
+        async with open_lidar() as lidar:
+            assert lidar.info.family == "ydlidar"
+            serial = lidar.info.serial
+        async with open_lidar(f"id:{serial}") as lidar:
+            assert lidar.info.serial == serial
+        with pytest.raises(ConnectFailed, match="nothing came back") as caught:
+            await open_lidar("id:0000")
+        assert caught.value.reason == "missing"
+
+
+async def test_auto_does_not_choose_among_several(monkeypatch: pytest.MonkeyPatch) -> None:
+    one, two = make_rig("rplidar", seed=1), make_rig("rplidar", seed=2)
+    with PtyServer(one.device) as first, PtyServer(two.device) as second:
+        ports = [PortInfo(server.path, "", "CP2102", "") for server in (first, second)]
+        monkeypatch.setattr("lidario.session.discovery.list_serial_ports", lambda: ports)
+        with pytest.raises(ConnectFailed, match=r"2 lidars answer(.|\n)*S2M1") as caught:
+            await open_lidar("auto")
+        assert caught.value.reason == "ambiguous"
+
+
+async def test_auto_does_not_write_to_strange_adapters(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = make_rig("rplidar")
+    with PtyServer(rig.device) as server:
+        port = PortInfo(server.path, "", "", "somebody's Arduino")
+        monkeypatch.setattr("lidario.session.discovery.list_serial_ports", lambda: [port])
+        with pytest.raises(ConnectFailed, match=server.path) as caught:
+            await open_lidar("auto")
+        assert caught.value.reason == "missing"
+        assert rig.device.log == []
+
+
+@pytest.mark.parametrize(
+    ("babble", "verdict"),
+    [
+        (b"", "nothing came back"),
+        (bytes(40), "nearly all zero"),
+        (bytes(range(7, 200, 3)), "garbage"),
+        (pack_dense(100, [500] * 40) * 6, "RPLIDAR packets among them"),
+    ],
+    ids=["silence", "zeros", "garbage", "packets"],
+)
+async def test_what_came_back_is_said(babble: bytes, verdict: str) -> None:
+    with babbling(babble) as path:
+        with pytest.raises(ConnectFailed, match=verdict) as caught:
+            await open_lidar(path)
+        assert "1000000, 256000, 115200, 460800 or 512000 baud" in str(caught.value)
+        assert "powered" in str(caught.value)
+        assert caught.value.reason == "silent"
+
+
+@driven
+async def test_a_wrong_baud_rate_is_garbage_and_not_a_crash() -> None:
+    with pytest.raises(ConnectFailed, match="garbage"):
+        await open_lidar("sim://rplidar-s2?via=memory&fault=garbage")
+
+
+def test_the_residue_is_bounded() -> None:
+    residue = Residue()
+    for _ in range(1000):
+        residue.see("in", bytes(4096), 0)
+        residue.see("out", b"ours", 0)
+    assert residue.total == 1000 * 4096
+    assert len(residue._kept) <= 4096

@@ -1,0 +1,45 @@
+"""The ports of this machine, as the system's own list has them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from lidario import list_serial_ports
+
+
+@dataclass
+class Port:
+    device: str
+    vid: int | None
+    pid: int | None
+    description: str = "n/a"
+
+
+def test_known_adapters_and_stable_names_are_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    device = tmp_path / "ttyUSB0"
+    device.touch()
+    by_id = tmp_path / "by-id"
+    by_id.mkdir()
+    (by_id / "usb-Silicon_Labs_CP2102").symlink_to(device)
+    listed = [
+        Port("/dev/ttyS0", None, None),
+        Port("/dev/ttyACM0", 0x2341, 0x0043, "Arduino Uno"),
+        Port(str(device), 0x10C4, 0xEA60, "CP2102 USB to UART"),
+    ]
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: listed)
+    monkeypatch.setattr("lidario.session.discovery._BY_ID", by_id)
+    found = {port.path: port for port in list_serial_ports()}
+    assert set(found) == {port.device for port in listed}
+    assert found[str(device)].adapter == "CP2102"
+    assert found[str(device)].by_id == str(by_id / "usb-Silicon_Labs_CP2102")
+    assert found["/dev/ttyACM0"].adapter == ""
+    assert found["/dev/ttyACM0"].description == "Arduino Uno"
+    assert (found["/dev/ttyS0"].adapter, found["/dev/ttyS0"].by_id, found["/dev/ttyS0"].description) == ("", "", "")
+
+
+def test_the_list_is_in_a_settled_order() -> None:
+    paths = [port.path for port in list_serial_ports()]
+    assert paths == sorted(paths)

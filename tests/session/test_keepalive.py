@@ -1,0 +1,125 @@
+"""Power-down protection: what must be repeated is repeated, whatever the program does, and ends with the stream."""
+
+from __future__ import annotations
+
+import asyncio
+from itertools import pairwise
+
+import pytest
+
+from lidario import DeviceLost, Lidar
+from tests.support.devices import Rig, left_still, make_rig, names
+from tests.support.loop import DrivenLoop, driven
+
+HOUR_S = 3600.0
+LIMIT_S = 3.0
+"""The device's patience (4ROS development manual, power-down protection)."""
+
+
+@pytest.fixture
+def coarse_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An hour of bytes in fewer, larger deliveries."""
+    monkeypatch.setattr("lidario.port.simulated._TICK_S", 0.1)
+
+
+def pauses(rig: Rig) -> list[float]:
+    """Seconds between the scan requests the device has heard."""
+    heard = [each.at_ns for each in rig.device.log if each.data == b"\xa5\x60"]
+    return [(later - earlier) * 1e-9 for earlier, later in pairwise(heard)]
+
+
+async def scan_for(lidar: Lidar, seconds: float, block_s: float = 0.0) -> int:
+    loop = asyncio.get_running_loop()
+    assert isinstance(loop, DrivenLoop)
+    end = loop.time() + seconds
+    count = 0
+    async with lidar.scans(depth=64) as stream:
+        async for _ in stream:
+            count += 1
+            if block_s and count % 20 == 0:
+                loop.block(block_s)
+            if loop.time() > end:
+                break
+    return count
+
+
+@pytest.mark.usefixtures("coarse_line")
+@driven
+async def test_an_hour_with_protection_on() -> None:
+    rig = make_rig("ydlidar")
+    async with rig.open() as lidar:
+        assert await lidar.power_down_protection(True) is True
+        count = await scan_for(lidar, HOUR_S)
+        assert count == pytest.approx(HOUR_S / rig.turn_s, rel=0.001)
+        assert lidar.stats.keepalives == pytest.approx(HOUR_S, rel=0.001)
+        assert lidar.stats.interruptions == lidar.stats.skipped_bytes == lidar.stats.lost_packets == 0
+    assert left_still(rig)
+
+
+@driven
+async def test_a_consumer_that_blocks_the_loop_does_not_stop_the_device() -> None:
+    rig = make_rig("ydlidar")
+    async with rig.open() as lidar:
+        await lidar.power_down_protection(True)
+        await scan_for(lidar, 120.0, block_s=1.5)
+        assert max(pauses(rig)) < LIMIT_S
+        assert max(pauses(rig)) > 1.5
+        assert names(rig).count("stop") <= 2
+        assert lidar.stats.interruptions == 0
+
+
+@driven
+async def test_without_it_the_device_stops(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The two tests above can fail."""
+    monkeypatch.setattr("lidario.session.scanner.Scanner._keep_alive", lambda self: None)
+    rig = make_rig("ydlidar")
+    async with rig.open() as lidar:
+        await lidar.power_down_protection(True)
+        with pytest.raises(DeviceLost, match="no scan data"):
+            await scan_for(lidar, 60.0)
+
+
+@driven
+async def test_it_ends_with_the_stream_and_with_the_protection() -> None:
+    rig = make_rig("ydlidar")
+    async with rig.open() as lidar:
+        await lidar.power_down_protection(True)
+        await scan_for(lidar, 5.0)
+        sent = lidar.stats.keepalives
+        heard = len(rig.device.log)
+        await asyncio.sleep(10.0)
+        assert lidar.stats.keepalives == sent >= 4
+        assert len(rig.device.log) == heard
+        assert await lidar.power_down_protection(False) is False
+        await scan_for(lidar, 5.0)
+        assert lidar.stats.keepalives == sent
+
+
+@driven
+async def test_protection_switched_while_scanning() -> None:
+    rig = make_rig("ydlidar")
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        for wanted in (True, True, False, False, True):
+            assert await lidar.power_down_protection(wanted) is wanted
+            await anext(stream)
+        before = lidar.stats.keepalives
+        for _ in range(40):
+            await anext(stream)
+        assert lidar.stats.keepalives > before
+
+
+@driven
+async def test_zero_offset_is_told_and_applied_only_when_asked() -> None:
+    plain = make_rig("ydlidar")
+    plain.device.zero_offset = -50
+    async with plain.open() as lidar:
+        assert await lidar.zero_offset() == -12.5
+        before = await lidar.scan()
+        await lidar.use_zero_offset(True)
+        after = await lidar.scan()
+        await lidar.use_zero_offset(False)
+        again = await lidar.scan()
+    shift = (after.device_angles[0] - before.device_angles[0]) % 360
+    assert shift == pytest.approx(347.5, abs=0.5)
+    assert again.device_angles[0] == pytest.approx(before.device_angles[0], abs=0.5)

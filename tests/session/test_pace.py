@@ -1,0 +1,162 @@
+"""When the next turn is whole: predictions from the scans that came, and how long nobody need look."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lidario.model import Scan
+from lidario.session.pace import (
+    BUFFER_BYTES,
+    BUFFER_SHARE,
+    GUARD_S,
+    LEAST_SHARE,
+    LONGEST_HOLD_S,
+    LONGEST_REST_S,
+    Pace,
+)
+from tests.support.streams import CASES, stream_of
+
+DENSE = next(case for case in CASES if case.name == "rplidar_32k_85")
+PACKET_S = 40 * 31.25e-6
+WIRE_S = 840 / 1_000_000
+TURN_BYTES = 6720
+NOTHING = np.zeros(0, np.float32)
+SCAN = Scan(NOTHING, NOTHING, None, 0, 0, 0, 0, 600.0, 0, 0, 0, "DenseBoost")
+
+
+def pace(latency: float = 0.005) -> Pace:
+    return Pace(stream_of(DENSE, sample_ns=31_250.0), 1_000_000, latency)
+
+
+def turning(pace: Pace, *starts: float, size: int = TURN_BYTES, received: int = 0, first_s: float = 0.1) -> Pace:
+    """After scans that began at these times, each of `size` bytes; the first took `first_s`.
+
+    Each is handed over when it is whole, 5 ms late.
+    """
+    pace.turned(SCAN, received - size, starts[0] - 1)
+    for number, (last, start) in enumerate(pairwise((starts[0] - first_s, *starts))):
+        period = start - last
+        scan = replace(SCAN, stamp_ns=round(start * 1e9), rpm=60 / period)
+        pace.turned(scan, received + number * size, start + period + 2 * PACKET_S + WIRE_S + 0.005)
+    return pace
+
+
+def test_before_the_first_scan_nothing_is_known() -> None:
+    assert pace().rest(5.0, 0.0) == 0
+    assert pace().hold(5.0) <= 0
+    unknown = pace()
+    unknown.turned(SCAN, TURN_BYTES, 0.1)
+    assert unknown.rest(0.1, 0.0) == 0
+    unknown.turned(replace(SCAN, rpm=float("nan")), 2 * TURN_BYTES, 0.2)
+    assert unknown.rest(0.2, 0.0) == 0
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.005])
+@pytest.mark.parametrize("times", [2, 50])
+def test_a_device_that_tells_its_rate_wrong_is_not_believed(times: int, latency: float) -> None:
+    """It says 600 rpm, and its scans come so many times as often."""
+    wrong = pace(latency)
+    for number in range(1, 20):
+        wrong.turned(replace(SCAN, stamp_ns=round(number * 1e8 / times)), number * TURN_BYTES, number * 0.1 / times)
+        assert wrong.rest(number * 0.1 / times, 0.0) == 0
+        assert wrong.hold(number * 0.1 / times) < 0
+
+
+def test_several_scans_at_once_are_not_several_turns() -> None:
+    late = turning(pace(), 0.0, 0.1, 0.2)
+    for number in (3, 4):
+        late.turned(replace(SCAN, stamp_ns=number * 10**8), 5 * TURN_BYTES, 0.55)
+    assert late.rest(0.55, 0.0) == 0
+
+
+def test_a_stamp_that_is_too_late_makes_no_scan_late() -> None:
+    """However a scan is dated: a turn after it came, the next is there."""
+    odd = turning(pace(), 0.0, 0.1, 0.2)
+    odd.turned(replace(SCAN, stamp_ns=400_000_000), 4 * TURN_BYTES, 0.41)
+    assert odd.due == pytest.approx(0.51)
+
+
+@given(st.floats(0.05, 0.2), st.integers(1, 20), st.floats(0, 1000))
+def test_a_steady_rotor_is_predicted(period: float, turns: int, begin: float) -> None:
+    starts = [begin + n * period for n in range(turns + 1)]
+    for latency, early, packets in ((0.005, 0.0, 1.75), (0.0, 0.002, 1.0)):
+        steady = turning(pace(latency), *starts, first_s=period)
+        # The scan that is being measured began one period ago, and its last packet needs another behind it.
+        expected = starts[-1] + 2 * period + packets * PACKET_S + WIRE_S - early
+        assert steady.due == pytest.approx(expected, abs=1e-6)
+
+
+def test_one_stamp_that_is_off_hardly_moves_the_prediction() -> None:
+    exact = turning(pace(), 0.0, 0.1, 0.2, 0.3).due
+    assert turning(pace(), 0.0, 0.1, 0.2, 0.302).due - exact == pytest.approx(0.003, abs=2e-4)
+    assert turning(pace(), 0.0, 0.1, 0.202, 0.3).due == pytest.approx(exact, abs=2e-3)
+
+
+def test_when_the_speed_changes_one_looks_early_rather_than_late() -> None:
+    faster = turning(pace(), 0.0, 0.1, 0.2, 0.29)
+    assert faster.due == pytest.approx(0.29 + 2 * 0.09 + 1.75 * PACKET_S + WIRE_S)
+    slower = turning(pace(), 0.0, 0.1, 0.2, 0.4)
+    assert slower.due == pytest.approx(0.4 + 2 * 0.1 + 1.75 * PACKET_S + WIRE_S)
+    # From then on the new speed is the one to expect.
+    steady = turning(pace(), 0.0, 0.1, 0.2, 0.4, 0.6, 0.8)
+    assert steady.due == pytest.approx(0.8 + 2 * 0.2 + 1.75 * PACKET_S + WIRE_S)
+
+
+def test_where_every_moment_counts_an_unsteady_rotor_is_looked_after_earlier() -> None:
+    calm, wary = turning(pace(), 0.0, 0.1, 0.2, 0.302), turning(pace(0.0), 0.0, 0.1, 0.2, 0.302)
+    assert calm.due - wary.due == pytest.approx(0.75 * PACKET_S + GUARD_S + 0.002, abs=1e-6)
+    # Steadiness forgives.
+    steady = turning(pace(0.0), 0.0, 0.1, 0.2, 0.302, *(0.402 + np.arange(12) * 0.1))
+    assert steady.due == pytest.approx(1.502 + 0.2 + PACKET_S + WIRE_S - GUARD_S, abs=3e-4)
+
+
+def test_what_came_before_the_stream_is_not_counted() -> None:
+    fresh = turning(pace(), 0.0)
+    later = Pace(stream_of(DENSE, sample_ns=31_250.0), 1_000_000, 0.005, 10**9)
+    turning(later, 0.0, received=10**9)
+    assert later.rest(0.1, 0.0) == fresh.rest(0.1, 0.0) > 0.01
+
+
+@given(st.integers(100, 20_000), st.floats(0.0, 0.2))
+def test_the_buffer_never_fills_while_one_rests(size: int, late: float) -> None:
+    even = turning(pace(), 0.0, 0.1, 0.2, size=size)
+    rest = even.rest(0.2, late)
+    assert 0 <= rest <= LONGEST_REST_S
+    bytes_a_second = size / 0.1
+    assert rest * bytes_a_second <= BUFFER_SHARE * BUFFER_BYTES + 1
+    if rest * bytes_a_second > LEAST_SHARE * BUFFER_BYTES:
+        # As late as it was, and half as late again.
+        assert (rest + 1.5 * late) * bytes_a_second <= BUFFER_BYTES + 1
+
+
+def test_looks_are_evenly_spaced_up_to_the_end_of_the_turn() -> None:
+    even, now = turning(pace(), 0.0, 0.1, 0.2), 0.3
+    looks = []
+    while rest := even.rest(now, 0.0):
+        now += rest
+        looks.append(rest)
+    assert now == pytest.approx(even.due)
+    assert len(looks) == 4
+    assert max(looks) - min(looks) < 1e-9
+    assert even.rest(now, 0.0) == 0
+
+
+def test_a_program_that_was_late_is_forgiven_in_time() -> None:
+    even = turning(pace(), 0.0, 0.1, 0.2)
+    at_ease = even.rest(0.3, 0.0)
+    assert even.rest(0.3, 0.03) < at_ease
+    assert even.rest(0.3, 0.0) < at_ease
+    turning(even, *(0.3 + np.arange(60) * 0.1), received=3 * TURN_BYTES)
+    assert even.rest(6.3, 0.0) == pytest.approx(at_ease, rel=0.2)
+
+
+def test_what_lies_uncut_does_not_look_like_silence() -> None:
+    slow = turning(pace(), 0.0, 0.9, 1.8, 2.7)
+    assert slow.due > 4.5
+    assert slow.hold(2.7) == pytest.approx(2.7 + LONGEST_HOLD_S, abs=1e-4)
+    fast = turning(pace(), 0.0, 0.05, 0.1)
+    assert fast.due - 1e-4 < fast.hold(0.15) < fast.due

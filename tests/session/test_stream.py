@@ -1,0 +1,93 @@
+"""Mailboxes and the hub, without a device."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lidario import Busy, DeviceLost, Scan
+from lidario.session.stream import Hub, Mailbox
+from tests.support.loop import driven
+
+
+def numbered(seq: int) -> Scan:
+    nothing: Any = np.zeros(0, np.float32)
+    return Scan(nothing, nothing, None, 0, 0, 0, 0, 600.0, seq, 0, 0, "Standard")
+
+
+@pytest.mark.parametrize("depth", [1, 2, 5])
+@driven
+async def test_the_latest_win_and_the_rest_are_counted(depth: int) -> None:
+    mailbox = Mailbox(depth)
+    assert sum(mailbox.put(numbered(seq)) for seq in range(10)) == 10 - depth == mailbox.total_dropped
+    got = [await mailbox.get() for _ in range(depth)]
+    assert [scan.seq for scan in got] == list(range(10 - depth, 10))
+    assert [scan.dropped_before for scan in got] == [10 - depth] + [0] * (depth - 1)
+
+
+@driven
+async def test_an_ended_mailbox_gives_what_it_holds_first() -> None:
+    mailbox = Mailbox(2)
+    mailbox.put(numbered(0))
+    mailbox.end(DeviceLost("gone"))
+    mailbox.end()
+    assert mailbox.put(numbered(1)) == 0
+    assert (await mailbox.get()).seq == 0
+    for _ in range(2):
+        with pytest.raises(DeviceLost, match="gone"):
+            await mailbox.get()
+
+
+@driven
+async def test_cancelling_a_reader_loses_nothing() -> None:
+    mailbox = Mailbox(1)
+    reading = asyncio.ensure_future(mailbox.get())
+    await asyncio.sleep(0)
+    with pytest.raises(Busy):
+        await mailbox.get()
+    mailbox.put(numbered(3))
+    reading.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await reading
+    assert (await mailbox.get()).seq == 3
+
+
+@driven
+async def test_the_hub_forgets_whom_nobody_holds() -> None:
+    hub, kept, dropped = Hub(), Mailbox(1), Mailbox(1)
+    hub.add(kept)
+    hub.add(dropped)
+    del dropped
+    gc.collect()
+    assert len(hub) == 1
+    hub.publish(numbered(0))
+    hub.publish(numbered(1))
+    assert hub.dropped == 1
+    hub.discard(kept)
+    hub.publish(numbered(2))
+    assert (await kept.get()).seq == 1
+
+
+@driven
+async def test_each_reader_gets_an_error_of_its_own() -> None:
+    hub, mailboxes = Hub(), [Mailbox(1), Mailbox(1)]
+    for mailbox in mailboxes:
+        hub.add(mailbox)
+    cause = DeviceLost("gone")
+    hub.end(cause)
+    errors = []
+    for mailbox in mailboxes:
+        with pytest.raises(DeviceLost) as caught:
+            await mailbox.get()
+        errors.append(caught.value)
+    assert errors[0] is not errors[1]
+    assert errors[0].__cause__ is errors[1].__cause__ is cause
+
+
+def test_a_mailbox_holds_at_least_one() -> None:
+    with pytest.raises(ValueError, match="not 0"):
+        Mailbox(0)
