@@ -16,9 +16,8 @@ from lidario.session.dialogue import Dialogue
 from lidario.session.evidence import Residue
 from lidario.session.handshake import introduce
 from lidario.source import Source
-from lidario.wire.envelope import Request
 
-__all__ = ["Connection", "connect", "shut_down"]
+__all__ = ["Connection", "connect"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +77,7 @@ async def connect(source: Source, family: str | None = None, baudrate: int | Non
         port = await open_serial(source.address, tries[0].baudrate)
     patient = len(tries) == 1
     residue = Residue()
-    port.taps.append(residue.see)
+    port.add_tap(residue.see)
     try:
         for attempt in tries:
             connection = await _try(port, attempt, patient=patient)
@@ -86,24 +85,11 @@ async def connect(source: Source, family: str | None = None, baudrate: int | Non
                 return connection
         port.close_soon()
     finally:
-        port.taps.remove(residue.see)
+        port.remove_tap(residue.see)
         if port.is_closing:
             with anyio.CancelScope(shield=True):
                 await port.wait_closed()
     raise _nothing_answers(source, tries, residue)
-
-
-async def shut_down(dialogue: Dialogue, last_words: tuple[Request, ...]) -> None:
-    """Say the last words, at once; then see them off and close the port.
-
-    The waiting is bounded and shielded from anyio's cancellation. A second native cancellation ends it, but
-    cannot unsay the words.
-    """
-    dialogue.halt(last_words)
-    dialogue.hang_up()
-    with anyio.CancelScope(shield=True):
-        await dialogue.halted()
-        await dialogue.port.wait_closed()
 
 
 async def _try(port: Port, attempt: _Try, *, patient: bool) -> Connection | None:
@@ -123,11 +109,10 @@ async def _try(port: Port, attempt: _Try, *, patient: bool) -> Connection | None
     except ResponseTimeout:
         if patient:
             # It may hear and yet not be heard.
-            dialogue.halt(device.halt())
+            dialogue.stop_device()
         port.attach(None)
         return None
     except BaseException:
-        dialogue.halt(device.halt())
         dialogue.hang_up()
         raise
     return Connection(port, family, device, dialogue, info)

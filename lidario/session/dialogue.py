@@ -1,152 +1,225 @@
-"""The host's side of the conversation: requests with their timing, answers with their waiters.
+"""Requests and responses of one device, with the timing the device demands.
 
-Between `Link`, which knows no time, and `Lidar`, which knows no bytes. It runs the scripts of a family, one
-request at a time; keeps silent as long as the last request demands; asks again where that is harmless; and
-ends every waiter when the port dies. Timers, not cancel scopes, bound the waiting, so it behaves the same under
-native cancellation and anyio's.
+Between `Link`, which knows no time, and `Scanner`, which knows no bytes. It runs the scripts of a family, one request
+at a time. A request is written only when the device listens: when the time that the last request needs has passed,
+and no response is outstanding. A device discards what comes earlier and does not say so.
+
+Whatever an operation waits for, it waits for one future. So `interrupt`, a dead port and the end of the session
+end it at once. Timers, not cancel scopes, bound the waiting: native cancellation and anyio's behave alike.
 """
 
 from __future__ import annotations
 
 import asyncio
+import logging
 import math
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from enum import Enum, auto
 from typing import TypeVar
 
-from lidario.errors import DeviceLost, ResponseTimeout
+import anyio
+
+from lidario.errors import InternalError, LidarError, ResponseTimeout
 from lidario.families.base import Device, Script, Timing
-from lidario.port.port import Port
+from lidario.port.port import Port, Schedule, Tap
+from lidario.session.stopper import PATIENCE_S, Stopper
+from lidario.session.twin import twin_of
 from lidario.wire.envelope import Request
 from lidario.wire.events import Event, Packets, Response
-from lidario.wire.link import Link, LinkState
+from lidario.wire.link import Link, LinkState, LinkStats
 
 __all__ = ["Dialogue"]
 
 T = TypeVar("T")
+_log = logging.getLogger("lidario")
+
 _EARLY_LIMIT = 64
-"""Runs of packets kept between the answer to a start and the moment somebody takes them."""
+"""Runs of packets kept between the descriptor of a stream and the moment its reader is named, one step of the loop."""
+RESPONSE_S = 0.02
+"""Time in which a healthy device has responded."""
 _MARGIN_S = 0.005
-"""Added to every demanded silence: an adapter may deliver one request late and the next on time."""
+"""Added to every pause a device demands: an adapter may deliver one request late and the next one on time."""
+
+
+class _For(Enum):
+    """What an operation waits for."""
+
+    TIME = auto()
+    RESPONSE = auto()
+    CHANGE = auto()
 
 
 class Dialogue:
     """Talks to one device over one port.
 
     Attributes:
-        link: The state machine in the middle, for its statistics.
-        port: The line.
-        on_packets: Called with each run of packets; None keeps the first few until somebody is named.
-        on_lost: Called once when the port dies.
-        fatal: What ended the conversation for good, if anything.
+        on_lost: Called once, with the error, when the dialogue is over for good before it was closed.
+        fatal: What ended the dialogue for good, or None.
+        stopper: What leaves the device still.
     """
 
     def __init__(self, port: Port, device: Device, timing: Timing) -> None:
-        self.link = Link()
-        self.port = port
-        self.on_lost: Callable[[DeviceLost], None] | None = None
-        self.fatal: DeviceLost | None = None
+        self.on_lost: Callable[[LidarError], None] | None = None
+        self.fatal: LidarError | None = None
+        self._port = port
+        self._link = Link()
         self._device = device
         self._timing = timing
         self._loop = asyncio.get_running_loop()
-        self._waiter: asyncio.Future[bytes] | None = None
         self._on_packets: Callable[[Packets], None] | None = None
         self._early: list[Packets] = []
-        self._silent_until = 0.0
         self._patience = math.inf
-        self._halt_again: asyncio.TimerHandle | None = None
-        self._hang_up = False
+        # What the operation in progress waits for, and the response it waits for, if it is one.
+        self._waiter: asyncio.Future[bytes] | None = None
+        self._waits_for = _For.TIME
+        self._interruption: LidarError | None = None
+        # When the device listens: not before this time, nor while a response is outstanding that may still come.
+        self._listens_at = 0.0
+        self._response_due = 0.0
+        self.stopper = Stopper(self, device, timing.quiet_s)
         port.attach(self)
 
-    @property
-    def on_packets(self) -> Callable[[Packets], None] | None:
-        """Called with each run of packets."""
-        return self._on_packets
+    # ------------------------------------------------------------------------------------------------ what it is
 
-    @on_packets.setter
-    def on_packets(self, callback: Callable[[Packets], None] | None) -> None:
+    @property
+    def stats(self) -> LinkStats:
+        """Counters of everything that was received."""
+        return self._link.stats
+
+    @property
+    def buffered(self) -> int:
+        """Bytes received that belong to nothing complete yet."""
+        return self._link.buffered
+
+    @property
+    def baudrate(self) -> int:
+        """Speed of the line in bits a second; 0 where bytes take no time."""
+        return self._port.baudrate
+
+    @property
+    def is_open(self) -> bool:
+        """Whether requests can still be written."""
+        return self._port.is_open
+
+    @property
+    def bytes_received(self) -> int:
+        """All bytes that came in so far."""
+        return self._link.stats.bytes_received
+
+    def deliver_to(self, callback: Callable[[Packets], None] | None) -> None:
+        """Call `callback` with each run of packets, those that came since the descriptor first; None for nobody."""
         self._on_packets = callback
         early, self._early = self._early, []
         if callback is not None:
             for packets in early:
                 callback(packets)
 
-    def data_received(self, data: bytes, now: int) -> None:
-        """As `Receiver`. A mistake of ours ends the conversation: it must not leave readers waiting."""
+    def set_polling(self, latency: float, schedule: Schedule | None) -> None:
+        """As `Port.set_polling`."""
+        self._port.set_polling(latency, schedule)
+
+    def poll(self) -> None:
+        """As `Port.poll`."""
+        self._port.poll()
+
+    def add_tap(self, tap: Tap) -> None:
+        """As `Port.add_tap`."""
+        self._port.add_tap(tap)
+
+    def remove_tap(self, tap: Tap) -> None:
+        """As `Port.remove_tap`."""
+        self._port.remove_tap(tap)
+
+    # ------------------------------------------------------------------------------------------------ receiving
+
+    def data_received(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]] = ()) -> None:
+        """As `Receiver`. A mistake of ours ends the dialogue: it must not leave readers waiting."""
         try:
-            self.link.receive_data(data, now)
-            for event in self.link.events_received():
+            self._link.receive_data(data, now, arrivals)
+            for event in self._link.events_received():
                 self._handle(event)
         except Exception as error:
-            failure = DeviceLost(f"lidario failed at what the device sent ({error!r}); please report this")
+            if self.fatal is None:
+                _log.exception("lidario failed at what the device sent")
+            failure = InternalError(f"lidario failed at what the device sent ({error!r}); please report this")
             failure.__cause__ = error
             self.fail(failure)
+            self.stop_device()
+        if not self._link.is_awaiting:
+            self._wake(_For.CHANGE)
+            self.stopper.try_now()
 
-    def connection_lost(self, error: DeviceLost | None) -> None:
+    def connection_lost(self, error: LidarError | None) -> None:
         """As `Receiver`."""
+        self.stopper.cancel()
         if error is not None:
             self.fail(error)
 
-    def fail(self, error: DeviceLost) -> None:
-        """End the conversation; the first error wins."""
+    def fail(self, error: LidarError) -> None:
+        """End the dialogue for good; the first error wins."""
         if self.fatal is not None:
             return
         self.fatal = error
-        if self._waiter is not None and not self._waiter.done():
-            self._waiter.set_exception(error)
+        self._wake_with(error)
         if self.on_lost is not None:
             self.on_lost(error)
 
+    # ------------------------------------------------------------------------------------------------ operations
+
+    def begin(self) -> None:
+        """An operation begins; what interrupted the one before does not concern it."""
+        self._interruption = None
+
+    def interrupt(self, error: LidarError) -> None:
+        """End the operation in progress with `error`: at once if it waits, else at its next step."""
+        self._interruption = error
+        self._wake_with(error)
+
     def hurry(self, patience: float | None) -> None:
-        """Wait at most `patience` seconds for each answer, while probing; None for as long as is usual."""
+        """Wait at most `patience` seconds for each response, while probing; None for as long as is usual."""
         self._patience = math.inf if patience is None else patience
 
-    def send(self, request: Request) -> None:
-        """Write one request now, whole; the caller has seen to it that the device listens."""
-        self.link.send_request(request)
-        self.port.write(self.link.data_to_send())
-        if request.settle:
-            self._silent_until = max(self._silent_until, self._loop.time() + request.settle + _MARGIN_S)
-
     async def ask(self, request: Request) -> bytes:
-        """Send a request when the device listens; return the payload of its answer, empty if it has none.
+        """Send a request when the device listens; return the payload of its response, empty if it has none.
 
-        Cancelling gives up the answer; should it still come, it is counted and thrown away.
+        Cancelling gives up the response; should it still come, it is counted and dropped.
 
         Raises:
-            ResponseTimeout: No answer, however often it was asked.
+            ResponseTimeout: No response, however often it was asked.
             DeviceLost: The port died.
+            SessionClosed: The session was closed meanwhile.
         """
-        noise = self.link.stats.stray_bytes
+        noise = self.stats.stray_bytes
         timeout = min(request.timeout, self._patience)
         for _ in range(request.attempts):
-            await self._listened_to()
+            await self._until_it_listens()
+            self.write((request,))
             if request.expects is None:
-                self.send(request)
                 return b""
-            waiter: asyncio.Future[bytes] = self._loop.create_future()
-            self._waiter = waiter
-            self.send(request)
-            timer = self._loop.call_later(timeout, _time_out, waiter)
+            self._response_due = self._loop.time() + timeout
             try:
-                payload = await waiter
+                return await self._wait(timeout, _For.RESPONSE)
             except TimeoutError:
-                continue
-            finally:
-                timer.cancel()
-                self._waiter = None
-                self.link.give_up()
-            return payload
-        raise ResponseTimeout(request.name, timeout, self.link.stats.stray_bytes - noise)
+                self._link.forget()
+            except BaseException:
+                # The device is still busy with it: the next request waits until it has responded.
+                self._link.abandon()
+                raise
+        raise ResponseTimeout(request.name, timeout, self.stats.stray_bytes - noise)
 
-    async def run(self, script: Script[T]) -> T:
-        """Hold the conversation that `script` writes down, and return what it makes of it.
+    async def run(self, script: Script[T], first: Request | None = None) -> T:
+        """Hold the dialogue that `script` writes down, and return its result.
+
+        Args:
+            script: A script of a family.
+            first: Its first request, where it was advanced to that one already.
 
         Raises:
             Whatever the script raises, and what `ask` raises unless the script catches it.
         """
         try:
-            request = next(script)
+            request = next(script) if first is None else first
             while True:
                 try:
                     payload = await self.ask(request)
@@ -160,89 +233,141 @@ class Dialogue:
         finally:
             script.close()
 
+    async def pause(self, seconds: float) -> None:
+        """Sleep as an operation does: `interrupt` and a dead port end it."""
+        with suppress(TimeoutError):
+            await self._wait(seconds, _For.TIME)
+
     async def quieten(self) -> bool:
         """Send STOP and wait until the line is quiet; False if it did not fall quiet in time."""
-        await self._listened_to()
-        self.send(self._device.stop())
-        self.on_packets = None
-        self._early.clear()
-        await self._listened_to()
+        await self._until_it_listens()
+        self.write((self._device.stop(),))
+        self.deliver_to(None)
+        return await self.drain()
+
+    async def drain(self) -> bool:
+        """Wait until the line is quiet after a STOP; False if it did not fall quiet in time. Sends nothing."""
+        await self._until_it_listens()
         deadline = self._loop.time() + self._timing.drain_s
-        while True:
-            seen = self.link.stats.bytes_received
-            await asyncio.sleep(self._timing.quiet_s)
-            self._check()
-            if self.link.stats.bytes_received == seen:
-                self.link.drained()
-                return True
-            if self._loop.time() > deadline:
+        while self._link.state is LinkState.DRAINING:
+            seen = self.stats.bytes_received
+            await self.pause(self._timing.quiet_s)
+            if self.stats.bytes_received == seen:
+                self._link.drained()
+            elif self._loop.time() > deadline:
                 return False
+        return True
 
-    def halt(self, requests: tuple[Request, ...]) -> None:
-        """Write `requests` at once, whatever is going on, and end the stream here too. Never blocks or raises.
+    def keep_alive(self, request: Request) -> None:
+        """Send a request in the midst of a stream; its response is part of the stream."""
+        if self.fatal is None and not self.stopper.wanted and self._loop.time() >= self._listens_at:
+            self.write((request,))
 
-        Where the last request demands silence, the device will not hear them, so they are written once more when
-        it listens again; `halted` waits for that.
+    # ------------------------------------------------------------------------------------------------ stopping
+
+    def stop_device(self) -> None:
+        """Write the stop requests as soon as the device listens, now if it does. Never blocks or raises.
+
+        Nothing is delivered any more; packets that still come are drained.
         """
-        if not requests:
-            return
-        for request in requests:
-            self.link.send_request(replace(request, ends_stream=True))
-        words = self.link.data_to_send()
-        self.port.write(words)
-        self.on_packets = None
-        self._early.clear()
-        if self._loop.is_closed():
-            return
-        now = self._loop.time()
-        if now < self._silent_until and self._halt_again is None:
-            self._halt_again = self._loop.call_at(self._silent_until, self._write_again, words)
-        else:
-            self._silent_until = now + max(request.settle for request in requests) + _MARGIN_S
+        self.deliver_to(None)
+        self.stopper.stop()
 
     def hang_up(self) -> None:
-        """Close the port: at once, or when the words of `halt` have been said where the device could hear them."""
-        self.port.will_close()
-        if self._halt_again is None:
-            self.port.close_soon()
-        else:
-            self._hang_up = True
+        """Leave the device still, then close the port; without waiting. Nothing is delivered any more."""
+        self._port.announce_close()
+        self.deliver_to(None)
+        self.stopper.hang_up()
 
-    async def halted(self) -> None:
-        """Return when the words of `halt` have been said where the device could hear them."""
-        if self._halt_again is not None:
-            await asyncio.sleep(max(0.0, self._halt_again.when() - self._loop.time()))
-            # The timer of the words themselves was due no later; let it run first.
-            await asyncio.sleep(0)
+    async def close(self) -> None:
+        """As `hang_up`, and return when the port is closed.
 
-    def _write_again(self, words: bytes) -> None:
-        self._halt_again = None
-        self.port.write(words)
-        if self._hang_up:
-            self.port.close_soon()
+        The waiting is bounded and shielded from anyio's cancellation. A second native cancellation ends the waiting,
+        not what timers go on with.
+        """
+        self.hang_up()
+        with anyio.CancelScope(shield=True):
+            await self._port.wait_closed()
 
-    async def _listened_to(self) -> None:
-        """Wait until the device accepts a request again."""
-        self._check()
-        while (wait := self._silent_until - self._loop.time()) > 0:
-            await asyncio.sleep(wait)
-            self._check()
+    def abandon(self) -> None:
+        """Leave the device still and close the port, with or without a running loop: for finalizers. Blocks shortly."""
+        self.stopper.cancel()
+        requests = () if self.stopper.still else self.stopper.requests()
+        # A response that is outstanding is not received any more. A healthy device has sent it after this time.
+        patient_until = self._loop.time() + RESPONSE_S
+        self._port.abandon(b"".join(request.data for request in requests), self.free_at(patient_until))
 
-    def _check(self) -> None:
-        if self.fatal is not None:
-            raise DeviceLost(str(self.fatal)) from self.fatal
+    def free_at(self, patient_until: float) -> float:
+        """When the device listens, on the loop's clock; a response is not waited for beyond `patient_until`."""
+        if not self._link.is_awaiting:
+            return self._listens_at
+        return max(self._listens_at, min(self._response_due, patient_until))
+
+    def write(self, requests: Sequence[Request]) -> None:
+        """Write requests, now; the pause that they demand counts from now."""
+        for request in requests:
+            self._link.send_request(request)
+            self.stopper.sent(request)
+        self._port.write(self._link.data_to_send())
+        settle = max((request.settle for request in requests), default=0.0)
+        if settle:
+            self._listens_at = max(self._listens_at, self._loop.time() + settle + _MARGIN_S)
+        self._wake(_For.CHANGE)
+
+    # ------------------------------------------------------------------------------------------------ inside
 
     def _handle(self, event: Event) -> None:
         if isinstance(event, Packets):
             if self._on_packets is not None:
                 self._on_packets(event)
-            elif self.link.state is LinkState.STREAMING and len(self._early) < _EARLY_LIMIT:
+            elif self._link.state is LinkState.STREAMING and len(self._early) < _EARLY_LIMIT:
                 self._early.append(event)
-        elif self._waiter is not None and not self._waiter.done():
-            if isinstance(event, Response):
-                self._waiter.set_result(event.payload)
-            elif self.link.state is LinkState.STREAMING:
-                self._waiter.set_result(b"")
+        else:
+            self._wake(_For.RESPONSE, event.payload if isinstance(event, Response) else b"")
+
+    async def _until_it_listens(self) -> None:
+        """Wait until the device accepts a request."""
+        while True:
+            self._check()
+            now = self._loop.time()
+            if self._link.is_awaiting and now >= self._response_due:
+                self._link.forget()
+            if self.stopper.wanted:
+                until = now + PATIENCE_S
+            elif self._link.is_awaiting:
+                until = self._response_due
+            elif now < self._listens_at:
+                until = self._listens_at
+            else:
+                return
+            with suppress(TimeoutError):
+                await self._wait(until - now, _For.CHANGE)
+
+    async def _wait(self, seconds: float, what: _For) -> bytes:
+        """Wait for what the operation in progress waits for; TimeoutError after `seconds`."""
+        self._check()
+        waiter: asyncio.Future[bytes] = self._loop.create_future()
+        self._waiter, self._waits_for = waiter, what
+        timer = self._loop.call_later(seconds, _time_out, waiter)
+        try:
+            return await waiter
+        finally:
+            timer.cancel()
+            self._waiter = None
+
+    def _wake(self, what: _For, result: bytes = b"") -> None:
+        """The operation in progress need not wait any more, if it waits for this."""
+        if self._waiter is not None and self._waits_for is what and not self._waiter.done():
+            self._waiter.set_result(result)
+
+    def _wake_with(self, error: LidarError) -> None:
+        if self._waiter is not None and not self._waiter.done():
+            self._waiter.set_exception(twin_of(error))
+
+    def _check(self) -> None:
+        for error in (self.fatal, self._interruption):
+            if error is not None:
+                raise twin_of(error)
 
 
 def _time_out(waiter: asyncio.Future[bytes]) -> None:

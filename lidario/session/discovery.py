@@ -13,7 +13,7 @@ from typing import Final
 
 from lidario.errors import ConnectFailed, LidarError
 from lidario.model import DeviceInfo
-from lidario.session.connect import connect, shut_down
+from lidario.session.connect import connect
 from lidario.source import Source
 
 __all__ = ["Found", "PortInfo", "find_source", "list_lidars", "list_serial_ports"]
@@ -119,7 +119,7 @@ async def _ask(port: PortInfo) -> Found:
         connection = await connect(Source(port.path, "serial", port.path))
     except LidarError as error:
         return Found(port, None, 0, str(error))
-    await shut_down(connection.dialogue, connection.device.halt())
+    await connection.dialogue.close()
     return Found(port, connection.info, connection.port.baudrate, "")
 
 

@@ -76,8 +76,11 @@ async def restart(dialogue: Dialogue, device: Device, timing: Timing) -> None:
     while True:
         try:
             await introduce(dialogue, device, patience=0)
-            return
         except ResponseTimeout:
             if loop.time() > deadline:
                 raise
-        await asyncio.sleep(timing.boot_poll_s)
+            await dialogue.pause(timing.boot_poll_s)
+        else:
+            # No document says whether the motor turns after a restart.
+            dialogue.stopper.still = False
+            return

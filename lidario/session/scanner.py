@@ -1,43 +1,48 @@
-"""Starting, watching, interrupting and stopping the stream of one device, and handing out its scans.
+"""The stream of one device: who wants it, and what is done so that it runs, pauses and ends.
 
-What *should* run (`wanted`) and what *does* run (`stream`) are kept apart. A query stops the stream, asks, and
-leaves; whoever leaves with something wanted and nothing running has it started again, by a task the scanner
-owns, so that cancelling a query does not end other people's streams. One operation at a time holds the lock.
+Readers only say that they want scans (`join`) and that they do not any more (`leave`, `linger`). One task, which the
+session owns, brings the stream up: so cancelling a reader, or a query, never ends other people's streams. Where the
+stream stands is one `State`, and every step is in the table of `states`.
 
-Two things are watched while a stream runs: that packets come, and that they make full turns.
+One operation at a time talks to the device and holds the lock: the start of a stream, a query, a reset. Stopping does
+not wait for it. `leave` and `stop` end a start in progress at once, and the stop requests are written as soon as the
+device listens. `close` ends every operation at once.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
-import time
 from collections.abc import Awaitable, Callable
 from typing import NamedTuple, TypeVar
 
 import anyio
 
-from lidario.errors import DeviceLost, LidarError, LocalProtocolError, Unsupported
-from lidario.families.base import Device, Script, Stream
+from lidario.errors import InternalError, LidarError, LocalProtocolError, SessionClosed, StreamFailed, Unsupported
+from lidario.families.base import Device, Script
 from lidario.model import Scan, ScanMode
-from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.revolution.assemble import AssemblerStats
 from lidario.session.dialogue import Dialogue
-from lidario.session.pace import Pace
+from lidario.session.log import Trouble
+from lidario.session.running import Running, Totals
+from lidario.session.states import Event, State, next_state
 from lidario.session.stream import Hub, Mailbox
-from lidario.wire.events import Packets
+from lidario.session.twin import twin_of
 
-__all__ = ["SILENCE_S", "Scanner", "Wanted"]
+__all__ = ["LINGER_S", "Scanner"]
 
 T = TypeVar("T")
 _log = logging.getLogger("lidario")
 
-SILENCE_S = 0.9
-"""Longest time without a packet once they flow. The slowest format sends one every 10 ms."""
-TURNS_MISSED = 3
-"""Turns of the slowest kind that may fail to complete before a stream of packets counts as stuck."""
+LINGER_S = 1.0
+"""How long a stream goes on that nobody reads any more, where its reader did not say that it is the last: single
+scans in a row must not restart the rotor each time. Users are promised two seconds."""
 LEAVE_TIMEOUT_S = 2.0
-_WATCH_MARGIN_S = 0.001
 STOP_ATTEMPTS = 3
+
+
+class _Stopped(LidarError):
+    """Ends a start that nobody wants any more. Never leaves this module."""
 
 
 class Wanted(NamedTuple):
@@ -47,42 +52,93 @@ class Wanted(NamedTuple):
     force: bool
 
 
+class _Joining(NamedTuple):
+    """A reader that waits to be let in, and what it asked for."""
+
+    mailbox: Mailbox
+    mode: str | int | None
+    force: bool
+
+
 class Scanner:
     """The stream of one device.
 
     Attributes:
         hub: Everybody who reads it.
-        stats: What was assembled.
-        wanted: What ought to run, or None.
-        stream: What does run, or None.
+        totals: Counters since the session was opened.
         latest: The last scan, or None.
-        interruptions: Times the stream was stopped for something else and started again.
-        keepalives: Keepalive requests sent.
     """
 
-    def __init__(self, dialogue: Dialogue, device: Device, latency: float, keep_spinning: bool) -> None:
+    def __init__(self, dialogue: Dialogue, device: Device, latency: float) -> None:
         self.hub = Hub()
-        self.stats = AssemblerStats()
-        self.wanted: Wanted | None = None
-        self.stream: Stream | None = None
+        self.totals = Totals(AssemblerStats())
         self.latest: Scan | None = None
-        self.interruptions = 0
-        self.keepalives = 0
         self._dialogue = dialogue
         self._device = device
         self._latency = latency
-        self._keep_spinning = keep_spinning
         self._loop = asyncio.get_running_loop()
         self._lock = asyncio.Lock()
+        self._state = State.IDLE
+        self._wanted: Wanted | None = None
+        self._running: Running | None = None
+        self._joining: list[_Joining] = []
+        self._ran = False
+        self._worker: asyncio.Task[None] | None = None
+        self._worker_has_lock = False
+        self._linger: asyncio.TimerHandle | None = None
         self._modes: tuple[ScanMode, ...] = ()
-        self._assembler: Assembler | None = None
-        self._watchdog: asyncio.TimerHandle | None = None
-        self._keepalive: asyncio.TimerHandle | None = None
-        self._restoring: asyncio.Task[None] | None = None
-        self._pace: Pace | None = None
-        self._may_hold = False
-        self._began = self._last_packet = self._last_scan = 0.0
+        self._over: SessionClosed | None = None
+        self._trouble = Trouble(_log)
         dialogue.on_lost = self._lost
+        dialogue.stopper.on_still = self._still
+
+    @property
+    def state(self) -> State:
+        """What becomes of the stream at the moment."""
+        return self._state
+
+    @property
+    def is_scanning(self) -> bool:
+        """Whether a stream runs, or is about to."""
+        return self._state in (State.STARTING, State.RUNNING, State.INTERRUPTED)
+
+    @property
+    def mode(self) -> ScanMode | None:
+        """The scan mode that runs or is about to, if it is known."""
+        return self._wanted.mode if self._wanted is not None and self.is_scanning else None
+
+    # ------------------------------------------------------------------------------------------------ readers
+
+    def join(self, mailbox: Mailbox, mode: str | int | None, force: bool) -> None:
+        """As `ScanSource`."""
+        self._cancel_linger()
+        if mode is None and len(self.hub) and not self._joining:
+            self.hub.add(mailbox)
+        else:
+            self._joining.append(_Joining(mailbox, mode, force))
+        if self._state in (State.IDLE, State.STOPPING):
+            self._ran = False
+            self._go(Event.WANT)
+        self._work_soon()
+
+    def leave(self, mailbox: Mailbox) -> None:
+        """As `ScanSource`."""
+        self._forget(mailbox)
+        if not self._readers() and self.is_scanning:
+            self._unwant()
+
+    def linger(self, mailbox: Mailbox) -> None:
+        """As `ScanSource`."""
+        self._forget(mailbox)
+        if not self._readers() and self.is_scanning and self._linger is None:
+            self._linger = self._loop.call_later(LINGER_S, self._linger_over)
+
+    async def left(self) -> None:
+        """As `ScanSource`."""
+        with anyio.CancelScope(shield=True), anyio.move_on_after(LEAVE_TIMEOUT_S):
+            await self._dialogue.stopper.written()
+
+    # ------------------------------------------------------------------------------------------------ operations
 
     async def modes(self) -> tuple[ScanMode, ...]:
         """The scan modes of the device, asked for once."""
@@ -90,189 +146,266 @@ class Scanner:
             self._modes = await self.ask(self._device.modes)
         return self._modes
 
-    async def join(self, mailbox: Mailbox, mode: str | int | None, force: bool) -> None:
-        """As `ScanSource`."""
-        modes = await self.modes()
-        async with self._lock:
-            wanted = self.wanted
-            if wanted is None or mode is not None:
-                wanted = Wanted(choose_mode(modes, mode), force)
-            if self.wanted is not None and wanted != self.wanted:
-                if len(self.hub):
-                    raise LocalProtocolError(
-                        f"scan mode {self.wanted.mode.name!r} is running for another stream: "
-                        f"leave that one before asking for {wanted.mode.name!r}"
-                    )
-                await self._interrupt()
-            self.hub.add(mailbox)
-            self.wanted = wanted
-            if self.stream is None:
-                try:
-                    await self._start(wanted)
-                except BaseException:
-                    self.hub.discard(mailbox)
-                    self.halt()
-                    if len(self.hub):
-                        # Others wait for the same stream: what failed here must not leave them waiting.
-                        self.wanted = wanted
-                        self._restore_soon()
-                    raise
-
-    def leave(self, mailbox: Mailbox) -> None:
-        """As `ScanSource`."""
-        self.hub.discard(mailbox)
-        if not len(self.hub) and self.wanted is not None:
-            self.halt()
-
-    async def left(self) -> None:
-        """As `ScanSource`."""
-        with anyio.CancelScope(shield=True), anyio.move_on_after(LEAVE_TIMEOUT_S):
-            await self._dialogue.halted()
-
     async def ask(self, script: Callable[[], Script[T]]) -> T:
-        """Run a script of the family, with the stream interrupted if one runs, and taken up again after it.
+        """Run a script of the family, with the stream interrupted if one runs, and started again after it.
 
-        Cancelling gives up the answer; the stream is taken up all the same.
+        A script that asks the device nothing, or refuses, does not interrupt the stream. Cancelling gives up the
+        response; the stream is started again all the same.
         """
-        return await self.between(lambda: self._dialogue.run(script()))
+        held = script()
+        try:
+            first = next(held)
+        except StopIteration as stop:
+            result: T = stop.value
+            return result
+        try:
+            return await self.between(lambda: self._dialogue.run(held, first))
+        finally:
+            held.close()
 
     async def between(self, action: Callable[[], Awaitable[T]]) -> T:
-        """Await `action` while no stream runs; the stream is taken up again after it, whatever becomes of it."""
+        """Await `action` while no stream runs; the stream is started again after it, whatever becomes of it."""
         async with self._lock:
+            self._check_open()
+            self._dialogue.begin()
             try:
                 await self._interrupt()
                 return await action()
             finally:
-                self._restore_soon()
+                self._resume()
 
     async def stop(self) -> None:
         """Stop laser and motor, end every stream, and return when the line is quiet."""
-        self.halt()
-        self.hub.end()
+        self._check_open()
+        self._end_readers(None)
+        self._unwant()
+        await self.left()
         async with self._lock:
-            await self._dialogue.halted()
-            await self._silence()
+            self._check_open()
+            self._dialogue.begin()
+            if not self.is_scanning:
+                await self._silence()
 
-    def halt(self) -> None:
-        """Write what stops laser and motor, at once. Never blocks or raises; streams are not ended."""
-        self.wanted = None
-        self._at_rest()
-        if self._restoring is not None:
-            self._restoring.cancel()
-            self._restoring = None
-        requests = (self._device.stop(),) if self._keep_spinning else self._device.halt()
-        self._dialogue.halt(requests)
+    def set_zero_offset(self, degrees: float) -> None:
+        """Have the stream that runs add another zero-angle offset, clockwise degrees."""
+        if self._running is not None:
+            self._running.set_zero_offset(degrees)
+
+    def end(self, error: SessionClosed) -> None:
+        """The session is over: end every reader and operation with `error`. The device is not told."""
+        if self._over is None:
+            self._over = error
+            self._end_readers(error)
+            self._cancel_linger()
+            self._rest()
+            self._go(Event.CLOSE)
+            self._dialogue.interrupt(error)
+
+    def abandon(self) -> None:
+        """Nobody holds the session any more: let go of every timer. The device is not told."""
+        self._cancel_linger()
+        self._rest()
+
+    async def ended(self) -> None:
+        """Return when the task that starts streams has ended, after `end`."""
+        if self._worker is not None:
+            await asyncio.wait([self._worker])
+
+    # ------------------------------------------------------------------------------------------------ the worker
+
+    def _work_soon(self) -> None:
+        """Have the worker do what is to be done, if there is anything."""
+        if self._worker is None and (self._joining or self._state is State.STARTING):
+            self._worker = self._loop.create_task(self._work(), name="lidario: start the stream")
+
+    async def _work(self) -> None:
+        """Let the readers in who wait for it, and start the stream they want; until nothing is left to do."""
+        try:
+            while self._joining or self._state is State.STARTING:
+                async with self._lock:
+                    self._dialogue.begin()
+                    self._worker_has_lock = True
+                    try:
+                        await self._let_in()
+                        if self._state is State.STARTING and self._wanted is not None:
+                            await self._start(self._wanted)
+                    except _Stopped:
+                        continue
+                    except LidarError as error:
+                        self._could_not_start(error)
+                    finally:
+                        self._worker_has_lock = False
+        except Exception as error:
+            _log.exception("lidario failed when it started a stream")
+            failure = InternalError(f"lidario failed when it started a stream ({error!r}); please report this")
+            failure.__cause__ = error
+            self._could_not_start(failure)
+        finally:
+            self._worker = None
+
+    async def _let_in(self) -> None:
+        """Let in the readers who wait, as far as the modes they ask for go together."""
+        while self._joining:
+            if not self._modes:
+                await self._interrupt()
+                self._modes = await self._dialogue.run(self._device.modes())
+                continue
+            mailbox, mode, force = self._joining.pop(0)
+            try:
+                await self._agree(mode, force)
+            except (LocalProtocolError, Unsupported) as error:
+                mailbox.end(error)
+                continue
+            self.hub.add(mailbox)
+        if not len(self.hub) and self.is_scanning:
+            self._unwant()
+        elif self._state is State.INTERRUPTED:
+            self._go(Event.RESUME)
+
+    async def _agree(self, mode: str | int | None, force: bool) -> None:
+        """Make the stream that is wanted the one that a reader asks for, if no other reader minds."""
+        wanted = self._wanted
+        if wanted is None or mode is not None or not len(self.hub):
+            wanted = Wanted(choose_mode(self._modes, mode), force)
+        if wanted == self._wanted:
+            return
+        if self._wanted is not None and len(self.hub):
+            raise LocalProtocolError(
+                f"scan mode {self._wanted.mode.name!r} is running for another stream: "
+                f"leave that one before asking for {wanted.mode.name!r}"
+            )
+        self._wanted = wanted
+        await self._interrupt()
 
     async def _start(self, wanted: Wanted) -> None:
+        if not await self._dialogue.drain():
+            await self._silence()
         stream = await self._dialogue.run(self._device.start(wanted.mode, force=wanted.force))
-        wall_offset = time.time_ns() - round(self._loop.time() * 1e9)
-        self._assembler = Assembler(stream, self._dialogue.port.baudrate, wall_offset, self.stats)
-        self.stream = stream
-        self._began = self._last_packet = self._last_scan = self._loop.time()
-        self._dialogue.on_packets = self._take
-        received = self._dialogue.link.stats.bytes_received
-        self._pace = Pace(stream, self._dialogue.port.baudrate, self._latency, received)
-        self._may_hold = self._dialogue.port.set_latency(self._latency, self._rest)
-        self._watch()
-        if stream.keepalive is not None:
-            self._keepalive = self._loop.call_later(stream.keepalive.interval_s, self._keep_alive)
-        _log.debug("scanning in mode %s", wanted.mode.name)
+        if self._state is not State.STARTING or wanted != self._wanted:
+            # Nobody wants it any more, and the stop requests are written already.
+            return
+        self._go(Event.STARTED)
+        self._ran = True
+        self._running = Running(
+            stream,
+            self._dialogue,
+            latency=self._latency,
+            totals=self.totals,
+            trouble=self._trouble,
+            publish=self._publish,
+            failed=self._fail,
+        )
+        self._running.begin()
+
+    def _could_not_start(self, error: LidarError) -> None:
+        """Tell everybody who waits for the stream."""
+        if self._ran:
+            failure = StreamFailed(f"the stream could not be started again: {error}")
+            failure.__cause__ = error
+            error = failure
+        self._end_readers(error)
+        if self.is_scanning:
+            self._unwant()
+
+    # ------------------------------------------------------------------------------------------------ steps
+
+    def _go(self, event: Event) -> None:
+        before, self._state = self._state, next_state(self._state, event)
+        if before is not self._state:
+            _log.debug("%s: %s -> %s", event.value, before.value, self._state.value)
 
     async def _interrupt(self) -> None:
         """Stop the stream, not the motor, and wait until the line is quiet."""
-        if self.stream is not None:
-            self.interruptions += 1
-            self._at_rest()
+        if self._state is State.RUNNING:
+            self.totals.interruptions += 1
+            self._go(Event.INTERRUPT)
+            self._rest()
             await self._silence()
 
+    def _resume(self) -> None:
+        """The device is free again: have the stream started again, if it has readers."""
+        if self._state is State.INTERRUPTED and len(self.hub):
+            self._go(Event.RESUME)
+        self._work_soon()
+
     async def _silence(self) -> None:
-        for _ in range(STOP_ATTEMPTS):
-            if await self._dialogue.quieten():
-                return
-        raise DeviceLost(f"the device goes on sending after {STOP_ATTEMPTS} STOP requests: is it still listening?")
+        """Have the line quiet, by as many STOP requests as that takes."""
+        if not await self._dialogue.drain():
+            for _ in range(STOP_ATTEMPTS):
+                if await self._dialogue.quieten():
+                    return
+            raise StreamFailed(f"the device goes on sending after {STOP_ATTEMPTS} STOP requests: is it listening?")
 
-    def _restore_soon(self) -> None:
-        if self.wanted is not None and self.stream is None and self._restoring is None and not self._dialogue.fatal:
-            self._restoring = self._loop.create_task(self._restore(), name="lidario: take up the stream again")
-
-    async def _restore(self) -> None:
-        try:
-            async with self._lock:
-                if self.wanted is not None and self.stream is None:
-                    await self._start(self.wanted)
-        except LidarError as error:
-            self._restoring = None
-            self._fail(DeviceLost(f"the stream could not be taken up again: {error}"), error)
-        finally:
-            self._restoring = None
-
-    def _at_rest(self) -> None:
-        self.stream = None
-        self._assembler = self._pace = None
-        for timer in (self._watchdog, self._keepalive):
-            if timer is not None:
-                timer.cancel()
-        self._watchdog = self._keepalive = None
-        if not self._loop.is_closed():
-            self._dialogue.port.set_latency(0)
-
-    def _take(self, packets: Packets) -> None:
-        if self._assembler is None or self._pace is None:
+    def _unwant(self) -> None:
+        """Nobody wants the stream: write the stop requests as soon as the device listens. Never blocks or raises."""
+        if self._state is State.CLOSED:
             return
-        self._last_packet = self._loop.time()
-        for scan in self._assembler.add(packets):
-            self._last_scan = self._last_packet
-            link = self._dialogue.link
-            self._pace.turned(scan, link.stats.bytes_received, self._last_packet)
-            if self._may_hold:
-                link.hold(round(self._pace.hold(self._last_packet) * 1e9))
-            self.latest = scan
-            self.hub.publish(scan)
+        self._go(Event.UNWANT)
+        self._wanted = None
+        self._cancel_linger()
+        self._rest()
+        if self._worker_has_lock:
+            self._dialogue.interrupt(_Stopped("the stream is not wanted any more"))
+        self._dialogue.stop_device()
+        if self._dialogue.stopper.still:
+            self._still()
 
-    def _rest(self, late: float) -> float:
-        """Seconds for which nothing can come that matters."""
-        return 0.0 if self._pace is None else self._pace.rest(self._loop.time(), late)
+    def _rest(self) -> None:
+        """The stream runs no more."""
+        running, self._running = self._running, None
+        if running is not None:
+            running.end()
 
-    def _watch(self) -> None:
-        stream = self.stream
-        if stream is None:
-            return
-        patience = stream.spin_up_s if self._last_packet == self._began else SILENCE_S
-        idle = self._loop.time() - self._last_packet
-        if idle >= patience:
-            # The program may have blocked the loop: look at the line itself before judging it.
-            self._dialogue.port.poll()
-            idle = self._loop.time() - self._last_packet
-        turning = self._loop.time() - self._last_scan
-        if idle >= patience:
-            came = self._dialogue.link.buffered or self._dialogue.link.stats.skipped_bytes
-            why = "only noise arrives: is the baud rate right?" if came else "is it powered, and is the cable in?"
-            self._fail(DeviceLost(f"no scan data for {idle:.1f} s; {why}"))
-        elif turning >= stream.spin_up_s + TURNS_MISSED * stream.slowest_turn_s:
-            self._fail(
-                DeviceLost(f"scan data arrives, but no full turn for {turning:.1f} s: is the rotor blocked?")
-            )
-        else:
-            wait = min(patience - idle, SILENCE_S) + _WATCH_MARGIN_S
-            self._watchdog = self._loop.call_later(wait, self._watch)
+    def _still(self) -> None:
+        if self._state is State.STOPPING:
+            self._go(Event.STILL)
 
-    def _keep_alive(self) -> None:
-        stream = self.stream
-        if stream is not None and stream.keepalive is not None:
-            self._dialogue.send(stream.keepalive.request)
-            self.keepalives += 1
-            self._keepalive = self._loop.call_later(stream.keepalive.interval_s, self._keep_alive)
+    def _publish(self, scan: Scan) -> None:
+        self.latest = scan
+        self.hub.publish(scan)
 
-    def _fail(self, error: DeviceLost, cause: BaseException | None = None) -> None:
+    def _fail(self, error: StreamFailed) -> None:
         """End the stream for everybody; the session goes on."""
-        error.__cause__ = cause
-        self.halt()
+        self._trouble.tell("the stream ended: %s", error)
+        self._end_readers(error)
+        self._unwant()
+
+    def _lost(self, error: LidarError) -> None:
+        """The port died, or we failed: the session is over."""
+        self._trouble.tell("the session ended: %s", error)
+        self._end_readers(error)
+        self._cancel_linger()
+        self._rest()
+        self._go(Event.CLOSE)
+
+    # ------------------------------------------------------------------------------------------------ small things
+
+    def _readers(self) -> int:
+        return len(self.hub) + len(self._joining)
+
+    def _forget(self, mailbox: Mailbox) -> None:
+        self.hub.discard(mailbox)
+        self._joining = [each for each in self._joining if each.mailbox is not mailbox]
+
+    def _end_readers(self, error: LidarError | None) -> None:
+        joining, self._joining = self._joining, []
+        for each in joining:
+            self.hub.add(each.mailbox)
         self.hub.end(error)
 
-    def _lost(self, error: DeviceLost) -> None:
-        self.wanted = None
-        self._at_rest()
-        self.hub.end(error)
+    def _linger_over(self) -> None:
+        self._linger = None
+        if not self._readers() and self.is_scanning:
+            self._unwant()
+
+    def _cancel_linger(self) -> None:
+        if self._linger is not None:
+            self._linger.cancel()
+            self._linger = None
+
+    def _check_open(self) -> None:
+        if self._over is not None:
+            raise twin_of(self._over)
 
 
 def choose_mode(modes: tuple[ScanMode, ...], wanted: str | int | None) -> ScanMode:

@@ -11,15 +11,17 @@ later and elsewhere, and STOP would be late.
 from __future__ import annotations
 
 import asyncio
+import weakref
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from types import TracebackType
-from typing import Protocol, Self
-from weakref import WeakSet
+from typing import NoReturn, Protocol, Self
 
-from lidario.errors import Busy, DeviceLost, LidarError, SessionClosed
+from lidario.errors import Busy, LidarError, LocalProtocolError
 from lidario.model import Scan
+from lidario.session.twin import twin_of
 
 __all__ = ["Hub", "Mailbox", "ScanSource", "ScanStream"]
 
@@ -96,10 +98,14 @@ class Mailbox:
 
 
 class Hub:
-    """Hands every scan to every mailbox. A mailbox that nobody holds any more is forgotten."""
+    """Hands every scan to every mailbox.
+
+    Attributes:
+        dropped: Scans that slow readers missed, summed over all of them.
+    """
 
     def __init__(self) -> None:
-        self._mailboxes: WeakSet[Mailbox] = WeakSet()
+        self._mailboxes: set[Mailbox] = set()
         self.dropped = 0
 
     def __len__(self) -> int:
@@ -118,26 +124,26 @@ class Hub:
         for mailbox in tuple(self._mailboxes):
             self.dropped += mailbox.put(scan)
 
-    def end(self, error: DeviceLost | SessionClosed | None = None) -> None:
+    def end(self, error: LidarError | None = None) -> None:
         """End every stream; each gets an error of its own, so that tracebacks do not mix."""
         for mailbox in tuple(self._mailboxes):
-            own = None
-            if error is not None:
-                own = type(error)(str(error))
-                own.__cause__ = error
-            mailbox.end(own)
+            mailbox.end(None if error is None else twin_of(error))
         self._mailboxes.clear()
 
 
 class ScanSource(Protocol):
     """What a `ScanStream` needs of the session."""
 
-    async def join(self, mailbox: Mailbox, mode: str | int | None, force: bool) -> None:
-        """Start scanning in that mode unless it runs already, and hand scans to `mailbox`."""
+    def join(self, mailbox: Mailbox, mode: str | int | None, force: bool) -> None:
+        """Hand scans to `mailbox` from now on; start the device in that mode unless it runs in it already."""
         ...
 
     def leave(self, mailbox: Mailbox) -> None:
-        """Hand `mailbox` no more; the last one to leave stops the device."""
+        """Hand `mailbox` no more; the last one to leave stops the device, at once."""
+        ...
+
+    def linger(self, mailbox: Mailbox) -> None:
+        """Hand `mailbox` no more; when it was the last one, the device stops a little later."""
         ...
 
     async def left(self) -> None:
@@ -149,11 +155,14 @@ class ScanStream:
     """An asynchronous iterator of full revolutions; made by `Lidar.scans`.
 
     The device begins to scan at the first ``await``. Used as a context manager the stream is left at the end of
-    the block, and the last stream to be left stops laser and motor; otherwise they run until the session is
-    closed. Iteration ends when `Lidar.stop` is called, and raises `DeviceLost` when the device is gone or falls
-    silent, `SessionClosed` when the session is closed by another task.
+    the block, and the last stream to be left stops laser and motor. A stream that nobody holds any more, as after
+    ``break`` out of ``async for scan in lidar.scans()``, is left by itself, and the device stops within two seconds.
 
-    Cancelling ``__anext__`` loses no scan.
+    Iteration ends when `Lidar.stop` is called. It raises `StreamFailed` when the device falls silent, makes no
+    revolutions or cannot be started (the session goes on), `DeviceLost` when the port died, and `SessionClosed` when
+    the session is closed by another task.
+
+    Cancelling ``__anext__`` loses no scan, and does not end the stream.
     """
 
     def __init__(
@@ -163,7 +172,7 @@ class ScanStream:
         self._mode = mode
         self._force = force
         self._mailbox = Mailbox(depth)
-        self._joined = False
+        self._let_go: weakref.finalize[..., ScanStream] | None = None
         self._left = False
         self._check_open = opened
 
@@ -178,10 +187,13 @@ class ScanStream:
     async def __anext__(self) -> Scan:
         if self._left:
             raise StopAsyncIteration
-        if not self._joined:
+        if self._let_go is None:
             self._check_open()
-            await self._source.join(self._mailbox, self._mode, self._force)
-            self._joined = True
+            self._source.join(self._mailbox, self._mode, self._force)
+            # Run by the garbage collector, perhaps in another thread.
+            loop = asyncio.get_running_loop()
+            self._let_go = weakref.finalize(self, _let_go, loop, self._source, self._mailbox)
+            self._let_go.atexit = False
         return await self._mailbox.get()
 
     async def __aenter__(self) -> Self:
@@ -193,9 +205,32 @@ class ScanStream:
     ) -> None:
         await self.aclose()
 
+    def __iter__(self) -> NoReturn:
+        raise LocalProtocolError("scans come asynchronously: write `async for scan in lidar.scans():`")
+
     async def aclose(self) -> None:
-        """Leave the stream; STOP is written before anything is awaited. Harmless when done before."""
-        if not self._left:
-            self._left = True
+        """Leave the stream. The last one to be left stops laser and motor. Harmless when done before.
+
+        The stop requests are written before anything is awaited, or, where the device does not listen at that
+        moment, by a timer. Cancelling ends only the waiting for that.
+        """
+        if self._leave():
             self._source.leave(self._mailbox)
             await self._source.left()
+
+    def release(self) -> None:
+        """Leave the stream; the last one to be left stops laser and motor a second later, if none was begun since."""
+        if self._leave():
+            self._source.linger(self._mailbox)
+
+    def _leave(self) -> bool:
+        left, self._left = self._left, True
+        if self._let_go is None or left:
+            return False
+        self._let_go.detach()
+        return True
+
+
+def _let_go(loop: asyncio.AbstractEventLoop, source: ScanSource, mailbox: Mailbox) -> None:
+    with suppress(RuntimeError):  # the loop is closed: so is the session, or its own finalizer stops the device
+        loop.call_soon_threadsafe(source.linger, mailbox)

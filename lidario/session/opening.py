@@ -1,0 +1,107 @@
+"""From a source to an open session: what `open_lidar` returns."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Generator
+from types import TracebackType
+from typing import TYPE_CHECKING, NoReturn
+
+from lidario.errors import LocalProtocolError
+from lidario.session.connect import connect
+from lidario.session.discovery import find_source
+from lidario.session.handshake import healthy
+from lidario.session.lidar import Lidar
+from lidario.source import Source, parse_source
+
+if TYPE_CHECKING:
+    from lidario.sim.device import SimulatedDevice
+
+__all__ = ["DEFAULT_LATENCY_S", "OpenLidar", "open_lidar"]
+
+DEFAULT_LATENCY_S = 0.005
+_WRITE = "write `async with lidario.open_lidar(...) as lidar:`"
+
+
+class OpenLidar:
+    """What `open_lidar` returns: a context manager, or something to ``await`` and close by hand."""
+
+    def __init__(
+        self, source: Source, family: str | None, baudrate: int | None, latency: float, keep_spinning: bool
+    ) -> None:
+        self._source = source
+        self._family = family
+        self._baudrate = baudrate
+        self._latency = latency
+        self._keep_spinning = keep_spinning
+        self._lidar: Lidar | None = None
+
+    def __await__(self) -> Generator[object, None, Lidar]:
+        return self._open().__await__()
+
+    async def __aenter__(self) -> Lidar:
+        self._lidar = await self._open()
+        return self._lidar
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._lidar is not None:
+            await self._lidar.close()
+
+    def __enter__(self) -> NoReturn:
+        raise LocalProtocolError(f"opening a lidar takes time: {_WRITE}")
+
+    def __exit__(self, *_: object) -> None:
+        """Never reached; `with` looks for it before `__enter__` can say what to write."""
+
+    def __aiter__(self) -> NoReturn:
+        raise LocalProtocolError(f"the lidar is not open yet: {_WRITE}, then `async for scan in lidar.scans():`")
+
+    async def _open(self) -> Lidar:
+        try:
+            asyncio.get_running_loop()
+        except RuntimeError:
+            raise LocalProtocolError(
+                "lidario needs an asyncio event loop: under trio, run it by anyio.run(main, backend='asyncio')"
+            ) from None
+        source = await find_source(self._source)
+        connection = await connect(source, self._family, self._baudrate)
+        try:
+            health = await healthy(connection.dialogue, connection.device, connection.family.timing)
+            return Lidar(connection, health, source.text, self._latency, self._keep_spinning)
+        except BaseException:
+            await connection.dialogue.close()
+            raise
+
+
+def open_lidar(
+    source: str | SimulatedDevice = "auto",
+    *,
+    family: str | None = None,
+    baudrate: int | None = None,
+    latency: float = DEFAULT_LATENCY_S,
+    keep_spinning: bool = False,
+) -> OpenLidar:
+    """Open a device, for use in ``async with`` or with ``await``.
+
+    It is opened for nobody else beside, stopped in case it still streams, asked what it is and how it is, and
+    reset once if it has stopped to protect itself. Cancelling it leaves laser and motor off and the port closed.
+
+    Args:
+        source: Where it is, see `lidario.source`; or a simulated device of your own, which is then connected in
+            memory and lives on the event loop's clock.
+        family: Name of its family; None to find out.
+        baudrate: Speed of the line; None to find out.
+        latency: Seconds by which a scan may be late because the port is only looked at from time to time while a
+            stream runs. With 0 the program is woken for each delivery from shortly before a turn's end is due until
+            it has come; before that, at any setting, as seldom as the kernel's buffer allows.
+        keep_spinning: Leave the motor on when the session ends; only the measuring stops.
+
+    Raises:
+        ConnectFailed: No such port, no permission, busy, silent, or ambiguous; each says which, and the cure.
+        DeviceFault: The device reports an error that a reset did not cure.
+        DeviceLost: The port died meanwhile.
+    """
+    where = parse_source(source) if isinstance(source, str) else Source("simulated", "device", device=source)
+    return OpenLidar(where, family, baudrate, latency, keep_spinning)

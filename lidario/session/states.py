@@ -1,0 +1,74 @@
+"""The states of a device's stream, and every way from one to another, in one table.
+
+::
+
+                  want                started
+        IDLE ───────────> STARTING ───────────> RUNNING
+         ^                 ^  │ ^                │  │
+         │            want │  │ └── resume ──┐   │  │ interrupt
+         │                 │  │              │   │  v
+         └─── still ─── STOPPING <── unwant ─┴── INTERRUPTED
+
+    unwant leads from STARTING, RUNNING and INTERRUPTED to STOPPING; close leads from everywhere to CLOSED.
+
+* IDLE: no stream is wanted.
+* STARTING: a stream is wanted and its start is under way, or waits until the device is free.
+* RUNNING: packets flow, or will as soon as the rotor is up to speed.
+* INTERRUPTED: a stream is wanted, but the device was stopped so that it can be asked something.
+* STOPPING: no stream is wanted any more; the stop requests wait until the device listens.
+* CLOSED: the session is over.
+
+`Scanner` holds the state and asks this table for the next one. An event that the table does not know in a state is a
+mistake in `Scanner`, so it raises.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import Final
+
+__all__ = ["TRANSITIONS", "Event", "State", "next_state"]
+
+
+class State(Enum):
+    """What becomes of the stream at the moment."""
+
+    IDLE = "idle"
+    STARTING = "starting"
+    RUNNING = "running"
+    INTERRUPTED = "interrupted"
+    STOPPING = "stopping"
+    CLOSED = "closed"
+
+
+class Event(Enum):
+    """What happens to the stream."""
+
+    WANT = "a reader wants scans"
+    STARTED = "the device has announced its packets"
+    INTERRUPT = "the device is asked something"
+    RESUME = "the device was asked and is free again"
+    UNWANT = "nobody wants scans any more"
+    STILL = "the stop requests were written"
+    CLOSE = "the session ends"
+
+
+_S, _E = State, Event
+
+TRANSITIONS: Final[dict[State, dict[Event, State]]] = {
+    _S.IDLE: {_E.WANT: _S.STARTING, _E.UNWANT: _S.STOPPING, _E.CLOSE: _S.CLOSED},
+    _S.STARTING: {_E.STARTED: _S.RUNNING, _E.UNWANT: _S.STOPPING, _E.CLOSE: _S.CLOSED},
+    _S.RUNNING: {_E.INTERRUPT: _S.INTERRUPTED, _E.UNWANT: _S.STOPPING, _E.CLOSE: _S.CLOSED},
+    _S.INTERRUPTED: {_E.RESUME: _S.STARTING, _E.UNWANT: _S.STOPPING, _E.CLOSE: _S.CLOSED},
+    _S.STOPPING: {_E.STILL: _S.IDLE, _E.WANT: _S.STARTING, _E.UNWANT: _S.STOPPING, _E.CLOSE: _S.CLOSED},
+    _S.CLOSED: {_E.CLOSE: _S.CLOSED},
+}
+"""State -> event -> next state. Whatever is not here cannot happen."""
+
+
+def next_state(state: State, event: Event) -> State:
+    """The state that `event` leads to; raises RuntimeError where the table has no such step."""
+    try:
+        return TRANSITIONS[state][event]
+    except KeyError:
+        raise RuntimeError(f"{event.name} cannot happen while {state.name}") from None
