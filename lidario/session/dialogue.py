@@ -135,7 +135,7 @@ class Dialogue:
             finally:
                 timer.cancel()
                 self._waiter = None
-                self.link.give_up()
+                self.link.forget()
             return payload
         raise ResponseTimeout(request.name, timeout, self.link.stats.stray_bytes - noise)
 
