@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lidario.wire.events import Packets
-from tests.support.streams import CASES, SINGLE_DEG, Case, assembled, feed, named
+from tests.support.streams import CASES, SINGLE_DEG, Case, arrived, assembled, feed, named
 
 Q6_TURN = 360 * 64
 CHUNKS = {"whole": None, "byte by byte": 1, "in eights": 8, "in 64s": 64, "in kilobytes": 1024}
@@ -70,7 +69,7 @@ def test_every_figure_is_the_scalar_references(case: Case) -> None:
 @pytest.mark.parametrize("chunks", CHUNKS.values(), ids=CHUNKS)
 def test_the_events_are_one_descriptor_and_one_run(case: Case, chunks: int | None) -> None:
     received = feed(case, case.raw, chunks)
-    assert received.events == [Packets(case.raw, len(case.packets), 0)]
+    assert received.events == [arrived(case.raw, len(case.packets), 0)]
     assert (received.stats.packets, received.buffered) == (len(case.packets), 0)
     assert received.stats.bytes_received == len(case.descriptor) + len(case.raw)
     assert received.stats.skipped_bytes == received.stats.stray_bytes == 0

@@ -151,9 +151,7 @@ class Assembler:
 
     def _arrival(self, event: Packets, packets: int, offsets: Sequence[int]) -> int:
         """When the first `packets` of a run had come."""
-        count, received_ns = next(
-            (each for each in event.earlier if each[0] >= packets), (event.count, event.received_ns)
-        )
+        count, received_ns = next(each for each in event.arrivals if each[0] >= packets)
         # What stands behind them was measured after them and was there already: they were late by that much.
         behind = event.data[offsets[packets] : offsets[count]]
         return received_ns - round(self._stream.format.samples_in(behind) * self._stream.sample_ns)
@@ -162,9 +160,9 @@ class Assembler:
         """Add the packets of a run from `begin` to `end`, which are `data`, to the turn in the making."""
         turn = self._turn
         turn.runs.append(data)
-        if event.earlier:
+        if len(event.arrivals) > 1:
             before = turn.packets - begin
-            turn.arrivals += [(before + count, at_ns) for count, at_ns in event.earlier if begin < count < end]
+            turn.arrivals += [(before + count, at_ns) for count, at_ns in event.arrivals if begin < count < end]
         turn.packets += end - begin
         turn.arrivals.append((turn.packets, received_ns))
         if received_ns - turn.arrivals[0][1] > _ENDLESS_TURNS * 1e9 * self._stream.slowest_turn_s:

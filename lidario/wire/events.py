@@ -9,8 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
-__all__ = ["Descriptor", "Event", "Packets", "Response", "Skipped", "merged"]
+__all__ = ["Arrival", "Descriptor", "Event", "Packets", "Response", "Skipped", "merged"]
+
+Arrival: TypeAlias = tuple[int, int]
+"""How much had come, and when: a number of bytes or of packets, and the time in the caller's nanoseconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,15 +54,18 @@ class Packets:
     Attributes:
         data: The packets, back to back.
         count: How many there are.
-        received_ns: Arrival of the chunk that completed the last of them.
-        earlier: Where they lay uncut for a while, the arrivals before that: each the number of packets that were
-            complete by then, and when.
+        arrivals: When they came: pairs ``(packets, at_ns)``, so many of them were complete at that time; ascending,
+            the last pair is for all of them. More than one pair only when they were collected from several reads.
     """
 
     data: bytes
     count: int
-    received_ns: int
-    earlier: tuple[tuple[int, int], ...] = ()
+    arrivals: tuple[Arrival, ...]
+
+    @property
+    def received_ns(self) -> int:
+        """Arrival of the read that completed the last of them."""
+        return self.arrivals[-1][1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,9 +88,10 @@ def merged(events: Iterable[Event]) -> list[Event]:
     for event in events:
         last = result[-1] if result else None
         if isinstance(event, Packets) and isinstance(last, Packets):
-            result[-1] = Packets(last.data + event.data, last.count + event.count, event.received_ns)
-        elif isinstance(event, Packets) and event.earlier:
-            result.append(replace(event, earlier=()))
+            count = last.count + event.count
+            result[-1] = Packets(last.data + event.data, count, ((count, event.received_ns),))
+        elif isinstance(event, Packets) and len(event.arrivals) > 1:
+            result.append(replace(event, arrivals=event.arrivals[-1:]))
         else:
             result.append(event)
     return result

@@ -2,29 +2,32 @@
 
 ::
 
-    IDLE ──request with answer──> AWAIT_RESPONSE ──answer──> IDLE
-                                        └──stream descriptor──> STREAMING ──STOP──> DRAINING ──drained()──> IDLE
+    IDLE ──request with a response──> AWAIT_RESPONSE ──response, forget()──> IDLE
+                                            ├──descriptor of a stream──> STREAMING ──STOP──> DRAINING
+                                            └──the same, after abandon()──> DRAINING ──drained()──> IDLE
 
-Four verbs: `receive_data`, `events_received`, `send_request`, `data_to_send`. Time is an argument, and `hold` says
-until when bytes of a stream may lie, so that they are cut together and not a few at a time. While it streams it
-never looks for a descriptor, and while it waits for an answer it accepts only the one that was asked for, by type
-*and* length, since ``A5 5A`` stands in scan data by chance about four times a second.
-Whatever fits nowhere is counted in `LinkStats`; bytes never raise. Misuse does: `LocalProtocolError`.
+STOP and RESET lead from every state to DRAINING.
 
-The buffer is bounded: data is fed in slices, noise leaves at once, and no claimed length beyond the largest
-expected answer is waited for.
+Four verbs: `receive_data`, `events_received`, `send_request`, `data_to_send`. Time is an argument. While it
+streams it never looks for a descriptor, and while it waits for a response it accepts only the one that was
+requested, by type *and* length, since ``A5 5A`` stands in scan data by chance about four times a second.
+Bytes never raise. Misuse does: `LocalProtocolError`.
+
+Every byte is counted in exactly one field of `LinkStats`, or is still in the buffer. The buffer is bounded: data
+is fed in slices, noise leaves at once, and no claimed length beyond the largest expected response is waited for.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
 from lidario.errors import LocalProtocolError
 from lidario.wire.buffer import ReceiveBuffer
 from lidario.wire.envelope import DESCRIPTOR_MAGIC, DESCRIPTOR_SIZE, Expected, Request, parse_descriptor
-from lidario.wire.events import Descriptor, Event, Packets, Response, Skipped
+from lidario.wire.events import Arrival, Descriptor, Event, Packets, Response, Skipped
 from lidario.wire.formats import StreamFormat
 
 __all__ = ["Link", "LinkState", "LinkStats"]
@@ -43,32 +46,42 @@ class LinkState(Enum):
 
 
 _AWAIT_RESPONSE, _STREAMING = LinkState.AWAIT_RESPONSE, LinkState.STREAMING
-"""Looking a member up in its class is dear where it is done for every chunk."""
+"""Finding a member in its class takes 40 ns more than a global name, and this is done for every chunk."""
 
 
 @dataclass(slots=True)
 class LinkStats:
     """Running totals since the link was made; they only grow.
 
+    After every call: ``bytes_received == packet_bytes + record_bytes + skipped_bytes + response_bytes + stray_bytes
+    + drained_bytes + Link.buffered``.
+
     Attributes:
         bytes_received: All bytes that came in.
         packets: Intact measurement packets.
-        skipped_bytes: Bytes of a stream that belong to no packet.
-        skipped_stretches: Stretches of such bytes.
+        packet_bytes: Their bytes.
         records: Known records between packets that carry no measurement.
-        stray_bytes: Bytes outside a stream that are no answer.
-        drained_bytes: Leftovers thrown away after a STOP.
-        late_answers: Answers that match the request in type and size, but not in what they answer.
+        record_bytes: Their bytes.
+        skipped_bytes: Bytes of a stream that belong to no packet and no record.
+        skipped_stretches: Stretches of such bytes that ended with a packet.
+        response_bytes: Responses to a pending request, with their descriptors, and the descriptors of streams.
+        stray_bytes: Bytes outside a stream that are no response.
+        drained_bytes: Bytes thrown away after a STOP.
+        late_responses: Responses nobody waits for: those of an abandoned request, and those that match the pending
+            request in type and size but begin with the echo of another one. The bytes of the second kind are stray.
     """
 
     bytes_received: int = 0
     packets: int = 0
+    packet_bytes: int = 0
+    records: int = 0
+    record_bytes: int = 0
     skipped_bytes: int = 0
     skipped_stretches: int = 0
-    records: int = 0
+    response_bytes: int = 0
     stray_bytes: int = 0
     drained_bytes: int = 0
-    late_answers: int = 0
+    late_responses: int = 0
 
 
 class Link:
@@ -87,24 +100,46 @@ class Link:
         self._outgoing = bytearray()
         self._pending: Request | None = None
         self._format: StreamFormat | None = None
+        self._abandoned = False
         self._noise = 0
-        self._held_until = 0
-        self._arrivals: list[tuple[int, int]] = []
+        self._fed = 0
+        self._arrivals: list[Arrival] = []
 
     @property
     def buffered(self) -> int:
         """Bytes received and not yet understood."""
         return len(self._buffer)
 
-    def receive_data(self, data: bytes | bytearray | memoryview, now: int) -> None:
-        """Take bytes that arrived at `now` (nanoseconds); collect what they mean by `events_received`."""
+    @property
+    def is_awaiting(self) -> bool:
+        """Whether a response is pending, abandoned or not."""
+        return self.state is _AWAIT_RESPONSE
+
+    def receive_data(
+        self, data: bytes | bytearray | memoryview, now: int, arrivals: Sequence[Arrival] = ()
+    ) -> None:
+        """Take bytes; collect what they mean by `events_received`.
+
+        Args:
+            data: The bytes, of one read or of several.
+            now: Arrival of the last byte, in nanoseconds.
+            arrivals: When `data` was collected from several reads: pairs ``(bytes, at_ns)``, the first `bytes`
+                bytes of `data` had arrived by `at_ns`; ascending, without the last read, which is `now`. A packet
+                or response has arrived with the read that completed it.
+        """
         self.stats.bytes_received += len(data)
+        if arrivals:
+            # Counted from the first byte ever fed, they stay right while slices come into the buffer and leave it.
+            fed = self._fed
+            self._arrivals = [(fed + size, at_ns) for size, at_ns in arrivals]
         if len(data) <= _SLICE:
             self._feed(data, now)
-            return
-        view = memoryview(data)
-        for start in range(0, len(view), _SLICE):
-            self._feed(view[start : start + _SLICE], now)
+        else:
+            view = memoryview(data)
+            for start in range(0, len(view), _SLICE):
+                self._feed(view[start : start + _SLICE], now)
+        if arrivals:
+            self._arrivals.clear()
 
     def events_received(self) -> list[Event]:
         """The events since the last call, oldest first."""
@@ -112,20 +147,18 @@ class Link:
         return events
 
     def send_request(self, request: Request) -> None:
-        """Queue a request for `data_to_send` and expect its answer.
+        """Queue a request for `data_to_send` and expect its response.
 
         Raises:
-            LocalProtocolError: Another answer is pending, or packets flow and this request would stop them
-                unannounced.
+            LocalProtocolError: Another response is pending (also an abandoned one), or packets flow and this
+                request would stop them unannounced.
         """
         if request.ends_stream:
-            self._leave_stream()
-            self._pending = None
-            self.state = LinkState.DRAINING
+            self._drain()
         elif self.state is LinkState.STREAMING and not request.in_stream:
             raise LocalProtocolError(f"{request.name} may not be sent while packets flow: stop the stream first")
         elif self.state is LinkState.AWAIT_RESPONSE:
-            raise LocalProtocolError(f"{request.name} may not be sent while an answer is pending: wait for it")
+            raise LocalProtocolError(f"{request.name} may not be sent while a response is pending: wait for it")
         elif request.expects is not None and not request.in_stream:
             self._pending = request
             self.state = LinkState.AWAIT_RESPONSE
@@ -137,20 +170,19 @@ class Link:
         self._outgoing.clear()
         return data
 
-    def give_up(self) -> None:
-        """Stop waiting for the pending answer; should it still come, it is thrown away and counted."""
+    def forget(self) -> None:
+        """The pending response is not expected any more; should it still come, its bytes are stray."""
         if self.state is LinkState.AWAIT_RESPONSE:
             self.stats.stray_bytes += self._buffer.clear()
-            self._pending = None
-            self.state = LinkState.IDLE
+            self._end_waiting()
 
-    def hold(self, until: int) -> None:
-        """Let what comes of the stream before `until` (nanoseconds) lie, and cut it all at once after that.
+    def abandon(self) -> None:
+        """Nobody waits for the pending response any more, but the device is still busy with the request.
 
-        For whoever knows that nothing in it matters before: the events are the same, only later, and fewer. What
-        has gathered is cut earlier when it fills half the buffer.
+        The link goes on waiting. When the response comes, it is counted in `LinkStats.late_responses` and no event
+        is made of it. When the request started a stream, its packets are drained until a STOP has ended them.
         """
-        self._held_until = until
+        self._abandoned = self.state is LinkState.AWAIT_RESPONSE
 
     def drained(self) -> None:
         """The line has fallen quiet after a STOP: from now on a byte that nobody asked for is stray."""
@@ -159,22 +191,20 @@ class Link:
 
     def _feed(self, data: bytes | bytearray | memoryview, now: int) -> None:
         self._buffer.append(data)
+        self._fed += len(data)
         state = self.state
         if state is _AWAIT_RESPONSE:
             self._await_response(now)
             state = self.state
         if state is _STREAMING:
-            if now < self._held_until and len(self._buffer) < _SLICE:
-                self._arrivals.append((len(self._buffer), now))
-            else:
-                self._stream(now)
+            self._stream(now)
         elif state is LinkState.DRAINING:
             self.stats.drained_bytes += self._buffer.clear()
         elif state is LinkState.IDLE:
             self.stats.stray_bytes += self._buffer.clear()
 
     def _await_response(self, now: int) -> None:
-        """Hunt for the one descriptor that answers the pending request."""
+        """Hunt for the one descriptor that belongs to the pending request."""
         request, buffer = self._pending, self._buffer
         if request is None or request.expects is None:
             return
@@ -191,39 +221,54 @@ class Link:
             if descriptor is None or not request.expects.admits(descriptor):
                 self._stray(1)
             elif descriptor.continuous:
-                buffer.skip(DESCRIPTOR_SIZE)
                 self._enter_stream(request, descriptor)
                 return
-            elif len(buffer) < DESCRIPTOR_SIZE + descriptor.size or self._answer(request.expects, descriptor, now):
+            elif len(buffer) < DESCRIPTOR_SIZE + descriptor.size or self._respond(request.expects, descriptor, now):
                 return
 
-    def _answer(self, expected: Expected, descriptor: Descriptor, now: int) -> bool:
+    def _respond(self, expected: Expected, descriptor: Descriptor, now: int) -> bool:
+        """Take the response at the front of the buffer; False when it belongs to an earlier request."""
         payload = self._buffer.peek(descriptor.size, DESCRIPTOR_SIZE)
         if not payload.startswith(expected.prefix):
-            self.stats.late_answers += 1
+            self.stats.late_responses += 1
             self._stray(1)
             return False
-        self._buffer.skip(DESCRIPTOR_SIZE + descriptor.size)
-        self._pending = None
-        self.state = LinkState.IDLE
-        self._events.append(Response(descriptor.type, payload, now))
+        size = DESCRIPTOR_SIZE + descriptor.size
+        if self._abandoned:
+            self.stats.late_responses += 1
+        else:
+            self._events.append(Response(descriptor.type, payload, self._arrivals_of((0, size), 0, now)[-1][1]))
+        self._buffer.skip(size)
+        self.stats.response_bytes += size
+        self._end_waiting()
         return True
 
     def _enter_stream(self, request: Request, descriptor: Descriptor) -> None:
-        self._pending = None
+        self._buffer.skip(DESCRIPTOR_SIZE)
+        self.stats.response_bytes += DESCRIPTOR_SIZE
+        if self._abandoned:
+            self.stats.late_responses += 1
+            self._drain()
+            return
+        self._end_waiting()
         self._events.append(descriptor)
         self._format = request.stream
         self.state = LinkState.STREAMING
 
-    def _leave_stream(self) -> None:
+    def _end_waiting(self) -> None:
+        self._pending = None
+        self._abandoned = False
+        self.state = LinkState.IDLE
+
+    def _drain(self) -> None:
+        self._end_waiting()
         self.stats.drained_bytes += self._buffer.clear()
         self._format = None
         self._noise = 0
-        self._held_until = 0
-        self._arrivals.clear()
+        self.state = LinkState.DRAINING
 
     def _stream(self, now: int) -> None:
-        """Cut the buffer into runs of packets and stretches of noise, as far as the bytes at hand decide it."""
+        """Parse the buffer into runs of packets and stretches of noise, as far as the bytes at hand decide it."""
         wire, buffer, at = self._format, self._buffer, 0
         if wire is None or len(buffer) < wire.shortest:
             return
@@ -235,36 +280,37 @@ class Link:
             if count:
                 self._end_noise()
                 self.stats.packets += count
+                self.stats.packet_bytes += run - at
                 with memoryview(data) as view:
                     packets = bytes(view[at:run])
-                received, earlier = self._came(wire, packets, at, now) if self._arrivals else (now, ())
-                self._events.append(Packets(packets, count, received, earlier))
+                arrivals: tuple[Arrival, ...] = ((count, now),)
+                if self._arrivals:
+                    arrivals = self._arrivals_of(wire.offsets(packets), at, now)
+                self._events.append(Packets(packets, count, arrivals))
             if noise > run:
                 self._skip(wire, data, run, noise)
             at = noise
         if at:
             buffer.skip(at)
-        self._arrivals.clear()
 
-    def _came(
-        self, wire: StreamFormat, packets: bytes, start: int, now: int
-    ) -> tuple[int, tuple[tuple[int, int], ...]]:
-        """When these packets, which lay in the buffer from `start`, were complete, and some of them before that."""
-        offsets = wire.offsets(packets)
-        earlier: list[tuple[int, int]] = []
-        done = 0
-        for received, at_ns in self._arrivals:
-            if received >= start + len(packets):
-                return at_ns, tuple(earlier)
-            complete = bisect_right(offsets, received - start) - 1
+    def _arrivals_of(self, offsets: Sequence[int], start: int, now: int) -> tuple[Arrival, ...]:
+        """How many packets had come when; `offsets` are as those of a format, from `start` in the buffer."""
+        before = self._fed - len(self._buffer) + start
+        found: list[Arrival] = []
+        done, count = 0, len(offsets) - 1
+        for fed, at_ns in self._arrivals:
+            complete = bisect_right(offsets, fed - before) - 1
             if complete > done:
-                earlier.append((complete, at_ns))
+                found.append((complete, at_ns))
                 done = complete
-        return now, tuple(earlier)
+        if done < count:
+            found.append((count, now))
+        return tuple(found)
 
     def _skip(self, wire: StreamFormat, data: bytearray, start: int, end: int) -> None:
         if not self._noise and wire.aside(data, start) == end - start:
             self.stats.records += 1
+            self.stats.record_bytes += end - start
             return
         self._noise += end - start
         self.stats.skipped_bytes += end - start

@@ -13,10 +13,9 @@ import numpy as np
 import pytest
 
 from lidario.families.rplidar.simulated.packers import pack_standard
-from lidario.wire.events import Packets
 from tests.reference import damage
 from tests.support.kept import spoil_inside
-from tests.support.streams import CASES, Case, assembled, feed, named
+from tests.support.streams import CASES, Case, arrived, assembled, feed, named
 
 CASES_81 = [case for case in CASES if len(case.packets[0]) == 5]
 RATE = 5e-4
@@ -145,7 +144,7 @@ def test_trembling_nodes_are_the_same_in_any_chunks(tremble: int) -> None:
     case = CASES_81[0]
     for chunks in (None, 1, 64, 1024):
         received = feed(case, raw, chunks)
-        assert received.events == [Packets(raw, len(angles), 0)], chunks
+        assert received.events == [arrived(raw, len(angles), 0)], chunks
     scans, stats, _ = assembled(case, raw)
     assert (len(scans), stats.broken_scans) == (30_000 * 7 // (360 * 64) - 1, 0)
     assert all(abs(len(scan) - 360 * 64 / 7) <= 2 * tremble / 7 + 1 for scan in scans)

@@ -16,7 +16,7 @@ from lidario.wire.events import Packets
 from lidario.wire.link import Link, LinkState
 from tests.support.contents import any_packets
 from tests.support.harm import LURES, messes
-from tests.support.streams import KINDS, Case, cut_up, feed, named, stream_of
+from tests.support.streams import KINDS, Case, arrived, cut_up, feed, named, stream_of
 
 every_kind = pytest.mark.parametrize("case", KINDS, ids=named)
 LIMIT = 32 * 1024
@@ -28,13 +28,20 @@ STATES: dict[str, Callable[[Link, Case], None]] = {
     "waiting for info": lambda link, case: link.send_request(rplidar.GET_INFO),
     "waiting for a value": lambda link, case: link.send_request(REQUESTS[2]),
     "waiting for a stream": lambda link, case: link.send_request(_start(case)),
-    "given up": lambda link, case: _give_up(link),
+    "an abandoned question": lambda link, case: _abandon(link, rplidar.GET_INFO),
+    "an abandoned start": lambda link, case: _abandon(link, _start(case)),
+    "forgotten": lambda link, case: _forget(link),
 }
 
 
-def _give_up(link: Link) -> None:
+def _forget(link: Link) -> None:
     link.send_request(rplidar.GET_INFO)
-    link.give_up()
+    link.forget()
+
+
+def _abandon(link: Link, request: Request) -> None:
+    link.send_request(request)
+    link.abandon()
 
 
 def _start(case: Case) -> Request:
@@ -82,7 +89,7 @@ def test_any_contents_become_scans(case: Case, wild: bool, seed: int, count: int
     events, now = [], 0
     for at in range(0, count, run):
         now = max(now, at * 1_000_000 + late * (at % 3))
-        events.append(Packets(b"".join(packets[at : at + run]), len(packets[at : at + run]), now))
+        events.append(arrived(b"".join(packets[at : at + run]), len(packets[at : at + run]), now))
     check(case, events)
 
 

@@ -16,7 +16,7 @@ from lidario.families.rplidar.simulated import packers
 from lidario.model import Scan
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.wire.events import Packets
-from tests.support.streams import CASES, KINDS, Case, cut_up, named, open_stream, stream_of
+from tests.support.streams import CASES, KINDS, Case, arrived, cut_up, named, open_stream, stream_of
 
 DENSE = next(case for case in CASES if case.name == "rplidar_32k_85")
 SAMPLE_NS = 31_250
@@ -55,7 +55,7 @@ def assemble(
     scans: list[Scan] = []
     for at in range(0, len(packets), run):
         part = packets[at : at + run]
-        scans += assembler.add(Packets(b"".join(part), len(part), round(arrival(at + len(part) - 1))))
+        scans += assembler.add(arrived(b"".join(part), len(part), round(arrival(at + len(part) - 1))))
     return scans
 
 
@@ -116,7 +116,7 @@ def test_smoothing_goes_on_across_the_seam(case: Case) -> None:
     packets = [raw[at : at + 170] for at in range(0, len(raw), 170)]
     assembler, scans = Assembler(stream_of(case)), list[Scan]()
     for number, packet in enumerate(packets):
-        scans += assembler.add(Packets(packet, 1, number))
+        scans += assembler.add(arrived(packet, 1, number))
     reference = [sample.distance_mm for sample in case.decode(packets)]
     found = np.concatenate([scan.device_distances for scan in scans]).tolist()
     # 1000/64 degrees a packet: the first seam lies in the 24th, the 23rd begins at 343.75.
@@ -201,20 +201,26 @@ def test_bytes_that_come_late_together_cost_no_turn(case: Case, chunk: int) -> N
 @pytest.mark.parametrize("case", KINDS, ids=named)
 @pytest.mark.parametrize("chunk", [64, 700, 1500])
 def test_what_lay_uncut_tells_the_time_as_well(case: Case, chunk: int) -> None:
-    """Chunks come late by chance, are held for most of a turn, and each was noted when it came."""
+    """Reads come late by chance, and are collected for most of a turn; each was noted when it came."""
     results = []
     for hold_ns in (0, 80_000_000):
         random = np.random.default_rng(5)
         link, assembler, at, scans = open_stream(case), Assembler(stream_of(case), BAUD), 0, list[Scan]()
+        pending, reads, until = b"", list[tuple[int, int]](), 0
         for piece in cut_up(case.raw, chunk):
             at += len(piece)
             now = round(at * case.byte_ns + random.exponential(1_000_000))
-            link.receive_data(piece, now)
+            pending += piece
+            if now < until:
+                reads.append((len(pending), now))
+                continue
+            link.receive_data(pending, now, reads)
+            pending, reads = b"", []
             for event in link.events_received():
                 assert isinstance(event, Packets)
                 for scan in assembler.add(event):
                     scans.append(scan)
-                    link.hold(now + hold_ns)
+                    until = now + hold_ns
         results.append(scans)
     at_once, held = results
     assert len(held) >= len(case.turns) - 1
@@ -277,7 +283,7 @@ def test_a_turn_that_never_ends_is_given_up_and_does_not_grow() -> None:
     assembler = Assembler(stream_of(DENSE, sample_ns=float(SAMPLE_NS)), BAUD, stats=stats)
     scans, held = [], 0
     for number, packet in enumerate(packets):
-        scans += assembler.add(Packets(packet, 1, round(on_time(number))))
+        scans += assembler.add(arrived(packet, 1, round(on_time(number))))
         held = max(held, assembler._turn.packets)
     # Twice the slowest turn, which takes a second here, is 1600 packets.
     assert held <= 1700
@@ -305,7 +311,7 @@ def test_a_stream_that_begins_anew_breaks_one_turn_once() -> None:
 @pytest.mark.parametrize("case", CASES, ids=named)
 def test_what_a_scan_promises(case: Case) -> None:
     assembler = Assembler(stream_of(case))
-    scans = assembler.add(Packets(case.raw, len(case.packets), 10**9))
+    scans = assembler.add(arrived(case.raw, len(case.packets), 10**9))
     assert len(scans) == len(case.turns)
     for scan in scans:
         arrays = [scan.angles, scan.ranges, scan.device_angles, scan.device_distances]

@@ -34,6 +34,7 @@ __all__ = [
     "Chunks",
     "Received",
     "Sample",
+    "arrived",
     "assembled",
     "before_seam",
     "cut_up",
@@ -216,6 +217,11 @@ def cut_up(raw: bytes, chunks: Chunks) -> Iterator[bytes]:
             return
         yield raw[at : at + size]
         at += size
+
+
+def arrived(data: bytes, count: int, at_ns: int) -> Packets:
+    """Packets that came all in one read."""
+    return Packets(data, count, ((count, at_ns),))
 
 
 def open_stream(case: Case) -> Link:

@@ -13,6 +13,7 @@ from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_answer,
 from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor, Event, Packets, Response, Skipped
 from lidario.wire.link import Link, LinkState
+from tests.support.streams import arrived
 
 INFO = bytes(range(20))
 INFO_ANSWER = pack_answer(0x04, INFO)
@@ -130,7 +131,7 @@ def test_a_late_answer_to_another_question_is_dropped_and_counted(size: int | No
     late = pack_answer(0x20, Conf.MODE_NAME.to_bytes(4, "little") + b"DenseBoost\0")
     wanted = Conf.SAMPLE_DURATION.to_bytes(4, "little") + b"\0\x1f\0\0"
     assert receive(link, late + pack_answer(0x20, wanted), 9, size) == [Response(0x20, wanted, 9)]
-    assert (link.stats.late_answers, link.stats.stray_bytes) == (1, len(late))
+    assert (link.stats.late_responses, link.stats.stray_bytes) == (1, len(late))
 
 
 def test_an_answer_inside_a_late_one_is_found() -> None:
@@ -139,7 +140,7 @@ def test_an_answer_inside_a_late_one_is_found() -> None:
     wanted = Conf.MODE_COUNT.to_bytes(4, "little") + b"\x02\0"
     false = bytes.fromhex("A55A1400000020") + b"xyz"
     assert receive(link, false + pack_answer(0x20, wanted) + bytes(20)) == [Response(0x20, wanted, 0)]
-    assert link.stats.late_answers == 1
+    assert link.stats.late_responses == 1
 
 
 def test_what_comes_behind_an_answer_is_stray() -> None:
@@ -152,7 +153,7 @@ def test_giving_up() -> None:
     link = waiting()
     receive(link, INFO_ANSWER[:10])
     assert link.buffered == 10
-    link.give_up()
+    link.forget()
     assert (link.state, link.buffered, link.stats.stray_bytes) == (LinkState.IDLE, 0, 10)
     assert receive(link, INFO_ANSWER[10:]) == []
     assert link.stats.stray_bytes == len(INFO_ANSWER)
@@ -163,11 +164,80 @@ def test_giving_up() -> None:
 def test_giving_up_is_nothing_in_other_states() -> None:
     link = streaming()
     receive(link, PACKETS[0][:50])
-    link.give_up()
+    link.forget()
     assert (link.state, link.buffered) == (LinkState.STREAMING, 50)
     idle = Link()
-    idle.give_up()
+    idle.forget()
     assert idle.state is LinkState.IDLE
+
+
+def test_a_response_collected_from_several_reads_has_its_own_arrival() -> None:
+    link = waiting()
+    link.receive_data(INFO_ANSWER[:5], 1)
+    link.receive_data(INFO_ANSWER[5:] + b"xyz", 9, [(3, 4), (len(INFO_ANSWER) - 5, 5), (len(INFO_ANSWER) - 4, 6)])
+    assert link.events_received() == [Response(0x04, INFO, 5)]
+
+
+def test_whether_a_response_is_pending() -> None:
+    link = Link()
+    assert not link.is_awaiting
+    link.send_request(commands.GET_INFO)
+    assert link.is_awaiting
+    link.abandon()
+    assert link.is_awaiting
+    link.forget()
+    assert not link.is_awaiting
+    assert not streaming().is_awaiting
+
+
+@pytest.mark.parametrize("size", [None, 1, 5])
+def test_the_response_to_an_abandoned_request_is_dropped_and_counted(size: int | None) -> None:
+    link = waiting()
+    receive(link, INFO_ANSWER[:9])
+    link.abandon()
+    assert link.state is LinkState.AWAIT_RESPONSE
+    with pytest.raises(LocalProtocolError, match="while a response is pending"):
+        link.send_request(commands.GET_HEALTH)
+    assert receive(link, INFO_ANSWER[9:], 0, size) == []
+    assert (link.state, link.buffered) == (LinkState.IDLE, 0)
+    assert (link.stats.late_responses, link.stats.response_bytes, link.stats.stray_bytes) == (1, 27, 0)
+    # Only that one request was abandoned.
+    link.send_request(commands.GET_HEALTH)
+    assert receive(link, HEALTH_ANSWER) == [Response(0x06, b"\0\0\0", 0)]
+
+
+@pytest.mark.parametrize("size", [None, 1, 50])
+def test_the_stream_of_an_abandoned_start_is_drained(size: int | None) -> None:
+    link = waiting(commands.express_scan(1, DenseFormat()))
+    link.abandon()
+    assert receive(link, b"\0" + DENSE + b"".join(PACKETS), 0, size) == []
+    assert link.state is LinkState.DRAINING
+    stats = link.stats
+    assert (stats.late_responses, stats.response_bytes, stats.stray_bytes) == (1, 7, 1)
+    assert (stats.drained_bytes, stats.packets, link.buffered) == (12 * 84, 0, 0)
+    link.drained()
+    link.send_request(commands.express_scan(1, DenseFormat()))
+    assert receive(link, DENSE)[0] == Descriptor(0x85, 84, continuous=True)
+
+
+def test_stop_ends_what_was_abandoned() -> None:
+    link = waiting()
+    link.abandon()
+    link.send_request(commands.STOP)
+    assert (link.state, link.is_awaiting) == (LinkState.DRAINING, False)
+    link.drained()
+    link.send_request(commands.GET_INFO)
+    assert receive(link, INFO_ANSWER) == [Response(0x04, INFO, 0)]
+
+
+def test_abandoning_is_nothing_in_other_states() -> None:
+    link = streaming()
+    link.abandon()
+    assert receive(link, PACKETS[0]) == [arrived(PACKETS[0], 1, 0)]
+    idle = Link()
+    idle.abandon()
+    idle.send_request(commands.GET_INFO)
+    assert receive(idle, INFO_ANSWER) == [Response(0x04, INFO, 0)]
 
 
 # --------------------------------------------------------------------------------------------------- streams
@@ -192,26 +262,26 @@ def test_the_descriptor_of_another_stream_is_not_taken() -> None:
 def test_while_it_streams_a_descriptor_is_noise() -> None:
     link = streaming()
     events = receive(link, PACKETS[0] + INFO_ANSWER + b"".join(PACKETS[1:]))
-    assert events == [Packets(PACKETS[0], 1, 0), Skipped(27), Packets(b"".join(PACKETS[1:]), 11, 0)]
+    assert events == [arrived(PACKETS[0], 1, 0), Skipped(27), arrived(b"".join(PACKETS[1:]), 11, 0)]
     assert (link.stats.skipped_bytes, link.stats.skipped_stretches) == (27, 1)
 
 
 def test_one_stretch_of_noise_is_one_event_however_long() -> None:
     link = streaming()
-    assert receive(link, PACKETS[0]) == [Packets(PACKETS[0], 1, 0)]
+    assert receive(link, PACKETS[0]) == [arrived(PACKETS[0], 1, 0)]
     for _ in range(50):
         assert receive(link, bytes(100)) == []
     assert receive(link, PACKETS[1] + PACKETS[2]) == [
         Skipped(5000),
-        Packets(PACKETS[1] + PACKETS[2], 2, 0),
+        arrived(PACKETS[1] + PACKETS[2], 2, 0),
     ]
     assert link.stats.skipped_stretches == 1
 
 
 def test_packets_bear_the_arrival_of_their_last_byte() -> None:
     link = streaming()
-    assert receive(link, PACKETS[0] + PACKETS[1][:40], 10) == [Packets(PACKETS[0], 1, 10)]
-    assert receive(link, PACKETS[1][40:], 20) == [Packets(PACKETS[1], 1, 20)]
+    assert receive(link, PACKETS[0] + PACKETS[1][:40], 10) == [arrived(PACKETS[0], 1, 10)]
+    assert receive(link, PACKETS[1][40:], 20) == [arrived(PACKETS[1], 1, 20)]
 
 
 def test_stop_ends_the_stream_and_throws_away_what_is_left() -> None:
@@ -231,7 +301,7 @@ def test_noise_before_stop_is_not_reported_in_the_next_stream() -> None:
     link.send_request(commands.STOP)
     link.drained()
     link.send_request(commands.express_scan(1, DenseFormat()))
-    assert receive(link, DENSE + b"".join(PACKETS))[1:] == [Packets(b"".join(PACKETS), 12, 0)]
+    assert receive(link, DENSE + b"".join(PACKETS))[1:] == [arrived(b"".join(PACKETS), 12, 0)]
 
 
 def test_drained_ends_draining_alone() -> None:
@@ -271,7 +341,7 @@ def test_a_question_may_follow_stop_at_once() -> None:
 
 def test_two_questions_at_once_are_misuse() -> None:
     link = waiting()
-    with pytest.raises(LocalProtocolError, match="GET_HEALTH may not be sent while an answer is pending"):
+    with pytest.raises(LocalProtocolError, match="GET_HEALTH may not be sent while a response is pending"):
         link.send_request(commands.GET_HEALTH)
     with pytest.raises(LocalProtocolError, match="MOTOR_SPEED_CTRL"):
         link.send_request(commands.motor_speed(0))
@@ -286,7 +356,7 @@ def test_a_question_in_mid_stream_is_misuse() -> None:
         with pytest.raises(LocalProtocolError, match="while packets flow"):
             link.send_request(request)
     assert (link.state, link.data_to_send()) == (LinkState.STREAMING, b"")
-    assert receive(link, PACKETS[0]) == [Packets(PACKETS[0], 1, 0)]
+    assert receive(link, PACKETS[0]) == [arrived(PACKETS[0], 1, 0)]
 
 
 def test_a_keepalive_may_be_sent_in_mid_stream() -> None:
@@ -297,7 +367,7 @@ def test_a_keepalive_may_be_sent_in_mid_stream() -> None:
     assert link.data_to_send() == other.KEEPALIVE.data
     assert link.state is LinkState.STREAMING
     # Its answer, where there is one, is no noise.
-    assert receive(link, SCAN_HEADER + packet) == [Packets(packet, 1, 0)]
+    assert receive(link, SCAN_HEADER + packet) == [arrived(packet, 1, 0)]
     assert (link.stats.records, link.stats.skipped_bytes) == (1, 0)
 
 

@@ -63,7 +63,7 @@ class Bench:
             deadline = self.now + round(request.timeout * 1e9)
             while not self.answers and self.now < deadline:
                 self.pass_time(0.001)
-            self.link.give_up()
+            self.link.forget()
             if self.answers:
                 return self.answers[0]
         raise ResponseTimeout(request.name, request.timeout)
