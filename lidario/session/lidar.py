@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Self
 
 from lidario.errors import DeviceLost, RemoteProtocolError, SessionClosed
 from lidario.families.base import Device
+from lidario.families.registry import check_source
 from lidario.model import DeviceInfo, Health, SampleRate, Scan, ScanMode, Stats
 from lidario.port.port import Port, Tap
 from lidario.session.connect import Connection, connect, shut_down
@@ -22,7 +23,7 @@ from lidario.session.discovery import find_source
 from lidario.session.handshake import healthy, restart
 from lidario.session.scanner import Scanner
 from lidario.session.stream import ScanStream
-from lidario.source import Source, parse_source
+from lidario.source import Source, as_source
 
 if TYPE_CHECKING:
     from lidario.sim.device import SimulatedDevice
@@ -329,7 +330,8 @@ def open_lidar(
         DeviceFault: The device reports an error that a reset did not cure.
         DeviceLost: The port died meanwhile.
     """
-    where = parse_source(source) if isinstance(source, str) else Source("simulated", "device", device=source)
+    where = as_source(source)
+    check_source(where, family)
     return OpenLidar(where, family, baudrate, latency, keep_spinning)
 
 
