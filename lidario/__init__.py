@@ -19,20 +19,25 @@ if TYPE_CHECKING:
     from lidario.errors import (
         Busy,
         ConnectFailed,
+        ConnectReason,
         DeviceFault,
         DeviceLost,
+        InternalError,
+        InvalidValue,
         LidarError,
         LocalProtocolError,
         ProtocolError,
         RemoteProtocolError,
         ResponseTimeout,
         SessionClosed,
+        StreamFailed,
         Unsupported,
     )
     from lidario.laserscan import LaserScan
     from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, Scan, ScanMode, Stats
     from lidario.session.discovery import Found, PortInfo, list_lidars, list_serial_ports
-    from lidario.session.lidar import Lidar, open_lidar
+    from lidario.session.lidar import Lidar
+    from lidario.session.opening import OpenLidar, open_lidar
     from lidario.session.stream import ScanStream
 
 __version__ = "0.1.0"
@@ -40,12 +45,15 @@ __version__ = "0.1.0"
 __all__ = [
     "Busy",
     "ConnectFailed",
+    "ConnectReason",
     "DeviceFault",
     "DeviceInfo",
     "DeviceLost",
     "Found",
     "Health",
     "HealthStatus",
+    "InternalError",
+    "InvalidValue",
     "LaserScan",
     "Lidar",
     "LidarError",
@@ -60,6 +68,7 @@ __all__ = [
     "ScanStream",
     "SessionClosed",
     "Stats",
+    "StreamFailed",
     "Unsupported",
     "__version__",
     "list_lidars",
@@ -71,7 +80,8 @@ _HOMES = {
     "session.discovery": ("Found", "PortInfo", "list_lidars", "list_serial_ports"),
     "laserscan": ("LaserScan",),
     "model": ("DeviceInfo", "Health", "HealthStatus", "SampleRate", "Scan", "ScanMode", "Stats"),
-    "session.lidar": ("Lidar", "open_lidar"),
+    "session.lidar": ("Lidar",),
+    "session.opening": ("OpenLidar", "open_lidar"),
     "session.stream": ("ScanStream",),
 }
 """Module -> the public names that live in it; those not named here are errors."""

@@ -4,23 +4,31 @@
 
     LidarError
     ├── ConnectFailed            could not open or identify the device; the text says why, and the cure
-    ├── DeviceLost               the port died, or a stream fell silent, while open
+    ├── DeviceLost               the port died while it was open: the session is over
+    ├── StreamFailed             a running stream ended by itself: the session goes on
+    ├── InternalError            lidario itself failed: a mistake of ours; the session is over
     ├── SessionClosed            used after close
-    ├── Busy                     a second reader of one stream, or a port somebody else holds
-    ├── ResponseTimeout          no answer to a request in time; also a TimeoutError
+    ├── Busy                     a second reader of one stream, or a port that another program holds
+    ├── InvalidValue             an argument that cannot be right; also a ValueError
+    ├── ResponseTimeout          no response to a request in time; also a TimeoutError
     ├── ProtocolError
     │   ├── LocalProtocolError   asked for something that is illegal in this state
-    │   └── RemoteProtocolError  the device gave an answer that cannot be
-    ├── DeviceFault              the device reports an error that a reset did not cure
+    │   └── RemoteProtocolError  the device sent a response that cannot be right
+    ├── DeviceFault              the device reports an error that a reset did not clear
     └── Unsupported              this device or firmware lacks the command or mode
 
-Noise on the line is none of these: bad bytes are counted in `Stats`, never raised. Exceptions of the
-operating system and of pyserial are translated in `lidario.port.port` and stay reachable as `__cause__`.
+Noise on the line is none of these: damaged bytes are counted in `Stats`, never raised. Exceptions of the
+operating system and of pyserial are translated where the port is opened and read; the original is the
+``__cause__`` of the translated one.
+
+One error may end several readers at once. Each reader gets a copy of its own (`copy.copy`), so that the
+tracebacks do not mix. Therefore every class can be copied and pickled: ``args`` holds exactly what
+``__init__`` needs.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 if TYPE_CHECKING:
     from lidario.model import Health
@@ -28,16 +36,23 @@ if TYPE_CHECKING:
 __all__ = [
     "Busy",
     "ConnectFailed",
+    "ConnectReason",
     "DeviceFault",
     "DeviceLost",
+    "InternalError",
+    "InvalidValue",
     "LidarError",
     "LocalProtocolError",
     "ProtocolError",
     "RemoteProtocolError",
     "ResponseTimeout",
     "SessionClosed",
+    "StreamFailed",
     "Unsupported",
 ]
+
+ConnectReason: TypeAlias = Literal["missing", "permission", "busy", "silent", "refused", "ambiguous", "source"]
+"""Why a connection failed, in one word for programs; `ConnectFailed` explains each."""
 
 
 class LidarError(Exception):
@@ -48,17 +63,43 @@ class ConnectFailed(LidarError):
     """The device could not be opened or identified.
 
     Attributes:
-        reason: One word for programs: ``missing``, ``permission``, ``busy``, ``silent``, ``refused``,
-            ``ambiguous`` or ``source`` (the source itself makes no sense).
+        reason: One word for programs:
+
+            * ``missing``: no such port, or no lidar found;
+            * ``permission``: this user may not open the port;
+            * ``busy``: another program holds the port;
+            * ``silent``: the port opened, but no lidar responds;
+            * ``refused``: the network host refuses the connection or cannot be reached;
+            * ``ambiguous``: several lidars respond and none was named;
+            * ``source``: the text that names the device is wrong.
     """
 
-    def __init__(self, message: str, *, reason: str = "silent") -> None:
+    def __init__(self, message: str, *, reason: ConnectReason = "silent") -> None:
         super().__init__(message)
-        self.reason = reason
+        self.reason: ConnectReason = reason
 
 
 class DeviceLost(LidarError):
-    """The port died or the stream fell silent; every stream and waiter of the session ends with it."""
+    """The port died while it was open: unplugged, or closed at the other end.
+
+    The session is over. Every stream and every waiting call ends with this error, and so does every later call.
+    """
+
+
+class StreamFailed(LidarError):
+    """A stream ended by itself.
+
+    It sent no data, its samples never completed a revolution, or it could not be started again after an
+    interruption. Every reader of the stream gets this error. The session goes on: requests are still sent,
+    and a new stream can be started.
+    """
+
+
+class InternalError(LidarError):
+    """Lidario itself failed while it processed what the device sent; the original error is ``__cause__``.
+
+    This is a mistake in lidario: please report it with the traceback. The session is over, as after `DeviceLost`.
+    """
 
 
 class SessionClosed(LidarError):
@@ -69,23 +110,34 @@ class Busy(LidarError):
     """Two tasks wanted what only one may have at a time."""
 
 
+class InvalidValue(LidarError, ValueError):
+    """An argument cannot be right: out of range, not a number, or not finite. Nothing was changed."""
+
+
 class ResponseTimeout(LidarError, TimeoutError):
-    """The device gave no answer to a request in time.
+    """The device sent no response to a request in time.
 
     Attributes:
-        request: Name of the request that went unanswered.
-        noise: Bytes that arrived meanwhile and were no answer to it.
+        request: Name of the request that got no response.
+        timeout: Seconds that were waited.
+        noise: Bytes that arrived meanwhile and were no response to it.
     """
 
     def __init__(self, request: str, timeout: float, noise: int = 0) -> None:
-        came = f"{noise} bytes came that are no answer to it" if noise else "nothing came back"
-        super().__init__(f"no answer to {request} within {timeout:g} s: {came}")
+        super().__init__()
+        # Set here, because OSError.__init__ would read two or three arguments as errno, strerror and filename.
+        self.args = (request, timeout, noise)
         self.request = request
+        self.timeout = timeout
         self.noise = noise
+
+    def __str__(self) -> str:
+        arrived = f"{self.noise} bytes arrived that are no response to it" if self.noise else "nothing arrived"
+        return f"no response to {self.request} within {self.timeout:g} s: {arrived}"
 
 
 class ProtocolError(LidarError):
-    """The rules of the protocol were broken; see the two subclasses for whose fault it is."""
+    """The rules of the protocol were broken; the two subclasses tell by whom."""
 
 
 class LocalProtocolError(ProtocolError):
@@ -93,19 +145,22 @@ class LocalProtocolError(ProtocolError):
 
 
 class RemoteProtocolError(ProtocolError):
-    """The device gave an answer that cannot be right."""
+    """The device sent a response that cannot be right."""
 
 
 class DeviceFault(LidarError):
-    """The device reports an error state that a reset did not cure.
+    """The device reports an error state that a reset did not clear.
 
     Attributes:
-        health: What the device last said of itself.
+        health: The health that the device reported last.
     """
 
     def __init__(self, message: str, health: Health) -> None:
-        super().__init__(message)
+        super().__init__(message, health)
         self.health = health
+
+    def __str__(self) -> str:
+        return str(self.args[0])
 
 
 class Unsupported(LidarError):

@@ -245,8 +245,8 @@ class Stats:
         lost_packets: Packets known to be missing, from the jump in the angle.
         skipped_bytes: Bytes of a stream that belong to no packet.
         skipped_stretches: Stretches of such bytes.
-        stray_bytes: Bytes outside a stream that are no answer.
-        late_answers: Answers to an earlier question, thrown away.
+        stray_bytes: Bytes outside a stream that are no response.
+        late_responses: Responses to an earlier question, thrown away.
         scans: Full revolutions.
         broken_scans: Revolutions thrown away because more than a turn of them was missing.
         dropped_scans: Scans that slow readers missed, summed over all readers.
@@ -260,7 +260,7 @@ class Stats:
     skipped_bytes: int = 0
     skipped_stretches: int = 0
     stray_bytes: int = 0
-    late_answers: int = 0
+    late_responses: int = 0
     scans: int = 0
     broken_scans: int = 0
     dropped_scans: int = 0

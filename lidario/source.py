@@ -1,45 +1,61 @@
-"""The one word that says where scans come from: a port, a network address, a simulator.
+"""The text that says where scans come from: a port, a network address, a simulator.
 
 =====================================================  ====================================================
-``auto``                                               the only lidar that answers
+``auto``                                               the only lidar that responds
 ``/dev/ttyUSB0``, ``COM3``                             a serial port; family and baud rate by probing
 ``serial:///dev/ttyUSB0?baud=1000000&family=NAME``     a serial port, nothing probed
 ``id:SERIAL``                                          by the lidar's own serial number
 ``tcp://host:port``, ``socket://host:port``            serial over TCP
 ``sim://MODEL?world=room&fault=drop:1%``               the simulator, its bytes through the real decoder
 =====================================================  ====================================================
+
+This module reads the form only. Whether a family or a simulated model of that name exists is known to
+`lidario.families.registry.check_source`.
+
+The text may come from outside (a command line, a configuration file). Therefore every text is either a source or
+refused with `ConnectFailed`, everything that a later step would choke on (NUL in a path, a host name that cannot
+be encoded, a baud rate that does not fit) is refused here, and messages show the text with ``repr``.
 """
 
 from __future__ import annotations
 
+import os
+import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 from urllib.parse import parse_qsl, unquote, urlsplit
 
-from lidario.errors import ConnectFailed
+from lidario.errors import ConnectFailed, InvalidValue
 
 if TYPE_CHECKING:
     from lidario.sim.device import SimulatedDevice
 
-__all__ = ["Source", "parse_source"]
+__all__ = ["Source", "as_source", "parse_source"]
 
 _OPTIONS = {
     "serial": {"baud", "family"},
     "tcp": {"baud", "family"},
     "sim": {"world", "fault", "serial", "seed", "via", "baud", "family"},
 }
+_MAX_BAUD = 100_000_000
+"""Far above every adapter (12 Mbaud), and below what overflows the C integer that the system call takes."""
+_MAX_SEED = 2**63 - 1
+_UNPRINTABLE = {"Cc", "Cf", "Zl", "Zp"}
+"""Unicode categories that can change what a terminal shows; no port, host or model is called so."""
+_SHOWN = 120
+"""Longest part of a source that is repeated in a message."""
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A source, taken apart.
+    """A source, parsed.
 
     Attributes:
         text: As the user wrote it.
         kind: ``auto``, ``serial``, ``tcp``, ``sim`` or ``id``.
         address: Path, ``host:port``, model or serial number; empty for ``auto``.
-        options: What stood behind the question mark.
+        options: The options after the question mark.
         device: A simulated device to connect to in memory; its kind is ``device``.
     """
 
@@ -61,55 +77,131 @@ class Source:
 
     @property
     def host_and_port(self) -> tuple[str, int]:
-        """The two halves of a network address."""
+        """Host and port of a network address."""
         parts = urlsplit(f"//{self.address}")
         return parts.hostname or "", parts.port or 0
 
 
-def parse_source(text: str) -> Source:
-    """Take a source apart.
+def as_source(source: str | os.PathLike[str] | SimulatedDevice) -> Source:
+    """Parse what a user may name as a source: a text, the path of a serial port, a simulated device.
 
     Raises:
-        ConnectFailed: With reason ``source``, when it is none; the text says what is wrong with it.
+        ConnectFailed: As `parse_source`.
+        InvalidValue: It is none of the three.
     """
+    if isinstance(source, str | os.PathLike):
+        return parse_source(source)
+    if not all(callable(getattr(source, name, None)) for name in ("receive", "transmit", "wakeup")):
+        raise InvalidValue(f"a source is a text, a path or a simulated device, not {type(source).__name__}")
+    return Source("simulated", "device", device=source)
+
+
+def parse_source(source: str | os.PathLike[str]) -> Source:
+    """Parse a source; a path object is always a serial port.
+
+    Raises:
+        ConnectFailed: With reason ``source``, when the text is not a source; the message says why.
+    """
+    if not isinstance(source, str):
+        text = os.fspath(source)
+        return _checked(Source(text, "serial", text))
+    text = source
     if text in ("", "auto"):
         return Source(text or "auto", "auto")
     if text.startswith("id:"):
-        return Source(text, "id", text[3:])
+        return _checked(Source(text, "id", text[3:]))
     if "://" not in text:
-        return Source(text, "serial", text)
-    parts = urlsplit(text)
-    options = dict(parse_qsl(parts.query, keep_blank_values=True))
+        return _checked(Source(text, "serial", text))
+    try:
+        # '#' may be part of a port's name, so nothing is split off there.
+        parts = urlsplit(text, allow_fragments=False)
+    except ValueError as error:
+        raise _refused(text, "cannot be read. IPv6 addresses stand in brackets, as in tcp://[::1]:2000") from error
     kind = {"socket": "tcp"}.get(parts.scheme, parts.scheme)
     if kind not in _OPTIONS:
-        raise ConnectFailed(
-            f"{text!r} is no source: {parts.scheme}:// is not known. Use a serial port, serial://, tcp:// or sim://",
-            reason="source",
+        raise _refused(
+            text, f"is not a source: {parts.scheme}:// is not known. Use a serial port, serial://, tcp:// or sim://"
         )
-    unknown = sorted(set(options) - _OPTIONS[kind])
-    if unknown:
-        raise ConnectFailed(
-            f"{text!r} has an option that {kind}:// does not know: {unknown[0]}. "
-            f"It knows {', '.join(sorted(_OPTIONS[kind]))}",
-            reason="source",
+    options = _options(text, kind, parts.query)
+    if kind == "serial":
+        address = _serial_path(text, parts.netloc, parts.path)
+    else:
+        address = parts.netloc
+        if parts.path.strip("/"):
+            raise _refused(text, f"cannot be read: nothing may follow {_shown(address)} but options after '?'")
+    return _checked(Source(text, kind, unquote(address), options))
+
+
+def _options(text: str, kind: str, query: str) -> dict[str, str]:
+    options: dict[str, str] = {}
+    for name, value in parse_qsl(query, keep_blank_values=True):
+        if name not in _OPTIONS[kind]:
+            known = ", ".join(sorted(_OPTIONS[kind]))
+            raise _refused(text, f"has an option that {kind}:// does not know: {_shown(name)}. It knows {known}")
+        if name in options:
+            raise _refused(text, f"cannot be read: the option {name!r} is given twice")
+        options[name] = value
+    if "baud" in options and not 0 < _number(options["baud"]) <= _MAX_BAUD:
+        raise _refused(
+            text,
+            f"cannot be read: baud={_shown(options['baud'])} is not a number of bits per second, such as 115200",
         )
-    if "baud" in options and not (options["baud"].isdigit() and int(options["baud"])):
-        raise ConnectFailed(f"{text!r}: baud={options['baud']} is not a number of bits a second", reason="source")
-    address = unquote(parts.path) if kind == "serial" else unquote(parts.netloc)
-    source = Source(text, kind, address, options)
-    _check_address(source)
+    if "seed" in options and not 0 <= _number(options["seed"]) <= _MAX_SEED:
+        raise _refused(text, f"cannot be read: seed={_shown(options['seed'])} is not a whole number from 0 on")
+    return options
+
+
+def _number(digits: str) -> int:
+    """The number in ASCII digits, else -1; int() would also take signs, spaces and digits of other scripts."""
+    return int(digits) if digits.isascii() and digits.isdigit() and len(digits) < 20 else -1
+
+
+def _serial_path(text: str, host: str, path: str) -> str:
+    """``serial:///dev/x`` names /dev/x, ``serial://COM3`` names COM3."""
+    if host and path:
+        raise _refused(
+            text, f"cannot be read: write the path with three slashes, as in serial:///{_printable(host + path)}"
+        )
+    return host or path
+
+
+def _checked(source: Source) -> Source:
+    for text in (source.address, *source.options.values()):
+        if any(unicodedata.category(char) in _UNPRINTABLE for char in text):
+            raise _refused(source.text, "contains a control character")
+    # sim:// without a model is refused by the registry, which can list the models.
+    if not source.address and source.kind != "sim":
+        raise _refused(source.text, "names nothing to open")
+    try:
+        os.fsencode(source.address)
+    except UnicodeError as error:
+        raise _refused(source.text, "contains a character that cannot stand in a file name") from error
+    if source.kind == "tcp":
+        _check_host(source)
     return source
 
 
-def _check_address(source: Source) -> None:
-    if not source.address:
-        raise ConnectFailed(f"{source.text!r} names nothing to open", reason="source")
-    if source.kind == "tcp":
-        try:
-            host, port = source.host_and_port
-        except ValueError:
-            host, port = "", 0
-        if not host or not port:
-            raise ConnectFailed(
-                f"{source.text!r} needs a host and a port, as in tcp://192.168.0.7:20108", reason="source"
-            )
+def _check_host(source: Source) -> None:
+    try:
+        host, port = source.host_and_port
+    except ValueError:
+        host, port = "", 0
+    if not host or not port or "@" in source.address:
+        raise _refused(source.text, "needs a host and a port, as in tcp://192.168.0.7:20108")
+    try:
+        # The resolver encodes the name in the same way, and raises UnicodeError out of the middle of connecting.
+        host.encode("idna")
+    except UnicodeError as error:
+        raise _refused(source.text, f"has a host name that cannot be one: {_shown(host)}") from error
+
+
+def _refused(text: str, why: str) -> ConnectFailed:
+    return ConnectFailed(f"{_shown(text)} {why}", reason="source")
+
+
+def _shown(text: str) -> str:
+    return repr(text if len(text) <= _SHOWN else text[:_SHOWN] + "…")
+
+
+def _printable(text: str) -> str:
+    return _shown(text)[1:-1]

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from lidario import ConnectFailed, open_lidar
+from lidario.families.registry import FAMILIES, check_source
 from lidario.source import Source, parse_source
 
 
@@ -50,13 +56,12 @@ def test_what_a_source_says() -> None:
     ("text", "says"),
     [
         ("http://example", "http:// is not known"),
-        ("sim://m?speed=3", "does not know: speed"),
+        ("sim://m?speed=3", "does not know: 'speed'"),
         ("serial:///dev/x?baud=fast", "not a number"),
         ("serial:///dev/x?baud=0", "not a number"),
         ("serial://", "names nothing"),
         ("tcp://host", "host and a port"),
         ("tcp://host:port", "host and a port"),
-        ("sim://", "names nothing"),
     ],
 )
 def test_what_is_no_source_says_why(text: str, says: str) -> None:
@@ -79,4 +84,111 @@ def test_what_is_no_source_says_why(text: str, says: str) -> None:
 async def test_what_is_wrong_with_a_source_is_said_when_it_is_opened(text: str, says: str) -> None:
     with pytest.raises(ConnectFailed, match=says) as caught:
         await open_lidar(text)
+    assert caught.value.reason == "source"
+
+
+# ------------------------------------------------------------------------------ whatever text is given
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("tcp://[", "cannot be read"),
+        ("tcp://a..b:80", "host name"),
+        ("tcp://" + "a" * 64 + ":80", "host name"),
+        ("tcp://a%00b:80", "control character"),
+        ("tcp://host:65536", "host and a port"),
+        ("tcp://host:0", "host and a port"),
+        ("tcp://host:²", "host and a port"),
+        ("tcp://user@host:80", "host and a port"),
+        ("tcp://host:80/path", "nothing may follow"),
+        ("sim://m/path", "nothing may follow"),
+        ("serial:///dev/x?baud=²", "not a number"),
+        ("serial:///dev/x?baud=" + "9" * 5000, "not a number"),
+        ("serial:///dev/x?baud=", "not a number"),
+        ("serial:///dev/x?baud=1&baud=2", "given twice"),
+        ("serial://dev/ttyUSB0", "three slashes"),
+        ("sim://m?seed=-1", "seed"),
+        ("sim://m?seed=²", "seed"),
+        ("/dev/\0x", "control character"),
+        ("serial:///dev/%00x", "control character"),
+        ("/dev/\ud800", "file name"),
+        ("id:", "names nothing"),
+        ("id:\x1b[2J", "control character"),
+    ],
+)
+def test_no_foreign_exception_leaves(text: str, says: str) -> None:
+    with pytest.raises(ConnectFailed, match=says) as caught:
+        parse_source(text)
+    assert caught.value.reason == "source"
+    assert str(caught.value).isprintable()
+
+
+def test_forms_that_are_easily_meant() -> None:
+    assert parse_source("serial://COM3?baud=115200").address == "COM3"
+    assert parse_source("serial:///dev/tty#1").address == "/dev/tty#1"
+    assert parse_source("SIM://model-2").kind == "sim"
+    assert parse_source(Path("/dev/ttyUSB0")) == Source("/dev/ttyUSB0", "serial", "/dev/ttyUSB0")
+
+
+WORDS = (
+    "auto :// // %00 %5B %3A .. . baud= family= seed= world= fault= tcp:// serial:// sim:// id: 80 65536 ::1"
+)
+PIECES = st.sampled_from([*":/?&=#@[]%²٣\0\n\x1b\ud800\udc80ßa", *WORDS.split()])
+TEXTS = st.one_of(st.text(), st.lists(PIECES, max_size=9).map("".join), st.text().map("tcp://{}:80".format))
+
+
+@settings(max_examples=400)
+@given(TEXTS)
+def test_any_text_is_a_source_or_is_refused(text: str) -> None:
+    try:
+        source = parse_source(text)
+        check_source(source)
+    except ConnectFailed as error:
+        refused = error
+        source = None
+    if source is None:
+        assert refused.reason == "source"
+        assert str(refused).replace("\n", "").isprintable()
+        return
+    assert source.kind in ("auto", "serial", "id", "tcp", "sim")
+    assert source.baudrate is None or 0 < source.baudrate <= 100_000_000
+    os.fsencode(source.address)
+    assert "\0" not in source.address
+    if source.kind == "tcp":
+        host, port = source.host_and_port
+        assert 0 < port < 0x10000
+        assert host.encode("idna")
+
+
+# ------------------------------------------------------------------------------ names that must be known
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("serial:///dev/null?family=hokuyo", "'hokuyo'(.|\n)*rplidar, ydlidar"),
+        ("tcp://host:80?family=", "''(.|\n)*rplidar, ydlidar"),
+        ("sim://", "name a model(.|\n)*rplidar-s2(.|\n)*ydlidar-4ros"),
+        ("sim://rplidar-s9", "'rplidar-s9'(.|\n)*rplidar-s2(.|\n)*ydlidar-4ros"),
+    ],
+)
+def test_unknown_names_are_told_before_anything_is_opened(text: str, says: str) -> None:
+    with pytest.raises(ConnectFailed, match=says) as caught:
+        open_lidar(text)
+    assert caught.value.reason == "source"
+
+
+def test_models_are_listed_by_family() -> None:
+    with pytest.raises(ConnectFailed) as caught:
+        open_lidar("sim://nonesuch")
+    lists = str(caught.value).splitlines()[1:]
+    assert [line.partition(":")[0].strip() for line in lists] == [family.title for family in FAMILIES]
+    for family, line in zip(FAMILIES, lists, strict=True):
+        assert line.partition(": ")[2] == ", ".join(family.simulated)
+
+
+def test_a_family_given_beside_the_source_must_be_known_too() -> None:
+    with pytest.raises(ConnectFailed, match="hokuyo") as caught:
+        open_lidar("auto", family="hokuyo")
     assert caught.value.reason == "source"

@@ -26,9 +26,11 @@ from lidario import (
     ConnectFailed,
     DeviceFault,
     DeviceLost,
+    InvalidValue,
     LidarError,
     ProtocolError,
     ResponseTimeout,
+    StreamFailed,
     Unsupported,
 )
 
@@ -79,9 +81,11 @@ _REASONS = {
 _KINDS: tuple[tuple[type[BaseException], ExitCode], ...] = (
     (DeviceFault, ExitCode.UNHEALTHY),
     (DeviceLost, ExitCode.NO_DATA),
+    (StreamFailed, ExitCode.NO_DATA),
     (ResponseTimeout, ExitCode.NO_DATA),
     (ProtocolError, ExitCode.NO_DATA),
     (Unsupported, ExitCode.USAGE),
+    (InvalidValue, ExitCode.USAGE),
     (ReaderGone, ExitCode.OK),
     (click.Abort, ExitCode.INTERRUPTED),
     (KeyboardInterrupt, ExitCode.INTERRUPTED),

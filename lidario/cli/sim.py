@@ -20,6 +20,7 @@ from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import emit, message
 
 if TYPE_CHECKING:
+    from lidario import ConnectReason
     from lidario.sim.device import SimulatedDevice
     from lidario.sim.faults import Faults
     from lidario.sim.serve import PtyServer, TcpServer
@@ -124,7 +125,11 @@ def _on_tcp(device: SimulatedDevice, address: str, faults: Faults | None) -> Tcp
     try:
         return TcpServer(device, host or "127.0.0.1", int(port), faults=faults)
     except OSError as error:
-        why = {errno.EADDRINUSE: "busy", errno.EACCES: "permission"}.get(error.errno or 0, "source")
+        why: ConnectReason = "source"
+        if error.errno == errno.EADDRINUSE:
+            why = "busy"
+        elif error.errno == errno.EACCES:
+            why = "permission"
         cure = ". --tcp :0 takes any port that is free" if why == "busy" else ""
         what = (error.strerror or str(error)).partition(" (while")[0]
         raise ConnectFailed(f"cannot listen on {address}: {what}{cure}", reason=why) from error

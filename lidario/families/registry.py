@@ -5,8 +5,9 @@ from __future__ import annotations
 from lidario.errors import ConnectFailed
 from lidario.families import rplidar, ydlidar
 from lidario.families.base import Family
+from lidario.source import Source
 
-__all__ = ["FAMILIES", "family_named", "family_of_simulated"]
+__all__ = ["FAMILIES", "check_source", "family_named", "family_of_simulated"]
 
 FAMILIES: tuple[Family, ...] = (rplidar.FAMILY, ydlidar.FAMILY)
 """In the order in which an unknown port is probed: the second family's device-info request means something else
@@ -27,5 +28,23 @@ def family_of_simulated(model: str) -> Family:
     for family in FAMILIES:
         if model in family.simulated:
             return family
-    known = ", ".join(name for family in FAMILIES for name in family.simulated)
-    raise ConnectFailed(f"there is no simulated lidar {model!r}; known are {known}", reason="source")
+    models = "".join(f"\n  {family.title}: {', '.join(family.simulated)}" for family in FAMILIES)
+    fault = f"there is no simulated lidar {model!r}; known are" if model else "name a model, as in sim://MODEL:"
+    raise ConnectFailed(f"{fault}{models}", reason="source")
+
+
+def check_source(source: Source, family: str | None = None) -> None:
+    """Check the names in a source, before anything is opened.
+
+    Args:
+        source: Any source.
+        family: A family that was named beside it, if any.
+
+    Raises:
+        ConnectFailed: With reason ``source``, for an unknown family or simulated model; it lists the known ones.
+    """
+    for name in (family, source.family):
+        if name is not None:
+            family_named(name)
+    if source.kind == "sim":
+        family_of_simulated(source.address)

@@ -87,7 +87,7 @@ class Lidar:
             skipped_bytes=link.skipped_bytes,
             skipped_stretches=link.skipped_stretches,
             stray_bytes=link.stray_bytes,
-            late_answers=link.late_responses,
+            late_responses=link.late_responses,
             scans=assembled.scans,
             broken_scans=assembled.broken_scans,
             dropped_scans=self._scanner.hub.dropped,

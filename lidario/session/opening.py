@@ -8,11 +8,12 @@ from types import TracebackType
 from typing import TYPE_CHECKING, NoReturn
 
 from lidario.errors import LocalProtocolError
+from lidario.families.registry import check_source
 from lidario.session.connect import connect
 from lidario.session.discovery import find_source
 from lidario.session.handshake import healthy
 from lidario.session.lidar import Lidar
-from lidario.source import Source, parse_source
+from lidario.source import Source, as_source
 
 if TYPE_CHECKING:
     from lidario.sim.device import SimulatedDevice
@@ -93,9 +94,9 @@ def open_lidar(
             memory and lives on the event loop's clock.
         family: Name of its family; None to find out.
         baudrate: Speed of the line; None to find out.
-        latency: Seconds by which a scan may be late because the port is only looked at from time to time while a
-            stream runs. With 0 the program is woken for each delivery from shortly before a turn's end is due until
-            it has come; before that, at any setting, as seldom as the kernel's buffer allows.
+        latency: Seconds by which a scan may be late because the port is polled only from time to time while a stream
+            runs. With 0 the program is woken for each delivery from shortly before the end of a revolution until it
+            has come; before that, at any setting, as seldom as the kernel's buffer allows.
         keep_spinning: Leave the motor on when the session ends; only the measuring stops.
 
     Raises:
@@ -103,5 +104,6 @@ def open_lidar(
         DeviceFault: The device reports an error that a reset did not cure.
         DeviceLost: The port died meanwhile.
     """
-    where = parse_source(source) if isinstance(source, str) else Source("simulated", "device", device=source)
+    where = as_source(source)
+    check_source(where, family)
     return OpenLidar(where, family, baudrate, latency, keep_spinning)

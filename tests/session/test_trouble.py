@@ -60,7 +60,7 @@ async def test_garbage_for_an_answer_is_asked_again(family: str) -> None:
         rig.device.garble_answers = 1
         assert (await lidar.get_info()) == lidar.info
         rig.device.garble_answers = 1000
-        with pytest.raises(ResponseTimeout, match="no answer to it") as caught:
+        with pytest.raises(ResponseTimeout, match="no response to it") as caught:
             await lidar.get_info()
         assert caught.value.noise > 0
         assert isinstance(caught.value, TimeoutError)
@@ -273,7 +273,7 @@ async def test_a_device_that_does_not_come_back_from_a_reset(family: str) -> Non
         async with lidar.scans() as stream:
             await anext(stream)
             rig.device.boot_s = 600.0
-            with pytest.raises(ResponseTimeout, match="no answer to"):
+            with pytest.raises(ResponseTimeout, match="no response to"):
                 await lidar.reset()
             with pytest.raises(DeviceLost, match="could not be taken up again"):
                 while True:

@@ -11,7 +11,8 @@ import pytest
 from lidario.families.rplidar.simulated.device import make_simulated as make_first
 from lidario.families.ydlidar.simulated.device import make_simulated as make_second
 from lidario.model import Scan
-from lidario.session.lidar import Lidar, OpenLidar, open_lidar
+from lidario.session.lidar import Lidar
+from lidario.session.opening import OpenLidar, open_lidar
 
 __all__ = ["FAMILIES", "Rig", "both_families", "left_still", "make_rig", "names", "take"]
 

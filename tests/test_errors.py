@@ -1,0 +1,84 @@
+"""The tree of errors: what each is, that all are exported, and that each can be copied for several readers."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from collections.abc import Callable
+from typing import get_args
+
+import pytest
+
+import lidario
+from lidario import errors
+from lidario.errors import (
+    ConnectFailed,
+    ConnectReason,
+    DeviceFault,
+    InvalidValue,
+    LidarError,
+    ResponseTimeout,
+)
+from lidario.model import Health, HealthStatus
+
+
+def tree(root: type[LidarError]) -> list[type[LidarError]]:
+    return [root] + [each for child in root.__subclasses__() for each in tree(child)]
+
+
+EVERY = [kind for kind in tree(LidarError) if kind.__module__ == errors.__name__]
+
+
+def made(kind: type[LidarError]) -> LidarError:
+    """An error with attributes that differ from every default."""
+    if kind is ConnectFailed:
+        return ConnectFailed("no such port", reason="missing")
+    if kind is ResponseTimeout:
+        return ResponseTimeout("GET_INFO", 0.5, 17)
+    if kind is DeviceFault:
+        return DeviceFault("the device reports an error", Health(HealthStatus.ERROR, 0x8001))
+    return kind("what happened")
+
+
+def reloaded(error: LidarError) -> object:
+    return pickle.loads(pickle.dumps(error))
+
+
+@pytest.mark.parametrize("kind", EVERY)
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, reloaded])
+def test_an_error_can_be_copied(kind: type[LidarError], copied: Callable[[LidarError], object]) -> None:
+    error = made(kind)
+    error.add_note("seen in the cellar")
+    twin = copied(error)
+    assert type(twin) is kind
+    assert twin is not error
+    assert str(twin) == str(error)
+    assert repr(twin) == repr(error)
+    assert vars(twin) == vars(error)
+
+
+def test_every_error_is_exported_and_drawn() -> None:
+    assert {kind.__name__ for kind in EVERY} == set(errors.__all__) - {"ConnectReason"}
+    assert set(errors.__all__) <= set(lidario.__all__)
+    for kind in EVERY:
+        assert f" {kind.__name__} " in f"{errors.__doc__} ".replace("\n", " ")
+
+
+def test_every_reason_is_explained() -> None:
+    for reason in get_args(ConnectReason):
+        assert f"* ``{reason}``:" in (ConnectFailed.__doc__ or "")
+
+
+def test_what_an_error_tells() -> None:
+    silent = ResponseTimeout("GET_INFO", 0.5)
+    assert str(silent) == "no response to GET_INFO within 0.5 s: nothing arrived"
+    assert (silent.request, silent.timeout, silent.noise) == ("GET_INFO", 0.5, 0)
+    assert isinstance(silent, TimeoutError)
+    assert ConnectFailed("x").reason == "silent"
+    assert ConnectFailed("x", reason="busy").reason == "busy"
+    assert "17 bytes arrived that are no response" in str(made(ResponseTimeout))
+    fault = made(DeviceFault)
+    assert str(fault) == "the device reports an error"
+    assert isinstance(fault, DeviceFault)
+    assert fault.health.code == 0x8001
+    assert isinstance(InvalidValue("x"), ValueError)
