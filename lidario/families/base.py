@@ -188,8 +188,8 @@ class Device(ABC):
         """Ask for the angle between the device's zero and the one it was calibrated to, in degrees."""
         raise Unsupported("this device knows no zero-angle offset")
 
-    def apply_zero_offset(self, on: bool) -> Script[None]:  # noqa: ARG002
-        """Choose whether streams started from now on have the zero-angle offset added."""
+    def apply_zero_offset(self, on: bool) -> Script[float]:  # noqa: ARG002
+        """Choose whether streams have the zero-angle offset added; returns what is added, clockwise degrees."""
         raise Unsupported("this device knows no zero-angle offset")
 
     def power_down_protection(self, on: bool) -> Script[bool]:  # noqa: ARG002

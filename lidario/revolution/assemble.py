@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,6 +127,10 @@ class Assembler:
         self._turn = _Turn(whole=False)
         self._last_start_ns: int | None = None
         self._last_turn_ns = 0.0
+
+    def set_zero_offset(self, degrees: float) -> None:
+        """Add another zero-angle offset, clockwise degrees, from the next scan on."""
+        self._stream = replace(self._stream, zero_offset_deg=degrees)
 
     def add(self, event: Packets) -> list[Scan]:
         """Take a run of packets; return the revolutions it completed, usually none."""

@@ -11,7 +11,9 @@ from lidario.errors import ConnectFailed, LidarError, ResponseTimeout
 from lidario.families.base import Device, Family
 from lidario.families.registry import FAMILIES, family_named, family_of_simulated
 from lidario.model import DeviceInfo
-from lidario.port.port import Port, open_serial, open_tcp
+from lidario.port.port import Port
+from lidario.port.serial import open_serial
+from lidario.port.tcp import open_tcp
 from lidario.session.dialogue import Dialogue
 from lidario.session.evidence import Residue
 from lidario.session.handshake import introduce

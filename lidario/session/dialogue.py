@@ -103,6 +103,11 @@ class Dialogue:
         return self._port.is_open
 
     @property
+    def is_streaming(self) -> bool:
+        """Whether packets flow, as far as is known."""
+        return self._link.state is LinkState.STREAMING
+
+    @property
     def bytes_received(self) -> int:
         """All bytes that came in so far."""
         return self._link.stats.bytes_received
@@ -302,6 +307,10 @@ class Dialogue:
         if not self._link.is_awaiting:
             return self._listens_at
         return max(self._listens_at, min(self._response_due, patient_until))
+
+    def close_port(self) -> None:
+        """Begin to close the port."""
+        self._port.close_soon()
 
     def write(self, requests: Sequence[Request]) -> None:
         """Write requests, now; the pause that they demand counts from now."""

@@ -11,12 +11,11 @@ at that moment, by a timer some milliseconds later.
 from __future__ import annotations
 
 import asyncio
-import numbers
 import weakref
 from types import TracebackType
 from typing import NoReturn, Self
 
-from lidario.errors import LocalProtocolError, RemoteProtocolError, SessionClosed
+from lidario.errors import InvalidValue, LocalProtocolError, RemoteProtocolError, SessionClosed
 from lidario.families.base import Device
 from lidario.model import DeviceInfo, Health, SampleRate, Scan, ScanMode, Stats
 from lidario.port.port import Tap
@@ -178,7 +177,11 @@ class Lidar:
 
     async def set_motor_speed(self, rpm: float, *, verify: bool = True) -> float:
         """As `set_scan_frequency`, in revolutions a minute."""
-        return 60 * await self.set_scan_frequency(per_second(rpm), verify=verify)
+        try:
+            hertz = rpm / 60
+        except TypeError:
+            raise InvalidValue(f"{rpm!r} is no number of revolutions a minute") from None
+        return 60 * await self.set_scan_frequency(hertz, verify=verify)
 
     async def get_zero_offset(self) -> float:
         """Ask for the zero-angle offset the device was calibrated with, in degrees clockwise.
@@ -282,11 +285,6 @@ class Lidar:
             raise SessionClosed(f"the session on {self.source} was closed; open_lidar() makes a new one")
         if self._dialogue.fatal is not None:
             raise twin_of(self._dialogue.fatal)
-
-
-def per_second(rpm: float) -> float:
-    """Revolutions a second; what is no number is left to the device to refuse."""
-    return rpm / 60 if isinstance(rpm, numbers.Real) else rpm
 
 
 def _abandon(dialogue: Dialogue, scanner: Scanner) -> None:

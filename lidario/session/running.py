@@ -139,7 +139,9 @@ class Running:
             self._failed(StreamFailed(f"no scan data for {idle:.1f} s; {why}"))
         elif turning >= stream.spin_up_s + REVOLUTIONS_MISSED * stream.slowest_turn_s:
             self._failed(
-                StreamFailed(f"scan data arrives, but no full revolution for {turning:.1f} s: is the rotor blocked?")
+                StreamFailed(
+                    f"scan data arrives, but no full revolution for {turning:.1f} s: is the rotor blocked?"
+                )
             )
         else:
             wait = min(patience - idle, SILENCE_S) + _WATCH_MARGIN_S

@@ -278,8 +278,7 @@ class Scanner:
         await self._interrupt()
 
     async def _start(self, wanted: Wanted) -> None:
-        if not await self._dialogue.drain():
-            await self._silence()
+        await self._silence()
         stream = await self._dialogue.run(self._device.start(wanted.mode, force=wanted.force))
         if self._state is not State.STARTING or wanted != self._wanted:
             # Nobody wants it any more, and the stop requests are written already.
@@ -330,7 +329,7 @@ class Scanner:
 
     async def _silence(self) -> None:
         """Have the line quiet, by as many STOP requests as that takes."""
-        if not await self._dialogue.drain():
+        if self._dialogue.is_streaming or not await self._dialogue.drain():
             for _ in range(STOP_ATTEMPTS):
                 if await self._dialogue.quieten():
                     return

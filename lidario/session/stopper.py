@@ -20,7 +20,7 @@ from typing import Protocol
 from lidario.families.base import Device
 from lidario.wire.envelope import Request
 
-__all__ = ["PATIENCE_S", "Line", "Stopper"]
+__all__ = ["PATIENCE_S", "Stopper", "Writer"]
 
 _log = logging.getLogger("lidario")
 
@@ -31,7 +31,7 @@ ATTEMPTS = 3
 """How often the stop requests are written when bytes go on coming after them, before the port is closed anyway."""
 
 
-class Line(Protocol):
+class Writer(Protocol):
     """What a `Stopper` needs of the dialogue."""
 
     @property
@@ -67,12 +67,12 @@ class Stopper:
         on_still: Called each time they have been written.
     """
 
-    def __init__(self, line: Line, device: Device, quiet_s: float) -> None:
+    def __init__(self, writer: Writer, device: Device, quiet_s: float) -> None:
         self.keep_spinning = False
         self.still = False
         self.wanted = False
         self.on_still: Callable[[], None] | None = None
-        self._line = line
+        self._writer = writer
         self._device = device
         self._quiet_s = quiet_s
         self._loop = asyncio.get_running_loop()
@@ -96,7 +96,7 @@ class Stopper:
 
     def stop(self) -> None:
         """Write the stop requests as soon as the device listens, now if it does. Never blocks or raises."""
-        if self.still or self.wanted or not self._line.is_open or self._loop.is_closed():
+        if self.still or self.wanted or not self._writer.is_open or self._loop.is_closed():
             return
         self.wanted = True
         self._patient_until = self._loop.time() + PATIENCE_S
@@ -107,7 +107,7 @@ class Stopper:
         if not self.wanted:
             return
         self.cancel()
-        due = self._line.free_at(self._patient_until)
+        due = self._writer.free_at(self._patient_until)
         if self._loop.time() < due:
             self._timer = self._loop.call_at(due, self.try_now)
             return
@@ -119,7 +119,7 @@ class Stopper:
 
     async def written(self) -> None:
         """Return when the stop requests are written or the port is dead. It takes less than `PATIENCE_S` and a pause."""
-        while self.wanted and self._timer is not None and self._line.is_open:
+        while self.wanted and self._timer is not None and self._writer.is_open:
             await asyncio.sleep(max(0.0, self._timer.when() - self._loop.time()))
 
     def hang_up(self) -> None:
@@ -127,8 +127,8 @@ class Stopper:
         if self._hanging_up:
             return
         self._hanging_up = True
-        if self.still or not self._line.is_open:
-            self._line.close_port()
+        if self.still or not self._writer.is_open:
+            self._writer.close_port()
         else:
             self.stop()
 
@@ -141,23 +141,23 @@ class Stopper:
     def _write(self) -> None:
         self.wanted = False
         # Each of them ends the stream for the parser, also the one that is for the motor alone.
-        self._line.write([replace(request, ends_stream=True) for request in self.requests()])
+        self._writer.write([replace(request, ends_stream=True) for request in self.requests()])
         self.still = True
 
     def _close_when_quiet(self, attempts: int) -> None:
         """Close the port once the line is quiet after the stop requests; write them again while it is not."""
-        self._timer = self._loop.call_at(self._line.free_at(0.0), self._listen, attempts)
+        self._timer = self._loop.call_at(self._writer.free_at(0.0), self._listen, attempts)
 
     def _listen(self, attempts: int) -> None:
-        seen = self._line.bytes_received
+        seen = self._writer.bytes_received
         self._timer = self._loop.call_later(self._quiet_s, self._after_listening, attempts, seen)
 
     def _after_listening(self, attempts: int, seen: int) -> None:
         self._timer = None
-        if self._line.bytes_received != seen and attempts > 1:
+        if self._writer.bytes_received != seen and attempts > 1:
             self._write()
             self._close_when_quiet(attempts - 1)
             return
-        if self._line.bytes_received != seen:
+        if self._writer.bytes_received != seen:
             _log.warning("the device goes on sending after %d stop requests", ATTEMPTS)
-        self._line.close_port()
+        self._writer.close_port()

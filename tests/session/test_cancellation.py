@@ -16,7 +16,7 @@ import anyio
 import pytest
 
 from lidario import LidarError
-from tests.support.devices import FAMILIES, Rig, left_still, make_rig
+from tests.support.devices import FAMILIES, Rig, discarded, left_still, make_rig
 from tests.support.loop import DrivenLoop, run_driven
 
 Scenario = Callable[[Rig], Awaitable[None]]
@@ -143,6 +143,7 @@ def cancelled_at(scenario: Scenario, family: str, turn: int, how: str) -> None:
         await asyncio.sleep(5.0)
         if rig.device.log:
             assert left_still(rig), [(each.name, each.obeyed, each.why) for each in rig.device.log][-5:]
+        assert not discarded(rig)
 
     run_driven(main)
 
@@ -157,8 +158,8 @@ def test_cancelled_anywhere_the_device_is_left_still(scenario: Scenario, family:
         cancelled_at(scenario, family, turn, how)
 
 
-def test_without_the_last_words_the_device_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The test above can fail: a session that says nothing at the end leaves the motor on."""
-    monkeypatch.setattr("lidario.session.dialogue.Dialogue.halt", lambda self, requests: None)
+def test_without_the_stop_requests_the_device_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The test above can fail: a session that writes nothing at the end leaves the motor on."""
+    monkeypatch.setattr("lidario.session.stopper.Stopper.stop", lambda self: None)
     with pytest.raises(AssertionError):
         cancelled_at(read_scans, "rplidar", turns_of(read_scans, "rplidar") - 2, "once")

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import pytest
 
-from lidario import DeviceLost, Lidar
+from lidario import Lidar, StreamFailed
 from tests.support.devices import Rig, left_still, make_rig, names
 from tests.support.loop import DrivenLoop, driven
 
@@ -48,7 +48,7 @@ async def scan_for(lidar: Lidar, seconds: float, block_s: float = 0.0) -> int:
 async def test_an_hour_with_protection_on() -> None:
     rig = make_rig("ydlidar")
     async with rig.open() as lidar:
-        assert await lidar.power_down_protection(True) is True
+        assert await lidar.set_power_down_protection(True) is True
         count = await scan_for(lidar, HOUR_S)
         assert count == pytest.approx(HOUR_S / rig.turn_s, rel=0.001)
         assert lidar.stats.keepalives == pytest.approx(HOUR_S, rel=0.001)
@@ -60,7 +60,7 @@ async def test_an_hour_with_protection_on() -> None:
 async def test_a_consumer_that_blocks_the_loop_does_not_stop_the_device() -> None:
     rig = make_rig("ydlidar")
     async with rig.open() as lidar:
-        await lidar.power_down_protection(True)
+        await lidar.set_power_down_protection(True)
         await scan_for(lidar, 120.0, block_s=1.5)
         assert max(pauses(rig)) < LIMIT_S
         assert max(pauses(rig)) > 1.5
@@ -71,11 +71,11 @@ async def test_a_consumer_that_blocks_the_loop_does_not_stop_the_device() -> Non
 @driven
 async def test_without_it_the_device_stops(monkeypatch: pytest.MonkeyPatch) -> None:
     """The two tests above can fail."""
-    monkeypatch.setattr("lidario.session.scanner.Scanner._keep_alive", lambda self: None)
+    monkeypatch.setattr("lidario.session.running.Running._keep_alive", lambda self: None)
     rig = make_rig("ydlidar")
     async with rig.open() as lidar:
-        await lidar.power_down_protection(True)
-        with pytest.raises(DeviceLost, match="no scan data"):
+        await lidar.set_power_down_protection(True)
+        with pytest.raises(StreamFailed, match="no scan data"):
             await scan_for(lidar, 60.0)
 
 
@@ -83,14 +83,14 @@ async def test_without_it_the_device_stops(monkeypatch: pytest.MonkeyPatch) -> N
 async def test_it_ends_with_the_stream_and_with_the_protection() -> None:
     rig = make_rig("ydlidar")
     async with rig.open() as lidar:
-        await lidar.power_down_protection(True)
+        await lidar.set_power_down_protection(True)
         await scan_for(lidar, 5.0)
         sent = lidar.stats.keepalives
         heard = len(rig.device.log)
         await asyncio.sleep(10.0)
         assert lidar.stats.keepalives == sent >= 4
         assert len(rig.device.log) == heard
-        assert await lidar.power_down_protection(False) is False
+        assert await lidar.set_power_down_protection(False) is False
         await scan_for(lidar, 5.0)
         assert lidar.stats.keepalives == sent
 
@@ -101,7 +101,7 @@ async def test_protection_switched_while_scanning() -> None:
     async with rig.open() as lidar, lidar.scans() as stream:
         await anext(stream)
         for wanted in (True, True, False, False, True):
-            assert await lidar.power_down_protection(wanted) is wanted
+            assert await lidar.set_power_down_protection(wanted) is wanted
             await anext(stream)
         before = lidar.stats.keepalives
         for _ in range(40):
@@ -114,11 +114,11 @@ async def test_zero_offset_is_told_and_applied_only_when_asked() -> None:
     plain = make_rig("ydlidar")
     plain.device.zero_offset = -50
     async with plain.open() as lidar:
-        assert await lidar.zero_offset() == -12.5
+        assert await lidar.get_zero_offset() == -12.5
         before = await lidar.scan()
-        await lidar.use_zero_offset(True)
+        await lidar.set_zero_offset(True)
         after = await lidar.scan()
-        await lidar.use_zero_offset(False)
+        await lidar.set_zero_offset(False)
         again = await lidar.scan()
     shift = (after.device_angles[0] - before.device_angles[0]) % 360
     assert shift == pytest.approx(347.5, abs=0.5)

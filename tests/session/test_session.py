@@ -103,7 +103,7 @@ async def test_the_set_speed_is_checked_against_the_measured_one(family: str) ->
     async with rig.open() as lidar, lidar.scans() as stream:
         await anext(stream)
         assert await lidar.set_scan_frequency(9.0) == pytest.approx(9.0, abs=0.05)
-        assert lidar.scan_frequency == pytest.approx(9.0, rel=0.05)
+        assert lidar.measured_scan_frequency == pytest.approx(9.0, rel=0.05)
         assert await lidar.set_motor_speed(600) == pytest.approx(600, abs=3)
         assert (await anext(stream)).rpm == pytest.approx(600, rel=0.05)
         for wrong in (40.0, 0.1, float("nan"), float("inf")):
@@ -273,11 +273,15 @@ async def test_sample_rates_and_what_there_is_not() -> None:
         rate = await lidar.get_sample_rate()
         assert (rate.standard_us, rate.express_us) == (62, 31)
         assert "idle" in repr(lidar)
-        for refused in (lidar.zero_offset(), lidar.use_zero_offset(True), lidar.power_down_protection(True)):
+        for refused in (
+            lidar.get_zero_offset(),
+            lidar.set_zero_offset(True),
+            lidar.set_power_down_protection(True),
+        ):
             with pytest.raises(Unsupported):
                 await refused
         assert lidar.mode is None
-        assert lidar.scan_frequency is None
+        assert lidar.measured_scan_frequency is None
     assert "closed" in repr(lidar)
     async with second.open() as lidar:
         with pytest.raises(Unsupported):

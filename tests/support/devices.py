@@ -14,7 +14,7 @@ from lidario.model import Scan
 from lidario.session.lidar import Lidar
 from lidario.session.opening import OpenLidar, open_lidar
 
-__all__ = ["FAMILIES", "Rig", "both_families", "left_still", "make_rig", "names", "take"]
+__all__ = ["FAMILIES", "Rig", "both_families", "discarded", "left_still", "make_rig", "names", "take"]
 
 
 @dataclass
@@ -57,9 +57,23 @@ def names(rig: Rig, *, obeyed: bool | None = None) -> list[str]:
     return [each.name for each in rig.device.log if obeyed is None or each.obeyed is obeyed]
 
 
+MOVING = ("stop", "reset", "scan", "force_scan", "express_scan", "motor_speed_ctrl")
+"""Requests that set the device in motion or leave it still."""
+
+
 def left_still(rig: Rig) -> bool:
-    """Whether laser and motor are off, and the last word the device heard was one that stops."""
-    return not rig.device.scanning and not rig.device.motor_on and names(rig)[-1] == "stop"
+    """Whether laser and motor are off, and the last request that could have moved the device was one that stops it."""
+    moved = [name for name in names(rig, obeyed=True) if name in MOVING]
+    return not rig.device.scanning and not rig.device.motor_on and moved[-1] in ("stop", "reset")
+
+
+def discarded(rig: Rig) -> list[tuple[str, str]]:
+    """Requests the strict device did not hear, and why; polls of a device that boots are meant to be lost."""
+    return [
+        (each.name, each.why)
+        for each in rig.device.log
+        if not each.obeyed and each.why != "still booting after reset"
+    ]
 
 
 async def take(lidar: Lidar, count: int) -> list[Scan]:

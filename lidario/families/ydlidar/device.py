@@ -174,9 +174,10 @@ class Device4Ros(Device):
                 return float(quarters) / 4
         raise RemoteProtocolError(f"the device reports a zero-angle offset of {quarters / 4:g} degrees")
 
-    def apply_zero_offset(self, on: bool) -> Script[None]:
+    def apply_zero_offset(self, on: bool) -> Script[float]:
         """As `Device.apply_zero_offset`: asks for it now, to be added to clockwise angles. Off at first."""
         self._offset_deg = (yield from self.zero_offset()) if on else 0.0
+        return self._offset_deg
 
     def power_down_protection(self, on: bool) -> Script[bool]:
         """As `Device.power_down_protection`: it can only be toggled, and the answer tells the new state.
