@@ -15,7 +15,7 @@
     └── Unsupported              this device or firmware lacks the command or mode
 
 Noise on the line is none of these: bad bytes are counted in `Stats`, never raised. Exceptions of the
-operating system and of pyserial are translated in `lidario.port.port` and stay reachable as `__cause__`.
+operating system and of pyserial are translated in `lidario.port` and stay reachable as `__cause__`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Why a port would not open, in the words of somebody who can do something about it."""
+"""Why a port would not open, in the words of somebody who can do something about it.
+
+Everything here may block for tens of milliseconds, since it reads ``/proc``: call it off the event loop.
+"""
 
 from __future__ import annotations
 
@@ -10,16 +13,34 @@ from pathlib import Path
 
 from lidario.errors import ConnectFailed
 
-__all__ = ["busy", "holders", "is_pseudo_terminal", "why_not_opened"]
+__all__ = ["busy", "held", "holders", "is_pseudo_terminal", "why_not_opened"]
 
-_GONE = (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.EIO)
-_NOT_SERIAL = (errno.ENOTTY, errno.EINVAL)
+_GONE = (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.EIO, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP)
+_NOT_SERIAL = (errno.ENOTTY, errno.EINVAL, errno.EISDIR)
 _LOCKED = (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK)
 
 
 def is_pseudo_terminal(path: str) -> bool:
     """Whether `path` is a pseudo-terminal, which its other end holds open by nature."""
     return os.path.realpath(path).startswith("/dev/pts/")
+
+
+def held(path: str) -> bool:
+    """Whether another program holds the serial port `path` open.
+
+    Raises:
+        OSError: It is no serial port (ENOTTY), or cannot be opened.
+    """
+    if next(holders(path), None) is None:
+        return False
+    # It is open already, so opening it once more changes none of its control lines. ``/dev/null`` is held by many.
+    handle = os.open(path, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
+    try:
+        if not os.isatty(handle):
+            raise OSError(errno.ENOTTY, os.strerror(errno.ENOTTY), path)
+    finally:
+        os.close(handle)
+    return True
 
 
 def holders(path: str) -> Iterator[tuple[int, str]]:
@@ -53,36 +74,63 @@ def busy(path: str) -> ConnectFailed:
 
 def why_not_opened(path: str, error: Exception) -> ConnectFailed:
     """Translate what the operating system or pyserial raised while opening `path`."""
-    cause: BaseException | None = error
-    code: int | None = None
-    while cause is not None and code is None:
-        code = getattr(cause, "errno", None)
-        if code is None and cause.args and isinstance(cause.args[0], int):
-            code = cause.args[0]
-        cause = cause.__context__
+    code = _errno(error)
     text = str(error)
     if code in (errno.EACCES, errno.EPERM):
         return _forbidden(path)
     if code in _LOCKED or "exclusively lock" in text:
         return busy(path)
-    if code in _GONE or "FileNotFoundError" in text:
-        return ConnectFailed(
-            f"no such port: {path}. Is it plugged in? `lidario devices` lists the ports", reason="missing"
-        )
     if code in _NOT_SERIAL or "configure port" in text:
         return ConnectFailed(f"{path} is not a serial port, or cannot be set up as one ({text})", reason="missing")
-    return ConnectFailed(f"could not open {path}: {text}", reason="missing")
+    if code in _GONE or "FileNotFoundError" in text or "\0" in path:
+        return ConnectFailed(
+            f"no such port: {path!r}. Is it plugged in? `lidario devices` lists the ports", reason="missing"
+        )
+    return ConnectFailed(f"could not open {path!r}: {text}", reason="missing")
+
+
+def _errno(error: Exception) -> int | None:
+    """The system's number for it; pyserial hides it in places."""
+    cause: BaseException | None = error
+    while cause is not None:
+        code = getattr(cause, "errno", None)
+        if isinstance(code, int):
+            return code
+        # termios.error is no OSError and keeps its number here.
+        if cause.args and isinstance(cause.args[0], int):
+            return cause.args[0]
+        cause = cause.__context__
+    return None
 
 
 def _forbidden(path: str) -> ConnectFailed:
-    group = ""
+    try:
+        found = os.stat(path)
+    except OSError:
+        return ConnectFailed(f"no permission for {path}", reason="permission")
+    return ConnectFailed(f"no permission for {path}{_cure(path, found)}", reason="permission")
+
+
+def _cure(path: str, found: os.stat_result) -> str:
+    """Whose it is, and how to get at it."""
     try:
         import grp  # not on Windows
 
-        name = grp.getgrgid(os.stat(path).st_gid).gr_name
-        inside = os.stat(path).st_gid in os.getgroups()
-        group = f" (group {name})" if inside else f" (group {name}); you are not in it"
-        cure = f"\nsudo usermod -aG {name} $USER   then log out and in again"
-    except (ImportError, KeyError, OSError):
-        cure = ""
-    return ConnectFailed(f"no permission for {path}{group}.{cure}", reason="permission")
+        name = grp.getgrgid(found.st_gid).gr_name
+    except ImportError:
+        return "."
+    except KeyError:
+        name = ""
+    for_now = f"\nsudo chmod a+rw {path}   until it is unplugged"
+    readable = found.st_mode & (stat.S_IRGRP | stat.S_IWGRP) == stat.S_IRGRP | stat.S_IWGRP
+    if name and found.st_gid != 0 and readable:
+        if found.st_gid in os.getgroups():
+            return f" (group {name}, and you are in it).{for_now}"
+        return f" (group {name}); you are not in it.\nsudo usermod -aG {name} $USER   then log out and in again"
+    # Being in the group root would open far more than this port, and a group without a name cannot be joined.
+    whose = f"group {name}" if name else f"group number {found.st_gid}"
+    return (
+        f" ({whose}, mode {stat.S_IMODE(found.st_mode):o}).{for_now}\n"
+        'or for good: a udev rule, SUBSYSTEM=="tty", GROUP="dialout", MODE="0660", '
+        "in /etc/udev/rules.d/99-lidar.rules, and yourself in the group dialout"
+    )

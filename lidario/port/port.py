@@ -1,54 +1,76 @@
-"""An open line to a device: serial port, TCP connection or simulator, with one face.
+"""An open line to a device, with one interface for serial ports, TCP connections and simulated devices.
 
-pyserial-asyncio lives here and nowhere else, and so do its habits, which end at this door: it reads a kilobyte
-at a time, writes only when the loop comes round again, and calls `connection_lost` before it closes the port.
-Here a write reaches the operating system before `write` returns, since the STOP of a program that is being
-torn down has no other moment; and `close` returns when the port is closed.
+A `Port` belongs to the session. What carries its bytes is a `Line`: `lidario.port.serial`, `lidario.port.tcp` and
+`lidario.port.simulated` each have their own. The port shows every chunk to the taps, hands received bytes to one
+`Receiver`, and says what the end of the line means. Exceptions of the operating system and of pyserial are
+translated to `lidario.errors` in this folder and nowhere else.
 
-While a stream runs, waking up for each of a thousand deliveries a second costs more than all the decoding.
-`set_latency` makes the port look only every few milliseconds and take all that is there; and while whoever reads
-knows that nothing urgent can come, at whatever latency, less often still. The terminal's buffer holds 4 KiB, 48 ms
-of the fastest stream, so nothing is lost by it.
+Three orders matter here:
 
-Every exception of the operating system or of pyserial leaves as one of `lidario.errors`.
+- A write reaches the operating system before `Port.write` returns, as far as it takes the bytes. The stop requests
+  of a program that is being ended have no later moment.
+- Bytes are written first and shown to the taps afterwards, so that a tap that fails cannot keep back a STOP.
+- `Port.close` writes what is pending, then closes the port, then returns.
+
+A forked child inherits the port and the memory of the event loop, and both still belong to its parent. In the child
+every method does nothing: a write would reach the parent's device, and removing a reader would remove it from the
+parent's loop, since both share one epoll object.
 """
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
+import logging
 import os
-import select
-from collections.abc import Callable
-from typing import Any, Protocol
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from typing import Protocol
 
-import serial
-import serial_asyncio
+from lidario.errors import DeviceLost
 
-from lidario.errors import ConnectFailed, DeviceLost
-from lidario.port.diagnose import busy, holders, is_pseudo_terminal, why_not_opened
+__all__ = ["Line", "Port", "Receiver", "Schedule", "Tap"]
 
-__all__ = ["Port", "Receiver", "Tap", "open_serial", "open_tcp"]
+_log = logging.getLogger("lidario")
 
-CONNECT_TIMEOUT_S = 5.0
-CLOSE_TIMEOUT_S = 2.0
-_READ_SIZE = 65536
-_TIMER_S = 0.001
-"""How late timers may be: the loop waits in whole milliseconds, rounded up."""
+CLOSE_TIMEOUT_S = 1.0
+"""Longest time that closing takes; after it the line is aborted. A serial line is done after half of it."""
+LONGEST_WAIT_S = 0.05
+"""Longest time that `Port.abandon` waits for the device to listen. The longest silence after a STOP is 10 ms."""
 
 Tap = Callable[[str, bytes, int], None]
-"""Sees every chunk: ``"in"`` or ``"out"``, the bytes, the time in nanoseconds."""
+"""Sees every chunk: ``"in"`` or ``"out"``, the bytes, the time in nanoseconds of the event loop's clock."""
 
 
-Rest = Callable[[float], float]
-"""Told how late a look at the port came, says how long to wait before the next; 0 for as usual."""
+class Schedule(Protocol):
+    """Says when received bytes are needed; all times are seconds of the event loop's clock."""
+
+    def rest(self, now: float, late: float) -> float:
+        """For how many seconds no poll is needed; 0 to poll as usual.
+
+        Args:
+            now: The time.
+            late: How long after its due time this poll came.
+        """
+        ...
+
+    def hold(self, now: float) -> float:
+        """Until when bytes that were read need not be handed over; at most `now` to hand them over at once."""
+        ...
 
 
 class Receiver(Protocol):
-    """Who is told what the port brings."""
+    """Who is told what the port receives."""
 
-    def data_received(self, data: bytes, now: int) -> None:
-        """Bytes arrived at `now`, monotonic nanoseconds."""
+    def data_received(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]] = ()) -> None:
+        """Bytes arrived.
+
+        Args:
+            data: The bytes.
+            now: When the last of them was read, in nanoseconds of the event loop's clock.
+            arrivals: Where `data` was collected from several reads, each earlier read: how many bytes of `data`
+                had arrived by then, and when.
+        """
         ...
 
     def connection_lost(self, error: DeviceLost | None) -> None:
@@ -56,326 +78,285 @@ class Receiver(Protocol):
         ...
 
 
+class Line(ABC):
+    """What carries the bytes of a `Port`: an asyncio transport, or something that behaves like one.
+
+    It calls `Port.connection_made` first and `Port.connection_lost` last, both once.
+    """
+
+    @abstractmethod
+    def is_closing(self) -> bool:
+        """Whether it is closed, or will be as soon as what is pending is written."""
+
+    @abstractmethod
+    def write(self, data: bytes) -> None:
+        """Write at once what the operating system takes, the rest when it takes more. Never raises."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Write what is pending, then close."""
+
+    @abstractmethod
+    def abort(self) -> None:
+        """Close without writing what is pending."""
+
+    @abstractmethod
+    def write_without_loop(self, data: bytes) -> None:
+        """Write what the operating system takes, whether or not the event loop still exists. Never raises."""
+
+    @abstractmethod
+    def close_without_loop(self) -> None:
+        """Close after the event loop was closed. Never raises."""
+
+    def set_baudrate(self, baudrate: int) -> None:  # noqa: B027 - most lines have no speed
+        """Change the speed. Raises ConnectFailed where the adapter cannot do it."""
+
+    def set_polling(self, latency: float, schedule: Schedule | None) -> None:  # noqa: B027 - only where polled
+        """As `Port.set_polling`."""
+
+    def poll(self) -> None:  # noqa: B027 - only where polled
+        """As `Port.poll`."""
+
+
 class Port(asyncio.Protocol):
-    """One open line.
+    """One open line; made by `open_serial`, `open_tcp`, `open_simulated` or `connect_in_memory`.
 
     Attributes:
         name: What was opened, for messages.
         baudrate: Speed in bits a second; 0 where there is none.
-        taps: Called with every chunk in either direction, in order; they must be quick and not raise.
     """
 
     def __init__(self, name: str, baudrate: int = 0) -> None:
         self.name = name
         self.baudrate = baudrate
-        self.taps: list[Tap] = []
         self._loop = asyncio.get_running_loop()
+        # uvloop's clock stands still while a callback runs and counts whole milliseconds; it is the monotonic one.
+        self._exact = type(self._loop).__module__.split(".")[0] == "uvloop"
+        self._pid = os.getpid()
+        self._line: Line | None = None
         self._receiver: Receiver | None = None
-        self._transport: asyncio.Transport | None = None
-        self._closed = self._loop.create_future()
-        self._on_close: Callable[[], None] | None = None
+        self._taps: tuple[Tap, ...] = ()
         self._closing = False
+        self._closed = self._loop.create_future()
+        self._close_timer: asyncio.TimerHandle | None = None
+        self._on_close: Callable[[], None] | None = None
+        self._explain_loss: Callable[[], DeviceLost | None] | None = None
+
+    # ---------------------------------------------------------------------------------- what the session calls
 
     @property
     def is_open(self) -> bool:
         """Whether bytes can still be written."""
-        return self._transport is not None and not self._transport.is_closing()
+        return self._line is not None and not self._line.is_closing() and not self.is_forked
 
     @property
     def is_closing(self) -> bool:
-        """Whether it is closed, or about to be."""
+        """Whether it is closed, or will be."""
         return self._closing
+
+    @property
+    def is_forked(self) -> bool:
+        """Whether this process is a child of the one that opened the port: then the port is the parent's."""
+        return os.getpid() != self._pid
+
+    def add_tap(self, tap: Tap) -> None:
+        """Have `tap` called with every chunk in either direction, after the taps that are there.
+
+        It must be quick. A tap that raises is removed and logged at WARNING.
+        """
+        self._taps = (*self._taps, tap)
+
+    def remove_tap(self, tap: Tap) -> None:
+        """Call `tap` no more; ignored where it is not there."""
+        taps = list(self._taps)
+        if tap in taps:
+            taps.remove(tap)
+            self._taps = tuple(taps)
 
     def attach(self, receiver: Receiver | None) -> None:
         """Name who is told what arrives from now on; None for nobody."""
         self._receiver = receiver
 
     def write(self, data: bytes) -> None:
-        """Hand bytes to the operating system, at once as far as it takes them; ignored on a dead port."""
-        if self.is_open and self._transport is not None:
-            for tap in self.taps:
-                tap("out", data, self._now())
-            if self._loop.is_closed():
-                self._write_without_loop(data)
-            else:
-                self._transport.write(data)
+        """Hand bytes to the operating system, at once as far as it takes them.
+
+        Ignored on a dead port and in a forked child; never raises.
+        """
+        line = self._line
+        if line is None or not self.is_open:
+            return
+        if self._loop.is_closed():
+            line.write_without_loop(data)
+        else:
+            line.write(data)
+        self.show("out", data, self.now())
 
     def set_baudrate(self, baudrate: int) -> None:
-        """Change the speed of the line.
+        """Change the speed of the line; bytes received at the old speed and not read yet are thrown away.
 
         Raises:
             ConnectFailed: The adapter cannot do that speed.
         """
-        device = self._transport.get_extra_info("serial") if self._transport else None
-        if device is not None:
-            try:
-                device.baudrate = baudrate
-                device.reset_input_buffer()
-            except (OSError, ValueError) as error:
-                raise ConnectFailed(
-                    f"{self.name} cannot run at {baudrate} baud: {error}", reason="silent"
-                ) from error
+        if self._line is not None and self.is_open:
+            self._line.set_baudrate(baudrate)
         self.baudrate = baudrate
 
-    def set_latency(self, seconds: float, rest: Rest | None = None) -> bool:
-        """Look for bytes every `seconds` only, and take all there is; 0 to wake for each delivery.
+    def set_polling(self, latency: float, schedule: Schedule | None) -> None:
+        """Poll the line instead of being woken for each delivery. Only serial lines are polled; others ignore it.
 
-        `rest`, asked before each pause, says when to look instead, as long as it says more than 0: for how many
-        seconds nothing can come that matters. It is told how late this look came, in seconds.
+        Being woken for each of a thousand deliveries a second costs more than decoding what they carry. The line is
+        polled after `schedule.rest` seconds, or every `latency` seconds where that is 0. What was read is held
+        until the first poll at or after the time that `schedule.hold` names, then handed over by one call of
+        `Receiver.data_received`; at most half a second and 32 KiB are held.
 
-        Returns whether it will: only a serial port can be looked at, others bring their bytes when they please.
+        Args:
+            latency: Seconds between two polls; 0 to be woken for each delivery.
+            schedule: Says when bytes are needed; None to poll every `latency` seconds and hold nothing.
         """
-        if isinstance(self._transport, _SerialTransport) and os.name == "posix":
-            self._transport.set_latency(seconds, rest)
-            return True
-        return False
+        if self._line is not None and self.is_open and not self._loop.is_closed():
+            self._line.set_polling(latency, schedule)
 
     def poll(self) -> None:
-        """Look for bytes now, whatever the latency."""
-        if isinstance(self._transport, _SerialTransport) and self.is_open:
-            self._transport.poll()
+        """Read what is there now, and hand over everything that is held."""
+        if self._line is not None and self.is_open and not self._loop.is_closed():
+            self._line.poll()
 
-    def will_close(self) -> None:
-        """Announce that somebody has seen to it that `close_soon` will be called: the end is no loss any more."""
+    def announce_close(self) -> None:
+        """Say that `close_soon` will be called: from now on the end of the line is no loss."""
         self._closing = True
 
     def close_soon(self) -> None:
-        """Write out what is pending and close the port, without waiting for it."""
-        self.will_close()
-        if self.is_open and self._transport is not None:
-            self._transport.close()
+        """Begin to write out what is pending and to close the port, without waiting for it."""
+        self._closing = True
+        if self.is_forked:
+            self._settle()
+        elif self._line is not None and self._loop.is_closed():
+            self._line.close_without_loop()
+            self.closed()
+        elif self.is_open and self._line is not None:
+            self._line.close()
+            self._close_timer = self._loop.call_later(CLOSE_TIMEOUT_S, self._line.abort)
 
     async def wait_closed(self) -> None:
-        """Return when the port is closed. Bounded, after which it is closed the hard way."""
-        await asyncio.wait([self._closed], timeout=CLOSE_TIMEOUT_S)
-        if not self._closed.done() and self._transport is not None:
-            self._transport.abort()
+        """Return when the port is closed, about a second after `close_soon` at the latest.
+
+        Cancelling ends only the waiting.
+        """
+        # A little more than the timer of `close_soon`, so that the end it forces is seen here.
+        await asyncio.wait([self._closed], timeout=1.1 * CLOSE_TIMEOUT_S)
 
     async def close(self) -> None:
         """Write out what is pending, close the port, and return when it is closed.
 
-        Cancelling it ends the waiting; the port is closed all the same.
+        Bounded, as `wait_closed`. Cancelling ends only the waiting; the port is closed all the same.
         """
         self.close_soon()
         await self.wait_closed()
 
-    def abandon(self, last_words: bytes) -> None:
-        """Write `last_words` and close, whether or not there still is a loop: for what nobody holds any more."""
-        if self._transport is None or self._closing:
+    def abandon(self, stop_requests: bytes, listens_at: float = 0.0) -> None:
+        """Finalizer of a session that was never closed: write `stop_requests` and close, even without a loop.
+
+        It blocks, for 50 ms at most, while the device does not listen. Does nothing in a forked child and on a port
+        that is closing. Never raises.
+
+        Args:
+            stop_requests: What stops laser and motor.
+            listens_at: When the device listens again, in seconds of the event loop's clock.
+        """
+        line = self._line
+        if line is None or self._closing or self.is_forked:
             return
         self._closing = True
-        self._write_without_loop(last_words)
-        if not self._loop.is_closed():
-            self._transport.close()
-            return
-        device = self._transport.get_extra_info("serial")
-        if device is not None:
-            device.close()
-        self._finish()
+        wait = min(listens_at - self.now() * 1e-9, LONGEST_WAIT_S)
+        if wait > 0:
+            time.sleep(wait)
+        line.write_without_loop(stop_requests)
+        _log.debug("%s was abandoned without being closed", self.name)
+        try:
+            # The garbage collector may run this in any thread.
+            self._loop.call_soon_threadsafe(line.close)
+        except RuntimeError:  # the loop was closed
+            line.close_without_loop()
+            self.closed()
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """As `asyncio.Protocol`."""
-        assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
+    def on_close(self, callback: Callable[[], None]) -> None:
+        """Have `callback` run once after the port was closed, e.g. to end a simulated device."""
+        self._on_close = callback
+
+    def on_loss(self, explain: Callable[[], DeviceLost | None]) -> None:
+        """Have `explain` asked why the line died, where whoever serves it may know better than the system."""
+        self._explain_loss = explain
+
+    # ------------------------------------------------------------------------------------- what the line calls
+
+    def now(self) -> int:
+        """The time in nanoseconds of the event loop's clock."""
+        return time.monotonic_ns() if self._exact else round(self._loop.time() * 1e9)
+
+    def connection_made(self, transport: asyncio.BaseTransport | Line) -> None:
+        """As `asyncio.Protocol`, with the line as the transport."""
+        assert isinstance(transport, Line)
+        self._line = transport
+        _log.debug("%s is open", self.name)
 
     def data_received(self, data: bytes) -> None:
-        """As `asyncio.Protocol`."""
-        now = self._now()
-        for tap in self.taps:
-            tap("in", data, now)
+        """As `asyncio.Protocol`: show what was read just now, and hand it over."""
+        if self.is_forked:
+            return
+        now = self.now()
+        self.show("in", data, now)
+        self.hand_over(data, now)
+
+    def show(self, direction: str, data: bytes, now: int) -> None:
+        """Show a chunk to the taps. A tap that raises is removed; nobody else notices."""
+        for tap in self._taps:
+            try:
+                tap(direction, data, now)
+            except Exception:
+                self.remove_tap(tap)
+                _log.warning("the tap %r of %s raised an exception and was removed", tap, self.name, exc_info=True)
+
+    def hand_over(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]] = ()) -> None:
+        """Hand bytes to the receiver, as `Receiver.data_received`."""
         if self._receiver is not None:
-            self._receiver.data_received(data, now)
+            self._receiver.data_received(data, now, arrivals)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """As `asyncio.Protocol`; the receiver is told what it means."""
+        """As `asyncio.Protocol`: the line is closed, and the receiver is told what it means.
+
+        Args:
+            exc: Why; a DeviceLost is passed on as it is, and is told even where the port was closed as asked.
+        """
+        error = exc if isinstance(exc, DeviceLost) else None
+        if error is None and self._explain_loss is not None:
+            error = self._explain_loss()
+        if error is None and not self._closing:
+            error = DeviceLost(f"{self.name} is gone: {exc or 'the other end closed it'}. Was it unplugged?")
+            error.__cause__ = exc
+        if error is not None:
+            _log.debug("%s is lost: %s", self.name, error)
         receiver, self._receiver = self._receiver, None
-        if receiver is not None:
-            error = None
-            if not self._closing:
-                error = DeviceLost(f"{self.name} is gone: {exc or 'the other end closed it'}. Was it unplugged?")
-                error.__cause__ = exc
-            receiver.connection_lost(error)
-        if not isinstance(self._transport, _SerialTransport):
+        try:
+            if receiver is not None:
+                receiver.connection_lost(error)
+        finally:
             self.closed()
 
     def closed(self) -> None:
-        """The file is closed; called by the transport."""
-        if not self._closed.done():
-            self._closed.set_result(None)
-            self._finish()
-
-    def on_close(self, callback: Callable[[], None]) -> None:
-        """Have `callback` run once after the port was closed, e.g. to end a simulator."""
-        self._on_close = callback
-
-    def _finish(self) -> None:
+        """End the waiting for the close, and run what `on_close` named. A failure of that is logged."""
+        self._settle()
         callback, self._on_close = self._on_close, None
-        if callback is not None:
+        if callback is None:
+            return
+        try:
             callback()
+        except Exception:
+            _log.warning("ending what serves %s failed", self.name, exc_info=True)
 
-    def _now(self) -> int:
-        return round(self._loop.time() * 1e9)
-
-    def _write_without_loop(self, data: bytes) -> None:
-        transport = self._transport
-        device: Any = None
-        if transport is not None:
-            device = transport.get_extra_info("serial") or transport.get_extra_info("socket")
-        with contextlib.suppress(OSError, ValueError, AttributeError, serial.SerialException):
-            os.write(device.fileno(), data)
-
-
-class _SerialTransport(serial_asyncio.SerialTransport):  # type: ignore[misc]
-    """pyserial-asyncio's transport: reads all there is, writes at once, and can look by the clock."""
-
-    def __init__(self, loop: asyncio.AbstractEventLoop, protocol: Port, device: serial.Serial) -> None:
-        super().__init__(loop, protocol, device)
-        self._port = protocol
-        self._max_read_size = _READ_SIZE
-        self._latency = 0.0
-        self._rest: Rest | None = None
-        self._timer: asyncio.TimerHandle | None = None
-
-    def set_latency(self, seconds: float, rest: Rest | None) -> None:
-        self._latency = seconds
-        self._rest = rest
-        self._stop_timer()
-        self._wait()
-
-    def poll(self) -> None:
-        if os.name == "posix":
-            self._take(readable=False)
-
-    def write(self, data: bytes) -> None:
-        if self._closing:
-            return
-        if os.name == "posix" and not self.get_write_buffer_size():
-            try:
-                data = data[os.write(self._serial.fileno(), data) :]
-            except BlockingIOError:
-                pass
-            except OSError as error:
-                self._close(error)
-                return
-        if data:
-            super().write(data)
-
-    def _look(self) -> None:
-        late = self._loop.time() - self._timer.when() if self._timer else 0.0
-        self._timer = None
-        try:
-            self._take(readable=False)
-        finally:
-            self._wait(late)
-
-    def _wait(self, late: float = 0.0) -> None:
-        """Wait for the next bytes: by the clock, or, where none of them may wait, for the very next delivery."""
-        if self._closing or self._timer is not None:
-            return
-        pause = 0.0 if self._rest is None else self._rest(late)
-        if pause <= 0:
-            pause = max(self._latency - _TIMER_S, self._latency / 2)
-        if pause > 0:
-            self._remove_reader()
-            self._timer = self._loop.call_later(pause, self._look)
-        else:
-            self._ensure_reader()
-
-    def _read_ready(self) -> None:
-        if os.name != "posix":
-            super()._read_ready()
-            return
-        self._take(readable=True)
-        if self._rest is not None:
-            self._wait()
-
-    def _take(self, *, readable: bool) -> None:
-        """Read all there is. A terminal that is readable and yet has nothing to read was hung up."""
-        handle = self._serial.fileno()
-        try:
-            data = os.read(handle, _READ_SIZE)
-            if not data and not readable and select.select([handle], [], [], 0)[0]:
-                data, readable = os.read(handle, _READ_SIZE), True
-        except BlockingIOError:
-            return
-        except OSError as error:
-            self._close(error)
-            return
-        if data:
-            self._protocol.data_received(data)
-        elif readable:
-            self._close(OSError("the line was hung up"))
-
-    def _stop_timer(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
-
-    def _close(self, exc: Exception | None = None) -> None:
-        self._stop_timer()
-        super()._close(exc)
-
-    def _abort(self, exc: Exception | None) -> None:
-        self._stop_timer()
-        super()._abort(exc)
-
-    def _call_connection_lost(self, exc: Exception | None) -> None:
-        if self._loop is None:
-            return
-        try:
-            super()._call_connection_lost(exc)
-        finally:
-            self._port.closed()
-
-
-async def open_serial(path: str, baudrate: int) -> Port:
-    """Open a serial port, for nobody else to open beside.
-
-    Raises:
-        ConnectFailed: Missing, forbidden, busy, or no serial port; the text says which.
-    """
-    shared_by_nature = is_pseudo_terminal(path)
-    if not shared_by_nature and next(holders(path), None):
-        raise busy(path)
-    device = serial.serial_for_url(path, do_not_open=True, baudrate=baudrate, exclusive=os.name == "posix" or None)
-    # Models without a motor command run while DTR is low; pyserial would raise it and stop them.
-    device.dtr = False
-    try:
-        device.open()
-        if os.name == "posix" and not shared_by_nature:
-            _refuse_others(device.fileno())
-        device.reset_input_buffer()
-    except (OSError, ValueError, serial.SerialException) as error:
-        device.close()
-        raise why_not_opened(path, error) from error
-    port = Port(path, baudrate)
-    transport = _SerialTransport(asyncio.get_running_loop(), port, device)
-    port.connection_made(transport)
-    return port
-
-
-async def open_tcp(name: str, host: str, number: int, baudrate: int = 0) -> Port:
-    """Connect to a serial line that somebody serves over TCP.
-
-    Raises:
-        ConnectFailed: Unknown host, refused, or no answer within five seconds.
-    """
-    loop = asyncio.get_running_loop()
-    port = Port(name, baudrate)
-    try:
-        async with asyncio.timeout(CONNECT_TIMEOUT_S):
-            await loop.create_connection(lambda: port, host, number)
-    except TimeoutError as error:
-        raise ConnectFailed(f"{name}: no answer within {CONNECT_TIMEOUT_S:g} s", reason="refused") from error
-    except OSError as error:
-        why = os.strerror(error.errno) if error.errno and error.errno > 0 else error.strerror or str(error)
-        raise ConnectFailed(f"{name}: {why}", reason="refused") from error
-    return port
-
-
-def _refuse_others(handle: int) -> None:
-    import fcntl
-    import termios
-
-    arguments: Any = (handle, termios.TIOCEXCL)
-    fcntl.ioctl(*arguments)
+    def _settle(self) -> None:
+        if self._close_timer is not None:
+            self._close_timer.cancel()
+            self._close_timer = None
+        if not self._closed.done() and not self._loop.is_closed():
+            self._closed.set_result(None)
+            _log.debug("%s is closed", self.name)

@@ -4,6 +4,9 @@ Three ways to get there: ``via=pty`` (the default where the system has pseudo-te
 real device takes, through the kernel and pyserial-asyncio; ``via=tcp`` the same through a socket; ``via=memory``
 hands the bytes over inside the event loop, on the loop's own clock, so that a test that drives the loop's time
 drives the device with it.
+
+An exception raised inside a simulated device, by a mistake in a user's world for instance, ends the line. It is the
+cause of the `DeviceLost` that the receiver is told.
 """
 
 from __future__ import annotations
@@ -11,9 +14,11 @@ from __future__ import annotations
 import asyncio
 import os
 
-from lidario.errors import ConnectFailed
+from lidario.errors import ConnectFailed, DeviceLost
 from lidario.families.registry import family_of_simulated
-from lidario.port.port import Port, open_serial, open_tcp
+from lidario.port.port import Line, Port
+from lidario.port.serial import open_serial
+from lidario.port.tcp import open_tcp
 from lidario.sim.device import SimulatedDevice
 from lidario.sim.faults import Faults, parse_faults
 from lidario.sim.serve import MemoryLine, PtyServer, TcpServer
@@ -67,22 +72,43 @@ async def open_simulated(source: Source) -> Port:
         server.close()
         raise
     port.name = source.text
+    port.on_loss(lambda: _why_lost(source.text, server))
     port.on_close(server.close)
     return port
 
 
 def connect_in_memory(device: SimulatedDevice, faults: Faults | None = None, *, name: str = "memory") -> Port:
-    """A port on `device`, without a kernel between them; needs a running event loop."""
+    """A port on `device`, without a kernel between them; needs a running event loop.
+
+    Args:
+        device: The device; any object that offers what `SimulatedDevice` does.
+        faults: What happens to its bytes on the way.
+        name: For messages.
+    """
     port = Port(name, device.baudrate)
     port.connection_made(_MemoryTransport(asyncio.get_running_loop(), port, MemoryLine(device, faults)))
     return port
 
 
-class _MemoryTransport(asyncio.Transport):
+def _failed(name: str, error: BaseException) -> DeviceLost:
+    lost = DeviceLost(f"the simulated device {name} failed: {type(error).__name__}: {error}")
+    lost.__cause__ = error
+    return lost
+
+
+def _why_lost(name: str, server: PtyServer | TcpServer) -> DeviceLost | None:
+    """The error of the device that `server` plays, if there was one."""
+    try:
+        server.close()
+    except RuntimeError as error:
+        return _failed(name, error.__cause__ or error)
+    return None
+
+
+class _MemoryTransport(Line):
     """Carries bytes between a port and a device on the clock of the loop."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, port: Port, line: MemoryLine) -> None:
-        super().__init__()
         self._loop = loop
         self._port = port
         self._line = line
@@ -93,9 +119,14 @@ class _MemoryTransport(asyncio.Transport):
     def is_closing(self) -> bool:
         return self._closing
 
-    def write(self, data: bytes | bytearray | memoryview) -> None:
-        if not self._closing:
-            self._line.write(bytes(data), self._now())
+    def write(self, data: bytes) -> None:
+        if self._closing:
+            return
+        try:
+            self._line.write(data, self._port.now())
+        except Exception as error:
+            self._end(_failed(self._port.name, error))
+        else:
             self._arm()
 
     def close(self) -> None:
@@ -104,24 +135,46 @@ class _MemoryTransport(asyncio.Transport):
     def abort(self) -> None:
         self._end(None)
 
-    def _now(self) -> int:
-        return round(self._loop.time() * 1e9)
+    def write_without_loop(self, data: bytes) -> None:
+        if self._closing:
+            return
+        try:
+            self._line.write(data, self._port.now())
+        except Exception as error:
+            if not self._loop.is_closed():
+                self._end(_failed(self._port.name, error))
+
+    def close_without_loop(self) -> None:
+        self._closing = True
 
     def _arm(self) -> None:
         """Look again when the device next has something to say, but at most once a tick."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        now = self._now()
-        due = self._line.wakeup(now)
-        if due is not None and not self._closing:
+        if self._closing:
+            return
+        now = self._port.now()
+        try:
+            due = self._line.wakeup(now)
+        except Exception as error:
+            self._end(_failed(self._port.name, error))
+            return
+        if due is not None:
             self._timer = self._loop.call_at(max(due, now + round(_TICK_S * 1e9)) * 1e-9, self._deliver)
 
     def _deliver(self) -> None:
         self._timer = None
-        now = self._now()
-        data = self._line.read(now)
-        if self._line.unplugged(now):
+        if self._port.is_forked:
+            return
+        now = self._port.now()
+        try:
+            data = self._line.read(now)
+            unplugged = self._line.unplugged(now)
+        except Exception as error:
+            self._end(_failed(self._port.name, error))
+            return
+        if unplugged:
             self._end(OSError("the line was unplugged"))
             return
         if data:

@@ -1,0 +1,71 @@
+"""Calls that block, kept off the event loop.
+
+Each runs in a thread of its own, which ends with the call. The loop's executor is not used: its threads stay until
+the loop is closed, and a call that hangs in a driver would keep the program from ending.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable
+from typing import TypeVar
+
+__all__ = ["run_in_thread"]
+
+T = TypeVar("T")
+
+
+async def run_in_thread(call: Callable[[], T], discard: Callable[[T], None] | None = None) -> T:
+    """Run `call` in a thread and return its result, or raise what it raises.
+
+    Cancelling ends the waiting, not the call. Its result is then passed to `discard`, so that nothing stays open
+    that nobody holds.
+
+    Args:
+        call: What blocks.
+        discard: Takes a result that comes too late; may be called in the thread.
+    """
+    loop = asyncio.get_running_loop()
+    future: asyncio.Future[T] = loop.create_future()
+
+    def throw_away(result: T) -> None:
+        if discard is not None:
+            discard(result)
+
+    def finish(result: T) -> None:
+        if future.done():
+            throw_away(result)
+        else:
+            future.set_result(result)
+
+    def fail(error: Exception) -> None:
+        if not future.done():
+            future.set_exception(error)
+
+    def work() -> None:
+        try:
+            result = call()
+        except Exception as error:
+            _tell(loop, fail, error)
+        else:
+            if not _tell(loop, finish, result):
+                throw_away(result)
+
+    threading.Thread(target=work, name="lidario: blocking call", daemon=True).start()
+    try:
+        return await future
+    except asyncio.CancelledError:
+        # The result may have come in the same iteration of the loop as the cancellation.
+        if future.done() and not future.cancelled() and future.exception() is None:
+            throw_away(future.result())
+        raise
+
+
+def _tell(loop: asyncio.AbstractEventLoop, callback: Callable[[T], None], value: T) -> bool:
+    """Have the loop call `callback`; False when the loop was closed."""
+    try:
+        loop.call_soon_threadsafe(callback, value)
+    except RuntimeError:
+        return False
+    return True

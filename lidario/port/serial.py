@@ -1,0 +1,247 @@
+"""A serial port: opening it for nobody else beside, reading, writing and closing.
+
+pyserial configures the port and pyserial-asyncio, used through its public names alone, writes what the operating
+system does not take at once. Its habits end here. It reads a kilobyte at a time; `_Reader` reads instead, all there
+is. It calls `connection_lost` before the port is closed; here the port is closed first. When it closes, it waits on
+the event loop until the last byte has left the adapter (`tcdrain`), and closing in the kernel waits for up to 30 s
+likewise; `_SerialLine.close` waits asynchronously and for a bounded time, then throws away what is left.
+
+On Windows pyserial-asyncio reads by its own polling, since no event loop there can wait for a serial port.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import os
+import threading
+
+import serial
+import serial_asyncio
+
+from lidario.errors import ConnectFailed
+from lidario.port.background import run_in_thread
+from lidario.port.diagnose import busy, held, is_pseudo_terminal, why_not_opened
+from lidario.port.port import Line, Port, Schedule
+from lidario.port.reading import Reader
+
+__all__ = ["open_serial"]
+
+_log = logging.getLogger("lidario")
+
+DRAIN_S = 0.5
+"""Longest time for which closing waits until the adapter has sent what was written."""
+_DRAIN_POLL_S = 0.002
+_POSIX = os.name == "posix"
+
+_FOREIGN: tuple[type[Exception], ...] = (OSError, ValueError, OverflowError)
+"""What pyserial and the system raise; pyserial's own exceptions are OSErrors."""
+if _POSIX:
+    import fcntl
+    import termios
+
+    # pyserial lets it through in places, and it is no OSError.
+    _FOREIGN = (*_FOREIGN, termios.error)
+
+
+async def open_serial(path: str, baudrate: int) -> Port:
+    """Open a serial port, for nobody else to open beside.
+
+    It is opened in a thread, since that takes up to tens of milliseconds. Cancelling leaves nothing open: a device
+    that opens too late is closed.
+
+    Args:
+        path: The device, as in ``/dev/ttyUSB0`` or ``COM3``.
+        baudrate: Speed in bits a second.
+
+    Raises:
+        ConnectFailed: Missing, forbidden, busy, or no serial port; the text says which.
+    """
+    device = await run_in_thread(lambda: _open(path, baudrate), _Device.close)
+    port = Port(path, baudrate)
+    port.connection_made(_SerialLine(asyncio.get_running_loop(), port, device))
+    return port
+
+
+class _Device(serial.Serial):  # type: ignore[misc]
+    """pyserial's port, without the wait that pyserial-asyncio makes on the event loop when it closes."""
+
+    def flush(self) -> None:
+        """Do nothing; `_SerialLine.close` has waited already. pyserial's own blocks until the last byte is out."""
+
+
+def _open(path: str, baudrate: int) -> _Device:
+    """Open and configure; blocks.
+
+    Raises:
+        ConnectFailed: As `open_serial`.
+    """
+    device = _Device()
+    try:
+        # A pseudo-terminal is held open by its other end.
+        shared = is_pseudo_terminal(path)
+        if not shared and held(path):
+            raise busy(path)
+        device.port, device.baudrate = path, baudrate
+        device.exclusive = _POSIX or None
+        # Models without a motor command run while DTR is low; pyserial would raise it and stop them.
+        device.dtr = False
+        device.open()
+        if _POSIX and not shared:
+            fcntl.ioctl(device.fileno(), termios.TIOCEXCL)
+        device.reset_input_buffer()
+    except _FOREIGN as error:
+        device.close()
+        raise why_not_opened(path, error) from error
+    return device
+
+
+class _SerialLine(Line):
+    """One open serial port: pyserial-asyncio's transport, with reading, direct writing and closing of our own."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, port: Port, device: _Device) -> None:
+        self._loop = loop
+        self._port = port
+        self._device = device
+        self._error: Exception | None = None
+        self._closing = False
+        self._drained_by = 0.0
+        self._timer: asyncio.TimerHandle | None = None
+        self._transport = serial_asyncio.SerialTransport(loop, _Events(self), device)
+        self._reader = Reader(loop, port, device.fileno(), self._lose) if _POSIX else None
+        if self._reader is not None:
+            # The transport has just queued its own start of reading; these two run after it.
+            loop.call_soon(self._transport.pause_reading)
+            loop.call_soon(self._reader.start)
+
+    def is_closing(self) -> bool:
+        return self._closing
+
+    def set_baudrate(self, baudrate: int) -> None:
+        try:
+            self._device.baudrate = baudrate
+            self._device.reset_input_buffer()
+        except _FOREIGN as error:
+            text = f"{self._port.name} cannot run at {baudrate} baud: {error}"
+            raise ConnectFailed(text, reason="silent") from error
+
+    def set_polling(self, latency: float, schedule: Schedule | None) -> None:
+        if self._reader is not None:
+            self._reader.set_polling(latency, schedule)
+
+    def poll(self) -> None:
+        if self._reader is not None:
+            self._reader.poll()
+
+    def write(self, data: bytes) -> None:
+        if _POSIX and not self._transport.get_write_buffer_size():
+            try:
+                data = data[os.write(self._device.fileno(), data) :]
+            except BlockingIOError:
+                pass
+            except OSError as error:
+                self._lose(error)
+                return
+        if data:
+            self._transport.write(data)
+
+    def write_without_loop(self, data: bytes) -> None:
+        with contextlib.suppress(*_FOREIGN):
+            if _POSIX:
+                os.write(self._device.fileno(), data)
+            else:
+                self._device.write(data)
+
+    def close(self) -> None:
+        if not self._closing and not self._port.is_forked:
+            self._stop()
+            self._drained_by = self._loop.time() + DRAIN_S
+            self._drain()
+
+    def abort(self) -> None:
+        if not self._port.is_forked:
+            self._stop()
+            self._discard_output()
+            self._transport.abort()
+
+    def close_without_loop(self) -> None:
+        self._closing = True
+        self._discard_output()
+        with contextlib.suppress(*_FOREIGN):
+            self._device.close()
+
+    def _lose(self, error: Exception) -> None:
+        """The line died."""
+        if not self._closing:
+            self._error = error
+            self.abort()
+
+    def _stop(self) -> None:
+        self._closing = True
+        if self._reader is not None:
+            self._reader.stop()
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _drain(self) -> None:
+        """Close once everything written has left, or when it has not left in time."""
+        self._timer = None
+        if not self._is_drained():
+            if self._loop.time() < self._drained_by:
+                self._timer = self._loop.call_later(_DRAIN_POLL_S, self._drain)
+            else:
+                _log.warning("%s: closed before all was sent, which took more than %g s", self._port.name, DRAIN_S)
+                self.abort()
+            return
+        self._transport.close()
+
+    def _is_drained(self) -> bool:
+        if self._transport.get_write_buffer_size():
+            return False
+        try:
+            return not self._device.out_waiting
+        except _FOREIGN:
+            return True  # unplugged: nothing will be sent any more
+
+    def _discard_output(self) -> None:
+        """Throw away what was not sent, or else closing waits for it."""
+        with contextlib.suppress(*_FOREIGN):
+            if not self._device.out_waiting:
+                return
+            self._device.reset_output_buffer()
+            if _POSIX and self._device.out_waiting:
+                # The driver cannot discard (usb-serial cannot), so the kernel makes the last close wait for up to
+                # 30 s. This duplicate is what is closed last, in a thread.
+                duplicate = os.dup(self._device.fileno())
+                threading.Thread(target=os.close, args=(duplicate,), name="lidario: close", daemon=True).start()
+
+    def lost(self, error: Exception | None) -> None:
+        """The transport has ended: hand over what was held, close the port, and say so."""
+        if self._reader is not None:
+            self._reader.hand_over()
+        with contextlib.suppress(*_FOREIGN):
+            self._device.close()
+        self._closing = True
+        self._port.connection_lost(self._error or error)
+
+    def received(self, data: bytes) -> None:
+        """The transport has read; only where there is no `Reader`, and before it has started."""
+        self._port.data_received(data)
+
+
+class _Events(asyncio.Protocol):
+    """What pyserial-asyncio tells of its transport."""
+
+    def __init__(self, line: _SerialLine) -> None:
+        self._line = line
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        pass
+
+    def data_received(self, data: bytes) -> None:
+        self._line.received(data)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._line.lost(exc)
