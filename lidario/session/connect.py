@@ -11,7 +11,9 @@ from lidario.errors import ConnectFailed, LidarError, ResponseTimeout
 from lidario.families.base import Device, Family
 from lidario.families.registry import FAMILIES, family_named, family_of_simulated
 from lidario.model import DeviceInfo
-from lidario.port.port import Port, open_serial, open_tcp
+from lidario.port.port import Port
+from lidario.port.serial import open_serial
+from lidario.port.tcp import open_tcp
 from lidario.session.dialogue import Dialogue
 from lidario.session.evidence import Residue
 from lidario.session.handshake import introduce
@@ -78,7 +80,7 @@ async def connect(source: Source, family: str | None = None, baudrate: int | Non
         port = await open_serial(source.address, tries[0].baudrate)
     patient = len(tries) == 1
     residue = Residue()
-    port.taps.append(residue.see)
+    port.add_tap(residue.see)
     try:
         for attempt in tries:
             connection = await _try(port, attempt, patient=patient)
@@ -86,7 +88,7 @@ async def connect(source: Source, family: str | None = None, baudrate: int | Non
                 return connection
         port.close_soon()
     finally:
-        port.taps.remove(residue.see)
+        port.remove_tap(residue.see)
         if port.is_closing:
             with anyio.CancelScope(shield=True):
                 await port.wait_closed()

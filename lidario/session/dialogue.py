@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
@@ -71,10 +71,16 @@ class Dialogue:
             for packets in early:
                 callback(packets)
 
-    def data_received(self, data: bytes, now: int) -> None:
+    def data_received(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]] = ()) -> None:
         """As `Receiver`. A mistake of ours ends the conversation: it must not leave readers waiting."""
         try:
-            self.link.receive_data(data, now)
+            begin = 0
+            if arrivals:
+                self.link.hold(now)
+            for end, at in arrivals:
+                self.link.receive_data(data[begin:end], at)
+                begin = end
+            self.link.receive_data(data[begin:], now)
             for event in self.link.events_received():
                 self._handle(event)
         except Exception as error:
@@ -202,7 +208,7 @@ class Dialogue:
 
     def hang_up(self) -> None:
         """Close the port: at once, or when the words of `halt` have been said where the device could hear them."""
-        self.port.will_close()
+        self.port.announce_close()
         if self._halt_again is None:
             self.port.close_soon()
         else:

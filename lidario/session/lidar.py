@@ -206,11 +206,11 @@ class Lidar:
     def tap(self, tap: Tap) -> None:
         """Have `tap` called with every chunk of raw bytes, in and out."""
         self._check_open()
-        self._dialogue.port.taps.append(tap)
+        self._dialogue.port.add_tap(tap)
 
     def untap(self, tap: Tap) -> None:
         """Take `tap` out again."""
-        self._dialogue.port.taps.remove(tap)
+        self._dialogue.port.remove_tap(tap)
 
     async def close(self) -> None:
         """Stop laser and motor and close the port; harmless when done before.

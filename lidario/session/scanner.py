@@ -80,7 +80,6 @@ class Scanner:
         self._keepalive: asyncio.TimerHandle | None = None
         self._restoring: asyncio.Task[None] | None = None
         self._pace: Pace | None = None
-        self._may_hold = False
         self._began = self._last_packet = self._last_scan = 0.0
         dialogue.on_lost = self._lost
 
@@ -172,7 +171,7 @@ class Scanner:
         self._dialogue.on_packets = self._take
         received = self._dialogue.link.stats.bytes_received
         self._pace = Pace(stream, self._dialogue.port.baudrate, self._latency, received)
-        self._may_hold = self._dialogue.port.set_latency(self._latency, self._rest)
+        self._dialogue.port.set_polling(self._latency, self._pace)
         self._watch()
         if stream.keepalive is not None:
             self._keepalive = self._loop.call_later(stream.keepalive.interval_s, self._keep_alive)
@@ -214,7 +213,7 @@ class Scanner:
                 timer.cancel()
         self._watchdog = self._keepalive = None
         if not self._loop.is_closed():
-            self._dialogue.port.set_latency(0)
+            self._dialogue.port.set_polling(0, None)
 
     def _take(self, packets: Packets) -> None:
         if self._assembler is None or self._pace is None:
@@ -224,14 +223,8 @@ class Scanner:
             self._last_scan = self._last_packet
             link = self._dialogue.link
             self._pace.turned(scan, link.stats.bytes_received, self._last_packet)
-            if self._may_hold:
-                link.hold(round(self._pace.hold(self._last_packet) * 1e9))
             self.latest = scan
             self.hub.publish(scan)
-
-    def _rest(self, late: float) -> float:
-        """Seconds for which nothing can come that matters."""
-        return 0.0 if self._pace is None else self._pace.rest(self._loop.time(), late)
 
     def _watch(self) -> None:
         stream = self.stream
