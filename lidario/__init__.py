@@ -58,6 +58,7 @@ __all__ = [
     "Lidar",
     "LidarError",
     "LocalProtocolError",
+    "OpenLidar",
     "PortInfo",
     "ProtocolError",
     "RemoteProtocolError",

@@ -105,7 +105,7 @@ def test_the_rules_see_the_whole_package() -> None:
     link = ours(PACKAGE / "wire" / "link.py")
     assert {"lidario.errors", "lidario.wire.buffer", "lidario.wire.formats"} <= link
     assert "lidario.families.rplidar" in ours(PACKAGE / "families" / "registry.py")
-    assert "serial" in foreign(PACKAGE / "port" / "port.py")
+    assert "serial" in foreign(PACKAGE / "port" / "serial.py")
 
 
 @every_file
@@ -128,7 +128,7 @@ def test_input_and_output_begin_at_the_port(path: Path) -> None:
 
 def test_serial_ports_are_known_in_two_places() -> None:
     users = {named(path) for path in FILES if foreign(path) & {"serial", "serial_asyncio"}}
-    assert users == {"port/port.py", "session/discovery.py"}
+    assert users == {"port/serial.py", "session/discovery.py"}
 
 
 @pytest.mark.parametrize("path", sorted((PACKAGE / "wire").glob("*.py")), ids=named)

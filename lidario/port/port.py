@@ -257,7 +257,7 @@ class Port(asyncio.Protocol):
         """Finalizer of a session that was never closed: write `stop_requests` and close, even without a loop.
 
         It blocks, for 50 ms at most, while the device does not listen. Does nothing in a forked child and on a port
-        that is closed. Never raises.
+        that is closed already. Never raises.
 
         Args:
             stop_requests: What stops laser and motor.

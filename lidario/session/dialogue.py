@@ -1,8 +1,8 @@
 """Requests and responses of one device, with the timing the device demands.
 
-Between `Link`, which knows no time, and `Scanner`, which knows no bytes. It runs the scripts of a family, one request
-at a time. A request is written only when the device listens: when the time that the last request needs has passed,
-and no response is outstanding. A device discards what comes earlier and does not say so.
+Between `Link`, which knows no time, and `Scanner`, which knows no bytes. It runs the scripts of a family, one
+request at a time. A request is written only when the device listens: when the time that the last request needs
+has passed, and no response is outstanding. A device discards what comes earlier and does not say so.
 
 Whatever an operation waits for, it waits for one future. So `interrupt`, a dead port and the end of the session
 end it at once. Timers, not cancel scopes, bound the waiting: native cancellation and anyio's behave alike.
@@ -35,7 +35,7 @@ T = TypeVar("T")
 _log = logging.getLogger("lidario")
 
 _EARLY_LIMIT = 64
-"""Runs of packets kept between the descriptor of a stream and the moment its reader is named, one step of the loop."""
+"""Runs of packets kept from the descriptor of a stream until its reader is named, one step of the loop later."""
 RESPONSE_S = 0.02
 """Time in which a healthy device has responded."""
 _MARGIN_S = 0.005
@@ -287,15 +287,15 @@ class Dialogue:
     async def close(self) -> None:
         """As `hang_up`, and return when the port is closed.
 
-        The waiting is bounded and shielded from anyio's cancellation. A second native cancellation ends the waiting,
-        not what timers go on with.
+        The waiting is bounded and shielded from anyio's cancellation. A second native cancellation ends the
+        waiting, not what timers go on with.
         """
         self.hang_up()
         with anyio.CancelScope(shield=True):
             await self._port.wait_closed()
 
     def abandon(self) -> None:
-        """Leave the device still and close the port, with or without a running loop: for finalizers. Blocks shortly."""
+        """Leave the device still and close the port, even without a loop: for finalizers. Blocks shortly."""
         self.stopper.cancel()
         requests = () if self.stopper.still else self.stopper.requests()
         # A response that is outstanding is not received any more. A healthy device has sent it after this time.

@@ -13,6 +13,7 @@ from typing import Final
 
 from lidario.errors import ConnectFailed, LidarError
 from lidario.model import DeviceInfo
+from lidario.port.background import run_in_thread
 from lidario.session.connect import connect
 from lidario.source import Source
 
@@ -90,7 +91,8 @@ async def list_lidars(paths: tuple[str, ...] = ()) -> list[Found]:
     A device that streams is stopped by this.
     """
     named = {path: PortInfo(path, "", "", "") for path in paths}
-    ports = list(named.values()) or [port for port in list_serial_ports() if port.adapter]
+    # Off the loop: it reads a few files of each port.
+    ports = list(named.values()) or [port for port in await run_in_thread(list_serial_ports) if port.adapter]
     return [await _ask(port) for port in ports]
 
 
@@ -111,7 +113,10 @@ async def find_source(source: Source) -> Source:
         best = answering[0]
         family = best.info.family if best.info else ""
         return Source(best.port.path, "serial", best.port.path, {"baud": str(best.baudrate), "family": family})
-    raise _none(source, found) if not answering else _several(answering)
+    if answering:
+        raise _several(answering)
+    others = [] if found else [port.path for port in await run_in_thread(list_serial_ports)]
+    raise _none(source, found, others)
 
 
 async def _ask(port: PortInfo) -> Found:
@@ -123,10 +128,9 @@ async def _ask(port: PortInfo) -> Found:
     return Found(port, connection.info, connection.port.baudrate, "")
 
 
-def _none(source: Source, found: list[Found]) -> ConnectFailed:
+def _none(source: Source, found: list[Found], others: list[str]) -> ConnectFailed:
     what = f"no lidar with serial number {source.address}" if source.kind == "id" else "no lidar found"
     if not found:
-        others = [port.path for port in list_serial_ports()]
         tried = "no port has an adapter that lidars come with"
         cure = f"; name the port if it is one of {', '.join(others)}" if others else ". Is it plugged in?"
         return ConnectFailed(f"{what}: {tried}{cure}", reason="missing")

@@ -1,11 +1,11 @@
 """The session with one device: what a user holds.
 
-Every method that talks to the device may be called in any state, and by several tasks at once. While streams run, it
-interrupts them, asks, and has them started again: the readers see a longer step between two time stamps, and
+Every method that talks to the device may be called in any state, and by several tasks at once. While streams run,
+it interrupts them, asks, and has them started again: the readers see a longer step between two time stamps, and
 `Stats.interruptions` counts it. A question that needs no request, or is refused, interrupts nothing.
 
-However a session ends, the stop requests are written: before anything is awaited, or, where the device does not listen
-at that moment, by a timer some milliseconds later.
+However a session ends, the stop requests are written: before anything is awaited, or, where the device does not
+listen at that moment, by a timer some milliseconds later.
 """
 
 from __future__ import annotations
@@ -121,9 +121,9 @@ class Lidar:
     async def stop(self) -> None:
         """Stop laser and motor and end every stream; returns when the line is quiet. The session stays open.
 
-        Every reader ends at once, also one whose stream is just being started. The stop requests are written before
-        anything is awaited, or, where the device does not listen at that moment, by a timer. Cancelling ends only the
-        waiting.
+        Every reader ends at once, also one whose stream is just being started. The stop requests are written
+        before anything is awaited, or, where the device does not listen at that moment, by a timer. Cancelling
+        ends only the waiting.
         """
         self._check_open()
         await self._scanner.stop()
@@ -230,9 +230,9 @@ class Lidar:
     async def close(self) -> None:
         """Stop laser and motor and close the port; returns when it is closed. Harmless when done before.
 
-        Everything else ends with SessionClosed at once: readers, questions, a stream that is being started. The stop
-        requests are written before anything is awaited, or, where the device does not listen at that moment, by a
-        timer; so cancelling it ends only the waiting.
+        Everything else ends with SessionClosed at once: readers, questions, a stream that is being started. The
+        stop requests are written before anything is awaited, or, where the device does not listen at that moment,
+        by a timer; so cancelling it ends only the waiting.
         """
         if not self._closed:
             self._closed = True

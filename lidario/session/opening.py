@@ -94,9 +94,9 @@ def open_lidar(
             memory and lives on the event loop's clock.
         family: Name of its family; None to find out.
         baudrate: Speed of the line; None to find out.
-        latency: Seconds by which a scan may be late because the port is polled only from time to time while a stream
-            runs. With 0 the program is woken for each delivery from shortly before the end of a revolution until it
-            has come; before that, at any setting, as seldom as the kernel's buffer allows.
+        latency: Seconds by which a scan may be late because the port is polled only from time to time while a
+            stream runs. With 0 the program is woken for each delivery from shortly before the end of a revolution
+            until it has come; before that, at any setting, as seldom as the kernel's buffer allows.
         keep_spinning: Leave the motor on when the session ends; only the measuring stops.
 
     Raises:

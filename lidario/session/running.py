@@ -1,8 +1,8 @@
 """One started stream, from its descriptor to its end: packets become scans, and somebody watches that they come.
 
-`begin` takes the packets over, those included that came with the descriptor. `end` lets go of everything: no timer is
-left, and the port is polled no more. Between them two things are watched: that packets come, and that they make full
-revolutions. What must be repeated to keep the device going is repeated.
+`begin` takes the packets over, those included that came with the descriptor. `end` lets go of everything: no
+timer is left, and the port is polled no more. Between them two things are watched: that packets come, and that
+they make full revolutions. What must be repeated to keep the device going is repeated.
 
 `Scanner` makes one of these for each start and holds at most one.
 """

@@ -1,12 +1,12 @@
 """The stream of one device: who wants it, and what is done so that it runs, pauses and ends.
 
-Readers only say that they want scans (`join`) and that they do not any more (`leave`, `linger`). One task, which the
-session owns, brings the stream up: so cancelling a reader, or a query, never ends other people's streams. Where the
-stream stands is one `State`, and every step is in the table of `states`.
+Readers only say that they want scans (`join`) and that they do not any more (`leave`, `linger`). One task, which
+the session owns, brings the stream up: so cancelling a reader, or a query, never ends other people's streams.
+Where the stream stands is one `State`, and every step is in the table of `states`.
 
-One operation at a time talks to the device and holds the lock: the start of a stream, a query, a reset. Stopping does
-not wait for it. `leave` and `stop` end a start in progress at once, and the stop requests are written as soon as the
-device listens. `close` ends every operation at once.
+One operation at a time talks to the device and holds the lock: the start of a stream, a query, a reset. Stopping
+does not wait for it. `leave` and `stop` end a start in progress at once, and the stop requests are written as
+soon as the device listens. `close` ends every operation at once.
 """
 
 from __future__ import annotations
@@ -336,7 +336,7 @@ class Scanner:
             raise StreamFailed(f"the device goes on sending after {STOP_ATTEMPTS} STOP requests: is it listening?")
 
     def _unwant(self) -> None:
-        """Nobody wants the stream: write the stop requests as soon as the device listens. Never blocks or raises."""
+        """Nobody wants the stream: stop the device as soon as it listens. Never blocks or raises."""
         if self._state is State.CLOSED:
             return
         self._go(Event.UNWANT)

@@ -1,12 +1,12 @@
 """Leaving the device still: which requests do it, when they are written, and what follows.
 
-The stop requests are written once, at the first moment at which the device listens. Mostly that is now: then they have
-reached the operating system before `stop` returns. Else a timer writes them, which no cancellation reaches. A response
-that is outstanding is waited for no longer than `PATIENCE_S`. While nothing was sent since that could set the device
-in motion, it is still, and they are not written again.
+The stop requests are written once, at the first moment at which the device listens. Mostly that is now: then they
+have reached the operating system before `stop` returns. Else a timer writes them, which no cancellation reaches.
+A response that is outstanding is waited for no longer than `PATIENCE_S`. While nothing was sent since that could
+set the device in motion, it is still, and they are not written again.
 
-When the session ends, the line is listened to after them: a device that goes on sending has not heard them, and they
-are written again before the port is closed.
+When the session ends, the line is listened to after them: a device that goes on sending has not heard them, and
+they are written again before the port is closed.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class Stopper:
         self._hanging_up = False
 
     def requests(self) -> tuple[Request, ...]:
-        """What leaves the device still: laser off, and the motor unless it shall go on. Nothing else chooses them."""
+        """What leaves the device still: laser off, and the motor too unless it shall go on. Chosen here alone."""
         return (self._device.stop(),) if self.keep_spinning else self._device.halt()
 
     def sent(self, request: Request) -> None:
@@ -118,8 +118,9 @@ class Stopper:
             self._close_when_quiet(ATTEMPTS)
 
     async def written(self) -> None:
-        """Return when the stop requests are written or the port is dead. It takes less than `PATIENCE_S` and a pause."""
-        while self.wanted and self._timer is not None and self._writer.is_open:
+        """Return when the stop requests are written, or the port is dead; after 0.6 s at most."""
+        # A timer that is late or put off makes another round; nothing can wake this too early or never.
+        while self.wanted and self._timer is not None and self._writer.is_open:  # noqa: ASYNC110
             await asyncio.sleep(max(0.0, self._timer.when() - self._loop.time()))
 
     def hang_up(self) -> None:

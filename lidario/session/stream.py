@@ -156,11 +156,12 @@ class ScanStream:
 
     The device begins to scan at the first ``await``. Used as a context manager the stream is left at the end of
     the block, and the last stream to be left stops laser and motor. A stream that nobody holds any more, as after
-    ``break`` out of ``async for scan in lidar.scans()``, is left by itself, and the device stops within two seconds.
+    ``break`` out of ``async for scan in lidar.scans()``, is left by itself, and the device stops within two
+    seconds.
 
     Iteration ends when `Lidar.stop` is called. It raises `StreamFailed` when the device falls silent, makes no
-    revolutions or cannot be started (the session goes on), `DeviceLost` when the port died, and `SessionClosed` when
-    the session is closed by another task.
+    revolutions or cannot be started (the session goes on), `DeviceLost` when the port died, and `SessionClosed`
+    when the session is closed by another task.
 
     Cancelling ``__anext__`` loses no scan, and does not end the stream.
     """
@@ -219,7 +220,7 @@ class ScanStream:
             await self._source.left()
 
     def release(self) -> None:
-        """Leave the stream; the last one to be left stops laser and motor a second later, if none was begun since."""
+        """Leave the stream; the last one to be left stops laser and motor a second later, unless one was begun."""
         if self._leave():
             self._source.linger(self._mailbox)
 

@@ -62,7 +62,7 @@ MOVING = ("stop", "reset", "scan", "force_scan", "express_scan", "motor_speed_ct
 
 
 def left_still(rig: Rig) -> bool:
-    """Whether laser and motor are off, and the last request that could have moved the device was one that stops it."""
+    """Whether laser and motor are off, and the last request that could move the device was one that stops it."""
     moved = [name for name in names(rig, obeyed=True) if name in MOVING]
     return not rig.device.scanning and not rig.device.motor_on and moved[-1] in ("stop", "reset")
 
