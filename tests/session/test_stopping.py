@@ -1,0 +1,261 @@
+"""Stopping: at every moment, by every way, the device is still, waiters end at once, and no request is discarded."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+from collections.abc import Awaitable, Callable
+
+import pytest
+
+from lidario import Lidar, SessionClosed
+from tests.support.devices import Rig, both_families, discarded, left_still, make_rig, names, take
+from tests.support.loop import DrivenLoop, driven
+
+MOMENTS_S = [n * 1e-3 for n in range(0, 60, 2)]
+AT_ONCE_S = 1e-6
+
+
+def now() -> float:
+    return asyncio.get_running_loop().time()
+
+
+@both_families
+@pytest.mark.parametrize("known", [False, True], ids=["modes asked now", "modes known"])
+@driven
+async def test_stop_while_a_stream_is_started(family: str, known: bool) -> None:
+    for moment in MOMENTS_S:
+        rig = make_rig(family)
+        async with rig.open(keep_spinning=False) as lidar:
+            if known:
+                await lidar.get_modes()
+            reading = asyncio.ensure_future(lidar.scans().__anext__())
+            await asyncio.sleep(moment)
+            stopped = asyncio.ensure_future(lidar.stop())
+            await asyncio.sleep(0.2)
+            assert stopped.done(), moment
+            assert reading.done(), f"stopped after {moment} s, and the reader still waits"
+            assert isinstance(reading.exception(), StopAsyncIteration)
+            await asyncio.sleep(6.0)
+            assert left_still(rig), (moment, names(rig)[-4:])
+            assert not lidar.is_scanning
+        assert not discarded(rig)
+
+
+async def ask(lidar: Lidar) -> object:
+    return await lidar.get_health()
+
+
+async def ask_for_modes(lidar: Lidar) -> object:
+    return await lidar.get_modes()
+
+
+async def start(lidar: Lidar) -> object:
+    return await lidar.scan()
+
+
+@both_families
+@pytest.mark.parametrize("work", [ask, ask_for_modes, start])
+@driven
+async def test_close_ends_what_another_task_waits_for(family: str, work: Callable[[Lidar], Awaitable[object]]) -> None:
+    for moment in MOMENTS_S:
+        rig = make_rig(family)
+        rig.device.answer_delay_s = 0.02
+        lidar = await rig.open()
+        working = asyncio.ensure_future(work(lidar))
+        await asyncio.sleep(moment)
+        if working.done():
+            await lidar.close()
+            continue
+        ended: list[float] = []
+        working.add_done_callback(lambda _, ended=ended: ended.append(now()))
+        closed_at = now()
+        await lidar.close()
+        with pytest.raises(SessionClosed):
+            await working
+        assert ended[0] - closed_at < AT_ONCE_S, moment
+        assert left_still(rig), moment
+        assert not discarded(rig)
+
+
+@both_families
+@driven
+async def test_every_stop_is_followed_by_the_pause_it_demands(family: str) -> None:
+    """A start is cancelled at every step, and the next request is written as soon as the session allows."""
+    loop = asyncio.get_running_loop()
+    assert isinstance(loop, DrivenLoop)
+    for steps in range(1, 60):
+        rig = make_rig(family)
+        async with rig.open() as lidar:
+            async with lidar.scans() as stream:
+                starting = asyncio.ensure_future(stream.__anext__())
+                for _ in range(steps):
+                    await asyncio.sleep(0)
+                starting.cancel()
+            assert await lidar.set_scan_frequency(9.0) == pytest.approx(9.0)
+            assert await lidar.get_scan_frequency() == pytest.approx(9.0)
+            assert (await take(lidar, 2))[-1].rpm == pytest.approx(540, rel=0.02)
+        assert not discarded(rig), steps
+
+
+@both_families
+@driven
+async def test_the_stop_requests_are_written_once(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        await take(lidar, 2)
+        heard = len(rig.device.log)
+    assert left_still(rig)
+    assert names(rig)[heard:] == []
+    obeyed = [each.name for each in rig.device.log]
+    began = max(at for at, name in enumerate(obeyed) if "scan" in name)
+    expected = ["motor_speed_ctrl", "stop"] if family == "rplidar" else ["forced_stop", "stop"]
+    assert obeyed[began + 1 :] == expected
+
+
+@both_families
+@driven
+async def test_a_stream_left_by_break_stops_the_device_within_two_seconds(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        async for _ in lidar.scans():
+            break
+        gc.collect()
+        assert rig.device.scanning
+        await asyncio.sleep(2.0)
+        assert left_still(rig)
+        assert not lidar.is_scanning
+        assert len(await take(lidar, 2)) == 2
+    assert not discarded(rig)
+
+
+@both_families
+@driven
+async def test_single_scans_in_a_row_do_not_restart_the_rotor(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        scans = [await lidar.scan() for _ in range(5)]
+        assert [scan.seq for scan in scans] == [0, 1, 2, 3, 4]
+        assert sum("scan" in name for name in names(rig)) == 1
+        await lidar.get_health()
+        assert lidar.stats.interruptions == 1
+        await asyncio.sleep(2.0)
+        assert left_still(rig)
+    assert not discarded(rig)
+
+
+@both_families
+@driven
+async def test_a_question_without_a_request_interrupts_nothing(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        heard = len(rig.device.log)
+        refused: list[Awaitable[object]] = [lidar.set_scan_frequency(float("nan"))]
+        if family == "ydlidar":
+            refused += [lidar.set_scan_frequency(4.9), lidar.get_sample_rate()]
+            await lidar.get_scan_frequency_range()
+            await lidar.set_zero_offset(False)
+        else:
+            refused += [lidar.get_zero_offset(), lidar.set_zero_offset(True), lidar.set_power_down_protection(True)]
+        for each in refused[1:] if family == "rplidar" else refused:
+            with pytest.raises(Exception, match=r".+"):
+                await each
+        if family == "rplidar":
+            refused[0].close()  # type: ignore[attr-defined]  # that one asks for the device's limits
+        assert lidar.stats.interruptions == 0
+        assert len(rig.device.log) == heard
+        assert (await anext(stream)).seq == 1
+
+
+@both_families
+@driven
+async def test_a_tap_that_raises_costs_nothing(family: str, caplog: pytest.LogCaptureFixture) -> None:
+    rig = make_rig(family)
+    calls: list[str] = []
+
+    def broken(direction: str, data: bytes, at: int) -> None:
+        calls.append(direction)
+        raise RuntimeError("a full disk")
+
+    async with rig.open() as lidar:
+        before = lidar.stats.bytes_received
+        lidar.tap(broken)
+        assert len(await take(lidar, 2)) == 2
+        assert len(calls) == 1
+        assert lidar.stats.bytes_received > before
+        lidar.tap(broken)
+    assert left_still(rig)
+    assert "a full disk" in caplog.text
+
+
+@driven
+async def test_the_first_packets_of_a_stream_are_kept() -> None:
+    """They come in the same chunk as the descriptor, before anybody could be named to take them."""
+    rig = make_rig("rplidar")
+    async with rig.open() as lidar:
+        taken: list[int] = []
+        async with lidar.scans() as stream:
+            transmit = rig.device.transmit
+            held = bytearray()
+
+            def late(at: int) -> bytes:
+                # What the device sends after the descriptor is delivered with it, as by a slow adapter.
+                data: bytes = transmit(at)
+                held.extend(data)
+                if rig.device.scanning and len(held) < 2000:
+                    return b""
+                data = bytes(held)
+                held.clear()
+                return data
+
+            rig.device.transmit = late
+            await anext(stream)
+            running = lidar._scanner._running
+            assert running is not None
+            taken.append(lidar._scanner.totals.assembled.scans)
+            packets = lidar.stats.packets
+        assert packets * 40 >= 3200
+        assert lidar.stats.lost_packets == 0
+
+
+@both_families
+@driven
+async def test_stop_in_every_state_and_twice_at_once(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        await asyncio.gather(lidar.stop(), lidar.stop())
+        stream = lidar.scans()
+        await anext(stream)
+        await asyncio.gather(lidar.stop(), lidar.stop())
+        assert left_still(rig)
+        await asyncio.gather(lidar.close(), lidar.close())
+    assert not discarded(rig)
+
+
+@both_families
+@driven
+async def test_a_cancelled_reader_does_not_end_its_stream(family: str) -> None:
+    rig = make_rig(family)
+    rig.device.spin_up_s = 2.0
+    async with rig.open() as lidar, lidar.scans() as stream:
+        for _ in range(20):
+            with pytest.raises(TimeoutError):
+                async with asyncio.timeout(0.05):
+                    await anext(stream)
+        assert (await anext(stream)).seq == 0
+        assert sum("scan" in name for name in names(rig)) == 1
+
+
+@both_families
+@driven
+async def test_a_session_that_is_dropped_leaves_the_device_still(family: str) -> None:
+    rig: Rig = make_rig(family)
+    lidar = await rig.open()
+    stream = lidar.scans()
+    await anext(stream)
+    del lidar, stream
+    gc.collect()
+    await asyncio.sleep(0.1)
+    assert left_still(rig)
+    assert not discarded(rig)
