@@ -17,17 +17,15 @@ demo: $(READY)  ## live scans of a simulated lidar, as bytes through a real pseu
 	$(BIN)/lidario info sim://rplidar-s2
 	$(BIN)/lidario scan sim://rplidar-s2 -n $(SCANS)
 
-test: $(READY)  ## the tests
-	$(BIN)/python -m pytest
+test: $(READY)  ## the tests, on every core; the longest ones shortened
+	$(BIN)/python -m pytest -n auto
 
-check: $(READY)  ## lint, format, types, and the tests under coverage
+check: $(READY)  ## lint, format, types, and all tests at full length under coverage
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/coverage erase
-	$(BIN)/coverage run -m pytest
-	$(BIN)/coverage combine --quiet
-	$(BIN)/coverage report
+	$(BIN)/pyright
+	$(BIN)/python -m pytest -n auto --exhaustive --cov --cov-report=term-missing:skip-covered
 
 bench: $(READY)  ## the benchmarks, beside their rivals; see benchmarks/README.md
 	$(BIN)/python -m benchmarks

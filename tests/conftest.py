@@ -1,33 +1,73 @@
-"""Hypothesis runs the same examples every time and takes the time it needs; ``--soak`` lengthens the slow tests.
+"""How long tests run: short by default, long with ``--exhaustive``, ``--soak`` and ``HYPOTHESIS_PROFILE=search``.
 
-``HYPOTHESIS_PROFILE=search`` makes it look for new examples, many of them.
+- ``--exhaustive`` (`make check`): tests marked ``exhaustive`` go through all that they can, not through a sample;
+  property tests try twice as many examples.
+- ``--soak SECONDS``: how long tests at true pace run.
+- Hypothesis runs the same examples every time; ``HYPOTHESIS_PROFILE=search`` searches for new ones, many of them.
 """
 
+import inspect
 import os
-import sys
+import platform
+import re
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+from tests.support.leaks import leaves_no_task, leaves_nothing
 
 NEVER_MIND = (HealthCheck.too_slow, HealthCheck.data_too_large)
 
 settings.register_profile("ci", deadline=None, derandomize=True, max_examples=40, suppress_health_check=NEVER_MIND)
 settings.register_profile("search", deadline=None, max_examples=1500, suppress_health_check=NEVER_MIND)
-settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
+settings.register_profile("sample", settings.get_profile("ci"), max_examples=20)
 
-# Pseudo-terminals, signals and /proc: these tests are about what only such systems have.
-LINUX_ONLY = [
-    "cli/test_ending.py",
-    "cli/test_sim.py",
-    "sim/test_serve.py",
-    "port/test_diagnose.py",
-    "port/test_port.py",
-]
-collect_ignore = [] if sys.platform == "linux" else LINUX_ONLY
+NEEDS_LINUX = re.compile(
+    r"^\s*(import|from) (pty|tty|termios|fcntl|resource)\b|PtyServer|tests\.support\.terminals|/proc/"
+    r"|import .*\bserved\b",
+    re.MULTILINE,
+)
+"""Pseudo-terminals at any baud rate, signals between processes, /proc: what only Linux has."""
+
+
+def pytest_ignore_collect(collection_path: Path) -> bool | None:
+    """Elsewhere, leave out the test modules that are about what only Linux has."""
+    if platform.system() == "Linux" or not re.fullmatch(r"test_\w+\.py", collection_path.name):
+        return None
+    return True if NEEDS_LINUX.search(collection_path.read_text(encoding="utf-8")) else None
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--soak", type=float, default=3.0, help="seconds that tests at true pace run")
+    parser.addoption("--soak", type=float, default=1.0, help="seconds that tests at true pace run")
+    parser.addoption("--exhaustive", action="store_true", help="tests marked exhaustive at full length")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    profile = "ci" if config.getoption("--exhaustive") else "sample"
+    settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", profile))
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Give tests marked ``exhaustive`` their sample, or all of it."""
+    full = metafunc.config.getoption("--exhaustive")
+    for mark in metafunc.definition.iter_markers("exhaustive"):
+        metafunc.parametrize(mark.args[0], mark.kwargs["full" if full else "sample"])
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Have async tests watched by `leaves_no_task`."""
+    for item in items:
+        if isinstance(item, pytest.Function) and inspect.iscoroutinefunction(item.obj):
+            item.obj = leaves_no_task(item.obj)
+
+
+@pytest.fixture(autouse=True)
+def _tidy() -> Iterator[None]:
+    """No test leaves a thread or a file descriptor behind."""
+    with leaves_nothing():
+        yield
 
 
 @pytest.fixture

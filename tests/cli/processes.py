@@ -1,5 +1,8 @@
 """Running the command: in this process, or as one of its own; and a simulated device whose log can be read.
 
+`invoke_driven` is for simulated devices in memory. The clock is driven, so the command waits for nothing, and how
+busy the machine is decides nothing: on a true clock, a scan that takes long to print lets the next one be dropped.
+
 No test waits for `BOUND` unless something is broken: it only turns a hang into a failure.
 """
 
@@ -15,14 +18,16 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO
 
+import pytest
 from click.testing import CliRunner, Result
 
 from lidario.cli.main import cli
+from lidario.cli.output import Writer, emit
 from lidario.families.registry import family_of_simulated
-from lidario.sim.faults import parse_faults
 from lidario.sim.serve import PtyServer
+from tests.support.loop import DrivenLoop
 
-__all__ = ["BOUND", "ROOT", "invoke", "line_of", "run", "served", "started", "until"]
+__all__ = ["BOUND", "ROOT", "invoke", "invoke_driven", "line_of", "run", "served", "started", "until"]
 
 BOUND = 60.0
 ROOT = Path(__file__).parents[2]
@@ -31,6 +36,15 @@ ROOT = Path(__file__).parents[2]
 def invoke(*arguments: str) -> Result:
     """Run the command in this process."""
     return CliRunner().invoke(cli, list(arguments), env={"COLUMNS": "80", "NO_COLOR": "1"})
+
+
+def invoke_driven(*arguments: str) -> Result:
+    """Run the command in this process, on a driven clock; for sources with ``via=memory`` alone."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("asyncio.events.new_event_loop", DrivenLoop)
+        # A driven clock does not wait for the thread that usually writes.
+        patch.setattr(Writer, "write", _write_at_once)
+        return invoke(*arguments)
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -60,10 +74,11 @@ def started(*arguments: str) -> Iterator[subprocess.Popen[str]]:
 
 
 @contextlib.contextmanager
-def served(model: str, faults: str = "", seed: int = 0) -> Iterator[PtyServer]:
-    """A simulated device on a pseudo-terminal, in this process."""
-    device = family_of_simulated(model).simulate(model, world=None, serial=None, seed=seed)
-    with PtyServer(device, faults=parse_faults(faults) if faults else None) as server:
+def served(model: str) -> Iterator[PtyServer]:
+    """A simulated device on a pseudo-terminal, in this process; its rotor needs no time to speed up."""
+    device = family_of_simulated(model).simulate(model, world=None, serial=None, seed=0)
+    device.spin_up_s = 0.0  # type: ignore[attr-defined]
+    with PtyServer(device) as server:
         yield server
 
 
@@ -80,6 +95,10 @@ def until(condition: Callable[[], object]) -> None:
     while not condition():
         assert time.monotonic() < deadline, "it never came to be"
         time.sleep(0.01)
+
+
+async def _write_at_once(writer: Writer, text: str) -> None:
+    emit(text)
 
 
 def _environment() -> dict[str, str]:

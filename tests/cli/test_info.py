@@ -7,14 +7,14 @@ import json
 import pytest
 
 from lidario.families.registry import FAMILIES
-from tests.cli.processes import invoke, served
+from tests.cli.processes import invoke, invoke_driven, served
 
 MODELS = [model for family in FAMILIES for model in family.simulated]
 
 
 def test_everything_a_device_says_of_itself() -> None:
     serial = "000102030405060708090A0B0C0D0E0F"
-    ended = invoke("info", f"sim://rplidar-s2?via=memory&serial={serial}", "--json")
+    ended = invoke_driven("info", f"sim://rplidar-s2?via=memory&serial={serial}", "--json")
     assert ended.exit_code == 0
     told = json.loads(ended.stdout)
     assert told["serial"] == serial
@@ -28,7 +28,7 @@ def test_everything_a_device_says_of_itself() -> None:
 
 
 def test_for_people() -> None:
-    ended = invoke("info", "sim://rplidar-s2?via=memory")
+    ended = invoke_driven("info", "sim://rplidar-s2?via=memory")
     assert ended.exit_code == 0
     row = next(line for line in ended.stdout.splitlines() if "DenseBoost" in line)
     assert row.split() == ["1", "DenseBoost", "31.25", "32000", "30", "m", "0x85", "yes"]
@@ -37,13 +37,13 @@ def test_for_people() -> None:
 
 @pytest.mark.parametrize("model", MODELS)
 def test_every_model(model: str) -> None:
-    ended = invoke("info", f"sim://{model}?via=memory", "--json")
+    ended = invoke_driven("info", f"sim://{model}?via=memory", "--json")
     assert ended.exit_code == 0, ended.stderr
     told = json.loads(ended.stdout)
     assert told["model"]
     assert len(told["modes"]) >= 1
     assert sum(mode["typical"] for mode in told["modes"]) == 1
-    assert invoke("info", f"sim://{model}?via=memory").exit_code == 0
+    assert invoke_driven("info", f"sim://{model}?via=memory").exit_code == 0
 
 
 def test_a_device_that_protects_itself_is_unhealthy() -> None:
@@ -58,6 +58,6 @@ def test_a_device_that_protects_itself_is_unhealthy() -> None:
 
 
 def test_garbage_is_no_answer() -> None:
-    ended = invoke("info", "sim://rplidar-s2?via=memory&fault=garbage")
+    ended = invoke_driven("info", "sim://rplidar-s2?via=memory&fault=garbage")
     assert ended.exit_code == 5
     assert "garbage" in ended.stderr

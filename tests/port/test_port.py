@@ -22,6 +22,7 @@ from lidario.sim.serve import PtyServer, TcpServer
 from tests.support.devices import FAMILIES, Rig, left_still, make_rig
 
 PATIENCE_S = 20.0
+ROOT = Path(__file__).parents[2]
 LATENCIES = (0.0, 0.005)
 
 
@@ -229,7 +230,7 @@ def test_ctrl_c_in_the_middle_of_a_scan_stops_the_motor() -> None:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
-            cwd=Path(__file__).parent.parent,
+            cwd=ROOT,
         )
         assert process.stdout is not None
         assert process.stdout.readline() == "0\n"
@@ -260,7 +261,7 @@ def test_a_program_that_ends_without_closing_still_stops_the_motor(end: str) -> 
             capture_output=True,
             text=True,
             timeout=PATIENCE_S,
-            cwd=Path(__file__).parent.parent,
+            cwd=ROOT,
             check=False,
         )
         assert process.returncode == (3 if "exit" in end else 0), process.stderr

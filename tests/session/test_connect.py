@@ -3,51 +3,25 @@
 from __future__ import annotations
 
 import asyncio
-import os
-import pty
-import threading
-import tty
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 import pytest
 
 from lidario import ConnectFailed, Lidar, list_lidars, open_lidar
 from lidario.families.rplidar.simulated.packers import pack_dense
+from lidario.model import Scan
 from lidario.session.discovery import PortInfo
 from lidario.session.evidence import Residue
 from lidario.sim.serve import PtyServer
 from tests.support.devices import make_rig
 from tests.support.loop import driven
+from tests.support.terminals import WaitingPtyServer, babbling
 
-PATIENCE_S = 30.0
-
-
-@contextmanager
-def babbling(babble: bytes) -> Iterator[str]:
-    """A terminal whose other end answers every request with the same bytes."""
-    master, slave = pty.openpty()
-    tty.setraw(slave)
-    path = os.ttyname(slave)
-
-    def answer() -> None:
-        while os.read(master, 64) != b"END":
-            os.write(master, babble)
-
-    thread = threading.Thread(target=answer)
-    thread.start()
-    try:
-        yield path
-    finally:
-        os.write(slave, b"END")
-        thread.join(PATIENCE_S)
-        os.close(slave)
-        os.close(master)
+PATIENCE_S = 60.0
 
 
 async def test_both_families_are_found_and_stream_side_by_side(soak: float) -> None:
     first, second = make_rig("rplidar"), make_rig("ydlidar")
-    with PtyServer(first.device, chunk=64) as one, PtyServer(second.device, chunk=64) as two:
+    with WaitingPtyServer(first.device, chunk=64) as one, WaitingPtyServer(second.device, chunk=64) as two:
         found = await list_lidars((one.path, two.path))
         assert [each.info.family for each in found if each.info] == ["rplidar", "ydlidar"]
         assert [each.baudrate for each in found] == [1_000_000, 512_000]
@@ -56,19 +30,17 @@ async def test_both_families_are_found_and_stream_side_by_side(soak: float) -> N
             assert right.info.model == "YDLIDAR 4ROS"
 
             async def watch(lidar: Lidar, turn_s: float) -> None:
-                loop = asyncio.get_running_loop()
-                end = loop.time() + soak
-                expected = None
-                async with lidar.scans(depth=8) as stream:
+                last: Scan | None = None
+                async with asyncio.timeout(soak + PATIENCE_S), lidar.scans(depth=8) as stream:
                     async for scan in stream:
-                        assert scan.lost_packets == scan.dropped_before == 0
-                        assert expected is None or scan.seq == expected
-                        expected = scan.seq + 1
-                        if loop.time() > end:
+                        assert scan.lost_packets == 0
+                        # A busy machine may keep this loop from running; what that costs is counted.
+                        assert last is None or scan.seq == last.seq + 1 + scan.dropped_before
+                        last = scan
+                        if scan.seq >= soak / turn_s:
                             break
                 stats = lidar.stats
-                assert stats.skipped_bytes == stats.lost_packets == stats.broken_scans == stats.dropped_scans == 0
-                assert stats.scans > 0.7 * soak / turn_s
+                assert stats.skipped_bytes == stats.stray_bytes == stats.lost_packets == 0
 
             await asyncio.gather(watch(left, first.turn_s), watch(right, second.turn_s))
         assert one.lost == two.lost == 0

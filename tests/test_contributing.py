@@ -1,0 +1,69 @@
+"""CONTRIBUTING.md names what is there: files, folders, make targets, options, names in the source."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+CODE = re.findall(r"`([^`\n]+)`", TEXT)
+PATHS = sorted({word for word in CODE if re.fullmatch(r"[\w./]+/[\w./]*", word) and ".venv" not in word})
+FAMILY_FILES = ("commands.py", "formats.py", "decode.py", "device.py", "simulated/", "__init__.py")
+FAMILIES = [path.parent for path in sorted((ROOT / "lidario" / "families").glob("*/device.py"))]
+
+
+def test_something_is_found_to_test() -> None:
+    assert {".ci/run", "lidario/wire/", "tests/support/loop.py", "tests/data/"} <= set(PATHS)
+    assert len(PATHS) > 15
+    assert len(FAMILIES) >= 2
+
+
+@pytest.mark.parametrize("name", PATHS)
+def test_every_path_is_there(name: str) -> None:
+    # In the recipes a path may begin in the folder of a family, and NAME stands for a new one.
+    place = name.replace("NAME", FAMILIES[0].name)
+    assert (ROOT / place).exists() or (FAMILIES[0] / place).exists()
+
+
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda path: path.name)
+@pytest.mark.parametrize("file", FAMILY_FILES)
+def test_every_family_has_the_files_that_a_new_one_is_told_to_have(family: Path, file: str) -> None:
+    assert f"`{file}`" in TEXT
+    assert (family / file).exists()
+
+
+def test_every_room_is_in_the_table() -> None:
+    rooms = {path.parent.name for path in (ROOT / "lidario").glob("*/__init__.py")}
+    assert rooms == set(re.findall(r"^\| `lidario/(\w+)/` \|", TEXT, re.MULTILINE))
+
+
+def test_every_target_is_one_of_make() -> None:
+    targets = set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    named = {word.split()[1] for word in CODE if word.startswith("make ")}
+    assert {"test", "check"} <= named <= targets
+
+
+def test_the_options_are_options(pytestconfig: pytest.Config) -> None:
+    for option in re.findall(r"`--(\w+)", TEXT):
+        assert pytestconfig.getoption(option) is not None
+    assert "HYPOTHESIS_PROFILE" in (ROOT / "tests" / "conftest.py").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("name", "file"),
+    [
+        ("FORMATS", "lidario/families/rplidar/formats.py"),
+        ("DECODERS", "lidario/families/rplidar/decode.py"),
+        ("FAMILIES", "lidario/families/registry.py"),
+        ("FAMILY", "lidario/families/rplidar/__init__.py"),
+        ("CASES", "tests/support/streams.py"),
+        ("MAKERS", "tests/support/devices.py"),
+        ("both_families", "tests/support/devices.py"),
+    ],
+)
+def test_every_name_is_defined_where_it_is_said_to_be(name: str, file: str) -> None:
+    assert f"`{name}`" in TEXT
+    assert re.search(rf"^{name}\b.* = ", (ROOT / file).read_text(encoding="utf-8"), re.MULTILINE)
