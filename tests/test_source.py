@@ -131,9 +131,7 @@ def test_forms_that_are_easily_meant() -> None:
     assert parse_source(Path("/dev/ttyUSB0")) == Source("/dev/ttyUSB0", "serial", "/dev/ttyUSB0")
 
 
-WORDS = (
-    "auto :// // %00 %5B %3A .. . baud= family= seed= world= fault= tcp:// serial:// sim:// id: 80 65536 ::1"
-)
+WORDS = "auto :// // %00 %5B %3A .. . baud= family= seed= world= fault= tcp:// serial:// sim:// id: 80 65536 ::1"
 PIECES = st.sampled_from([*":/?&=#@[]%²٣\0\n\x1b\ud800\udc80ßa", *WORDS.split()])
 TEXTS = st.one_of(st.text(), st.lists(PIECES, max_size=9).map("".join), st.text().map("tcp://{}:80".format))
 

@@ -13,7 +13,7 @@ import numpy as np
 from lidario.sim.device import Received
 from lidario.sim.line import RequestLog, TransmitQueue
 from lidario.sim.motor import Motor
-from lidario.sim.world import World, make_world
+from lidario.sim.world import CheckedWorld, World, WorldLike, as_world, make_world
 
 __all__ = ["Chassis"]
 
@@ -30,7 +30,6 @@ class Chassis(ABC, Generic[StreamT]):
         model: Its model number: two models with one seed are not alike.
 
     Attributes:
-        world: What it sees from the next scan on.
         health: Status and error code, as it tells them.
         faults_cleared_by_reset: Whether RESET cures an error.
         answer_delay_s: Seconds from a request to the beginning of its answer; raise it to be late.
@@ -39,9 +38,9 @@ class Chassis(ABC, Generic[StreamT]):
         mute: While true nothing leaves the device, and what would have left is lost.
     """
 
-    def __init__(self, baudrate: int, world: World | None, seed: int, model: int) -> None:
+    def __init__(self, baudrate: int, world: WorldLike | None, seed: int, model: int) -> None:
         self._random = np.random.default_rng([seed, model])
-        self.world = make_world(seed=seed) if world is None else world
+        self._world = make_world(seed=seed) if world is None else as_world(world)
         self.health: tuple[int, int] = (0, 0)
         self.faults_cleared_by_reset = True
         self.answer_delay_s = 0.001
@@ -55,6 +54,15 @@ class Chassis(ABC, Generic[StreamT]):
         self._deaf_until, self._deaf_why = 0, ""
         self._baudrate = baudrate
         self._now = 0
+
+    @property
+    def world(self) -> World | CheckedWorld:
+        """What it sees from the next scan on; the results of a world that is not ours are checked."""
+        return self._world
+
+    @world.setter
+    def world(self, world: WorldLike) -> None:
+        self._world = as_world(world)
 
     @property
     def baudrate(self) -> int:

@@ -29,7 +29,7 @@ from lidario.families.rplidar.simulated.requests import Request, RequestReader
 from lidario.families.rplidar.simulated.stream import MeasurementStream
 from lidario.sim.chassis import Chassis
 from lidario.sim.motor import Motor
-from lidario.sim.world import World
+from lidario.sim.world import WorldLike
 
 __all__ = ["PROFILES", "Mode", "Profile", "SimulatedRplidar", "make_simulated"]
 
@@ -66,7 +66,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         self,
         profile: Profile,
         *,
-        world: World | None = None,
+        world: WorldLike | None = None,
         serial: bytes | None = None,
         seed: int = 0,
     ) -> None:
@@ -255,7 +255,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
 
 
 def make_simulated(
-    model: str, *, world: World | None = None, serial: bytes | None = None, seed: int = 0
+    model: str, *, world: WorldLike | None = None, serial: bytes | None = None, seed: int = 0
 ) -> SimulatedRplidar:
     """Build a simulated device by the name of its profile, such as ``"rplidar-s2"``.
 

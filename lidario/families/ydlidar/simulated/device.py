@@ -29,7 +29,7 @@ from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_answer
 from lidario.families.ydlidar.simulated.stream import SAMPLE_NS, PointStream
 from lidario.sim.chassis import Chassis
 from lidario.sim.motor import Motor
-from lidario.sim.world import World
+from lidario.sim.world import WorldLike
 
 __all__ = ["PROFILES", "Profile", "Simulated4Ros", "make_simulated"]
 
@@ -120,7 +120,7 @@ class Simulated4Ros(Chassis[PointStream]):
         self,
         profile: Profile,
         *,
-        world: World | None = None,
+        world: WorldLike | None = None,
         serial: bytes | str | None = None,
         seed: int = 0,
     ) -> None:
@@ -263,7 +263,7 @@ class Simulated4Ros(Chassis[PointStream]):
 
 
 def make_simulated(
-    model: str, *, world: World | None = None, serial: bytes | str | None = None, seed: int = 0
+    model: str, *, world: WorldLike | None = None, serial: bytes | str | None = None, seed: int = 0
 ) -> Simulated4Ros:
     """Build a simulated device by the name of its profile, such as ``"ydlidar-4ros"``.
 
