@@ -50,7 +50,7 @@ class RplidarDevice(Device):
 
     def __init__(self) -> None:
         self._major = 0
-        self._firmware = (0, 0)
+        self._firmware: tuple[int, int] = (0, 0)
         self._rpm: int | None = None
 
     @property

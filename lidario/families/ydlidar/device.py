@@ -170,6 +170,7 @@ class Device4Ros(Device):
         Raises:
             RemoteProtocolError: More than a turn, twice.
         """
+        quarters = 0
         for _ in range(2):
             (quarters,) = struct.unpack("<i", (yield commands.GET_ZERO_OFFSET))
             if abs(quarters) <= OFFSETS_A_TURN:
