@@ -15,7 +15,10 @@ from lidario.sim.line import RequestLog, TransmitQueue
 from lidario.sim.motor import Motor
 from lidario.sim.world import CheckedWorld, World, WorldLike, as_world, make_world
 
-__all__ = ["Chassis"]
+__all__ = ["PROTECTION_STOP", "Chassis"]
+
+PROTECTION_STOP = 2
+"""The health status of a device that has stopped because of an error; the same number in every family so far."""
 
 StreamT = TypeVar("StreamT")
 
@@ -43,9 +46,9 @@ class Chassis(ABC, Generic[StreamT]):
         self._world = make_world(seed=seed) if world is None else as_world(world)
         self.health: tuple[int, int] = (0, 0)
         self.faults_cleared_by_reset = True
-        self.answer_delay_s = 0.001
-        self.boot_s = 1.0
-        self.garble_answers = 0
+        self.answer_delay_s: float = 0.001
+        self.boot_s: float = 1.0
+        self.garble_answers: int = 0
         self.mute = False
         self._motor = Motor()
         self._queue = TransmitQueue(baudrate)
@@ -110,6 +113,14 @@ class Chassis(ABC, Generic[StreamT]):
             return answer
         self.garble_answers -= 1
         return self._random.bytes(len(answer))
+
+    def _fault(self, error_code: int) -> None:
+        self.health = (PROTECTION_STOP, error_code)
+
+    def _recover(self) -> None:
+        """What RESET does to an error: it goes, unless the fault lasts."""
+        if self.faults_cleared_by_reset:
+            self.health = (0, 0)
 
     @abstractmethod
     def _advance(self, now: int) -> None:

@@ -44,8 +44,9 @@ class MeasurementStream:
         self, mode: Mode, origin: int, motor: Motor, world: World | CheckedWorld, *, first: bool = True
     ) -> None:
         self.mode = mode
+        self.size: int
         self.size, self._per_packet = mode.packet
-        self.period = mode.period_ns
+        self.period: int = mode.period_ns
         self._origin = origin
         self._motor = motor
         self._world = world
