@@ -33,12 +33,17 @@ if TYPE_CHECKING:
         StreamFailed,
         Unsupported,
     )
-    from lidario.laserscan import LaserScan
+    from lidario.laserscan import LaserScan, NoReturn
     from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, Scan, ScanMode, Stats
+    from lidario.port.port import Tap
     from lidario.session.discovery import Found, PortInfo, list_lidars, list_serial_ports
     from lidario.session.lidar import Lidar
     from lidario.session.opening import OpenLidar, open_lidar
+    from lidario.session.run import run
     from lidario.session.stream import ScanStream
+    from lidario.sim.device import Received, SimulatedDevice
+    from lidario.sim.world import Wall, WorldLike
+    from lidario.simulation import simulate
 
 __version__ = "0.1.0"
 
@@ -58,9 +63,11 @@ __all__ = [
     "Lidar",
     "LidarError",
     "LocalProtocolError",
+    "NoReturn",
     "OpenLidar",
     "PortInfo",
     "ProtocolError",
+    "Received",
     "RemoteProtocolError",
     "ResponseTimeout",
     "SampleRate",
@@ -68,22 +75,33 @@ __all__ = [
     "ScanMode",
     "ScanStream",
     "SessionClosed",
+    "SimulatedDevice",
     "Stats",
     "StreamFailed",
+    "Tap",
     "Unsupported",
+    "Wall",
+    "WorldLike",
     "__version__",
     "list_lidars",
     "list_serial_ports",
     "open_lidar",
+    "run",
+    "simulate",
 ]
 
 _HOMES = {
     "session.discovery": ("Found", "PortInfo", "list_lidars", "list_serial_ports"),
-    "laserscan": ("LaserScan",),
+    "laserscan": ("LaserScan", "NoReturn"),
     "model": ("DeviceInfo", "Health", "HealthStatus", "SampleRate", "Scan", "ScanMode", "Stats"),
+    "port.port": ("Tap",),
     "session.lidar": ("Lidar",),
     "session.opening": ("OpenLidar", "open_lidar"),
+    "session.run": ("run",),
     "session.stream": ("ScanStream",),
+    "sim.device": ("Received", "SimulatedDevice"),
+    "sim.world": ("Wall", "WorldLike"),
+    "simulation": ("simulate",),
 }
 """Module -> the public names that live in it; those not named here are errors."""
 

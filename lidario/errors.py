@@ -28,7 +28,7 @@ tracebacks do not mix. Therefore every class can be copied and pickled: ``args``
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 if TYPE_CHECKING:
     from lidario.model import Health
@@ -126,7 +126,7 @@ class ResponseTimeout(LidarError, TimeoutError):
     def __init__(self, request: str, timeout: float, noise: int = 0) -> None:
         super().__init__()
         # Set here, because OSError.__init__ would read two or three arguments as errno, strerror and filename.
-        self.args = (request, timeout, noise)
+        self.args: tuple[Any, ...] = (request, timeout, noise)
         self.request = request
         self.timeout = timeout
         self.noise = noise

@@ -17,7 +17,7 @@ LAYERS = (
     {"errors", "model", "laserscan", "source"},
     {"wire"},
     {"families", "sim"},
-    {"revolution"},
+    {"revolution", "simulation"},
     {"port"},
     {"session"},
     {"__init__"},

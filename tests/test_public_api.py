@@ -1,5 +1,6 @@
 """What a user may rely on: the names, their documentation and types, and how little importing them costs."""
 
+import ast
 import inspect
 import subprocess
 import sys
@@ -26,8 +27,11 @@ PUBLIC = [
     "Lidar",
     "LidarError",
     "LocalProtocolError",
+    "NoReturn",
+    "OpenLidar",
     "PortInfo",
     "ProtocolError",
+    "Received",
     "RemoteProtocolError",
     "ResponseTimeout",
     "SampleRate",
@@ -35,15 +39,20 @@ PUBLIC = [
     "ScanMode",
     "ScanStream",
     "SessionClosed",
+    "SimulatedDevice",
     "Stats",
     "StreamFailed",
+    "Tap",
     "Unsupported",
+    "Wall",
+    "WorldLike",
     "__version__",
     "list_lidars",
     "list_serial_ports",
     "open_lidar",
+    "simulate",
 ]
-ALIASES = {"ConnectReason"}
+ALIASES = {"ConnectReason", "NoReturn", "Tap", "Wall"}
 """Type aliases: they carry no docstring at run time."""
 ERRORS = {
     "Busy": lidario.LidarError,
@@ -87,6 +96,63 @@ def test_the_tree_of_exceptions() -> None:
     assert lidario.LidarError.__bases__ == (Exception,)
     found = {name for name in PUBLIC if isinstance(getattr(lidario, name), type)}
     assert {n for n in found if issubclass(getattr(lidario, n), Exception)} == {*ERRORS, "LidarError"}
+
+
+def names_in(annotation: ast.AST | None) -> set[str]:
+    """Every name in an annotation, those in quotation marks included."""
+    if annotation is None:
+        return set()
+    found = {node.id for node in ast.walk(annotation) if isinstance(node, ast.Name)}
+    for node in ast.walk(annotation):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.isidentifier():
+            found.add(node.value)
+    return found
+
+
+def annotations_of(thing: ast.AST, *, constructed: bool) -> set[str]:
+    """Every name in what a user can call or read of a function or class.
+
+    The constructors of a session's classes are not for users; those of errors and records are.
+    """
+    if isinstance(thing, ast.FunctionDef | ast.AsyncFunctionDef):
+        every = thing.args
+        given = [*every.posonlyargs, *every.args, *every.kwonlyargs, every.vararg, every.kwarg]
+        return names_in(thing.returns).union(*(names_in(each.annotation) for each in given if each is not None))
+    if not isinstance(thing, ast.ClassDef):
+        return set()
+    found: set[str] = set().union(*(names_in(base) for base in thing.bases))
+    for member in thing.body:
+        if isinstance(member, ast.AnnAssign) and isinstance(member.target, ast.Name):
+            found |= set() if member.target.id.startswith("_") else names_in(member.annotation)
+        elif isinstance(member, ast.FunctionDef | ast.AsyncFunctionDef):
+            dunder = member.name.startswith("__") and (member.name != "__init__" or constructed)
+            if dunder or not member.name.startswith("_"):
+                found |= annotations_of(member, constructed=constructed)
+    return found
+
+
+def ours_in(path: Path) -> set[str]:
+    """Classes that a module defines, and names that it imports from another of ours, for type checkers included."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("lidario"):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ClassDef):
+            found.add(node.name)
+    return found
+
+
+@pytest.mark.parametrize("name", [name for name in PUBLIC if name != "__version__"])
+def test_what_stands_in_public_signatures_is_public(name: str) -> None:
+    home = next((module for module, names in lidario._HOMES.items() if name in names), "errors")
+    path = Path(lidario.__file__).parent / f"{home.replace('.', '/')}.py"
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    things = [node for node in tree.body if getattr(node, "name", "") == name]
+    assert things or name in ALIASES
+    constructed = home in ("errors", "model", "laserscan")
+    named = set().union(*(annotations_of(thing, constructed=constructed) for thing in things))
+    missing = {each for each in named & ours_in(path) if each not in PUBLIC}
+    assert not missing, f"{name} names {missing}, which cannot be imported from lidario"
 
 
 def test_types_are_shipped() -> None:

@@ -87,5 +87,5 @@ def cli(context: click.Context) -> int | None:
     return show((), as_json=False, next_steps=True) if context.invoked_subcommand is None else None
 
 
-for verb in (devices, info, scan, sim):
-    cli.add_command(_with_traceback(verb))
+for _verb in (devices, info, scan, sim):
+    cli.add_command(_with_traceback(_verb))

@@ -59,6 +59,7 @@ def sim(
 
     It takes its requests and sends its scans as strictly and as slowly as the real one, for any driver.
     """
+    from lidario import simulate
     from lidario.families.registry import FAMILIES
 
     if list_models:
@@ -67,30 +68,11 @@ def sim(
     if pty and tcp is not None:
         raise click.UsageError("--pty and --tcp exclude each other", click.get_current_context())
     model = model or FAMILIES[0].simulated[0]
-    device = _device(model, world, serial, seed)
+    device = simulate(model, world=world or "room", serial=serial, seed=seed)
     happening = _faults(faults, seed)
     if tcp is not None or not (pty or HAS_PTY):
         return _serve(_on_tcp(device, tcp or ":0", happening), model)
     return _serve(_on_pty(device, happening), model)
-
-
-def _device(model: str, world: str | None, serial: str | None, seed: int) -> SimulatedDevice:
-    from lidario.families.registry import family_of_simulated
-    from lidario.sim.world import make_world
-
-    family = family_of_simulated(model)
-    try:
-        number = None if serial is None else bytes.fromhex(serial)
-    except ValueError:
-        raise click.BadParameter(f"{serial!r} is no hexadecimal number", param_hint="--serial") from None
-    try:
-        sight = None if world is None else make_world(world, seed=seed)
-    except ValueError as error:
-        raise click.BadParameter(str(error), param_hint="--world") from None
-    try:
-        return family.simulate(model, world=sight, serial=number, seed=seed)
-    except ValueError as error:
-        raise click.BadParameter(str(error), param_hint="--serial") from None
 
 
 def _faults(words: tuple[str, ...], seed: int) -> Faults | None:

@@ -13,9 +13,12 @@ import numpy as np
 from lidario.sim.device import Received
 from lidario.sim.line import RequestLog, TransmitQueue
 from lidario.sim.motor import Motor
-from lidario.sim.world import World, make_world
+from lidario.sim.world import CheckedWorld, World, WorldLike, as_world, make_world
 
-__all__ = ["Chassis"]
+__all__ = ["PROTECTION_STOP", "Chassis"]
+
+PROTECTION_STOP = 2
+"""The health status of a device that has stopped because of an error; the same number in every family so far."""
 
 StreamT = TypeVar("StreamT")
 
@@ -30,7 +33,6 @@ class Chassis(ABC, Generic[StreamT]):
         model: Its model number: two models with one seed are not alike.
 
     Attributes:
-        world: What it sees from the next scan on.
         health: Status and error code, as it tells them.
         faults_cleared_by_reset: Whether RESET cures an error.
         answer_delay_s: Seconds from a request to the beginning of its answer; raise it to be late.
@@ -39,14 +41,14 @@ class Chassis(ABC, Generic[StreamT]):
         mute: While true nothing leaves the device, and what would have left is lost.
     """
 
-    def __init__(self, baudrate: int, world: World | None, seed: int, model: int) -> None:
+    def __init__(self, baudrate: int, world: WorldLike | None, seed: int, model: int) -> None:
         self._random = np.random.default_rng([seed, model])
-        self.world = make_world(seed=seed) if world is None else world
+        self._world = make_world(seed=seed) if world is None else as_world(world)
         self.health: tuple[int, int] = (0, 0)
         self.faults_cleared_by_reset = True
-        self.answer_delay_s = 0.001
-        self.boot_s = 1.0
-        self.garble_answers = 0
+        self.answer_delay_s: float = 0.001
+        self.boot_s: float = 1.0
+        self.garble_answers: int = 0
         self.mute = False
         self._motor = Motor()
         self._queue = TransmitQueue(baudrate)
@@ -55,6 +57,15 @@ class Chassis(ABC, Generic[StreamT]):
         self._deaf_until, self._deaf_why = 0, ""
         self._baudrate = baudrate
         self._now = 0
+
+    @property
+    def world(self) -> World | CheckedWorld:
+        """What it sees from the next scan on; the results of a world that is not ours are checked."""
+        return self._world
+
+    @world.setter
+    def world(self, world: WorldLike) -> None:
+        self._world = as_world(world)
 
     @property
     def baudrate(self) -> int:
@@ -102,6 +113,14 @@ class Chassis(ABC, Generic[StreamT]):
             return answer
         self.garble_answers -= 1
         return self._random.bytes(len(answer))
+
+    def _fault(self, error_code: int) -> None:
+        self.health = (PROTECTION_STOP, error_code)
+
+    def _recover(self) -> None:
+        """What RESET does to an error: it goes, unless the fault lasts."""
+        if self.faults_cleared_by_reset:
+            self.health = (0, 0)
 
     @abstractmethod
     def _advance(self, now: int) -> None:

@@ -76,8 +76,8 @@ class _Server(ABC):
         if tick <= 0.0 or (chunk is not None and chunk <= 0):
             raise ValueError("tick and chunk must be positive")
         self.device = device
-        self.lock = threading.Lock()
-        self.lost = 0
+        self.lock: threading.Lock = threading.Lock()
+        self.lost: int = 0
         self._tick = tick
         self._faults = faults
         self._chunk = chunk
@@ -205,7 +205,7 @@ class PtyServer(_Server):
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
-        self.path = os.ttyname(self._slave)
+        self.path: str = os.ttyname(self._slave)
         self._thread.start()
 
     def _sources(self) -> list[int | socket.socket]:

@@ -18,19 +18,23 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 from itertools import pairwise
+from typing import Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Walker", "World", "cast", "make_world"]
+__all__ = ["CheckedWorld", "Walker", "Wall", "World", "WorldLike", "as_world", "cast", "make_world", "walls_around"]
 
 Floats = npt.NDArray[np.float64]
 Segment = tuple[float, float, float, float]
+Wall: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
+"""From one point to another, (x, y) in metres."""
 
 _DIRECTIONS = 1 << 15
 _PER_DEGREE = _DIRECTIONS / 360.0
 _TICKS_PER_SECOND = 100
 _NOISE = 1 << 14
+_FARTHEST_M = 1e6  # of a wall's end; the products of much larger coordinates overflow
 _HASH = 2654435761  # 2**32 over the golden ratio (Knuth's multiplicative hash)
 
 
@@ -115,6 +119,27 @@ class Walker:
         ranges[near] = np.where((behind == 0.0) | (person < behind), person, behind)
 
 
+@runtime_checkable
+class WorldLike(Protocol):
+    """What a simulated scanner can measure: any object with this method, such as `World`."""
+
+    def ranges_mm(
+        self, angles_deg_clockwise: npt.NDArray[np.float64], t_seconds: npt.NDArray[np.float64], /
+    ) -> npt.ArrayLike:
+        """Measure along each direction at each time.
+
+        It must depend on its arguments alone: a device measures some time ahead, in batches of any length.
+
+        Args:
+            angles_deg_clockwise: float64 (n,), degrees, any number of turns; 0 = forward (x), 90 = right (-y).
+            t_seconds: float64 (n,), seconds on the clock of the simulation, not negative.
+
+        Returns:
+            (n,) numbers, millimetres, finite and not negative; 0 = no return.
+        """
+        ...
+
+
 class World:
     """What a scanner at the origin sees.
 
@@ -165,6 +190,78 @@ class World:
             noisy *= ranges > 0.0
             ranges = np.maximum(noisy, 0.0, out=noisy)
         return ranges
+
+
+class CheckedWorld:
+    """A world that somebody else has written, its results checked: a wrong one would only show as a broken stream.
+
+    Args:
+        world: The world; its results are copied, so it may return the same array again and again.
+
+    Raises:
+        ValueError: The object has no method `ranges_mm`.
+    """
+
+    def __init__(self, world: WorldLike) -> None:
+        if isinstance(world, type) or not callable(getattr(world, "ranges_mm", None)):
+            raise ValueError(f"a world needs a method ranges_mm(angles, times), and {_kind(world)} has none")
+        self.world = world
+
+    def ranges_mm(self, angles_deg_clockwise: Floats, t_seconds: Floats) -> Floats:
+        """As `WorldLike.ranges_mm`; float64 (n,), a copy.
+
+        Raises:
+            ValueError: The world returned something else; an exception of the world itself passes unchanged.
+        """
+        found = self.world.ranges_mm(angles_deg_clockwise, t_seconds)
+        returned = f"{_kind(self.world)}.ranges_mm returned"
+        try:
+            ranges: Floats = np.array(found, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{returned} {_kind(found)} that is not an array of numbers") from error
+        if ranges.shape != angles_deg_clockwise.shape:
+            raise ValueError(f"{returned} shape {ranges.shape} for angles of shape {angles_deg_clockwise.shape}")
+        wrong = ~(np.isfinite(ranges) & (ranges >= 0.0))
+        if wrong.any():
+            at = int(wrong.argmax())
+            raise ValueError(
+                f"{returned} {ranges[at]} mm at {angles_deg_clockwise[at] % 360.0:.1f} degrees; "
+                "distances are finite and not negative, and 0 means no return"
+            )
+        return ranges
+
+
+def as_world(world: WorldLike) -> World | CheckedWorld:
+    """The world itself where it is ours, else with its results checked.
+
+    Raises:
+        ValueError: The object has no method `ranges_mm`.
+    """
+    return world if isinstance(world, World | CheckedWorld) else CheckedWorld(world)
+
+
+def walls_around(walls: Iterable[Wall]) -> World:
+    """Build a world of bare walls, without noise; no walls are an empty world.
+
+    Args:
+        walls: Each from (x1, y1) to (x2, y2), metres, x forward and y to the left, the scanner at the origin.
+
+    Raises:
+        ValueError: The walls are not numbers of that shape, or a number is not finite.
+    """
+    try:
+        table = np.asarray(list(walls), dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"walls are ((x1, y1), (x2, y2)) in metres: {error}") from error
+    if table.size and table.shape[1:] != (2, 2):
+        raise ValueError(f"walls are ((x1, y1), (x2, y2)) in metres, an array (n, 2, 2) and not {table.shape}")
+    if not (np.abs(table) <= _FARTHEST_M).all():
+        raise ValueError(f"the ends of walls are finite numbers, at most {_FARTHEST_M:g} m away")
+    return World(cast([(x1, y1, x2, y2) for x1, y1, x2, y2 in table.reshape(-1, 4).tolist()]))
+
+
+def _kind(thing: object) -> str:
+    return f"the class {thing.__name__}" if isinstance(thing, type) else type(thing).__name__
 
 
 def make_world(name: str = "room", *, seed: int = 0) -> World:

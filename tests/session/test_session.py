@@ -107,7 +107,7 @@ async def test_the_set_speed_is_checked_against_the_measured_one(family: str) ->
         assert await lidar.set_motor_speed(600) == pytest.approx(600, abs=3)
         assert (await anext(stream)).rpm == pytest.approx(600, rel=0.05)
         for wrong in (40.0, 0.1, float("nan"), float("inf")):
-            with pytest.raises(ValueError, match="to"):
+            with pytest.raises(ValueError, match=r"to|finite"):
                 await lidar.set_scan_frequency(wrong)
         slowest, fastest = await lidar.get_scan_frequency_range()
         assert 5.0 <= slowest < fastest <= 20.0

@@ -10,7 +10,7 @@ from lidario.families.rplidar.formats import FORMATS
 
 if TYPE_CHECKING:
     from lidario.sim.device import SimulatedDevice
-    from lidario.sim.world import World
+    from lidario.sim.world import WorldLike
 
 __all__ = ["FAMILY"]
 
@@ -31,10 +31,15 @@ SIMULATED = (
 simulated one."""
 
 
-def _simulate(model: str, *, world: World | None, serial: bytes | None, seed: int) -> SimulatedDevice:
+def _simulate(
+    model: str, *, world: WorldLike | None, serial: bytes | None, seed: int, spin_up: float | None = None
+) -> SimulatedDevice:
     from lidario.families.rplidar.simulated.device import make_simulated
 
-    return make_simulated(model, world=world, serial=serial, seed=seed)
+    device = make_simulated(model, world=world, serial=serial, seed=seed)
+    if spin_up is not None:
+        device.spin_up_s = spin_up
+    return device
 
 
 FAMILY = Family(

@@ -8,13 +8,13 @@ always asked for, never assumed, where the firmware can be asked.
 
 from __future__ import annotations
 
-import math
 import struct
 from contextlib import suppress
 from dataclasses import replace
 from typing import Final
 
-from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
+from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout, Unsupported
+from lidario.families.arguments import finite
 from lidario.families.base import Device, Script, Stream
 from lidario.families.rplidar import commands
 from lidario.families.rplidar.commands import Conf
@@ -50,7 +50,7 @@ class RplidarDevice(Device):
 
     def __init__(self) -> None:
         self._major = 0
-        self._firmware = (0, 0)
+        self._firmware: tuple[int, int] = (0, 0)
         self._rpm: int | None = None
 
     @property
@@ -164,15 +164,16 @@ class RplidarDevice(Device):
         It is sent with the next start: sent by itself, it would set a resting rotor in motion.
 
         Raises:
-            ValueError: Outside the device's limits.
+            InvalidValue: Not a finite number, or outside the device's limits.
             Unsupported: The model has no motor control.
         """
         if not self._has_motor_control:
             raise Unsupported("this model has no motor control")
+        wanted = finite(hertz, "a scan frequency")
         lowest, highest = yield from self._rpm_limits()
-        rpm = round(hertz * 60) if math.isfinite(hertz) else 0
+        rpm = round(min(max(wanted * 60, 0), 0x10000))  # the product may be infinite, and both ends are refused
         if not lowest <= rpm <= highest:
-            raise ValueError(f"{rpm} rpm is outside this device's {lowest} to {highest} rpm")
+            raise InvalidValue(f"{wanted * 60:g} rpm is outside this device's {lowest} to {highest} rpm")
         self._rpm = rpm
         return rpm / 60
 

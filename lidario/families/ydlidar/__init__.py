@@ -14,7 +14,7 @@ from lidario.families.ydlidar.formats import PointCloud
 
 if TYPE_CHECKING:
     from lidario.sim.device import SimulatedDevice
-    from lidario.sim.world import World
+    from lidario.sim.world import WorldLike
 
 __all__ = ["FAMILY"]
 
@@ -23,10 +23,15 @@ SIMULATED: Final = ("ydlidar-4ros", "ydlidar-4ros-92", "ydlidar-4ros-slow")
 one."""
 
 
-def _simulate(model: str, *, world: World | None, serial: bytes | None, seed: int) -> SimulatedDevice:
+def _simulate(
+    model: str, *, world: WorldLike | None, serial: bytes | None, seed: int, spin_up: float | None = None
+) -> SimulatedDevice:
     from lidario.families.ydlidar.simulated.device import make_simulated
 
-    return make_simulated(model, world=world, serial=serial, seed=seed)
+    device = make_simulated(model, world=world, serial=serial, seed=seed)
+    if spin_up is not None:
+        device.spin_up_s = spin_up
+    return device
 
 
 FAMILY: Final = Family(

@@ -21,7 +21,8 @@ from __future__ import annotations
 import struct
 from typing import Final
 
-from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
+from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout, Unsupported
+from lidario.families.arguments import finite
 from lidario.families.base import Device, Keepalive, Script, Stream
 from lidario.families.ydlidar import commands
 from lidario.families.ydlidar.decode import PointCloudDecoder
@@ -155,12 +156,13 @@ class Device4Ros(Device):
         """As `Device.set_scan_frequency`: in steps of 1 and 0.1 Hz, then read back.
 
         Raises:
-            ValueError: Outside of 5 to 12 Hz.
+            InvalidValue: Not a finite number, or outside of 5 to 12 Hz.
         """
         lowest, highest = SPEED_RANGE
-        if not lowest <= hertz <= highest:
-            raise ValueError(f"{hertz:g} Hz is outside of the 4ROS's {lowest:g} to {highest:g} Hz")
-        return self._step_to(round(hertz * 100))
+        wanted = finite(hertz, "a scan frequency")
+        if not lowest <= wanted <= highest:
+            raise InvalidValue(f"{wanted:g} Hz is outside of the 4ROS's {lowest:g} to {highest:g} Hz")
+        return self._step_to(round(wanted * 100))
 
     def zero_offset(self) -> Script[float]:
         """As `Device.zero_offset`: clockwise degrees, if it counts the way the SDK takes it.
@@ -168,6 +170,7 @@ class Device4Ros(Device):
         Raises:
             RemoteProtocolError: More than a turn, twice.
         """
+        quarters = 0
         for _ in range(2):
             (quarters,) = struct.unpack("<i", (yield commands.GET_ZERO_OFFSET))
             if abs(quarters) <= OFFSETS_A_TURN:
@@ -188,6 +191,7 @@ class Device4Ros(Device):
         Raises:
             RemoteProtocolError: The device does not reach the wanted state.
         """
+        wanted = bool(on)  # 1 and numpy's True are meant as well, and are not identical to True
         for attempt in range(MOST_TOGGLES):
             try:
                 state = (yield commands.TOGGLE_PROTECTION)[0]
@@ -198,9 +202,9 @@ class Device4Ros(Device):
                 continue
             if state <= 1:
                 self._protected = state == 0
-                if self._protected is on:
-                    return on
-        raise RemoteProtocolError(f"power-down protection does not go {'on' if on else 'off'}")
+                if self._protected == wanted:
+                    return wanted
+        raise RemoteProtocolError(f"power-down protection does not go {'on' if wanted else 'off'}")
 
     def _ask_health(self) -> Script[bytes]:
         known = self._health_request

@@ -1,11 +1,15 @@
 """The scripts of an RPLIDAR, driven by hand: what is sent, and what is made of the answers."""
 
+import math
 import struct
 from dataclasses import replace
+from fractions import Fraction
+from typing import Any
 
+import numpy as np
 import pytest
 
-from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
+from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.base import Stream
 from lidario.families.rplidar.commands import Conf, get_lidar_conf
 from lidario.families.rplidar.decode import DECODERS
@@ -312,19 +316,30 @@ def test_setting_the_scan_frequency(hertz: float) -> None:
     assert sent.startswith(f"a5a802{rpm & 0xFF:02x}{rpm >> 8:02x}")
 
 
-@pytest.mark.parametrize("hertz", [7.9, 20.1, 0.0, -10.0, float("nan"), float("inf")])
+@pytest.mark.parametrize("hertz", [7.9, 20.1, 0.0, -10.0, 1e308, -1e308])
 def test_a_frequency_beyond_the_devices_limits_is_refused(hertz: float) -> None:
     device = identified()
-    with pytest.raises(ValueError, match="rpm"):
+    with pytest.raises(InvalidValue, match="rpm"):
         drive(device.set_scan_frequency(hertz), LIMITS)
     assert drive(device.scan_frequency(), {})[0] == 10.0
+
+
+@pytest.mark.parametrize("hertz", [math.nan, math.inf, "10", None, 1j, 10**400, b"10", [10.0]])
+def test_what_is_no_frequency_is_refused_before_anything_is_asked(hertz: Any) -> None:
+    with pytest.raises(InvalidValue, match="scan frequency"):
+        next(identified().set_scan_frequency(hertz))
+
+
+@pytest.mark.parametrize("hertz", [10, np.float32(10.0), np.int16(10), Fraction(10)])
+def test_any_real_number_is_a_frequency(hertz: Any) -> None:
+    assert drive(identified().set_scan_frequency(hertz), LIMITS)[0] == 10.0
 
 
 def test_without_told_limits_what_fits_the_request_is_tried() -> None:
     device = identified()
     assert drive(device.set_scan_frequency(1000.0), {})[0] == 1000.0
     for hertz in (0.0, 2000.0):
-        with pytest.raises(ValueError, match="1 to 65535 rpm"):
+        with pytest.raises(InvalidValue, match="1 to 65535 rpm"):
             drive(device.set_scan_frequency(hertz), {})
 
 

@@ -1,13 +1,14 @@
 """The 4ROS's scripts: by hand, and against the simulated device through a real `Link`, in driven time."""
 
+import math
 import struct
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
 
-from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
+from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.base import Script
 from lidario.families.ydlidar import FAMILY, commands
 from lidario.families.ydlidar.device import Device4Ros
@@ -263,15 +264,21 @@ def test_the_set_frequency_is_reached_without_the_vendors_correction(bench: Benc
     assert [received.data[1] for received in bench.simulated.log] == [0x0D, 0x0D, 0x0B, 0x0B, 0x0B, 0x0D]
 
 
-@pytest.mark.parametrize("hertz", [4.9, 12.1, 0.0, -7.0, float("nan"), float("inf")])
+@pytest.mark.parametrize("hertz", [4.9, 12.1, 0.0, -7.0, 1e308])
 def test_a_frequency_out_of_range_is_refused_before_anything_is_sent(hertz: float) -> None:
     device = Device4Ros()
     script = device.scan_frequency_range()
     with pytest.raises(StopIteration) as done:
         next(script)
     assert done.value.value == (5.0, 12.0)
-    with pytest.raises(ValueError, match="5 to 12 Hz"):
+    with pytest.raises(InvalidValue, match="5 to 12 Hz"):
         device.set_scan_frequency(hertz)
+
+
+@pytest.mark.parametrize("hertz", [math.nan, math.inf, "10", None, 1j, 10**400])
+def test_what_is_no_frequency_is_refused(hertz: Any) -> None:
+    with pytest.raises(InvalidValue, match="scan frequency"):
+        Device4Ros().set_scan_frequency(hertz)
 
 
 def test_a_device_that_does_not_step_ends_the_setting() -> None:
@@ -355,6 +362,12 @@ def test_power_down_protection_is_toggled_until_it_is_as_wanted(bench: Bench, be
     if stream.keepalive:
         assert stream.keepalive.request.data == b"\xa5\x60"
         assert stream.keepalive.interval_s == 1.0
+
+
+@pytest.mark.parametrize("on", [np.True_, 1, "yes", np.False_, 0])
+def test_what_is_as_good_as_true_switches_protection(bench: Bench, on: Any) -> None:
+    assert bench.run(bench.device.power_down_protection(on)) is bool(on)
+    assert bench.simulated.protected is bool(on)
 
 
 def test_a_toggle_whose_answer_was_lost_ends_in_the_wanted_state() -> None:

@@ -27,9 +27,9 @@ from typing import ClassVar
 from lidario.families.rplidar.simulated.profiles import PROFILES, Mode, Profile
 from lidario.families.rplidar.simulated.requests import Request, RequestReader
 from lidario.families.rplidar.simulated.stream import MeasurementStream
-from lidario.sim.chassis import Chassis
+from lidario.sim.chassis import PROTECTION_STOP, Chassis
 from lidario.sim.motor import Motor
-from lidario.sim.world import World
+from lidario.sim.world import WorldLike
 
 __all__ = ["PROFILES", "Mode", "Profile", "SimulatedRplidar", "make_simulated"]
 
@@ -37,7 +37,6 @@ _MS = 1_000_000
 _SETTLE_AFTER_STOP = 10 * _MS  # S-series interface manual, STOP
 _SETTLE_AFTER_RESET = 500 * _MS  # S-series interface manual, RESET
 _DEFAULT_RPM = 600  # S-series interface manual, motor speed; vendor SDK 2.1.0 falls back to the same
-_PROTECTION_STOP = 2  # GET_HEALTH status
 _CONTINUOUS = 1 << 30  # send mode in the descriptor's length word
 
 # Answer types of the single answers (S-series interface manual; 0x15 and 0x20 as in vendor SDK 2.1.0).
@@ -66,17 +65,17 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         self,
         profile: Profile,
         *,
-        world: World | None = None,
+        world: WorldLike | None = None,
         serial: bytes | None = None,
         seed: int = 0,
     ) -> None:
         super().__init__(profile.baudrate, world, seed, profile.model)
         self.profile = profile
-        self.serial = self._random.bytes(16) if serial is None else bytes(serial)
+        self.serial: bytes = self._random.bytes(16) if serial is None else bytes(serial)
         if len(self.serial) != 16:
             raise ValueError(f"a serial number has 16 bytes, not {len(self.serial)}")
-        self.answer_delay_s = 0.0015
-        self.boot_s = profile.boot_s
+        self.answer_delay_s: float = 0.0015
+        self.boot_s: float = profile.boot_s
         self._motor = Motor(turns=float(self._random.random()))
         self._reader = RequestReader()
         if not profile.motor_command:
@@ -119,7 +118,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
 
     def protection_stop(self, error_code: int) -> None:
         """Fail: the stream and the motor cease, and health says so until a RESET helps."""
-        self.health = (_PROTECTION_STOP, error_code)
+        self._fault(error_code)
         self._end_stream(self._now)
         if self.profile.motor_command:
             self._motor.set_rpm(0, self._now)
@@ -177,8 +176,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         self._reader.clear()
         if self.profile.motor_command:
             self._motor.set_rpm(0, now)
-        if self.faults_cleared_by_reset:
-            self.health = (0, 0)
+        self._recover()
         self._deaf_until, self._deaf_why = now + _SETTLE_AFTER_RESET, "within 500 ms of reset"
         if up > self._deaf_until:
             self._deaf_until, self._deaf_why = up, "still booting after reset"
@@ -197,7 +195,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
 
     def _start(self, mode: Mode, now: int, *, force: bool = False) -> str:
         """Announce a stream and begin it once the motor is up to speed."""
-        if self.health[0] == _PROTECTION_STOP:
+        if self.health[0] == PROTECTION_STOP:
             return "in protection stop"
         if not self.motor_on:
             self._motor.set_rpm(_DEFAULT_RPM, now)
@@ -255,7 +253,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
 
 
 def make_simulated(
-    model: str, *, world: World | None = None, serial: bytes | None = None, seed: int = 0
+    model: str, *, world: WorldLike | None = None, serial: bytes | None = None, seed: int = 0
 ) -> SimulatedRplidar:
     """Build a simulated device by the name of its profile, such as ``"rplidar-s2"``.
 

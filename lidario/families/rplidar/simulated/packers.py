@@ -26,6 +26,7 @@ In the start word bit 15 is S: the first packet of a stream, not the first of a 
 from __future__ import annotations
 
 import zlib
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -62,17 +63,17 @@ _ULTRA_DENSE = np.dtype(
 )
 
 # Variable bit scale (vendor SDK 2.1.0, ultra capsule unpacker): from which distance, from which code, shift.
-_VBS_FROM = np.array([0, 512, 2048, 4096, 16384])
-_VBS_CODE = np.array([0, 512, 1280, 1792, 3328])
-_VBS_SHIFT = np.array([0, 1, 2, 3, 4])
+_VBS_FROM: Final[Ints] = np.array([0, 512, 2048, 4096, 16384], dtype=np.int64)
+_VBS_CODE: Final[Ints] = np.array([0, 512, 1280, 1792, 3328], dtype=np.int64)
+_VBS_SHIFT: Final[Ints] = np.array([0, 1, 2, 3, 4], dtype=np.int64)
 _VBS_MAX = 16384 + ((4095 - 3328) << 4)
 _NO_PREDICTION = -512
 
 # Scales of the ultra-dense format (vendor SDK 2.1.0): base and step in mm, bits of distance.
-_SCALE_BASE = np.array([0, 2046, 8187, 24567])
-_SCALE_STEP = np.array([2, 3, 4, 5])
-_SCALE_BITS = np.array([10, 11, 12, 13])
-_SCALE_TOP = np.array([2046, 8187, 24567, 65522])
+_SCALE_BASE: Final[Ints] = np.array([0, 2046, 8187, 24567], dtype=np.int64)
+_SCALE_STEP: Final[Ints] = np.array([2, 3, 4, 5], dtype=np.int64)
+_SCALE_BITS: Final[Ints] = np.array([10, 11, 12, 13], dtype=np.int64)
+_SCALE_TOP: Final[Ints] = np.array([2046, 8187, 24567, 65522], dtype=np.int64)
 
 
 def pack_standard(

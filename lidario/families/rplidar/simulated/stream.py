@@ -19,7 +19,7 @@ import numpy.typing as npt
 from lidario.families.rplidar.simulated import packers
 from lidario.families.rplidar.simulated.profiles import Mode
 from lidario.sim.motor import Motor
-from lidario.sim.world import World
+from lidario.sim.world import CheckedWorld, World
 
 __all__ = ["MeasurementStream"]
 
@@ -40,10 +40,13 @@ class MeasurementStream:
         first: Whether the first packet begins a stream (S set) or one that has long been running.
     """
 
-    def __init__(self, mode: Mode, origin: int, motor: Motor, world: World, *, first: bool = True) -> None:
+    def __init__(
+        self, mode: Mode, origin: int, motor: Motor, world: World | CheckedWorld, *, first: bool = True
+    ) -> None:
         self.mode = mode
+        self.size: int
         self.size, self._per_packet = mode.packet
-        self.period = mode.period_ns
+        self.period: int = mode.period_ns
         self._origin = origin
         self._motor = motor
         self._world = world

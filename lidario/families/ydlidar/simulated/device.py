@@ -27,9 +27,9 @@ from dataclasses import dataclass
 
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_answer
 from lidario.families.ydlidar.simulated.stream import SAMPLE_NS, PointStream
-from lidario.sim.chassis import Chassis
+from lidario.sim.chassis import PROTECTION_STOP, Chassis
 from lidario.sim.motor import Motor
-from lidario.sim.world import World
+from lidario.sim.world import WorldLike
 
 __all__ = ["PROFILES", "Profile", "Simulated4Ros", "make_simulated"]
 
@@ -40,7 +40,6 @@ _AFTER_STOP = "within 5 ms of stop"
 _ALIVE_FOR = 3000 * _MS  # manual 3.8
 _FACTORY_SPEED = 700  # hundredths of Hz: data sheet
 _SPEEDS = (500, 1200)  # data sheet
-_ERROR = 2  # health status
 _SETTING, _HEALTH = 0x04, 0x06  # answer types
 _FIRMWARE = (1, 3)  # minor, major, in the order in which they are sent
 _HARDWARE = 2
@@ -120,19 +119,19 @@ class Simulated4Ros(Chassis[PointStream]):
         self,
         profile: Profile,
         *,
-        world: World | None = None,
+        world: WorldLike | None = None,
         serial: bytes | str | None = None,
         seed: int = 0,
     ) -> None:
         super().__init__(_BAUDRATE, world, seed, profile.model)
         self.profile = profile
         drawn = self._random.integers(0, 10, 16).tolist()
-        self.serial = _digits(drawn if serial is None else serial)
-        self.zero_offset = 0
-        self.set_speed = _FACTORY_SPEED
-        self.protected = False
-        self.lapses = 0
-        self.answer_delay_s = 0.0005
+        self.serial: bytes = _digits(drawn if serial is None else serial)
+        self.zero_offset: int = 0
+        self.set_speed: int = _FACTORY_SPEED
+        self.protected: bool = False
+        self.lapses: int = 0
+        self.answer_delay_s: float = 0.0005
         self._motor = Motor(spin_up_s=profile.spin_up_s, turns=float(self._random.random()))
         self._begun = False  # the first byte of a request is there
         self._alive_until = 0
@@ -167,7 +166,7 @@ class Simulated4Ros(Chassis[PointStream]):
 
     def protection_stop(self, error_code: int) -> None:
         """Fail: the stream and the motor cease, and health says so until a RESET helps."""
-        self.health = (_ERROR, error_code)
+        self._fault(error_code)
         self._halt(self._now)
 
     def _advance(self, now: int) -> None:
@@ -207,7 +206,7 @@ class Simulated4Ros(Chassis[PointStream]):
             return "unknown to this device"
         if self.scanning and command not in _HEARD_WHILE_SCANNING:
             return "scanning"
-        if command == 0x60 and self.health[0] == _ERROR:
+        if command == 0x60 and self.health[0] == PROTECTION_STOP:
             return "in protection stop"
         return ""
 
@@ -255,15 +254,14 @@ class Simulated4Ros(Chassis[PointStream]):
         self._halt(now)
         self._queue.cut(now)
         self.set_speed, self.protected = _FACTORY_SPEED, False
-        if self.faults_cleared_by_reset:
-            self.health = (0, 0)
+        self._recover()
         up = now + int(self.boot_s * 1e9)
         self._deaf_until, self._deaf_why = up, "still booting after reset"
         self._queue.push(pack_answer(_SETTING, self._info()), up)
 
 
 def make_simulated(
-    model: str, *, world: World | None = None, serial: bytes | str | None = None, seed: int = 0
+    model: str, *, world: WorldLike | None = None, serial: bytes | str | None = None, seed: int = 0
 ) -> Simulated4Ros:
     """Build a simulated device by the name of its profile, such as ``"ydlidar-4ros"``.
 

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from lidario.families.ydlidar.simulated.packers import pack_points, start_control
 from lidario.sim.motor import Motor
-from lidario.sim.world import World
+from lidario.sim.world import CheckedWorld, World
 
 __all__ = ["SAMPLE_NS", "Burst", "PointStream"]
 
@@ -48,7 +48,7 @@ class PointStream:
         world: What there is to see.
     """
 
-    def __init__(self, origin: int, motor: Motor, world: World) -> None:
+    def __init__(self, origin: int, motor: Motor, world: World | CheckedWorld) -> None:
         self._origin = origin
         self._motor = motor
         self._world = world

@@ -1,0 +1,27 @@
+"""Checks of what users hand to a device, the same in every family: nothing foreign leaves for a wrong argument."""
+
+from __future__ import annotations
+
+import math
+from numbers import Real
+
+from lidario.errors import InvalidValue
+
+__all__ = ["finite"]
+
+
+def finite(value: object, what: str) -> float:
+    """The value as a float, if it is a finite number; texts are not taken for numbers.
+
+    Raises:
+        InvalidValue: It is not; the message begins with `what`.
+    """
+    if not isinstance(value, Real):
+        raise InvalidValue(f"{what} is a number, not {value!r}")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise InvalidValue(f"{what} is a finite number, not {value!r}")
+    return number

@@ -1,0 +1,117 @@
+"""The public door to simulated devices: `simulate` makes one that can be given to `open_lidar`.
+
+::
+
+    room = [((2, -1), (2, 1)), ((2, 1), (-2, 1)), ((-2, 1), (-2, -1)), ((-2, -1), (2, -1))]
+    async with lidario.open_lidar(lidario.simulate(world=room, spin_up=0)) as lidar:
+        scan = await lidar.scan()
+
+The device lives in memory, on the clock of the event loop. It behaves as strictly as a real one; its `log` tells
+which requests it obeyed and which it discarded, and why. For faults on the line use a source instead:
+``sim://MODEL?via=memory&fault=drop:1%``.
+
+This file is not called ``simulate.py``: importing a submodule of that name would replace the function
+``lidario.simulate`` by the module.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Iterable
+from typing import SupportsIndex
+
+import numpy as np
+
+from lidario.errors import ConnectFailed, InvalidValue
+from lidario.families.registry import FAMILIES, family_of_simulated
+from lidario.sim.device import SimulatedDevice
+from lidario.sim.world import Wall, WorldLike, as_world, make_world, walls_around
+
+__all__ = ["simulate"]
+
+_WORLDS = "A world is a name, a list of walls or an object with the method ranges_mm"
+_PROBE_DEG = np.linspace(0.0, 350.0, 36)
+
+
+def simulate(
+    model: str | None = None,
+    *,
+    world: str | WorldLike | Iterable[Wall] = "room",
+    spin_up: float | None = None,
+    seed: SupportsIndex = 0,
+    serial: str | bytes | None = None,
+) -> SimulatedDevice:
+    """Make a simulated device for `open_lidar`.
+
+    Args:
+        model: Its name as in ``sim://MODEL``; `lidario sim --list` names all. None: the first of them.
+        world: What it sees: ``room``, ``corridor``, ``circle`` or ``empty``; or walls, each
+            ``((x1, y1), (x2, y2))`` in metres, x forward and y to the left, the scanner at the origin; or an object
+            of your own with a method ``ranges_mm(angles, times)``, see `WorldLike`. Such an object is called once
+            here, with 36 angles at the time 0. Later its results are checked each time, and what it raises
+            ends the session.
+        spin_up: Seconds the motor needs from standstill to a stable speed; 0 for tests; None as the model does.
+        seed: Decides everything random: noise, first angle, serial number.
+        serial: Its serial number, as bytes or in hexadecimal digits; None: drawn from the seed.
+
+    Returns:
+        The device, switched on and not scanning. It serves one session at a time.
+
+    Raises:
+        InvalidValue: An argument cannot be right; the text says which values can. A ValueError of your own
+            world becomes one, too; what else it raises passes unchanged.
+    """
+    name = FAMILIES[0].simulated[0] if model is None else model
+    try:
+        family = family_of_simulated(name)
+    except ConnectFailed as error:
+        raise InvalidValue(str(error)) from None
+    try:
+        number = operator.index(seed)
+        if number < 0:
+            raise ValueError
+    except (TypeError, ValueError):
+        raise InvalidValue(f"a seed is a whole number from 0 on, not {seed!r}") from None
+    sight = _world(world, number)
+    until_stable = None if spin_up is None else _seconds(spin_up)
+    try:
+        own = bytes.fromhex(serial) if isinstance(serial, str) else serial
+        if not isinstance(own, bytes | bytearray | None):
+            raise ValueError
+    except ValueError:
+        raise InvalidValue(f"a serial number is written in hexadecimal digits, not {serial!r}") from None
+    try:
+        return family.simulate(name, world=sight, serial=own, seed=number, spin_up=until_stable)
+    except ValueError as error:
+        raise InvalidValue(str(error)) from error
+
+
+def _world(world: str | WorldLike | Iterable[Wall], seed: int) -> WorldLike:
+    """The world that is meant; tried once, so that a mistake in it shows here and not in the middle of a stream."""
+    try:
+        if isinstance(world, str):
+            return make_world(world, seed=seed)
+        if isinstance(world, WorldLike):
+            found = as_world(world)
+        elif isinstance(world, Iterable):
+            return walls_around(world)
+        else:
+            raise ValueError(f"{type(world).__name__} is not a world")
+    except ValueError as error:
+        raise InvalidValue(f"{error}. {_WORLDS}") from error
+    try:
+        found.ranges_mm(_PROBE_DEG.copy(), np.zeros_like(_PROBE_DEG))
+    except ValueError as error:
+        raise InvalidValue(str(error)) from error
+    return found
+
+
+def _seconds(value: float) -> float:
+    try:
+        seconds = float(value)
+    except (TypeError, ValueError, OverflowError):
+        seconds = math.nan
+    if not 0.0 <= seconds < math.inf:
+        raise InvalidValue(f"spin_up is a number of seconds from 0 on, not {value!r}")
+    return seconds
