@@ -35,7 +35,7 @@ class _Timed:
         self.seconds = 0.0
         self._decoder = decoder
 
-    def decode(self, packets: bytes, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
+    def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         start = time.perf_counter()
         samples = self._decoder.decode(packets, following, room, seam)
         self.seconds += time.perf_counter() - start
@@ -67,7 +67,7 @@ def _stages(kind: Kind, seconds: float) -> dict[str, float]:
     alone = _through(kind.stream(), kind, raw, lambda _: None)
     stream = kind.stream()
     wire, seam = stream.format, Seam(stream.format.full_turn, stream.format.first_seam)
-    sought = _through(stream, kind, raw, lambda packets: seam.splits(wire.headings(packets.data)))
+    sought = _through(stream, kind, raw, lambda packets: seam.splits(wire.headings(packets)))
     stream = kind.stream()
     decoder = _Timed(stream.decoder)
     assembler = Assembler(replace(stream, decoder=decoder))

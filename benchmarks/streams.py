@@ -26,8 +26,11 @@ from lidario.families.ydlidar.decode import PointCloudDecoder
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.simulated.device import make_simulated as make_4ros
 from lidario.model import ScanMode
+from lidario.wire.blocks import Block, join_blocks, packet_offsets
 from lidario.wire.envelope import DESCRIPTOR_SIZE, Request
+from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS, StreamFormat
+from lidario.wire.link import Link
 
 __all__ = ["KINDS", "RATES", "Kind", "Rate", "Recording", "capture", "recording"]
 
@@ -172,14 +175,16 @@ def capture(kind: Kind, seconds: float) -> bytes:
 @cache
 def recording(kind: Kind) -> Recording:
     """A beginning, and a second to repeat; all devices make whole turns in one."""
-    raw, wire = capture(kind, 2.5), kind.make_format()
-    size = wire.shortest if wire.shortest == wire.longest else 1
-    packets = raw[DESCRIPTOR_SIZE:]
-    packets = packets[: len(packets) // size * size]
-    if size == 1:
-        packets = packets[: wire.run(bytearray(packets), 0)[0]]
-    offsets = wire.offsets(packets)
-    headings = [heading & (BEGINS - 1) for heading in wire.headings(packets)]
+    raw, wire, link = capture(kind, 2.5), kind.make_format(), Link()
+    link.send_request(kind.request(wire))
+    link.receive_data(raw, 0)
+    packets, blocks, headings = b"", list[Block](), list[int]()
+    for event in link.events_received():
+        if isinstance(event, Packets):
+            packets += event.data
+            join_blocks(blocks, event.blocks)
+            headings += [int(heading) & (BEGINS - 1) for heading in wire.headings(event)]
+    offsets = packet_offsets(blocks)
     wraps = [at for at, (last, here) in enumerate(pairwise(headings), 1) if here < last - wire.full_turn // 2]
     turns = 1000 * len(wraps) // 2400
     first, last = wraps[turns - 1], wraps[2 * turns - 1]

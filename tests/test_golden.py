@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.support.streams import CASES, SINGLE_DEG, Case, arrived, assembled, feed, named
+from tests.support.streams import CASES, SINGLE_DEG, Case, assembled, feed, in_one_run, named
 
 Q6_TURN = 360 * 64
 CHUNKS = {"whole": None, "byte by byte": 1, "in eights": 8, "in 64s": 64, "in kilobytes": 1024}
@@ -29,7 +29,7 @@ def golden_q6(case: Case) -> NDArray[np.int64]:
 @every_case
 def test_distances_are_the_vendors_and_angles_within_a_64th(case: Case) -> None:
     truth = case.truth
-    samples = case.make_decoder().decode(feed(case, case.raw).data, None)
+    samples = case.make_decoder().decode(in_one_run(case.make_format(), feed(case, case.raw).data), None)
     count = len(truth.distance_mm)
     assert count > 5_000
     np.testing.assert_array_equal(samples.distance_mm[:count], truth.distance_mm)
@@ -45,7 +45,7 @@ def test_distances_are_the_vendors_and_angles_within_a_64th(case: Case) -> None:
 
 @every_case
 def test_every_figure_is_the_scalar_references(case: Case) -> None:
-    samples = case.make_decoder().decode(feed(case, case.raw).data, None)
+    samples = case.make_decoder().decode(in_one_run(case.make_format(), feed(case, case.raw).data), None)
     reference = case.samples
     assert list(samples.ends) == np.cumsum([_samples_in(case, packet) for packet in case.packets]).tolist()
     assert (samples.lost, samples.unbroken) == (0, len(case.packets))
@@ -69,7 +69,7 @@ def test_every_figure_is_the_scalar_references(case: Case) -> None:
 @pytest.mark.parametrize("chunks", CHUNKS.values(), ids=CHUNKS)
 def test_the_events_are_one_descriptor_and_one_run(case: Case, chunks: int | None) -> None:
     received = feed(case, case.raw, chunks)
-    assert received.events == [arrived(case.raw, len(case.packets), 0)]
+    assert received.events == [in_one_run(case.make_format(), case.raw)]
     assert (received.stats.packets, received.buffered) == (len(case.packets), 0)
     assert received.stats.bytes_received == len(case.descriptor) + len(case.raw)
     assert received.stats.skipped_bytes == received.stats.stray_bytes == 0

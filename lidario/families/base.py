@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from lidario.errors import Unsupported
 from lidario.model import DeviceInfo, Health, SampleRate, ScanMode
 from lidario.wire.envelope import Request
+from lidario.wire.events import Packets
 from lidario.wire.formats import StreamFormat
 
 if TYPE_CHECKING:
@@ -59,11 +60,11 @@ class Samples:
 class Decoder(Protocol):
     """Turns packets into samples; one object follows one stream, in order."""
 
-    def decode(self, packets: bytes, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
-        """Decode whole packets, back to back.
+    def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
+        """Decode packets that follow each other.
 
         Args:
-            packets: At least one packet.
+            packets: At least one packet; their arrivals are not read.
             following: The packet after the last one, since some formats need it to know how far the rotor
                 turned; None when there is none, and the last packet is then decoded with the step of its
                 neighbours.

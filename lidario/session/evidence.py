@@ -49,8 +49,8 @@ class Residue:
 def _packets(data: bytearray, stream_format: StreamFormat) -> int:
     at = count = 0
     while True:
-        cut = stream_format.cut(data, at)
-        if cut.noise == at:
+        stretch = stream_format.next_stretch(data, at)
+        if stretch.end == at:
             return count
-        count += cut.packets
-        at = cut.noise
+        count += sum(block.packets for block in stretch.packets)
+        at = stretch.end

@@ -1,8 +1,8 @@
-"""How a measurement stream is cut into packets: the one thing every format must answer.
+"""How a measurement stream is parsed into packets: what every format must tell, and what all have in common.
 
 No format has framing beyond its own first bytes and a check value, so a packet is believed when three things
 agree: it begins as one does (`StreamFormat.header`), its length is known (`measure`), and its check value
-holds (`intact`). `cut` builds on those three and is the same for every format:
+holds (`intact`). `next_stretch` builds on those three and is the same for every format:
 
 * while in step, whole runs of packets are taken;
 * a packet that fails its check is searched *inside*: the next one may begin in its middle, when bytes were
@@ -11,47 +11,50 @@ holds (`intact`). `cut` builds on those three and is the same for every format:
   false packet in 256 pass. One that stands exactly where the damaged packet says it ends needs no such proof.
 
 Every decision waits until the bytes it rests on are there, so results do not depend on how the stream was
-chopped. A format object belongs to one stream: it remembers whether it is in step.
+divided. A format object belongs to one stream: it remembers whether it is in step.
 """
 
 from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BEGINS", "NO_PACKET", "RESTARTS", "Cut", "Headings", "StreamFormat"]
+from lidario.wire.blocks import Block
+from lidario.wire.events import Packets
+
+__all__ = ["BEGINS", "NO_PACKET", "RESTARTS", "Headings", "StreamFormat", "Stretch"]
 
 NO_PACKET = -1
-"""Answer of `measure` and `aside`: nothing of the kind can begin here."""
+"""Result of `measure` and `other_record`: nothing of the kind can begin here."""
 
 BEGINS = 1 << 28
-"""Added to a heading: the device marks this packet as the first of a revolution."""
+"""Flag in a heading: the device marks this packet as the first of a revolution."""
 
 RESTARTS = 1 << 29
-"""Added to a heading: the stream began anew with this packet; it does not continue the one before."""
+"""Flag in a heading: the stream began anew with this packet; it does not continue the one before."""
 
 
 Headings: TypeAlias = Sequence[int] | NDArray[np.integer[Any]]
-"""Start angles of consecutive packets: a list where they are few, an array where that is cheaper."""
+"""Start angles of consecutive packets, with the two flags: a list where they are few, else an array."""
 
 
-class Cut(NamedTuple):
-    """Where the next stretch of a stream ends.
+class Stretch(NamedTuple):
+    """The next part of a stream: packets, and the noise or record behind them.
 
     Attributes:
-        run: End of the intact packets that begin at the place asked about.
-        noise: End of the noise behind them; equal to `run` when there is none.
-        packets: Number of packets in the run.
+        packets: Sizes of the intact packets that begin at the place asked about; empty when there is none.
+        middle: Where they end.
+        end: End of the noise, or of the record that is no measurement, behind them; `middle` when there is none.
     """
 
-    run: int
-    noise: int
-    packets: int
+    packets: tuple[Block, ...]
+    middle: int
+    end: int
 
 
 class StreamFormat(ABC):
@@ -59,12 +62,12 @@ class StreamFormat(ABC):
 
     Attributes:
         name: The documents' name of the format.
-        answer_type: The type byte of the descriptor that announces it.
+        answer_type: The type byte of the descriptor that announces it; both families' documents call it so.
         header: What the first bytes of a packet look like.
         shortest: Bytes of the shortest packet; with fewer at hand, nothing can be decided.
         longest: Bytes of the longest packet.
-        samples: Samples in one packet, where every packet has as many.
-        full_turn: One turn in the unit of `headings`.
+        samples: Samples in one packet, where every packet has as many; 1 elsewhere.
+        full_turn: 360 degrees in the unit of `headings`.
         first_seam: Heading at which revolutions begin; None when only marked packets (`BEGINS`) tell.
         self_evident: True when the check value is strong enough to need no second proof.
     """
@@ -92,61 +95,59 @@ class StreamFormat(ABC):
         """Whether the check value of the `size` bytes at `at` holds; they are all there."""
 
     @abstractmethod
-    def headings(self, packets: bytes) -> Headings:
-        """Start angle of each packet in units of one `full_turn`-th, `BEGINS` or `RESTARTS` added."""
+    def headings(self, packets: Packets) -> Headings:
+        """Start angle of each packet, in [0, full_turn), with `BEGINS` and `RESTARTS` where they apply."""
 
-    def offsets(self, packets: bytes) -> Sequence[int]:
-        """Where each packet of a run begins, and where the last one ends; as it stands, for packets of one size."""
-        return range(0, len(packets) + 1, self.shortest)
+    def samples_in(self, blocks: Iterable[Block]) -> int:
+        """Samples in packets of these sizes. Default: as many in every packet."""
+        return self.samples * sum(block.packets for block in blocks)
 
-    def samples_in(self, packets: bytes) -> int:
-        """Samples in a run of packets; as it stands, for packets of one size."""
-        return len(packets) // self.shortest * self.samples
-
-    def aside(self, data: bytearray, at: int) -> int:  # noqa: ARG002
-        """Length of a known record that may stand between packets and is no measurement; as `measure`."""
+    def other_record(self, data: bytearray, at: int) -> int:  # noqa: ARG002
+        """Length of the known record at `at` that may stand between packets and is no measurement; as `measure`."""
         return NO_PACKET
 
-    def run(self, data: bytearray, at: int) -> tuple[int, int]:
-        """End and number of the intact packets that follow each other from `at`."""
-        count, available = 0, len(data)
-        while available - at >= self.shortest:
-            size = self.measure(data, at)
-            if size <= 0 or size > available - at or not self.intact(data, at, size):
-                break
+    def run(self, data: bytearray, at: int) -> tuple[Block, ...]:
+        """Sizes of the intact packets that follow each other from `at`. Default: packets of one size."""
+        size, begin = self.shortest, at
+        while len(data) - at >= size and self.measure(data, at) == size and self.intact(data, at, size):
             at += size
-            count += 1
-        return at, count
+        return (Block(size, (at - begin) // size),) if at > begin else ()
 
-    def cut(self, data: bytearray, at: int) -> Cut:
-        """The next run of packets or stretch of noise from `at`; both ends at `at` mean: wait for more."""
+    def next_stretch(self, data: bytearray, at: int) -> Stretch:
+        """The next packets, or the noise or record at `at`; `end` equal to `at` means: wait for more bytes."""
         if self._in_step:
-            end, count = self.run(data, at)
-            if count:
-                return Cut(end, end, count)
-            aside = self._whole_aside(data, at)
-            if aside:
-                return Cut(at, at + aside, 0)
+            packets = self._packets_at(data, at)
+            if packets.packets:
+                return packets
+            record = self._whole_record(data, at)
+            if record:
+                return Stretch((), at, at + record)
             size = self.measure(data, at) if at < len(data) else 0
             if not self._decidable(data, at, size):
-                return Cut(at, at, 0)
-            if size == NO_PACKET and self.aside(data, at) == 0:
-                return Cut(at, at, 0)
+                return Stretch((), at, at)
+            if size == NO_PACKET and self.other_record(data, at) == 0:
+                return Stretch((), at, at)
             self._in_step = False
             self._due = size
         noise = self._hunt(data, at)
         self._due -= noise - at
         if noise == at and self._in_step:
             # The packet that was waited for begins right here, and it is whole.
-            end, count = self.run(data, at)
-            return Cut(end, end, count)
-        return Cut(at, noise, 0)
+            return self._packets_at(data, at)
+        return Stretch((), at, noise)
+
+    def _packets_at(self, data: bytearray, at: int) -> Stretch:
+        """The run of packets at `at`, with nothing behind it."""
+        packets = self.run(data, at)
+        for size, count in packets:
+            at += size * count
+        return Stretch(packets, at, at)
 
     def _decidable(self, data: bytearray, at: int, size: int) -> bool:
         return size == NO_PACKET or 0 < size <= len(data) - at
 
-    def _whole_aside(self, data: bytearray, at: int) -> int:
-        size = self.aside(data, at) if at < len(data) else 0
+    def _whole_record(self, data: bytearray, at: int) -> int:
+        size = self.other_record(data, at) if at < len(data) else 0
         return size if 0 < size <= len(data) - at else 0
 
     def _hunt(self, data: bytearray, at: int) -> int:
@@ -182,5 +183,5 @@ class StreamFormat(ABC):
             return None
         follower = self.measure(data, behind)
         if follower == NO_PACKET:
-            follower = self.aside(data, behind)
+            follower = self.other_record(data, behind)
         return None if follower == 0 else follower != NO_PACKET

@@ -25,9 +25,10 @@ from dataclasses import dataclass
 from enum import Enum
 
 from lidario.errors import LocalProtocolError
+from lidario.wire.blocks import packet_offsets
 from lidario.wire.buffer import ReceiveBuffer
 from lidario.wire.envelope import DESCRIPTOR_MAGIC, DESCRIPTOR_SIZE, Expected, Request, parse_descriptor
-from lidario.wire.events import Arrival, Descriptor, Event, Packets, Response, Skipped
+from lidario.wire.events import Arrival, Descriptor, Event, Packets, Response
 from lidario.wire.formats import StreamFormat
 
 __all__ = ["Link", "LinkState", "LinkStats"]
@@ -274,27 +275,27 @@ class Link:
             return
         data = buffer.data
         while len(data) - at >= wire.shortest:
-            run, noise, count = wire.cut(data, at)
-            if noise == at:
+            blocks, middle, end = wire.next_stretch(data, at)
+            if end == at:
                 break
-            if count:
+            if blocks:
                 self._end_noise()
-                self.stats.packets += count
-                self.stats.packet_bytes += run - at
-                with memoryview(data) as view:
-                    packets = bytes(view[at:run])
-                arrivals: tuple[Arrival, ...] = ((count, now),)
                 if self._arrivals:
-                    arrivals = self._arrivals_of(wire.offsets(packets), at, now)
-                self._events.append(Packets(packets, count, arrivals))
-            if noise > run:
-                self._skip(wire, data, run, noise)
-            at = noise
+                    arrivals = self._arrivals_of(packet_offsets(blocks), at, now)
+                else:
+                    arrivals = ((sum([block.packets for block in blocks]), now),)
+                self.stats.packets += arrivals[-1][0]
+                self.stats.packet_bytes += middle - at
+                with memoryview(data) as view:
+                    self._events.append(Packets(bytes(view[at:middle]), blocks, arrivals))
+            if end > middle:
+                self._skip(wire, data, middle, end)
+            at = end
         if at:
             buffer.skip(at)
 
     def _arrivals_of(self, offsets: Sequence[int], start: int, now: int) -> tuple[Arrival, ...]:
-        """How many packets had come when; `offsets` are as those of a format, from `start` in the buffer."""
+        """How many packets had come when; `offsets` (`packet_offsets`) count from `start` in the buffer."""
         before = self._fed - len(self._buffer) + start
         found: list[Arrival] = []
         done, count = 0, len(offsets) - 1
@@ -308,7 +309,7 @@ class Link:
         return tuple(found)
 
     def _skip(self, wire: StreamFormat, data: bytearray, start: int, end: int) -> None:
-        if not self._noise and wire.aside(data, start) == end - start:
+        if not self._noise and wire.other_record(data, start) == end - start:
             self.stats.records += 1
             self.stats.record_bytes += end - start
             return
@@ -318,7 +319,6 @@ class Link:
     def _end_noise(self) -> None:
         if self._noise:
             self.stats.skipped_stretches += 1
-            self._events.append(Skipped(self._noise))
             self._noise = 0
 
     def _stray(self, size: int) -> None:

@@ -10,14 +10,30 @@ from hypothesis import strategies as st
 
 from lidario.families.base import Samples
 from lidario.revolution.seam import Seam, Split
-from lidario.wire.formats import BEGINS, RESTARTS, Headings, StreamFormat
+from lidario.wire.events import Packets
+from lidario.wire.formats import BEGINS, RESTARTS, Headings
 from tests.support.contents import any_packets
 from tests.support.harm import messes
-from tests.support.streams import CASES, KINDS, SINGLE_DEG, Case, Sample, before_seam, named
+from tests.support.streams import (
+    CASES,
+    KINDS,
+    SINGLE_DEG,
+    Case,
+    Sample,
+    before_seam,
+    checked_one_by_one,
+    in_one_run,
+    named,
+)
 
 every_kind = pytest.mark.parametrize("case", KINDS, ids=named)
 seeds = st.integers(0, 2**32)
 TURN = 23040
+
+
+def run_of(case: Case, packets: Sequence[bytes]) -> Packets:
+    """Packets as the link reports them."""
+    return in_one_run(case.make_format(), b"".join(packets))
 
 
 def assert_same(case: Case, samples: Samples, reference: Sequence[Sample]) -> None:
@@ -38,7 +54,7 @@ def assert_same(case: Case, samples: Samples, reference: Sequence[Sample]) -> No
 @given(seed=seeds, count=st.integers(2, 40))
 def test_any_contents_decode_as_the_scalar_reference_decodes_them(case: Case, seed: int, count: int) -> None:
     packets = any_packets(case, seed, count, wild=False)
-    samples = case.make_decoder().decode(b"".join(packets), None)
+    samples = case.make_decoder().decode(run_of(case, packets), None)
     assert_same(case, samples, case.decode(packets))
     assert ((samples.angle_deg >= 0) & (samples.angle_deg < 360)).all()
     assert len(samples.ends) == count
@@ -52,7 +68,7 @@ def test_the_seam_is_found_where_the_scalar_reference_passes_it(
 ) -> None:
     """In the last packet, near it, and anywhere."""
     *packets, following = any_packets(case, seed, count + 1, wild=False)
-    raw, reference = b"".join(packets), case.decode([*packets, following])
+    raw, reference = run_of(case, packets), case.decode([*packets, following])
     last = [sample.raw_deg for sample in reference if sample.packet == count - 1]
     inside = round((last[0] + place * (last[-1] - last[0])) % 360 / 360 * case.make_format().full_turn)
     for seam in (inside % case.make_format().full_turn, somewhere):
@@ -65,7 +81,7 @@ def test_the_seam_is_found_where_the_scalar_reference_passes_it(
 @every_kind
 @given(seed=seeds, count=st.integers(2, 40), room=st.integers(1, 200))
 def test_room_is_left_at_the_front_of_every_array(case: Case, seed: int, count: int, room: int) -> None:
-    raw = b"".join(any_packets(case, seed, count, wild=False))
+    raw = run_of(case, any_packets(case, seed, count, wild=False))
     plain, roomy = case.make_decoder().decode(raw, None), case.make_decoder().decode(raw, None, room)
     for one, other in (
         (plain.angle_deg, roomy.angle_deg),
@@ -88,8 +104,8 @@ def test_it_does_not_matter_where_the_stream_is_cut_into_turns(
     cuts = sorted(data.draw(st.sets(st.integers(1, count - 1), max_size=6), "cuts"))
     decoder, parts = case.make_decoder(), []
     for begin, end in pairwise([0, *cuts, count]):
-        parts.append(decoder.decode(b"".join(packets[begin:end]), packets[end] if end < count else None))
-    whole = case.make_decoder().decode(b"".join(packets), None)
+        parts.append(decoder.decode(run_of(case, packets[begin:end]), packets[end] if end < count else None))
+    whole = case.make_decoder().decode(run_of(case, packets), None)
     np.testing.assert_array_equal(np.concatenate([part.distance_mm for part in parts]), whole.distance_mm)
     known = len(whole.angle_deg) if not case.lookahead else int(whole.ends[-2])
     angles = np.concatenate([part.angle_deg for part in parts])
@@ -107,7 +123,7 @@ def test_checking_as_an_array_finds_what_checking_one_by_one_finds(case: Case, d
     for bit in data.draw(st.lists(st.integers(0, 8 * len(raw) - 1), max_size=2) if raw else st.just([]), "bits"):
         raw[bit // 8] ^= 1 << bit % 8
     wire = case.make_format()
-    assert wire.run(raw, len(lead)) == StreamFormat.run(wire, raw, len(lead))
+    assert wire.run(raw, len(lead)) == checked_one_by_one(wire, raw, len(lead))
 
 
 # --------------------------------------------------------------------------------------------------------- seam
@@ -155,7 +171,7 @@ def test_leaping_over_many_headings_finds_the_splits_a_walk_finds(
 @pytest.mark.parametrize("case", CASES, ids=named)
 def test_the_headings_of_a_golden_stream_split_where_its_turns_begin(case: Case) -> None:
     wire = case.make_format()
-    headings = [int(heading) for heading in wire.headings(case.raw)]
+    headings = [int(heading) for heading in wire.headings(in_one_run(wire, case.raw))]
     assert len(headings) == len(case.packets)
     splits = Seam(wire.full_turn, wire.first_seam).splits(headings)
     assert splits == walked(Seam(wire.full_turn, wire.first_seam), headings)

@@ -52,10 +52,8 @@ def test_every_byte_is_counted_once(case: Case, data: st.DataObject) -> None:
     pieces = st.one_of(responses, clean, messes(case), st.binary(max_size=200))
     steps = data.draw(st.lists(st.one_of(st.sampled_from(sorted(ACTIONS)), pieces), max_size=25), "steps")
     # Without these, few examples would get into the states in which most is counted.
-    beginning = data.draw(
-        st.sampled_from([[], ["start", case.descriptor], ["start", "abandon"], ["info"]]), "begin"
-    )
-    for step in [*beginning, *steps]:
+    beginnings: list[list[str | bytes]] = [[], ["start", case.descriptor], ["start", "abandon"], ["info"]]
+    for step in [*data.draw(st.sampled_from(beginnings), "beginning"), *steps]:
         if isinstance(step, str):
             try:
                 ACTIONS[step](link, case)

@@ -63,7 +63,7 @@ def test_no_false_turn_and_hardly_a_node_of_wrong_phase(case: Case, harm: str) -
     for seed in SEEDS:
         raw, origin, count = spoiled(case, harm, seed)
         hits += count
-        for place, packet in feed(case, raw).places(case).items():
+        for place, packet in feed(case, raw).places(case, raw).items():
             assert len(packet) == 5
             kinds[kind(origin[place : place + 5])] += 1
         scans, stats, _ = assembled(case, raw)
@@ -89,7 +89,7 @@ def test_what_a_single_lost_byte_costs(case: Case) -> None:
         nodes = case.packets[first : first + 3 * before]
         raw = b"".join(nodes)
         raw = raw[: place - 5 * first] + raw[place - 5 * first + 1 :]
-        found = feed(case, raw).places(case)
+        found = feed(case, raw).places(case, raw)
         clean = {5 * n - (n > before): node for n, node in enumerate(nodes) if n != before}
         cost[sum(found.get(at) != node for at, node in clean.items())] += 1
         wrong_phase += len(set(found) - set(clean) - {5 * before})
@@ -108,7 +108,7 @@ def test_what_a_single_lost_byte_costs(case: Case) -> None:
 def test_bytes_put_between_two_nodes_cost_one_at_most(case: Case, extra: bytes) -> None:
     for number in range(case.turns[0][0].packet + 100, case.turns[-1][-1].packet - 100, 997):
         raw = b"".join([*case.packets[:number], extra, *case.packets[number:]])
-        found = feed(case, raw).places(case)
+        found = feed(case, raw).places(case, raw)
         at = 5 * number + len(extra)
         clean = chain(
             ((5 * n, case.packets[n]) for n in range(number)),

@@ -16,7 +16,7 @@ from lidario.wire.events import Packets
 from lidario.wire.link import Link, LinkState
 from tests.support.contents import any_packets
 from tests.support.harm import LURES, messes
-from tests.support.streams import KINDS, Case, arrived, cut_up, feed, named, stream_of
+from tests.support.streams import KINDS, Case, cut_up, feed, in_one_run, named, stream_of
 
 every_kind = pytest.mark.parametrize("case", KINDS, ids=named)
 LIMIT = 32 * 1024
@@ -85,11 +85,12 @@ def test_any_contents_become_scans(case: Case, wild: bool, seed: int, count: int
     for packet in packets:
         assert wire.measure(bytearray(packet), 0) == len(packet)
     if case.answer_type != 0x81 or case.truth.family == "ydlidar":
-        assert case.make_format().run(bytearray(b"".join(packets)), 0)[1] == count
+        found = case.make_format().run(bytearray(b"".join(packets)), 0)
+        assert sum(block.packets for block in found) == count
     events, now = [], 0
     for at in range(0, count, run):
         now = max(now, at * 1_000_000 + late * (at % 3))
-        events.append(arrived(b"".join(packets[at : at + run]), len(packets[at : at + run]), now))
+        events.append(in_one_run(wire, b"".join(packets[at : at + run]), now))
     check(case, events)
 
 

@@ -13,10 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidario.families.rplidar.simulated import packers
+from lidario.families.ydlidar import formats as ydlidar_formats
 from lidario.model import Scan
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.wire.events import Packets
-from tests.support.streams import CASES, KINDS, Case, arrived, cut_up, named, open_stream, stream_of
+from tests.support.streams import CASES, KINDS, Case, arrived, cut_up, in_one_run, named, open_stream, stream_of
 
 DENSE = next(case for case in CASES if case.name == "rplidar_32k_85")
 SAMPLE_NS = 31_250
@@ -229,6 +230,28 @@ def test_what_lay_uncut_tells_the_time_as_well(case: Case, chunk: int) -> None:
         np.testing.assert_array_equal(one.device_distances, other.device_distances)
 
 
+@pytest.mark.parametrize("chunk", [700, 4096, 40_000])
+def test_packets_of_many_sizes_are_walked_only_by_the_parser(chunk: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where they begin is found once, and carried with them through the assembler and the decoder."""
+    case = next(case for case in KINDS if case.truth.family == "ydlidar")
+    link, events = open_stream(case), list[Packets]()
+    for piece in cut_up(case.raw, chunk):
+        link.receive_data(piece, 0)
+        events += [event for event in link.events_received() if isinstance(event, Packets)]
+    walks: list[int] = []
+
+    def walk(data: bytes, at: int, size: int) -> int:
+        walks.append(at)
+        return equal_sizes(data, at, size)
+
+    equal_sizes = ydlidar_formats._equal_sizes
+    monkeypatch.setattr(ydlidar_formats, "_equal_sizes", walk)
+    assembler = Assembler(stream_of(case))
+    scans = [scan for event in events for scan in assembler.add(event)]
+    assert len(scans) == len(case.turns)
+    assert walks == []
+
+
 # -------------------------------------------------------------------------------------------- losses, endings
 
 
@@ -284,7 +307,7 @@ def test_a_turn_that_never_ends_is_given_up_and_does_not_grow() -> None:
     scans, held = [], 0
     for number, packet in enumerate(packets):
         scans += assembler.add(arrived(packet, 1, round(on_time(number))))
-        held = max(held, assembler._turn.packets)
+        held = max(held, assembler._partial.count)
     # Twice the slowest turn, which takes a second here, is 1600 packets.
     assert held <= 1700
     assert stats.broken_scans == 1
@@ -311,7 +334,7 @@ def test_a_stream_that_begins_anew_breaks_one_turn_once() -> None:
 @pytest.mark.parametrize("case", CASES, ids=named)
 def test_what_a_scan_promises(case: Case) -> None:
     assembler = Assembler(stream_of(case))
-    scans = assembler.add(arrived(case.raw, len(case.packets), 10**9))
+    scans = assembler.add(in_one_run(case.make_format(), case.raw, 10**9))
     assert len(scans) == len(case.turns)
     for scan in scans:
         arrays = [scan.angles, scan.ranges, scan.device_angles, scan.device_distances]

@@ -63,7 +63,7 @@ def accepted_by_place(case: Case, raw: bytes) -> tuple[list[int], set[int]]:
     """
     assert len(raw) == len(case.raw)
     number_at = dict(zip(accumulate(map(len, case.packets), initial=0), range(len(case.packets)), strict=False))
-    found = feed(case, raw).places(case)
+    found = feed(case, raw).places(case, raw)
     accepted = [number_at[place] for place in found]
     faulty = {number_at[place] for place, packet in found.items() if case.packets[number_at[place]] != packet}
     return accepted, faulty

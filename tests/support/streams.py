@@ -19,8 +19,9 @@ from lidario.families.ydlidar.decode import PointCloudDecoder
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.model import Scan, ScanMode
 from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.wire.blocks import Block, join_blocks, packet_offsets
 from lidario.wire.envelope import Request
-from lidario.wire.events import Descriptor, Event, Packets, Skipped, merged
+from lidario.wire.events import Descriptor, Event, Packets
 from lidario.wire.formats import StreamFormat
 from lidario.wire.link import Link, LinkState, LinkStats
 from tests.reference import golden, rplidar, ydlidar
@@ -37,8 +38,11 @@ __all__ = [
     "arrived",
     "assembled",
     "before_seam",
+    "checked_one_by_one",
     "cut_up",
     "feed",
+    "in_one_run",
+    "merged",
     "named",
     "open_stream",
     "stream_of",
@@ -220,8 +224,49 @@ def cut_up(raw: bytes, chunks: Chunks) -> Iterator[bytes]:
 
 
 def arrived(data: bytes, count: int, at_ns: int) -> Packets:
-    """Packets that came all in one read."""
-    return Packets(data, count, ((count, at_ns),))
+    """Packets of one size that came all in one read."""
+    return Packets(data, (Block(len(data) // count, count),), ((count, at_ns),))
+
+
+def in_one_run(wire: StreamFormat, data: bytes, at_ns: int = 0) -> Packets:
+    """Packets of any sizes that came all in one read, whether or not their check values hold."""
+    blocks: list[Block] = []
+    array, at = bytearray(data), 0
+    while at < len(data):
+        size = wire.measure(array, at)
+        assert size > 0
+        join_blocks(blocks, [Block(size, 1)])
+        at += size
+    return Packets(data, tuple(blocks), ((sum(block.packets for block in blocks), at_ns),))
+
+
+def checked_one_by_one(wire: StreamFormat, data: bytearray, at: int) -> tuple[Block, ...]:
+    """What `StreamFormat.run` must find, where a packet's check does not depend on the one before."""
+    blocks: list[Block] = []
+    while len(data) - at >= wire.shortest:
+        size = wire.measure(data, at)
+        if not 0 < size <= len(data) - at or not wire.intact(data, at, size):
+            break
+        join_blocks(blocks, [Block(size, 1)])
+        at += size
+    return tuple(blocks)
+
+
+def merged(events: Iterable[Event]) -> list[Event]:
+    """The same events with neighbouring `Packets` joined; the last arrival counts."""
+    result: list[Event] = []
+    for event in events:
+        if not isinstance(event, Packets):
+            result.append(event)
+            continue
+        data, count, blocks = event.data, event.count, list(event.blocks)
+        last = result[-1] if result else None
+        if isinstance(last, Packets):
+            data, count, blocks = last.data + data, last.count + count, list(last.blocks)
+            join_blocks(blocks, event.blocks)
+            result.pop()
+        result.append(Packets(data, tuple(blocks), ((count, event.received_ns),)))
+    return result
 
 
 def open_stream(case: Case) -> Link:
@@ -255,16 +300,14 @@ class Received(NamedTuple):
         """The accepted packets, back to back."""
         return b"".join(event.data for event in self.events if isinstance(event, Packets))
 
-    def places(self, case: Case) -> dict[int, bytes]:
-        """Where in the stream each accepted packet stood; asides must not be among them."""
-        found, at, wire = {}, 0, case.make_format()
-        for event in self.events:
-            if isinstance(event, Packets):
-                for begin, end in pairwise(wire.offsets(event.data)):
-                    found[at + begin] = event.data[begin:end]
-                at += len(event.data)
-            elif isinstance(event, Skipped):
-                at += event.size
+    def places(self, case: Case, raw: bytes) -> dict[int, bytes]:
+        """Where in `raw`, which it was made of, each accepted packet stood."""
+        wire, data, found, at = case.make_format(), bytearray(raw), dict[int, bytes](), 0
+        while (stretch := wire.next_stretch(data, at)).end > at:
+            for begin, end in pairwise(packet_offsets(stretch.packets)):
+                found[at + begin] = raw[at + begin : at + end]
+            at = stretch.end
+        assert b"".join(found.values()) == self.data
         return found
 
 

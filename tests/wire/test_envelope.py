@@ -9,8 +9,7 @@ from lidario.families.rplidar.formats import FORMATS
 from lidario.families.ydlidar import commands as ydlidar
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.wire.envelope import Expected, Request, encode_request, parse_descriptor, xor_bytes
-from lidario.wire.events import Descriptor, Response, Skipped, merged
-from tests.support.streams import arrived
+from lidario.wire.events import Descriptor
 
 DENSE = FORMATS[0x85]
 SENT = {
@@ -143,11 +142,3 @@ def test_settle_times_are_the_manuals() -> None:
     for request in (ydlidar.TOGGLE_PROTECTION, ydlidar.SPEED_UP_BY_1, ydlidar.SPEED_DOWN_BY_01):
         assert request.attempts == 1
     assert Request("X", b"").expects is None
-
-
-def test_merged_joins_neighbouring_runs_alone() -> None:
-    one, two, three = arrived(b"a", 1, 10), arrived(b"bc", 2, 20), arrived(b"d", 1, 30)
-    answer = Response(4, b"", 25)
-    assert merged([one, two, Skipped(3), three, answer]) == [arrived(b"abc", 3, 20), Skipped(3), three, answer]
-    assert merged([]) == []
-    assert merged([Skipped(1), Skipped(2)]) == [Skipped(1), Skipped(2)]

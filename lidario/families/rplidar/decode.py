@@ -41,6 +41,7 @@ from lidario.families.rplidar.formats import (
 )
 from lidario.families.rplidar.nodes import NODE
 from lidario.families.rplidar.rotation import Rotation
+from lidario.wire.events import Packets
 
 __all__ = [
     "DECODERS",
@@ -108,9 +109,9 @@ class CapsuleDecoder(ABC):
         self._steps = np.stack((np.full_like(order, self.samples), order))
         """What a start angle and an arc contribute to each sample of a packet."""
 
-    def decode(self, packets: bytes, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
+    def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         """As `Decoder.decode`."""
-        words = np.frombuffer(packets, "<u2").reshape(-1, self.size // 2)
+        words = np.frombuffer(packets.data, "<u2").reshape(-1, self.size // 2)
         column = self.start_at // 2
         starts = _in_range(words[:, column].tolist())
         after = None if following is None else np.frombuffer(following, "<u2")
@@ -219,9 +220,9 @@ class HqDecoder:
     def __init__(self) -> None:
         self._rotation = Rotation(FULL_TURN_Q14)
 
-    def decode(self, packets: bytes, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
+    def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         """As `Decoder.decode`."""
-        rows = np.frombuffer(packets, HQ)
+        rows = np.frombuffer(packets.data, HQ)
         nodes = rows["nodes"]
         after = None if following is None else int(np.frombuffer(following, HQ)["nodes"]["angle"][0, 0])
         arcs = self._rotation.arcs(nodes["angle"][:, 0].tolist(), after)
@@ -260,13 +261,13 @@ class NodeDecoder:
 
     def decode(
         self,
-        packets: bytes,
+        packets: Packets,
         following: bytes | None,
         room: int = 0,
         seam: int | None = None,  # noqa: ARG002 - a node is too short to lie across it
     ) -> Samples:
         """As `Decoder.decode`."""
-        rows = np.frombuffer(packets, NODE)
+        rows = np.frombuffer(packets.data, NODE)
         angles = (rows["angle"] >> 1).astype(np.int32)
         arcs = self._rotation.arcs(angles, None if following is None else following[1] >> 1 | following[2] << 7)
         size = room + len(rows)

@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.rplidar.nodes import NodeFormat
-from lidario.wire.formats import NO_PACKET, RESTARTS, Headings, StreamFormat
+from lidario.wire.blocks import Block
+from lidario.wire.events import Packets
+from lidario.wire.formats import NO_PACKET, RESTARTS, StreamFormat
 
 __all__ = [
     "FORMATS",
@@ -77,22 +79,23 @@ class CapsuleFormat(StreamFormat):
             word ^= word >> shift
         return word & 0xFF == (data[at] & 0xF) | (data[at + 1] & 0xF) << 4
 
-    def run(self, data: bytearray, at: int) -> tuple[int, int]:
+    def run(self, data: bytearray, at: int) -> tuple[Block, ...]:
         """As `StreamFormat.run`; many packets are checked as one array."""
         count = (len(data) - at) // self.shortest
         if count < WORTH_AN_ARRAY:
             return super().run(data, at)
         intact = self._intact_rows(data, at, count)
         whole = count if np.count_nonzero(intact) == count else int(intact.argmin())
-        return at + whole * self.shortest, whole
+        return (Block(self.shortest, whole),) if whole else ()
 
-    def headings(self, packets: bytes) -> list[int]:
+    def headings(self, packets: Packets) -> list[int]:
         """As `StreamFormat.headings`, in 1/64 degrees."""
+        data = packets.data
         words: list[int]
-        if len(packets) < WORTH_AN_ARRAY * self.shortest:
-            words = [packets[at] | packets[at + 1] << 8 for at in range(self.start_at, len(packets), self.shortest)]
+        if len(data) < WORTH_AN_ARRAY * self.shortest:
+            words = [data[at] | data[at + 1] << 8 for at in range(self.start_at, len(data), self.shortest)]
         else:
-            words = np.frombuffer(packets, "<u2")[self.start_at // 2 :: self.shortest // 2].tolist()
+            words = np.frombuffer(data, "<u2")[self.start_at // 2 :: self.shortest // 2].tolist()
         # A restart sets the highest bit, so all words below a turn are plain angles.
         if max(words, default=0) < FULL_TURN_Q6:
             return words
@@ -159,10 +162,11 @@ class HqFormat(StreamFormat):
         (stated,) = self._crc.unpack_from(data, end)
         return zlib.crc32(self._padding, zlib.crc32(data[at:end])) == int(stated)
 
-    def headings(self, packets: bytes) -> Headings:
+    def headings(self, packets: Packets) -> list[int]:
         """As `StreamFormat.headings`, in 90/16384 degrees."""
-        places = range(self._first_angle, len(packets), self.shortest)
-        return [packets[place] | packets[place + 1] << 8 for place in places]
+        data = packets.data
+        places = range(self._first_angle, len(data), self.shortest)
+        return [data[place] | data[place + 1] << 8 for place in places]
 
 
 FORMATS: Final[dict[int, type[StreamFormat]]] = {

@@ -21,7 +21,9 @@ from typing import Final
 
 import numpy as np
 
-from lidario.wire.formats import NO_PACKET, Cut, Headings, StreamFormat
+from lidario.wire.blocks import Block
+from lidario.wire.events import Packets
+from lidario.wire.formats import NO_PACKET, Headings, StreamFormat, Stretch
 
 __all__ = ["NODE", "NodeFormat"]
 
@@ -74,13 +76,14 @@ class NodeFormat(StreamFormat):
         angle = _angle(data, at)
         return angle < FULL_TURN_Q6 and (not data[at] & 1 or angle < SEAM_Q6 or angle > FULL_TURN_Q6 - SEAM_Q6)
 
-    def headings(self, packets: bytes) -> Headings:
+    def headings(self, packets: Packets) -> Headings:
         """As `StreamFormat.headings`, in 1/64 degrees."""
-        if len(packets) < WORTH_AN_ARRAY * SIZE:
-            return [_angle(packets, place) for place in range(0, len(packets), SIZE)]
-        return np.frombuffer(packets, NODE)["angle"].astype(np.int32) >> 1
+        data = packets.data
+        if len(data) < WORTH_AN_ARRAY * SIZE:
+            return [_angle(data, place) for place in range(0, len(data), SIZE)]
+        return np.frombuffer(data, NODE)["angle"].astype(np.int32) >> 1
 
-    def run(self, data: bytearray, at: int) -> tuple[int, int]:
+    def run(self, data: bytearray, at: int) -> tuple[Block, ...]:
         """Nodes from `at` that continue the last accepted angle, and each other."""
         count = (len(data) - at) // SIZE
         done = one_by_one = 0
@@ -96,27 +99,26 @@ class NodeFormat(StreamFormat):
                 self._last = _angle(data, at - SIZE)
                 if ordinary < WORTH_AN_ARRAY:
                     one_by_one = done + WORTH_AN_ARRAY
-        return at, done
+        return (Block(SIZE, done),) if done else ()
 
-    def cut(self, data: bytearray, at: int) -> Cut:
-        """As `StreamFormat.cut`, with chains of nodes in place of a check value."""
+    def next_stretch(self, data: bytearray, at: int) -> Stretch:
+        """As `StreamFormat.next_stretch`, with chains of nodes in place of a check value."""
         if self._in_step:
-            end, count = self.run(data, at)
-            if count or len(data) - at < SIZE:
-                return Cut(end, end, count)
+            nodes = self._packets_at(data, at)
+            if nodes.packets or len(data) - at < SIZE:
+                return nodes
             self._in_step = False
         place = self._find_step(data, at)
         if place is None:
-            return Cut(at, at, 0)
+            return Stretch((), at, at)
         if place < 0:
             # No phase passes here: this byte begins no node.
-            return Cut(at, at + 1, 0)
+            return Stretch((), at, at + 1)
         self._in_step = True
         self._last = None
         if place > at:
-            return Cut(at, place, 0)
-        end, count = self.run(data, at)
-        return Cut(end, end, count)
+            return Stretch((), at, place)
+        return self._packets_at(data, at)
 
     def _find_step(self, data: bytearray, at: int) -> int | None:
         """Where nodes go on after `at`: -1 if not within a node's length, None while it cannot be told."""

@@ -6,8 +6,8 @@ truncates to 1/64 degrees, full precision is kept; a single sample has the first
 time-of-flight device needs no second, distance-dependent correction, and distances are plain millimetres;
 there is no intensity.
 
-Speed (manual): the 7 bits above CT's start bit are tenths of Hz above 3.0. They mean that in start packets
-alone; the SDK reads any packet's, and takes 3.0 Hz for "no speed".
+Not decoded: the 7 bits above CT's start bit, which tell the speed in start packets (manual: tenths of Hz above
+3.0). The speed of a scan is measured instead, which is right for every format.
 
 Lost packets: within one packet the angle advances by one step a sample, and so it does from one packet to the
 next. What the jump between two packets holds beyond that was lost. How many packets it was follows from their
@@ -29,17 +29,14 @@ from lidario.families.ydlidar.formats import (
     HEADER_SIZE,
     MOST_SAMPLES,
     START_BIT,
-    Block,
-    blocks,
     packet_heads,
 )
+from lidario.wire.events import Packets
 
-__all__ = ["PointCloudDecoder", "speed_hz"]
+__all__ = ["PointCloudDecoder"]
 
 Ints = NDArray[np.int32]
 
-LOWEST_SPEED: Final = 30
-"""Tenths of Hz that the speed code 0 stands for."""
 HEADER_WORDS: Final = HEADER_SIZE // 2
 ORDER: Final = np.arange(MOST_SAMPLES, dtype=np.float32)
 SLACK_SAMPLES: Final = 3.0
@@ -48,30 +45,16 @@ BACKWARD_Q6: Final = 2 << 6
 """How far a packet may begin before the end of the one before, without a turn being missing."""
 
 
-def speed_hz(packet: bytes) -> float | None:
-    """Scan frequency in Hz that a start packet tells; None for any other packet."""
-    return _speed_hz(packet[2]) if packet[2] & START_BIT else None
-
-
 class PointCloudDecoder:
-    """Decodes the packets of one stream.
-
-    Attributes:
-        speed_hz: Scan frequency in the last start packet; None before there was one.
-        unmarked: Packets so far whose C bit was 0. Documents say it is always 1; nothing else depends on it.
-    """
+    """Decodes the packets of one stream."""
 
     def __init__(self) -> None:
-        self.speed_hz: float | None = None
-        self.unmarked = 0
         self._seam: int | None = None
         self._usual = 0.0
 
-    def decode(self, packets: bytes, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
+    def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         """As `Decoder.decode`."""
-        words = np.frombuffer(packets, "<u2")
-        stretches = blocks(packets)
-        heads = packet_heads(packets, stretches)
+        heads = packet_heads(packets)
         control, fsa = heads[:, 1], heads[:, 2]
         counts = (control >> 8).astype(np.int32)
         starts = (control & START_BIT).astype(np.bool_)
@@ -81,17 +64,13 @@ class PointCloudDecoder:
         ends = np.add.accumulate(counts).tolist()
 
         angle, distance = np.empty(room + ends[-1], np.float32), np.empty(room + ends[-1], np.float32)
-        _fill(angle[room:], distance[room:], words, stretches, first, way)
+        _fill(angle[room:], distance[room:], packets, first, way)
         for across in (first + way >= FULL_TURN_Q6).nonzero()[0].tolist():
             samples = int(counts[across])
             beam = _beam_deg(int(first[across]), int(way[across]), samples)
             angle[room + ends[across] - samples : room + ends[across]] = np.where(beam < 360.0, beam, beam - 360.0)
 
-        self.unmarked += len(fsa) - int(np.count_nonzero(fsa & 1))
         missing = self._missing(first, way, counts, starts, following)
-        marked = starts.nonzero()[0]
-        if len(marked):
-            self.speed_hz = _speed_hz(int(control[marked[-1]]))
         gaps = missing.nonzero()[0]
         return Samples(
             angle_deg=angle,
@@ -151,17 +130,18 @@ class PointCloudDecoder:
 def _fill(
     angle: NDArray[np.float32],
     distance: NDArray[np.float32],
-    words: NDArray[np.uint16],
-    stretches: list[Block],
+    packets: Packets,
     first: Ints,
     way: Ints,
 ) -> None:
     """Write degrees, counted on past 360, and millimetres of all samples: packets of one size together."""
-    at = packet = 0
-    for place, size, count in stretches:
+    words = np.frombuffer(packets.data, "<u2")
+    at = packet = place = 0
+    for size, count in packets.blocks:
         samples = (size - HEADER_SIZE) // 2
         these, until = slice(packet, packet + count), at + count * samples
-        rows = words[place >> 1 : place + count * size >> 1].reshape(count, size >> 1)
+        rows = words[place : place + (count * size >> 1)].reshape(count, size >> 1)
+        place += count * size >> 1
         distance[at:until].reshape(count, samples)[...] = rows[:, HEADER_WORDS:]
         # Whole numbers until the last division, so that it alone rounds.
         steps = max(samples - 1, 1)
@@ -185,10 +165,6 @@ def _behind_seam(first: int, way: int, samples: int, seam: int | None) -> int:
         return 0
     left = FULL_TURN_Q6 - (first - seam) % FULL_TURN_Q6
     return max(0, samples + (-left * (samples - 1) // way))
-
-
-def _speed_hz(control: int) -> float:
-    return (LOWEST_SPEED + ((control & 0xFF) >> 1)) / 10
 
 
 def _heading(packet: bytes) -> int:

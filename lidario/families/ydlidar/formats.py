@@ -24,14 +24,15 @@ device information that nobody asked for, header and 20 bytes, as some models se
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from itertools import chain
-from typing import Final, NamedTuple
+from collections.abc import Iterable
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lidario.wire.blocks import Block, join_blocks, packet_offsets
 from lidario.wire.envelope import xor_bytes
+from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS, NO_PACKET, Headings, StreamFormat
 
 __all__ = [
@@ -39,11 +40,8 @@ __all__ = [
     "HEADER_SIZE",
     "MOST_SAMPLES",
     "START_BIT",
-    "Block",
     "PointCloud",
-    "blocks",
     "packet_heads",
-    "packet_offsets",
 ]
 
 HEADER_SIZE: Final = 10
@@ -62,31 +60,6 @@ WORTH_AN_ARRAY: Final = 8
 """Equal packets from which checking them as one array costs less than one by one (measured)."""
 
 
-class Block(NamedTuple):
-    """Packets of one size that follow each other.
-
-    Attributes:
-        at: Offset of the first.
-        size: Bytes of each.
-        packets: How many there are.
-    """
-
-    at: int
-    size: int
-    packets: int
-
-
-def blocks(packets: bytes) -> list[Block]:
-    """Several packets on end, by their size: a turn is a start packet, many full ones, and a shorter one."""
-    found, at, end = [], 0, len(packets)
-    while at < end:
-        size = HEADER_SIZE + 2 * packets[at + 3]
-        count = _equal_sizes(packets, at, size)
-        found.append(Block(at, size, count))
-        at += count * size
-    return found
-
-
 def _equal_sizes(data: bytes | bytearray, at: int, size: int) -> int:
     """How many whole packets of `size` bytes follow each other from `at`, by what they say of themselves."""
     # Each packet says where the next begins, so those that say the same stand at equal steps.
@@ -94,19 +67,15 @@ def _equal_sizes(data: bytes | bytearray, at: int, size: int) -> int:
     return len(lengths) - len(lengths.lstrip(lengths[:1]))
 
 
-def packet_offsets(packets: bytes) -> Sequence[int]:
-    """Where each of several packets on end begins."""
-    found = [range(at, at + count * size, size) for at, size, count in blocks(packets)]
-    return found[0] if len(found) == 1 else [*chain(*found)]
-
-
-def packet_heads(packets: bytes, stretches: list[Block]) -> NDArray[np.uint16]:
-    """The words before the samples, shape (packets, 5), of all packets in these stretches."""
-    words = np.frombuffer(packets, "<u2")
-    heads = [
-        words[at >> 1 : at + count * size >> 1].reshape(count, size >> 1)[:, : HEADER_SIZE // 2]
-        for at, size, count in stretches
-    ]
+def packet_heads(packets: Packets) -> NDArray[np.uint16]:
+    """The words before the samples, shape (packets, 5)."""
+    words = np.frombuffer(packets.data, "<u2")
+    heads: list[NDArray[np.uint16]] = []
+    at = 0
+    for size, count in packets.blocks:
+        end = at + (size * count >> 1)
+        heads.append(words[at:end].reshape(count, size >> 1)[:, : HEADER_SIZE // 2])
+        at = end
     return heads[0] if len(heads) == 1 else np.concatenate(heads)
 
 
@@ -143,12 +112,12 @@ class PointCloud(StreamFormat):
             word ^= word >> shift
         return not word & 0xFFFF
 
-    def run(self, data: bytearray, at: int) -> tuple[int, int]:
-        """As `StreamFormat.run`; many packets of one size in a row are checked as one array."""
-        count, available = 0, len(data)
-        while available - at >= self.shortest:
+    def run(self, data: bytearray, at: int) -> tuple[Block, ...]:
+        """As `StreamFormat.run`; many packets of one size are checked as one array."""
+        found: list[Block] = []
+        while len(data) - at >= self.shortest:
             size = self.measure(data, at)
-            if not 0 < size <= available - at:
+            if not 0 < size <= len(data) - at:
                 break
             rows = _equal_sizes(data, at, size)
             if rows >= WORTH_AN_ARRAY:
@@ -158,32 +127,27 @@ class PointCloud(StreamFormat):
             if not whole:
                 break
             at += whole * size
-            count += whole
-        return at, count
+            join_blocks(found, (Block(size, whole),))
+        return tuple(found)
 
-    def offsets(self, packets: bytes) -> Sequence[int]:
-        """As `StreamFormat.offsets`: each packet's LSN tells where the next one begins."""
-        return [*packet_offsets(packets), len(packets)]
+    def samples_in(self, blocks: Iterable[Block]) -> int:
+        """As `StreamFormat.samples_in`: each packet has as many as its size has room for."""
+        return sum((size - HEADER_SIZE) // 2 * count for size, count in blocks)
 
-    def samples_in(self, packets: bytes) -> int:
-        """As `StreamFormat.samples_in`."""
-        return sum((size - HEADER_SIZE) // 2 * count for _, size, count in blocks(packets))
-
-    def headings(self, packets: bytes) -> Headings:
+    def headings(self, packets: Packets) -> Headings:
         """As `StreamFormat.headings`, in 1/64 degrees."""
-        stretches = blocks(packets)
-        if sum(block.packets for block in stretches) >= WORTH_AN_ARRAY:
-            heads = packet_heads(packets, stretches)
+        if packets.count >= WORTH_AN_ARRAY:
+            heads = packet_heads(packets)
             angles = (heads[:, 2] >> 1).astype(np.int32) % FULL_TURN_Q6
             return angles + (heads[:, 1] & START_BIT) * np.int32(BEGINS)
-        found = []
-        for at in packet_offsets(packets):
-            angle = (packets[at + 4] >> 1 | packets[at + 5] << 7) % FULL_TURN_Q6
-            found.append(angle | BEGINS if packets[at + 2] & START_BIT else angle)
+        data, found = packets.data, []
+        for at in packet_offsets(packets.blocks)[:-1]:
+            angle = (data[at + 4] >> 1 | data[at + 5] << 7) % FULL_TURN_Q6
+            found.append(angle | BEGINS if data[at + 2] & START_BIT else angle)
         return found
 
-    def aside(self, data: bytearray, at: int) -> int:
-        """As `StreamFormat.aside`: a time stamp, a repeated scan header, unsolicited device information."""
+    def other_record(self, data: bytearray, at: int) -> int:
+        """As `StreamFormat.other_record`: a time stamp, a repeated scan header, unsolicited device information."""
         begin = bytes(data[at : at + len(SCAN_HEADER)])
         if begin[0] == SCAN_HEADER[0]:
             if begin == SCAN_HEADER:

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from lidario.families.base import Samples
 from lidario.families.rplidar.cabins import ultra_dense_cabins
 from lidario.families.rplidar.decode import DECODERS, in_turn
+from lidario.families.rplidar.formats import FORMATS
 from lidario.families.rplidar.simulated import packers
 from tests.reference import rplidar
-from tests.support.streams import SINGLE_DEG
+from tests.support.streams import SINGLE_DEG, arrived, in_one_run
 
 Ints = NDArray[np.int64]
 P = 3
@@ -26,7 +27,7 @@ starts = st.tuples(st.integers(0, 23039), st.integers(200, 3000))
 def decode(kind: int, raw: bytes) -> Samples:
     """All packets but the last, which tells where the others end."""
     size = rplidar.PACKET_BYTES[kind]
-    return DECODERS[kind]().decode(raw[:-size], raw[-size:])
+    return DECODERS[kind]().decode(in_one_run(FORMATS[kind](), raw[:-size]), raw[-size:])
 
 
 def beginnings(start: tuple[int, int], packets: int = P + 1) -> Ints:
@@ -121,7 +122,7 @@ def test_ultra_dense_smooths_short_distances_as_the_reference_does(walk: Ints, g
     # In turns of one packet, too: the last distance is carried on.
     decoder, found, packets = DECODERS[0x86](), list[float](), rplidar.split(0x86, raw)
     for packet, following in pairwise(packets):
-        found += decoder.decode(packet, following).distance_mm.tolist()
+        found += decoder.decode(arrived(packet, 1, 0), following).distance_mm.tolist()
     assert found == [s.distance_mm for s in reference]
 
 
@@ -145,7 +146,7 @@ def test_a_long_chain_of_smoothing_ends() -> None:
 )
 def test_hq(angle: Ints, distance: Ints, quality: Ints) -> None:
     raw = packers.pack_hq(angle, distance, quality, quality & 1, time_us=2**63)
-    samples = DECODERS[0x83]().decode(raw, None)
+    samples = DECODERS[0x83]().decode(in_one_run(FORMATS[0x83](), raw), None)
     np.testing.assert_array_equal(samples.distance_mm, distance.ravel() / 4)
     np.testing.assert_array_equal(samples.angle_deg, (angle.ravel() * 90 / 16384).astype(np.float32))
     assert samples.intensity is not None
@@ -159,7 +160,9 @@ def test_hq(angle: Ints, distance: Ints, quality: Ints) -> None:
     start=hnp.arrays(np.bool_, 50),
 )
 def test_standard(angle: Ints, distance: Ints, quality: Ints, start: NDArray[np.bool_]) -> None:
-    samples = DECODERS[0x81]().decode(packers.pack_standard(angle, distance, quality, start), None)
+    samples = DECODERS[0x81]().decode(
+        in_one_run(FORMATS[0x81](), packers.pack_standard(angle, distance, quality, start)), None
+    )
     np.testing.assert_array_equal(samples.distance_mm, distance / 4)
     np.testing.assert_array_equal(samples.angle_deg, angle / 64)
     assert samples.intensity is not None
@@ -181,7 +184,7 @@ def test_what_leans_on_a_lost_packet_has_no_distance(major: int, behind_gap: int
     after[0] = behind_gap
     behind = packers.pack_ultra(5600 + 1400, after, 2560)
     for packets, following in (([*lead, before, behind], None), ([*lead, before], behind), ([*lead, before], None)):
-        samples = DECODERS[0x84]().decode(b"".join(packets), following)
+        samples = DECODERS[0x84]().decode(arrived(b"".join(packets), len(packets), 0), following)
         ours = samples.distance_mm[8 * 96 : 9 * 96].tolist()
         # A major of 0 leaves its left neighbour, which leans on it, without a distance as well.
         assert ours[:92] == [2560] * 92

@@ -9,7 +9,7 @@ from lidario.families.rplidar.formats import FORMATS, FULL_TURN_Q6, FULL_TURN_Q1
 from lidario.families.rplidar.simulated import packers
 from lidario.wire.formats import NO_PACKET, RESTARTS
 from tests.reference import rplidar
-from tests.support.streams import CASES
+from tests.support.streams import CASES, arrived, in_one_run
 
 CAPSULES = (0x82, 0x84, 0x85, 0x86)
 GOLDEN = {case.answer_type: case for case in CASES if case.name.startswith("rplidar_32k")}
@@ -76,20 +76,18 @@ def test_intact_is_what_the_reference_says(kind: int, data: st.DataObject) -> No
 def test_headings_are_start_angles_and_say_where_the_stream_began_anew(kind: int) -> None:
     stream, packets = FORMATS[kind](), GOLDEN[kind].packets
     assert isinstance(stream, CapsuleFormat)
-    headings = list(stream.headings(b"".join(packets)))
+    headings = list(stream.headings(arrived(b"".join(packets), len(packets), 0)))
     assert stream.full_turn == FULL_TURN_Q6
     assert headings == [
         rplidar.start_q6(kind, packet) | (RESTARTS if rplidar.is_reset(kind, packet) else 0) for packet in packets
     ]
     assert headings[0] & RESTARTS
     assert not any(heading & RESTARTS for heading in headings[1:])
-    assert list(stream.offsets(b"".join(packets))) == list(range(0, len(GOLDEN[kind].raw) + 1, stream.shortest))
-    assert stream.headings(b"") == []
 
 
 def test_a_start_angle_beyond_the_turn_is_brought_into_it() -> None:
     raw = packers.pack_dense([0, 23039, 23040, 23041, 0x7FFF], np.zeros((5, 40)))
-    assert list(FORMATS[0x85]().headings(raw)) == [0, 23039, 0, 1, 0x7FFF - 23040]
+    assert list(FORMATS[0x85]().headings(arrived(raw, 5, 0))) == [0, 23039, 0, 1, 0x7FFF - 23040]
 
 
 def test_headings_of_hq_are_the_angles_of_the_first_nodes() -> None:
@@ -97,7 +95,9 @@ def test_headings_of_hq_are_the_angles_of_the_first_nodes() -> None:
     stream = HqFormat()
     assert stream.full_turn == FULL_TURN_Q14
     firsts = [case.samples[n].raw_deg for n in range(0, len(case.samples), 96)]
-    np.testing.assert_allclose(np.array(stream.headings(case.raw)) * 360 / FULL_TURN_Q14, firsts)
+    np.testing.assert_allclose(
+        np.array(stream.headings(in_one_run(stream, case.raw))) * 360 / FULL_TURN_Q14, firsts
+    )
 
 
 def test_the_crc_of_hq_covers_the_padding() -> None:

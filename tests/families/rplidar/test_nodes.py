@@ -7,7 +7,9 @@ from hypothesis import strategies as st
 
 from lidario.families.rplidar.nodes import NodeFormat
 from lidario.families.rplidar.simulated.packers import pack_standard
+from lidario.wire.blocks import Block
 from lidario.wire.formats import NO_PACKET
+from tests.support.streams import arrived
 
 TURN = 23040
 
@@ -21,8 +23,7 @@ def in_step(*angles: int) -> NodeFormat:
     stream = NodeFormat()
     lead = b"".join(node((angles[0] - 7 * k) % TURN) for k in range(30, 0, -1))
     data = bytearray(lead + b"".join(map(node, angles)))
-    cut = stream.cut(data, 0)
-    assert (cut.run, cut.packets) == (len(data), len(data) // 5)
+    assert stream.next_stretch(data, 0) == ((Block(5, len(data) // 5),), len(data), len(data))
     return stream
 
 
@@ -66,19 +67,19 @@ def test_a_node_in_step_continues_the_one_before(base: int, behind: int, follows
     """A little backwards too: models that triangulate correct their angles by so much."""
     stream = in_step(base)
     data = bytearray(node((base + behind) % TURN))
-    assert stream.run(data, 0) == ((5, 1) if follows else (0, 0))
+    assert stream.run(data, 0) == ((Block(5, 1),) if follows else ())
 
 
 def test_out_of_step_sixteen_in_a_row_are_needed() -> None:
     angles = range(1000, 1000 + 12 * 40, 12)
     data = bytearray(b"".join(map(node, angles)))
     stream = NodeFormat()
-    assert stream.cut(data[:95], 0) == (0, 0, 0)
-    assert stream.cut(data, 0).packets == 40
+    assert stream.next_stretch(data[:95], 0) == ((), 0, 0)
+    assert stream.next_stretch(data, 0).packets == (Block(5, 40),)
     broken = data[:75] + bytearray(25) + data[100:]
-    cut = NodeFormat().cut(broken, 0)
-    assert (cut.run, cut.packets) == (0, 0)
-    assert cut.noise > 0
+    stretch = NodeFormat().next_stretch(broken, 0)
+    assert (stretch.packets, stretch.middle) == ((), 0)
+    assert stretch.end > 0
 
 
 def test_angles_that_stand_still_lose_against_those_that_turn() -> None:
@@ -86,12 +87,11 @@ def test_angles_that_stand_still_lose_against_those_that_turn() -> None:
     turning = b"".join(node(1000 + 7 * k, distance=0x0303) for k in range(60))
     for shift in range(1, 5):
         data = bytearray(turning[shift:])
-        cut = NodeFormat().cut(data, 0)
-        while not cut.packets:
-            assert cut.noise > 0
-            del data[: cut.noise]
-            stream = NodeFormat()
-            cut = stream.cut(data, 0)
+        stretch = NodeFormat().next_stretch(data, 0)
+        while not stretch.packets:
+            assert stretch.end > 0
+            del data[: stretch.end]
+            stretch = NodeFormat().next_stretch(data, 0)
         assert len(data) % 5 == 0
 
 
@@ -117,11 +117,10 @@ def test_checking_as_an_array_finds_what_checking_one_by_one_finds(steps: list[i
     at = count = 0
     # Fewer than 16 at a time are never looked at as an array.
     while count < len(angles):
-        end, found = single.run(raw[: at + 5], at)
-        if not found:
+        if not single.run(raw[: at + 5], at):
             break
-        at, count = end, count + found
-    assert whole.run(raw, 0) == (at, count)
+        at, count = at + 5, count + 1
+    assert whole.run(raw, 0) == ((Block(5, count),) if count else ())
     assert vars(whole) == vars(single)
 
 
@@ -129,4 +128,4 @@ def test_checking_as_an_array_finds_what_checking_one_by_one_finds(steps: list[i
 def test_headings_are_the_angles(count: int) -> None:
     angles = [(57 * k * k) % TURN for k in range(count)]
     raw = b"".join(map(node, angles))
-    assert list(NodeFormat().headings(raw)) == angles
+    assert list(NodeFormat().headings(arrived(raw, count, 0))) == angles

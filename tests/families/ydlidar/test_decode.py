@@ -9,10 +9,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lidario.families.base import Samples
-from lidario.families.ydlidar.decode import PointCloudDecoder, speed_hz
-from lidario.families.ydlidar.simulated.packers import pack_points, start_control
+from lidario.families.ydlidar.decode import PointCloudDecoder
+from lidario.families.ydlidar.formats import PointCloud
+from lidario.families.ydlidar.simulated.packers import pack_points
+from lidario.wire.events import Packets
 from tests.reference import golden, ydlidar
-from tests.support.streams import SINGLE_DEG
+from tests.support.streams import SINGLE_DEG, in_one_run
 
 
 def turns_of(name: str) -> list[list[bytes]]:
@@ -22,8 +24,12 @@ def turns_of(name: str) -> list[list[bytes]]:
     return [packets[begin:end] for begin, end in pairwise(begins)]
 
 
+def run_of(packets: list[bytes]) -> Packets:
+    return in_one_run(PointCloud(), b"".join(packets))
+
+
 def decoded(packets: list[bytes], following: bytes | None = None) -> Samples:
-    return PointCloudDecoder().decode(b"".join(packets), following)
+    return PointCloudDecoder().decode(run_of(packets), following)
 
 
 @pytest.mark.parametrize("name", golden.YDLIDAR_NAMES)
@@ -33,7 +39,7 @@ def test_golden_streams(name: str) -> None:
     assert len(turns) == 12 or name != "ydlidar_4ros_room10"
     done = 0
     for turn, after in zip(turns, [*turns[1:], None], strict=True):
-        samples = decoder.decode(b"".join(turn), None if after is None else after[0])
+        samples = decoder.decode(run_of(turn), None if after is None else after[0])
         assert (samples.lost, samples.unbroken) == (0, len(turn))
         assert samples.intensity is None
         end = done + len(samples.distance_mm)
@@ -104,14 +110,14 @@ def test_decoding_inverts_packing(counts: list[int], seed: int) -> None:
 def lost_behind(turns: list[list[bytes]], missing: range) -> tuple[int, int]:
     """Lost packets and unbroken ones, of a turn and a bit, with those of the second turn's start `missing`."""
     decoder = PointCloudDecoder()
-    decoder.decode(b"".join(turns[0]), turns[1][0])
+    decoder.decode(run_of(turns[0]), turns[1][0])
     stream = turns[1] + turns[2]
     left = [packet for number, packet in enumerate(stream) if number not in missing]
     # As the assembler does: up to the first start packet behind the gap, or well behind it.
     end = next(
         (n for n, packet in enumerate(left) if n > missing.start and ydlidar.is_start(packet)), len(left) - 1
     )
-    samples = decoder.decode(b"".join(left[:end]), left[end])
+    samples = decoder.decode(run_of(left[:end]), left[end])
     return samples.lost, samples.unbroken
 
 
@@ -146,24 +152,6 @@ def test_an_unsteady_rotor_loses_nothing() -> None:
     assert decoded(packets[:-1], packets[-1]).lost == 0
 
 
-def test_speed_is_read_from_start_packets_alone() -> None:
-    start, other = start_control(3.0), 0x0E
-    assert start == 1
-    decoder = PointCloudDecoder()
-    assert PointCloudDecoder().speed_hz is None
-    ordinary = pack_points([1, 2], 0, 64, control=other)
-    assert speed_hz(ordinary) is None
-    decoder.decode(pack_points([1], 0, 0, control=start) + ordinary, None)
-    assert decoder.speed_hz == 3.0
-    decoder.decode(ordinary, None)
-    assert decoder.speed_hz == 3.0
-    assert speed_hz(pack_points([1], 0, 0, control=0xB7)) == 12.1
-    assert [speed_hz(pack_points([1], 0, 0, control=start_control(hz))) for hz in (7.0, 15.7)] == [7.0, 15.7]
-
-
-def test_c_bits_of_0_are_counted() -> None:
-    decoder = PointCloudDecoder()
+def test_a_c_bit_of_0_changes_nothing() -> None:
     good, odd = pack_points([5] * 3, 100, 120), pack_points([5] * 3, 130, 150, marked=False)
-    samples = decoder.decode(good + odd + good, None)
-    assert decoder.unmarked == 1
-    assert samples.angle_deg[3] == 130 / 64
+    assert decoded([good, odd, good]).angle_deg[3] == 130 / 64

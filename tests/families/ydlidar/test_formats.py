@@ -16,10 +16,12 @@ from lidario.families.ydlidar.simulated.packers import (
     pack_time_stamp,
     start_control,
 )
-from lidario.wire.events import Descriptor, Event, Packets, Skipped, merged
-from lidario.wire.formats import BEGINS, StreamFormat
+from lidario.wire.blocks import packet_offsets
+from lidario.wire.events import Descriptor, Event, Packets
+from lidario.wire.formats import BEGINS
 from lidario.wire.link import Link, LinkState, LinkStats
 from tests.reference import damage, golden, ydlidar
+from tests.support.streams import checked_one_by_one, in_one_run, merged
 
 SIZES = (None, 1, 2, 3, 8, 64, 997)
 
@@ -157,11 +159,10 @@ def test_a_stray_aa_before_a_packet_costs_itself() -> None:
     for stray in (b"\xaa", b"\xaa\xaa", b"\xa5", b"\xa5\x5a", b"\x00", b"\x55"):
         events, stats = in_any_pieces(b"".join([*CLEAN[:5], stray, *CLEAN[5:]]))
         assert kept(events) == CLEAN
-        assert events[1] == Skipped(len(stray))
-        assert stats.skipped_bytes == len(stray)
+        assert (stats.skipped_bytes, stats.skipped_stretches) == (len(stray), 1)
 
 
-ASIDES = {
+RECORDS = {
     "time stamp": pack_time_stamp(123_456, 7),
     "time stamp with magic": pack_time_stamp(0x55AA_55AA, 0xAA),
     "scan header": SCAN_HEADER,
@@ -169,9 +170,9 @@ ASIDES = {
 }
 
 
-@pytest.mark.parametrize("name", ASIDES)
+@pytest.mark.parametrize("name", RECORDS)
 def test_records_between_packets_are_no_noise(name: str) -> None:
-    record = ASIDES[name]
+    record = RECORDS[name]
     raw = b"".join([record, *CLEAN[:5], record, record, *CLEAN[5:9], record, *CLEAN[9:]])
     events, stats = in_any_pieces(raw)
     assert kept(events) == CLEAN
@@ -198,9 +199,9 @@ def test_headings_and_offsets() -> None:
     start = pack_points([700], 22739, 22739, control=start_control(10.0))
     packets = [packet(39, 22290), start, packet(40, 22751), packet(1, 160), packet(2, FULL_TURN_Q6)]
     wire, raw = PointCloud(), b"".join(packets)
-    assert list(wire.headings(raw)) == [22290, 22739 | BEGINS, 22751, 160, 0]
-    assert list(wire.offsets(raw)) == [0, 88, 100, 190, 202, len(raw)]
-    assert wire.headings(b"") == []
+    parsed = in_one_run(wire, raw)
+    assert list(wire.headings(parsed)) == [22290, 22739 | BEGINS, 22751, 160, 0]
+    assert list(packet_offsets(parsed.blocks)) == [0, 88, 100, 190, 202, len(raw)]
 
 
 @pytest.mark.parametrize("lead", [0, 1])
@@ -211,7 +212,7 @@ def test_checking_as_an_array_finds_what_checking_one_by_one_finds(lead: int) ->
         if flip is not None:
             data[flip] ^= 0x40
         wire = PointCloud()
-        assert wire.run(data, lead) == StreamFormat.run(wire, data, lead)
+        assert wire.run(data, lead) == checked_one_by_one(wire, data, lead)
 
 
 @settings(max_examples=60, deadline=None)

@@ -1,0 +1,95 @@
+"""The revolution in the making: everything that is known of it before it ends.
+
+It has two parts: samples that the packet at the seam brought, since that packet was decoded with the revolution
+before, and the packets that came after it, which stay bytes until the revolution ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.wire.blocks import Block, join_blocks
+from lidario.wire.events import Arrival, Packets
+
+__all__ = ["PartialRevolution", "SampleArrays"]
+
+
+@dataclass(slots=True, eq=False)
+class SampleArrays:
+    """Samples in measuring order; shape (n,) each.
+
+    Attributes:
+        angle: Degrees clockwise, float32, as the device counts them.
+        distance: Millimetres, float32; 0 where nothing came back.
+        intensity: uint8, or None where the format carries none.
+    """
+
+    angle: NDArray[np.float32]
+    distance: NDArray[np.float32]
+    intensity: NDArray[np.uint8] | None
+
+    def __len__(self) -> int:
+        return len(self.angle)
+
+    def part(self, begin: int, end: int | None = None) -> SampleArrays:
+        """Some of them; nothing is copied."""
+        intensity = None if self.intensity is None else self.intensity[begin:end]
+        return SampleArrays(self.angle[begin:end], self.distance[begin:end], intensity)
+
+    def begin_with(self, earlier: SampleArrays) -> None:
+        """Fill the front, which was left free, with `earlier`."""
+        room = len(earlier)
+        self.angle[:room] = earlier.angle
+        self.distance[:room] = earlier.distance
+        if self.intensity is not None and earlier.intensity is not None:
+            self.intensity[:room] = earlier.intensity
+
+
+@dataclass(slots=True, eq=False)
+class PartialRevolution:
+    """The revolution in the making.
+
+    Attributes:
+        whole: Whether it began at the seam, so that it can become a scan.
+        carried: Samples from the packet that crossed the seam at its beginning, if any.
+        carried_ns: Arrival of that packet.
+        lost_behind_carried: Packets missing right behind that packet.
+        count: Number of packets since.
+    """
+
+    whole: bool
+    carried: SampleArrays | None = None
+    carried_ns: int = 0
+    lost_behind_carried: int = 0
+    count: int = 0
+    _data: list[bytes] = field(default_factory=list)
+    _blocks: list[Block] = field(default_factory=list)
+    _arrivals: list[Arrival] = field(default_factory=list)
+
+    def add(self, packets: Packets) -> None:
+        """Take packets that follow those it has."""
+        self._data.append(packets.data)
+        join_blocks(self._blocks, packets.blocks)
+        before = self.count
+        for count, at_ns in packets.arrivals:
+            self._arrivals.append((before + count, at_ns))
+        self.count = before + packets.count
+
+    def packets(self) -> Packets | None:
+        """All its packets, as if they had been parsed together; None when it has none."""
+        if not self.count:
+            return None
+        return Packets(b"".join(self._data), tuple(self._blocks), tuple(self._arrivals))
+
+    @property
+    def last_ns(self) -> int:
+        """Arrival of its latest packet."""
+        return self._arrivals[-1][1] if self._arrivals else self.carried_ns
+
+    @property
+    def age_ns(self) -> int:
+        """Time from the arrival of its first packets to that of the latest."""
+        return self._arrivals[-1][1] - self._arrivals[0][1] if self._arrivals else 0

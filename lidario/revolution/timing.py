@@ -1,0 +1,52 @@
+"""When the first sample of a revolution was measured.
+
+A packet arrives after its last sample was measured: by the time its bytes take on the wire, plus a sample and a
+half in the device (vendor's SDK 2.1.0 for one family, adopted for all), and then by whatever the adapter, the
+kernel and the event loop add. The device's own clock is even. So every packet of a revolution gives an estimate of
+when the revolution began, each too late by what delayed that packet, and the earliest estimate is the best one.
+"""
+
+from __future__ import annotations
+
+from lidario.families.base import Samples
+from lidario.revolution.partial import PartialRevolution
+from lidario.wire.events import Packets
+
+__all__ = ["first_sample_ns"]
+
+BITS_A_BYTE = 10
+"""On a serial line with one start and one stop bit."""
+DEVICE_DELAY_SAMPLES = 1.5
+
+
+def first_sample_ns(
+    revolution: PartialRevolution,
+    packets: Packets | None,
+    samples: Samples | None,
+    *,
+    sample_ns: float,
+    packet_bytes: float,
+    baudrate: int,
+) -> int:
+    """When the first sample was measured, by the least delayed packet before the first gap.
+
+    Args:
+        revolution: The revolution; it has carried samples, or packets.
+        packets: Its packets; None when it has none.
+        samples: What they were decoded to.
+        sample_ns: Nanoseconds a sample.
+        packet_bytes: Mean length of a packet.
+        baudrate: Speed of the line in bits a second; 0 when bytes take no time.
+    """
+    carried = 0 if revolution.carried is None else len(revolution.carried)
+    estimates: list[float] = []
+    if carried:
+        estimates.append(revolution.carried_ns - (carried - 1) * sample_ns)
+    if packets is not None and samples is not None and not (revolution.lost_behind_carried and estimates):
+        for count, at_ns in packets.arrivals:
+            if count > samples.unbroken and estimates:
+                # Behind a gap the number of samples since the beginning is not known exactly.
+                break
+            estimates.append(at_ns - (carried + samples.ends[count - 1] - 1) * sample_ns)
+    wire_ns = packet_bytes * (BITS_A_BYTE * 1e9 / baudrate) if baudrate else 0.0
+    return round(min(estimates) - DEVICE_DELAY_SAMPLES * sample_ns - wire_ns)

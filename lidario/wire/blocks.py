@@ -1,0 +1,62 @@
+"""How packets of different sizes lie in one piece of bytes.
+
+Where every packet of a format has the same size, its place follows from its number. Where a packet states its own
+size, finding the next one takes a walk from packet to packet. That walk is made once, by the parser, and what it
+found is kept as blocks: a few pairs of a size and a number of packets, since most packets of a revolution have the
+same size. Blocks join and divide without looking at the bytes again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+__all__ = ["Block", "join_blocks", "packet_offsets", "some_blocks"]
+
+
+class Block(NamedTuple):
+    """Packets of one size that follow each other.
+
+    Attributes:
+        size: Bytes of each.
+        packets: How many there are.
+    """
+
+    size: int
+    packets: int
+
+
+def join_blocks(into: list[Block], more: Iterable[Block]) -> None:
+    """Add blocks at the end of others; neighbours of one size become one block, as if parsed together."""
+    for block in more:
+        if into and into[-1].size == block.size:
+            into[-1] = Block(block.size, into[-1].packets + block.packets)
+        else:
+            into.append(block)
+
+
+def some_blocks(blocks: Iterable[Block], begin: int, end: int) -> tuple[Block, ...]:
+    """The packets from number `begin` to before number `end`."""
+    found: list[Block] = []
+    first = 0
+    for size, count in blocks:
+        inside = min(end, first + count) - max(begin, first)
+        if inside > 0:
+            found.append(Block(size, inside))
+        first += count
+    return tuple(found)
+
+
+def packet_offsets(blocks: Iterable[Block]) -> Sequence[int]:
+    """Where each packet begins, and behind them where the last one ends."""
+    sizes = list(blocks)
+    if len(sizes) == 1:
+        (size, count) = sizes[0]
+        return range(0, size * (count + 1), size)
+    offsets: list[int] = []
+    at = 0
+    for size, count in sizes:
+        offsets += range(at, at + size * count, size)
+        at += size * count
+    offsets.append(at)
+    return offsets
