@@ -1,44 +1,104 @@
-"""Resampling a scan onto the even grid that ROS' ``sensor_msgs/LaserScan`` describes.
+"""A scan on the even grid of angles that the ROS message ``sensor_msgs/LaserScan`` describes, with right times.
 
-Scanners do not measure at equal steps, and the number of samples varies from turn to turn; SLAM packages
-want neither. So resampling is a step of its own, taken when asked for: each sample goes to the nearest grid
-angle, the nearest return wins where several meet, a bin whose beams all came back empty says ``no_return``,
-and a bin that no beam fell into says NaN, since nothing is known about it.
+Scanners do not measure at equal steps, and the number of samples varies from revolution to revolution; readers
+of the message need equal steps. Therefore resampling is a step of its own, done on request. Each sample goes to
+the beam whose share of the circle contains it. The nearest return wins where several samples meet in one beam.
+A beam whose samples all came back without a return says ``no_return``. A beam without any sample is NaN, because
+nothing is known about it.
+
+**The choice of the grid.** The message promises that beam ``i`` was measured at ``stamp + i * time_increment``.
+This is one straight line in time over the whole grid, so the grid must begin and end where the revolution
+begins and ends. The devices turn clockwise, from device angle 0 to 360 degrees. A counter-clockwise grid that
+begins at -pi starts in the middle of the revolution: its first half has the times of the first half of the
+revolution, backwards, and its second half the times of the second half, backwards. No straight line fits both,
+so about half of the beams are wrong by half a revolution. A grid from 0 to 2 pi fits.
+
+Two orders of the same beams are offered:
+
+* ``"counter-clockwise"`` (the default): `angle_increment` is positive, as most readers expect. ``ranges[0]`` is
+  the beam measured last, so the stamp is the time of that beam and `time_increment` is negative. The definition
+  of the message allows this: it defines a time for each beam, not a direction. Readers that correct for motion
+  by interpolating between the poses at the first and at the last beam (laser_geometry) work with either sign.
+  The stamp is the latest time of the message, so when the pose for the stamp is known, all others are known too.
+  Readers that use only the stamp, and need a positive step of the angle (slam_toolbox), work too.
+* ``"measured"``: the order of measuring. `time_increment` is positive and `angle_increment` is negative. This is
+  for readers that expect time to rise along the message (cartographer).
+
+Each beam stands in the middle of its share of the circle. With beams on the ends of the grid, the first and the
+last share would be one and the same, and would contain samples from both ends of the revolution.
+
+**Where the grid begins.** At the seam (the device angle where revolutions begin) that the scan states, normally
+0, so that all scans have the same grid. Where the samples show another begin (a device that marks its own
+first packet, or corrected angles that all lie before the seam), the grid begins there.
+
+**Time from angle.** The rotor turns evenly, so time is proportional to the angle that it has turned. The speed
+follows from the samples: the typical angle between neighbours, divided by the time between them. It is not
+taken from the duration of the scan: when packets at the seam are lost, a scan begins late, and the scan before
+it counts the missing time.
 """
 
 from __future__ import annotations
 
 import math
+import operator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal, SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from lidario.model import Scan
+__all__ = ["BeamOrder", "LaserScan", "NoReturn", "Rotor", "follow_rotor", "resample"]
 
-__all__ = ["LaserScan", "NoReturn", "resample"]
-
+BeamOrder = Literal["counter-clockwise", "measured"]
 NoReturn = Literal["inf", "nan", "zero"]
+_ORDERS = ("counter-clockwise", "measured")
 _NO_RETURN = {"inf": math.inf, "nan": math.nan, "zero": 0.0}
+
+_FALLBACK_RANGE_MAX = 40.0
+"""Metres: `LaserScan.range_max` where neither the caller nor the device says one. Beyond all models supported."""
+
+_SEAM_TOLERANCE_DEG = 0.5
+"""How far a revolution may begin before the stated seam, or end behind it, and still be said to begin there.
+
+Formats without a correction of the angle stay within one sample of it (0.45 degrees at 9200 samples a second and
+10 Hz); formats with one begin 1.4 degrees before it or more.
+"""
+
+_EDGE_DEG = 15.0
+"""Samples at most this far beyond an end of the grid belong to the beam at that end.
+
+Only corrected angles go that far, by 13 degrees, and only for close returns: there the correction moves a point
+by a few centimetres whatever its angle is.
+"""
+
+_MOST_BACKWARD_DEG = 90.0
+_MOST_BEFORE_SEAM_DEG = 30.0
+_LAG_SHARE = 32
+"""Share of the samples over which the speed is measured: long enough to average out the rounding of the angles
+(1/64 degree), short enough that a jump of a corrected angle disturbs few of the measurements."""
+
+_LAG_SHARE_PER_GAP = 8
+"""At most one measurement in this many contains a given gap, so that the middle half of them contains few."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LaserScan:
     """The fields of ``sensor_msgs/LaserScan``, by the same names.
 
+    For every ``i``, ``ranges[i]`` was measured at the angle ``angle_min + i * angle_increment`` and at the time
+    ``stamp_ns + i * time_increment * 1e9``.
+
     Attributes:
-        stamp_ns: Wall clock of the first ray in nanoseconds since the Unix epoch.
+        stamp_ns: Wall clock of ``ranges[0]`` in nanoseconds since the Unix epoch.
         frame_id: Name of the coordinate frame.
         angle_min: Angle of ``ranges[0]``, radians counter-clockwise.
-        angle_max: Angle of ``ranges[-1]``.
-        angle_increment: Step between neighbours, radians.
-        time_increment: Seconds between neighbours. The device turns clockwise and the grid runs
-            counter-clockwise, so this is negative.
-        scan_time: Seconds a turn takes.
-        range_min: Shortest range reported, metres.
-        range_max: Longest range reported, metres.
+        angle_max: Angle of ``ranges[-1]``. Less than `angle_min` in the order of measuring.
+        angle_increment: Angle from one beam to the next, radians. Negative in the order of measuring.
+        time_increment: Seconds from one beam to the next. Negative in counter-clockwise order, because the device
+            turns clockwise: ``ranges[0]`` was measured last.
+        scan_time: Seconds a revolution takes.
+        range_min: Shortest valid range, metres.
+        range_max: Longest valid range, metres.
         ranges: Metres, float32, shape (beams,).
         intensities: float32, shape (beams,), or (0,) where the format carries none.
     """
@@ -56,53 +116,198 @@ class LaserScan:
     intensities: NDArray[np.float32]
 
 
+@dataclass(frozen=True, slots=True)
+class Rotor:
+    """How the rotor turned during a scan: clockwise, evenly.
+
+    Attributes:
+        begin_deg: Device angle where the revolution begins, degrees clockwise.
+        begin_ns: When the rotor passed that angle, nanoseconds after the first sample of the scan; negative where
+            samples at the begin are missing.
+        period_ns: Time of a full revolution, nanoseconds.
+    """
+
+    begin_deg: float
+    begin_ns: float
+    period_ns: float
+
+
+def follow_rotor(
+    device_angles: NDArray[np.floating], time_increment_ns: float, duration_ns: float, seam: float = 0.0
+) -> Rotor:
+    """Find out where a revolution begins and how fast the rotor turned.
+
+    Gaps are allowed, of lost packets or of samples that a user took out. Where the angles tell a speed that differs
+    from `duration_ns` by more than a factor of two, `duration_ns` decides. Where they do not rise, they are not in
+    the order of measuring: the revolution is then taken to begin at `seam` with the first sample.
+
+    Args:
+        device_angles: Degrees clockwise, shape (n,), in the order of measuring.
+        time_increment_ns: Time between two samples that have none missing between them.
+        duration_ns: Time from the first sample to the end of the revolution, approximately.
+        seam: Device angle where revolutions should begin, degrees.
+    """
+    if not len(device_angles):
+        return Rotor(seam % 360.0, 0.0, float(duration_ns))
+    travelled = _travelled(device_angles)
+    complete = abs(duration_ns - len(travelled) * time_increment_ns) <= time_increment_ns
+    step, numbers = _step(travelled, complete=complete)
+    if len(travelled) > 1 and step <= 0:
+        return Rotor(seam % 360.0, 0.0, float(duration_ns))
+    first = _before(float(device_angles[0]) - seam, _MOST_BEFORE_SEAM_DEG)
+    period_ns = 360.0 / step * time_increment_ns if step else 0.0
+    if period_ns and not duration_ns / 2 <= period_ns <= duration_ns * 2:
+        period_ns = 0.0
+    if period_ns:
+        # The first sample alone may be an exception: a close return, whose angle is corrected by many degrees.
+        first += float(np.median(travelled - step * numbers))
+        last = first + step * float(numbers[-1])
+    else:
+        period_ns = float(duration_ns)
+        last = first + float(travelled[-1])
+    if first >= -_SEAM_TOLERANCE_DEG and last <= 360.0 + _SEAM_TOLERANCE_DEG:
+        return Rotor(seam % 360.0, -first / 360.0 * period_ns, period_ns)
+    return Rotor((seam + first) % 360.0, 0.0, period_ns)
+
+
+def _before(degrees: float, most: float) -> float:
+    """The same angle in [-most, 360 - most)."""
+    return (degrees + most) % 360.0 - most
+
+
+def _travelled(device_angles: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Angle from the first sample to each sample, degrees, shape (n,), without jumps at 360."""
+    steps = np.diff(device_angles.astype(np.float64), prepend=float(device_angles[0]))
+    # A step is a forward one, up to a gap of three quarters, unless it goes back by less than a quarter.
+    return np.cumsum((steps + _MOST_BACKWARD_DEG) % 360.0 - _MOST_BACKWARD_DEG)
+
+
+def _step(travelled: NDArray[np.float64], *, complete: bool) -> tuple[float, NDArray[np.float64]]:
+    """Degrees between neighbouring samples, and the number of each sample with the missing ones counted."""
+    count = len(travelled)
+    numbers = np.arange(count, dtype=np.float64)
+    if count < 2:
+        return 0.0, numbers
+    steps = np.diff(travelled)
+    gaps = 0 if complete else int(np.count_nonzero(steps > 2.5 * np.median(steps)))
+    lag = max(1, min(count // _LAG_SHARE, count // (_LAG_SHARE_PER_GAP * (gaps + 1))))
+    # The mean of the middle half: a median alone would keep the rounding of the angles.
+    lagged = np.sort(travelled[lag:] - travelled[:-lag])
+    quarter = len(lagged) // 4
+    step = float(np.mean(lagged[quarter : len(lagged) - quarter])) / lag
+    if step <= 0 or complete:
+        return step, numbers
+    # Each step is a whole number of sample times. Corrected angles also jump back; both directions cancel.
+    numbers[1:] = np.cumsum(np.rint(steps / step))
+    return (float(travelled[-1] / numbers[-1]) if numbers[-1] > 0 else 0.0), numbers
+
+
 def resample(
-    scan: Scan,
-    beams: int | None = None,
+    device_angles: NDArray[np.floating],
+    ranges: NDArray[np.floating],
+    intensities: NDArray[np.generic] | None,
+    rotor: Rotor,
+    wall_stamp_ns: int,
     *,
+    beams: SupportsIndex | None = None,
+    order: BeamOrder = "counter-clockwise",
     frame_id: str = "laser",
     range_min: float = 0.05,
-    range_max: float = 40.0,
+    range_max: float | None = None,
+    max_range: float = 0.0,
     no_return: NoReturn = "inf",
     mount_yaw: float = 0.0,
 ) -> LaserScan:
-    """Put `scan` on a grid of `beams` equal steps from -pi; the arguments are those of `Scan.to_laserscan`.
+    """Put samples on a grid of equal steps; the arguments not listed are those of `Scan.to_laserscan`.
+
+    Args:
+        device_angles: Degrees clockwise, shape (n,), in the order of measuring.
+        ranges: Metres, shape (n,); NaN where there was no return.
+        intensities: Shape (n,), or None.
+        rotor: How the rotor turned during the scan.
+        wall_stamp_ns: Time of the first sample, in nanoseconds since the Unix epoch.
+        beams: Number of beams; None for as many as there are samples.
+        order: Order of the beams.
+        frame_id: Name of the coordinate frame.
+        range_min: Metres; nearer returns count as none.
+        range_max: Metres; farther returns count as none. None keeps all of them.
+        max_range: Metres; what the message states as `range_max` when that is None; 0 or NaN when not known.
+        no_return: What a beam without a return becomes.
+        mount_yaw: Angle of the device's forward axis in the frame, radians counter-clockwise.
 
     Raises:
-        ValueError: `beams` is not positive, or `no_return` is none of the three words.
+        TypeError: `beams` is not a whole number.
+        ValueError: `beams` is less than one, `order` or `no_return` is not one of the words, `mount_yaw` is not
+            finite, or `range_min` and `range_max` are not a range.
     """
-    count = len(scan) if beams is None else beams
-    if count < 1:
-        raise ValueError(f"a grid needs at least one beam, not {count}")
+    count = _beams(len(device_angles) if beams is None else beams)
+    if order not in _ORDERS:
+        raise ValueError(f"order must be one of {', '.join(_ORDERS)}, not {order!r}")
     if no_return not in _NO_RETURN:
         raise ValueError(f"no_return must be one of {', '.join(_NO_RETURN)}, not {no_return!r}")
-    step = 2 * math.pi / count
-    turned = scan.angles.astype(np.float64) + mount_yaw
-    bins = np.rint((turned + math.pi) / step).astype(np.intp) % count
-    hit = scan.valid & (scan.ranges >= range_min) & (scan.ranges <= range_max)
-
-    ranges = np.full(count, np.nan, np.float32)
-    ranges[bins[~hit]] = _NO_RETURN[no_return]
-    # Far to near, so that the nearest return is written last.
-    order = np.flatnonzero(hit)[np.argsort(scan.ranges[hit], kind="stable")[::-1]]
-    ranges[bins[order]] = scan.ranges[order]
-
-    if scan.intensities is None:
-        intensities = np.zeros(0, np.float32)
+    if not math.isfinite(mount_yaw):
+        raise ValueError(f"mount_yaw must be finite, not {mount_yaw}")
+    farthest = math.inf if range_max is None else float(range_max)
+    if not 0 <= range_min <= farthest:
+        raise ValueError(f"range_min must be between 0 and range_max: {range_min} to {farthest}")
+    if range_max is not None:
+        stated = farthest
     else:
-        intensities = np.zeros(count, np.float32)
-        intensities[bins[order]] = scan.intensities[order]
-    turn = scan.duration_ns * 1e-9
+        stated = float(max_range) if 0 < max_range < math.inf else _FALLBACK_RANGE_MAX
+
+    places = _places(device_angles, rotor.begin_deg, count)
+    # Comparing with NaN gives False: a sample without a return is no hit.
+    hit = (ranges >= range_min) & (ranges <= farthest)
+    filled = np.full(count, np.nan, np.float32)
+    filled[places[~hit]] = _NO_RETURN[no_return]
+    # From far to near, so that the nearest return is written last.
+    by_range = np.flatnonzero(hit)[np.argsort(ranges[hit], kind="stable")[::-1]]
+    filled[places[by_range]] = ranges[by_range]
+    strengths = np.zeros(0 if intensities is None else count, np.float32)
+    if intensities is not None:
+        strengths[places[by_range]] = intensities[by_range]
+
+    step = 2 * math.pi / count
+    beam_ns = rotor.period_ns / count
+    # The grid covers one circle counter-clockwise from here. In [-pi, pi): 0 where nothing is turned.
+    lowest = _before(math.degrees(mount_yaw) - rotor.begin_deg, 180.0) * math.pi / 180.0
+    angles = (lowest + step / 2, lowest + step * (count - 0.5))
+    measured = order == "measured"
+    first_beam_ns = beam_ns * (0.5 if measured else count - 0.5)
     return LaserScan(
-        stamp_ns=scan.wall_stamp_ns,
+        stamp_ns=wall_stamp_ns + round(rotor.begin_ns + first_beam_ns),
         frame_id=frame_id,
-        angle_min=-math.pi,
-        angle_max=-math.pi + step * (count - 1),
-        angle_increment=step,
-        time_increment=-turn / count,
-        scan_time=turn,
-        range_min=range_min,
-        range_max=range_max,
-        ranges=ranges,
-        intensities=intensities,
+        angle_min=angles[1] if measured else angles[0],
+        angle_max=angles[0] if measured else angles[1],
+        angle_increment=-step if measured else step,
+        time_increment=(beam_ns if measured else -beam_ns) * 1e-9,
+        scan_time=rotor.period_ns * 1e-9,
+        range_min=float(range_min),
+        range_max=stated,
+        ranges=filled if measured else filled[::-1].copy(),
+        intensities=strengths if measured else strengths[::-1].copy(),
     )
+
+
+def _beams(beams: SupportsIndex) -> int:
+    try:
+        count = operator.index(beams)
+    except TypeError:
+        raise TypeError(f"beams must be a whole number, not {beams!r}") from None
+    if count < 1:
+        raise ValueError(f"a grid needs at least one beam, not {count}")
+    return count
+
+
+def _places(device_angles: NDArray[np.floating], begin_deg: float, count: int) -> NDArray[np.intp]:
+    """The beam of each sample, counted in the order of measuring."""
+    if not len(device_angles):
+        return np.zeros(0, np.intp)
+    inside = (device_angles.astype(np.float64) - begin_deg) % 360.0
+    places = np.minimum((inside * (count / 360.0)).astype(np.intp), count - 1)
+    way = _travelled(device_angles) + _before(float(device_angles[0]) - begin_deg, _MOST_BEFORE_SEAM_DEG)
+    if way[-1] > way[0]:
+        # Beyond an end of the grid the angle alone would give the beam at the other end, a revolution off in time.
+        places[(way < 0.0) & (way >= -_EDGE_DEG)] = 0
+        places[(way >= 360.0) & (way < 360.0 + _EDGE_DEG)] = count - 1
+    return places

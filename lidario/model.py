@@ -10,13 +10,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import TYPE_CHECKING, TypeVar, cast
+from typing import SupportsIndex, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from lidario.laserscan import LaserScan, NoReturn
+from lidario.laserscan import BeamOrder, LaserScan, NoReturn, follow_rotor, resample
 
 __all__ = ["DeviceInfo", "Health", "HealthStatus", "SampleRate", "Scan", "ScanMode", "Stats"]
 
@@ -44,6 +43,10 @@ class Scan:
         dropped_before: Scans this reader missed since the one before, because it was slow.
         lost_packets: Packets of this turn that were damaged or lost on the wire; their samples are absent.
         mode: Name of the scan mode.
+        max_range: Farthest distance of the scan mode in metres; 0 when the device does not say. It describes the
+            mode and filters nothing: returns from beyond are in the arrays.
+        seam: Device angle where revolutions begin, degrees; a device that marks its own first packet may begin
+            elsewhere.
     """
 
     device_angles: FloatArray
@@ -58,8 +61,12 @@ class Scan:
     dropped_before: int
     lost_packets: int
     mode: str
+    max_range: float = 0.0
+    seam: float = 0.0
     _angles: FloatArray | None = field(default=None, init=False)
     _ranges: FloatArray | None = field(default=None, init=False)
+    # What a sorted scan was made from: only samples in the order of measuring tell their times.
+    _measured: Scan | None = field(default=None, init=False)
 
     def __len__(self) -> int:
         return len(self.device_distances)
@@ -101,43 +108,76 @@ class Scan:
         return np.stack((self.ranges * np.cos(self.angles), self.ranges * np.sin(self.angles)), axis=1)
 
     def sorted(self) -> Scan:
-        """The same scan with its samples by ascending `angles`; they are no longer in time order."""
+        """The same scan with its samples by ascending `angles`; they are no longer in time order.
+
+        `to_laserscan` of the sorted scan gives the same as that of this one.
+        """
         order = np.argsort(self.angles, kind="stable")
-        return replace(
+        made = replace(
             self,
             device_angles=read_only(self.device_angles[order]),
             device_distances=read_only(self.device_distances[order]),
             intensities=None if self.intensities is None else read_only(self.intensities[order]),
         )
+        object.__setattr__(made, "_measured", self if self._measured is None else self._measured)
+        return made
 
     def to_laserscan(
         self,
-        beams: int | None = None,
+        beams: SupportsIndex | None = None,
         *,
+        order: BeamOrder = "counter-clockwise",
         frame_id: str = "laser",
         range_min: float = 0.05,
-        range_max: float = 40.0,
+        range_max: float | None = None,
         no_return: NoReturn = "inf",
         mount_yaw: float = 0.0,
     ) -> LaserScan:
-        """Resample onto an even grid of angles, as ROS wants it; see `lidario.laserscan.resample`.
+        """Resample onto an even grid of angles, as the ROS message ``sensor_msgs/LaserScan`` needs it.
+
+        ``stamp + i * time_increment`` is the time at which beam ``i`` was measured, for every ``i``, also with
+        lost packets. The grid covers the circle from 0 to 2 pi, each beam in the middle of its step. In the
+        default order `time_increment` is negative: the device turns clockwise, so the first beam of a
+        counter-clockwise grid is the one measured last. `lidario.laserscan` explains the choice.
+
+        A revolution that does not begin at `seam` (a device that marks its own first packet; formats that correct
+        the angle) moves the grid: `angle_min` then follows the begin of the revolution, and may differ from scan
+        to scan. `mount_yaw` turns the grid too; it begins in [-pi, pi).
 
         Args:
-            beams: Number of equal steps around the turn; None for as many as the scan has samples.
+            beams: Number of equal steps around the circle; None for as many as the scan has samples, which
+                varies from scan to scan.
+            order: ``"counter-clockwise"``: `angle_increment` is positive and `time_increment` negative.
+                ``"measured"``: the same beams in the order of measuring, `angle_increment` is negative and
+                `time_increment` positive.
             frame_id: Name of the coordinate frame.
-            range_min: Shortest range, in metres, that is reported.
-            range_max: Longest range, in metres, that is reported.
+            range_min: Metres; nearer returns count as no return.
+            range_max: Metres; farther returns count as no return. None: the message states `max_range` of this
+                scan (40 m when the device does not say), and farther returns stay in it with their values. By the
+                convention of the message its readers ignore these; none is lost here without being asked for.
             no_return: What a beam without a return becomes: ``"inf"``, ``"nan"`` or ``"zero"``.
             mount_yaw: Angle of the device's forward axis in the frame, radians counter-clockwise.
-        """
-        from lidario.laserscan import resample
 
+        Raises:
+            TypeError: `beams` is not a whole number.
+            ValueError: `beams` is less than one (also by default, for a scan without samples), `order` or
+                `no_return` is not one of the words, `mount_yaw` is not finite, or `range_min` and `range_max` are
+                not a range.
+        """
+        scan = self if self._measured is None else self._measured
+        rotor = follow_rotor(scan.device_angles, scan.time_increment_ns, scan.duration_ns, scan.seam)
         return resample(
-            self,
-            beams,
+            scan.device_angles,
+            scan.ranges,
+            scan.intensities,
+            rotor,
+            scan.wall_stamp_ns,
+            beams=beams,
+            order=order,
             frame_id=frame_id,
             range_min=range_min,
             range_max=range_max,
+            max_range=scan.max_range,
             no_return=no_return,
             mount_yaw=mount_yaw,
         )

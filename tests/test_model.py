@@ -6,11 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra import numpy as hnp
 
-from lidario.laserscan import LaserScan
 from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, Scan, ScanMode, Stats
 
 
@@ -97,95 +93,6 @@ def test_a_scan_cannot_be_changed() -> None:
         FOUR.seq = 4  # type: ignore[misc]
     with pytest.raises((AttributeError, TypeError)):
         FOUR.more = 4  # type: ignore[attr-defined]
-
-
-# ------------------------------------------------------------------------------------------------- resampling
-
-
-def at(laser: LaserScan, degrees: float) -> float:
-    """The range reported nearest to an angle."""
-    place = round((math.radians(degrees) - laser.angle_min) / laser.angle_increment) % len(laser.ranges)
-    return float(laser.ranges[place])
-
-
-def test_the_grid() -> None:
-    laser = FOUR.to_laserscan(360)
-    assert len(laser.ranges) == 360
-    assert laser.ranges.dtype == np.float32
-    assert laser.angle_min == pytest.approx(-math.pi)
-    assert laser.angle_increment == pytest.approx(math.radians(1))
-    assert laser.angle_max == pytest.approx(laser.angle_min + 359 * laser.angle_increment)
-    assert laser.scan_time == pytest.approx(0.1)
-    assert laser.time_increment == pytest.approx(-0.1 / 360)
-    assert (laser.stamp_ns, laser.frame_id) == (10**18 + 5, "laser")
-    assert [at(laser, each) for each in (0, -90, 180, 90)] == [1.0, 2.0, math.inf, 4.0]
-    # Where nobody looked, nothing is known.
-    assert np.isnan(laser.ranges).sum() == 356
-    assert len(FOUR.to_laserscan().ranges) == 4
-
-
-@pytest.mark.parametrize(("word", "value"), [("inf", math.inf), ("nan", math.nan), ("zero", 0.0)])
-def test_a_beam_without_a_return(word: Any, value: float) -> None:
-    assert at(FOUR.to_laserscan(360, no_return=word), 180) == pytest.approx(value, nan_ok=True)
-
-
-def test_the_nearest_return_wins_in_a_bin() -> None:
-    near = scan([10.1, 10.0, 9.9, 10.2, 50], [3, 1.5, 0, 2, 7], [1, 2, 3, 4, 5])
-    laser = near.to_laserscan(360)
-    assert at(laser, 10) == 1.5
-    place = int(np.flatnonzero(laser.ranges == np.float32(1.5))[0])
-    assert laser.intensities[place] == 2
-    assert laser.intensities.dtype == np.float32
-    assert laser.intensities.sum() == 2 + 5
-    # A return beats none, in whatever order they come.
-    for order in ([9.9, 10.1], [10.1, 9.9]):
-        assert at(scan(order, [0, 3]).to_laserscan(360), 10) == 3
-        assert at(scan(order, [3, 0]).to_laserscan(360), 10) == 3
-
-
-def test_what_is_out_of_range_did_not_return() -> None:
-    laser = scan([0, 10, 20, 30, 40], [0.04, 0.05, 12, 12.1, 5]).to_laserscan(360, range_min=0.05, range_max=12.0)
-    assert [at(laser, each) for each in (0, 10, 20, 30, 40)] == pytest.approx([math.inf, 0.05, 12, math.inf, 5])
-    assert (laser.range_min, laser.range_max) == (0.05, 12.0)
-
-
-@pytest.mark.parametrize("yaw", [0.0, math.pi / 2, -math.pi, 7.0])
-def test_the_mounting_turns_the_scan(yaw: float) -> None:
-    laser = FOUR.to_laserscan(360, mount_yaw=yaw, frame_id="base")
-    assert at(laser, math.degrees(yaw)) == 1.0
-    assert at(laser, math.degrees(yaw) - 90) == 2.0
-    assert laser.frame_id == "base"
-
-
-def test_formats_without_intensity_have_none_in_ros() -> None:
-    assert scan([0], [1]).to_laserscan().intensities.shape == (0,)
-
-
-def test_misuse() -> None:
-    for beams in (0, -1):
-        with pytest.raises(ValueError, match="at least one beam"):
-            FOUR.to_laserscan(beams)
-    with pytest.raises(ValueError, match="no_return must be one of inf, nan, zero"):
-        FOUR.to_laserscan(10, no_return="none")  # type: ignore[arg-type]
-
-
-@given(
-    degrees=hnp.arrays(np.float64, st.integers(1, 200), elements=st.floats(-180, 180)),
-    beams=st.integers(1, 400),
-    data=st.data(),
-)
-def test_resampling_is_what_a_loop_over_the_samples_gives(degrees: Any, beams: int, data: st.DataObject) -> None:
-    metres = data.draw(hnp.arrays(np.float32, len(degrees), elements=st.floats(0, 50, width=32)))
-    made = scan(degrees, metres)
-    laser = made.to_laserscan(beams)
-    step = 2 * math.pi / beams
-    expected: dict[int, float] = {}
-    for angle, metre in zip(made.angles.astype(np.float64), made.device_distances / 1000, strict=True):
-        place = int(np.rint((angle + math.pi) / step)) % beams
-        value = float(metre) if 0.05 <= metre <= 40 else math.inf
-        expected[place] = min(value, expected.get(place, math.inf))
-    for place, value in enumerate(laser.ranges.tolist()):
-        assert value == pytest.approx(expected.get(place, math.nan), rel=1e-5, nan_ok=True)
 
 
 # ---------------------------------------------------------------------------------------------------- records

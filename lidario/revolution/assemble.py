@@ -219,4 +219,6 @@ def _build(
         dropped_before=0,
         lost_packets=lost,
         mode=stream.mode.name,
+        max_range=stream.mode.max_distance,
+        seam=stream.zero_offset_deg % 360.0,
     )
