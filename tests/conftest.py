@@ -20,8 +20,14 @@ LINUX_ONLY = [
     "cli/test_ending.py",
     "cli/test_sim.py",
     "sim/test_serve.py",
+    "port/test_closing.py",
     "port/test_diagnose.py",
+    "port/test_fork.py",
+    "port/test_opening.py",
     "port/test_port.py",
+    "port/test_serial.py",
+    "port/test_simulated.py",
+    "port/test_tcp.py",
 ]
 collect_ignore = [] if sys.platform == "linux" else LINUX_ONLY
 
