@@ -33,7 +33,7 @@ if TYPE_CHECKING:
         StreamFailed,
         Unsupported,
     )
-    from lidario.laserscan import LaserScan, NoReturn
+    from lidario.laserscan import BeamOrder, LaserScan, NoReturn
     from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, Scan, ScanMode, Stats
     from lidario.port.port import Tap
     from lidario.session.discovery import Found, PortInfo, list_lidars, list_serial_ports
@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "BeamOrder",
     "Busy",
     "ConnectFailed",
     "ConnectReason",
@@ -92,7 +93,7 @@ __all__ = [
 
 _HOMES = {
     "session.discovery": ("Found", "PortInfo", "list_lidars", "list_serial_ports"),
-    "laserscan": ("LaserScan", "NoReturn"),
+    "laserscan": ("BeamOrder", "LaserScan", "NoReturn"),
     "model": ("DeviceInfo", "Health", "HealthStatus", "SampleRate", "Scan", "ScanMode", "Stats"),
     "port.port": ("Tap",),
     "session.lidar": ("Lidar",),

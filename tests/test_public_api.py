@@ -12,6 +12,7 @@ import pytest
 import lidario
 
 PUBLIC = [
+    "BeamOrder",
     "Busy",
     "ConnectFailed",
     "ConnectReason",
@@ -50,6 +51,7 @@ PUBLIC = [
     "list_lidars",
     "list_serial_ports",
     "open_lidar",
+    "run",
     "simulate",
 ]
 ALIASES = {"ConnectReason", "NoReturn", "Tap", "Wall"}

@@ -135,6 +135,7 @@ class Port(asyncio.Protocol):
         self._pid = os.getpid()
         self._line: Line | None = None
         self._receiver: Receiver | None = None
+        self._untold: DeviceLost | None = None
         self._taps: tuple[Tap, ...] = ()
         self._closing = False
         self._closed = self._loop.create_future()
@@ -174,8 +175,11 @@ class Port(asyncio.Protocol):
             self._taps = tuple(taps)
 
     def attach(self, receiver: Receiver | None) -> None:
-        """Name who is told what arrives from now on; None for nobody."""
+        """Name who is told what arrives from now on; None for nobody. A loss that nobody was told is told now."""
         self._receiver = receiver
+        if receiver is not None and self._untold is not None:
+            error, self._untold = self._untold, None
+            self._loop.call_soon(receiver.connection_lost, error)
 
     def write(self, data: bytes) -> None:
         """Hand bytes to the operating system, at once as far as it takes them.
@@ -339,6 +343,8 @@ class Port(asyncio.Protocol):
         try:
             if receiver is not None:
                 receiver.connection_lost(error)
+            else:
+                self._untold = error
         finally:
             self.closed()
 

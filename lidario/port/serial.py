@@ -106,6 +106,7 @@ class _SerialLine(Line):
         self._device = device
         self._error: Exception | None = None
         self._closing = False
+        self._ended = False
         self._drained_by = 0.0
         self._timer: asyncio.TimerHandle | None = None
         self._transport = serial_asyncio.SerialTransport(loop, _Events(self), device)
@@ -160,13 +161,17 @@ class _SerialLine(Line):
             self._drain()
 
     def abort(self) -> None:
-        if not self._port.is_forked:
+        # Once only: the transport would fail at a second end.
+        if not self._ended and not self._port.is_forked:
+            self._ended = True
             self._stop()
             self._discard_output()
             self._transport.abort()
 
     def close_without_loop(self) -> None:
         self._closing = True
+        if not self._device.is_open:
+            return
         self._discard_output()
         with contextlib.suppress(*_FOREIGN):
             self._device.close()
@@ -195,6 +200,7 @@ class _SerialLine(Line):
                 _log.warning("%s: closed before all was sent, which took more than %g s", self._port.name, DRAIN_S)
                 self.abort()
             return
+        self._ended = True
         self._transport.close()
 
     def _is_drained(self) -> bool:

@@ -55,6 +55,7 @@ async def open_simulated(source: Source) -> Port:
 
     Raises:
         ConnectFailed: The source is no good, or the line could not be opened.
+        DeviceLost: The simulated device failed already.
     """
     way = source.options.get("via", "pty" if os.name == "posix" else "tcp")
     if way not in _WAYS:
@@ -68,8 +69,10 @@ async def open_simulated(source: Source) -> Port:
             port = await open_serial(server.path, device.baudrate)
         else:
             port = await open_tcp(source.text, *server.address, baudrate=device.baudrate)
-    except BaseException:
-        server.close()
+    except BaseException as error:
+        failed = _why_lost(source.text, server)
+        if failed is not None and isinstance(error, ConnectFailed):
+            raise failed from failed.__cause__
         raise
     port.name = source.text
     port.on_loss(lambda: _why_lost(source.text, server))

@@ -37,6 +37,9 @@ async def open_tcp(name: str, host: str, number: int, baudrate: int = 0) -> Port
         ConnectFailed: Unknown host, refused, impossible address, or no answer within five seconds. Cancelling
             leaves nothing open.
     """
+    if not 0 < number < 65536 or "\0" in host:
+        # uvloop would take the number modulo 65536 and the name up to the zero byte.
+        raise ConnectFailed(f"{name}: not an address that can be connected to", reason="refused")
     loop = asyncio.get_running_loop()
     port = _TcpPort(name, baudrate)
     try:
@@ -45,9 +48,8 @@ async def open_tcp(name: str, host: str, number: int, baudrate: int = 0) -> Port
     except TimeoutError as error:
         text = f"{name}: no answer within {CONNECT_TIMEOUT_S:g} s. Is it switched on, and in this network?"
         raise ConnectFailed(text, reason="refused") from error
-    except (OSError, ValueError, OverflowError) as error:
-        # ValueError: among others the UnicodeError of a name that cannot be a host's; OverflowError: a port number
-        # beyond 65535.
+    except (OSError, ValueError) as error:
+        # ValueError: among others the UnicodeError of a name that cannot be a host's.
         raise ConnectFailed(f"{name}: {_why(error)}", reason="refused") from error
     return port
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import errno
 import os
 import pty
+import stat
 import subprocess
 import sys
-from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import serial
@@ -35,12 +36,33 @@ def test_each_cause_has_its_word(error: Exception, reason: str, says: str) -> No
     assert "/dev/ttyUSB0" in str(failed)
 
 
-def test_the_cure_for_a_forbidden_port_names_its_group(tmp_path: Path) -> None:
-    port = tmp_path / "port"
-    port.touch()
-    failed = why_not_opened(str(port), PermissionError(errno.EACCES, "denied"))
-    assert "usermod -aG" in str(failed)
-    assert "log out and in" in str(failed)
+def owned(gid: int, mode: int) -> os.stat_result:
+    """What the system says of a character device of that group."""
+    return os.stat_result((stat.S_IFCHR | mode, 0, 0, 1, 0, gid, 0, 0, 0, 0))
+
+
+@pytest.mark.parametrize(
+    ("gid", "mode", "says", "never"),
+    [
+        (20, 0o660, ["group people", "you are not in it", "usermod -aG people", "log out"], "chmod"),
+        (30, 0o660, ["group mine", "you are in it", "sudo chmod a+rw /dev/ttyUSB0"], "usermod"),
+        (20, 0o600, ["group people, mode 600", "sudo chmod a+rw", "udev", 'GROUP="dialout"'], "usermod"),
+        (0, 0o660, ["group root", "sudo chmod a+rw", "udev", 'GROUP="dialout"'], "usermod"),
+        (987654, 0o660, ["group number 987654", "sudo chmod a+rw", "udev"], "usermod"),
+    ],
+)
+def test_the_cure_for_a_forbidden_port(
+    monkeypatch: pytest.MonkeyPatch, gid: int, mode: int, says: list[str], never: str
+) -> None:
+    groups = {0: "root", 20: "people", 30: "mine"}
+    monkeypatch.setattr("grp.getgrgid", lambda number: SimpleNamespace(gr_name=groups[number]))
+    monkeypatch.setattr(os, "getgroups", lambda: [30])
+    monkeypatch.setattr(os, "stat", lambda path: owned(gid, mode))
+    failed = why_not_opened("/dev/ttyUSB0", PermissionError(errno.EACCES, "denied"))
+    assert failed.reason == "permission"
+    for words in says:
+        assert words in str(failed)
+    assert never not in str(failed)
 
 
 def test_who_holds_a_port_is_named() -> None:

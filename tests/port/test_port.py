@@ -1,65 +1,21 @@
-"""The real path: pyserial-asyncio on a pseudo-terminal, and TCP; cables pulled, ports shared, loops closed."""
+"""The real path, through a whole session: cables pulled, ports shared, programs ended, loops closed."""
 
 from __future__ import annotations
 
 import asyncio
 import gc
 import os
-import pty
 import subprocess
 import sys
 import threading
-import time
-import tty
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from lidario import ConnectFailed, DeviceLost, Lidar, open_lidar
-from lidario.port.port import open_serial, open_tcp
 from lidario.sim.serve import PtyServer, TcpServer
 from tests.support.devices import FAMILIES, Rig, left_still, make_rig
-
-PATIENCE_S = 20.0
-ROOT = Path(__file__).parents[2]
-LATENCIES = (0.0, 0.005)
-
-
-class Sink:
-    """Keeps what a port brings."""
-
-    def __init__(self) -> None:
-        self.data = bytearray()
-        self.chunks: list[bytes] = []
-        self.lost: list[DeviceLost | None] = []
-        self.more = asyncio.Event()
-
-    def data_received(self, data: bytes, now: int) -> None:
-        self.data += data
-        self.chunks.append(data)
-        self.more.set()
-
-    def connection_lost(self, error: DeviceLost | None) -> None:
-        self.lost.append(error)
-        self.more.set()
-
-    async def until(self, size: int) -> None:
-        async with asyncio.timeout(PATIENCE_S):
-            while len(self.data) < size and not self.lost:
-                self.more.clear()
-                await self.more.wait()
-
-
-@pytest.fixture
-def terminal() -> Iterator[tuple[int, str]]:
-    """The controlling end of a pseudo-terminal, and the path of the other."""
-    master, slave = pty.openpty()
-    tty.setraw(slave)
-    yield master, os.ttyname(slave)
-    os.close(slave)
-    if master >= 0:
-        os.close(master)
+from tests.support.ports import PATIENCE_S
 
 
 def served(rig: Rig) -> PtyServer:
@@ -77,90 +33,6 @@ async def until_still(server: PtyServer, rig: Rig) -> None:
             await asyncio.sleep(0.01)
 
 
-@pytest.mark.parametrize("latency", LATENCIES)
-async def test_every_byte_arrives_in_order(terminal: tuple[int, str], latency: float) -> None:
-    master, path = terminal
-    port, sink = await open_serial(path, 1_000_000), Sink()
-    port.attach(sink)
-    port.set_latency(latency)
-    sent = bytes(range(256)) * 200
-    for begin in range(0, len(sent), 1000):
-        os.write(master, sent[begin : begin + 1000])
-        await sink.until(min(begin + 1000, len(sent)))
-    assert bytes(sink.data) == sent
-    await port.close()
-    assert sink.lost == [None]
-
-
-async def test_a_write_is_out_before_it_returns(terminal: tuple[int, str]) -> None:
-    master, path = terminal
-    port = await open_serial(path, 115200)
-    os.set_blocking(master, False)
-    port.write(b"\xa5\x25")
-    assert os.read(master, 16) == b"\xa5\x25"
-    await port.close()
-    port.write(b"too late")
-    with pytest.raises(BlockingIOError):
-        os.read(master, 16)
-
-
-@pytest.mark.parametrize("latency", LATENCIES)
-async def test_while_it_rests_bytes_gather_and_come_together(terminal: tuple[int, str], latency: float) -> None:
-    master, path = terminal
-    port, sink = await open_serial(path, 1_000_000), Sink()
-    port.attach(sink)
-    rests, lateness = [0.05, 0.05], list[float]()
-
-    def rest(late: float) -> float:
-        lateness.append(late)
-        return rests.pop(0) if rests else 0.0
-
-    port.set_latency(latency, rest)
-    for piece in (b"one ", b"two ", b"three"):
-        os.write(master, piece)
-    time.sleep(0.1)  # noqa: ASYNC251 - a program that blocks its loop
-    await sink.until(13)
-    assert sink.chunks == [b"one two three"]
-    assert lateness[0] == 0
-    assert lateness[1] >= 0.04
-    os.write(master, b"four")
-    await sink.until(17)
-    # The rest is over: as `latency` says, from now on.
-    assert not rests
-    os.write(master, b"five")
-    await sink.until(21)
-    assert bytes(sink.data) == b"one two threefourfive"
-    await port.close()
-
-
-@pytest.mark.parametrize("latency", LATENCIES)
-async def test_a_pulled_cable_is_noticed(terminal: tuple[int, str], latency: float) -> None:
-    master, slave = pty.openpty()
-    tty.setraw(slave)
-    port, sink = await open_serial(os.ttyname(slave), 115200), Sink()
-    os.close(slave)
-    port.attach(sink)
-    port.set_latency(latency)
-    os.write(master, b"last words")
-    await sink.until(10)
-    os.close(master)
-    await sink.until(1 << 30)
-    (error,) = sink.lost
-    assert error is not None
-    assert "unplugged" in str(error)
-    await port.close()
-
-
-async def test_a_missing_port_says_so(tmp_path: Path) -> None:
-    with pytest.raises(ConnectFailed, match="no such port") as caught:
-        await open_serial(str(tmp_path / "ttyUSB9"), 115200)
-    assert caught.value.reason == "missing"
-    file = tmp_path / "file"
-    file.write_text("not a port")
-    with pytest.raises(ConnectFailed, match="not a serial port"):
-        await open_serial(str(file), 115200)
-
-
 async def test_a_port_is_opened_by_one_program_alone() -> None:
     rig = make_rig("rplidar")
     with served(rig) as server:
@@ -170,17 +42,6 @@ async def test_a_port_is_opened_by_one_program_alone() -> None:
             assert caught.value.reason == "busy"
         async with open_lidar(f"serial://{server.path}?family=rplidar&baud=1000000"):
             pass
-
-
-async def test_nobody_at_the_other_end_of_a_socket() -> None:
-    rig = make_rig("rplidar")
-    with TcpServer(rig.device) as server:
-        host, number = server.address
-    with pytest.raises(ConnectFailed, match=f"{host}:{number}") as caught:
-        await open_lidar(f"tcp://{host}:{number}")
-    assert caught.value.reason == "refused"
-    with pytest.raises(ConnectFailed):
-        await open_tcp("tcp://no.such.host.invalid:1", "no.such.host.invalid", 1)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -230,7 +91,7 @@ def test_ctrl_c_in_the_middle_of_a_scan_stops_the_motor() -> None:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
-            cwd=ROOT,
+            cwd=Path(__file__).parent.parent,
         )
         assert process.stdout is not None
         assert process.stdout.readline() == "0\n"
@@ -261,7 +122,7 @@ def test_a_program_that_ends_without_closing_still_stops_the_motor(end: str) -> 
             capture_output=True,
             text=True,
             timeout=PATIENCE_S,
-            cwd=ROOT,
+            cwd=Path(__file__).parent.parent,
             check=False,
         )
         assert process.returncode == (3 if "exit" in end else 0), process.stderr

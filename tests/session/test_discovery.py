@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from lidario import list_serial_ports
+from lidario import ConnectFailed, list_serial_ports
+from lidario.session.discovery import PortInfo, find_source
+from lidario.source import parse_source
 
 
 @dataclass
@@ -38,6 +41,20 @@ def test_known_adapters_and_stable_names_are_found(monkeypatch: pytest.MonkeyPat
     assert found["/dev/ttyACM0"].adapter == ""
     assert found["/dev/ttyACM0"].description == "Arduino Uno"
     assert (found["/dev/ttyS0"].adapter, found["/dev/ttyS0"].by_id, found["/dev/ttyS0"].description) == ("", "", "")
+
+
+async def test_ports_are_listed_off_the_event_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    threads: list[threading.Thread] = []
+
+    def ports() -> list[PortInfo]:
+        threads.append(threading.current_thread())
+        return []
+
+    monkeypatch.setattr("lidario.session.discovery.list_serial_ports", ports)
+    with pytest.raises(ConnectFailed, match="no lidar found"):
+        await find_source(parse_source("auto"))
+    assert len(threads) == 2
+    assert threading.current_thread() not in threads
 
 
 def test_the_list_is_in_a_settled_order() -> None:

@@ -1,0 +1,273 @@
+"""Closing a serial port whose adapter sends nothing any more: bounded, and the event loop goes on."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import stat
+import termios
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+import serial
+
+from lidario.port.port import Port
+from lidario.port.serial import open_serial
+from tests.support.ports import PATIENCE_S, Sink, open_files, terminal_pair
+
+
+@pytest.fixture
+def terminal() -> Iterator[tuple[int, int, str]]:
+    with terminal_pair() as pair:
+        yield pair
+
+
+class Wedged:
+    """An adapter that does not send what is left in it, as pyserial and the kernel show it.
+
+    Attributes:
+        left: Bytes in the adapter; a number, or one for each time that is asked.
+        discards: Whether the driver can throw them away.
+        discarded: How often it was asked to.
+    """
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, *left: int, discards: bool = True) -> None:
+        self.left = list(left)
+        self.discarded = 0
+        wedged = self
+
+        def waiting(_: serial.Serial) -> int:
+            return wedged.left.pop(0) if len(wedged.left) > 1 else wedged.left[0]
+
+        def discard(_: serial.Serial) -> None:
+            wedged.discarded += 1
+            if discards:
+                wedged.left = [0]
+
+        def flush(_: serial.Serial) -> None:
+            if wedged.left[-1]:
+                time.sleep(3)
+
+        monkeypatch.setattr(serial.Serial, "out_waiting", property(waiting))
+        monkeypatch.setattr(serial.Serial, "reset_output_buffer", discard)
+        monkeypatch.setattr(serial.Serial, "flush", flush)
+
+
+async def close_and_watch(port: Port) -> tuple[float, float]:
+    """Close `port`; returns how long that took, and the longest time for which the loop stood still."""
+    loop = asyncio.get_running_loop()
+    worst = 0.0
+
+    async def tick() -> None:
+        nonlocal worst
+        before = loop.time()
+        while True:
+            await asyncio.sleep(0.001)
+            worst, before = max(worst, loop.time() - before), loop.time()
+
+    ticking = asyncio.create_task(tick())
+    await asyncio.sleep(0)
+    before = loop.time()
+    await port.close()
+    took = loop.time() - before
+    await asyncio.sleep(0.002)
+    ticking.cancel()
+    return took, worst
+
+
+async def test_an_adapter_that_sends_nothing_stops_neither_the_loop_nor_the_close(
+    terminal: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    before = open_files()
+    port, sink = await open_serial(terminal[2], 115200), Sink()
+    port.attach(sink)
+    wedged = Wedged(monkeypatch, 7)
+    port.write(b"stop")
+    took, worst = await close_and_watch(port)
+    assert 0.4 < took < 2
+    assert worst < 1
+    assert wedged.discarded == 1
+    assert sink.lost == [None]
+    assert "closed before all was sent" in caplog.text
+    assert open_files() == before
+
+
+async def test_a_terminal_that_takes_nothing(terminal: tuple[int, int, str]) -> None:
+    master, slave, path = terminal
+    before = open_files()
+    port = await open_serial(path, 115200)
+    termios.tcflow(slave, termios.TCOOFF)
+    port.write(b"stop")
+    took, worst = await close_and_watch(port)
+    assert 0.4 < took < 1.5
+    assert worst < 0.4
+    assert open_files() == before
+    os.set_blocking(master, False)
+    with pytest.raises(BlockingIOError):
+        os.read(master, 16)
+
+
+async def test_closing_waits_while_bytes_leave(
+    terminal: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port = await open_serial(terminal[2], 115200)
+    wedged = Wedged(monkeypatch, 4, 3, 2, 1, 0)
+    port.write(b"stop")
+    await port.close()
+    assert wedged.left == [0]
+    assert wedged.discarded == 0
+    assert os.read(terminal[0], 16) == b"stop"
+
+
+async def test_stop_requests_leave_before_the_port_is_closed(terminal: tuple[int, int, str]) -> None:
+    master, slave, path = terminal
+    port = await open_serial(path, 115200)
+    order: list[str] = []
+    port.on_close(lambda: order.append(f"closed, {open_files()} files"))
+    before = open_files()
+    # The terminal takes nothing for a moment, so that the bytes wait in the program.
+    termios.tcflow(slave, termios.TCOOFF)
+    port.write(b"stop")
+    port.close_soon()
+    assert not port.is_open
+    assert port.is_closing
+    asyncio.get_running_loop().call_later(0.05, termios.tcflow, slave, termios.TCOON)
+    await port.wait_closed()
+    assert os.read(master, 16) == b"stop"
+    # One descriptor of the terminal and the four that pyserial keeps beside it were closed when this was said.
+    assert order == [f"closed, {before - 5} files"]
+
+
+async def test_a_driver_that_cannot_discard_is_closed_off_the_loop(
+    terminal: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The kernel makes the last close of such a port wait for up to 30 s."""
+    before = open_files()
+    port = await open_serial(terminal[2], 115200)
+    closed: list[threading.Thread] = []
+    close = os.close
+
+    def closing(handle: int) -> None:
+        if stat.S_ISCHR(os.fstat(handle).st_mode):
+            closed.append(threading.current_thread())
+        close(handle)
+
+    Wedged(monkeypatch, 7, discards=False)
+    monkeypatch.setattr(os, "close", closing)
+    await port.close()
+    async with asyncio.timeout(PATIENCE_S):
+        while len(closed) < 2 or open_files() > before:
+            await asyncio.sleep(0.001)
+    other = [thread for thread in closed if thread is not threading.current_thread()]
+    assert len(other) == 1
+    assert other[0].daemon
+
+
+async def test_cancelling_the_close_ends_only_the_waiting(
+    terminal: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = open_files()
+    port = await open_serial(terminal[2], 115200)
+    Wedged(monkeypatch, *[5] * 20, 0)
+    task = asyncio.create_task(port.close())
+    await asyncio.sleep(0)
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert not port.is_open
+    await port.wait_closed()
+    assert open_files() == before
+
+
+async def test_a_loop_that_was_blocked_while_it_closed(
+    terminal: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port, sink = await open_serial(terminal[2], 115200), Sink()
+    port.attach(sink)
+    Wedged(monkeypatch, 7)
+    port.close_soon()
+    await asyncio.sleep(0)
+    time.sleep(1.2)  # noqa: ASYNC251 - both bounds of the close are passed when the loop goes on
+    await port.wait_closed()
+    assert sink.lost == [None]
+
+
+async def test_closing_twice_and_after_the_end(
+    terminal: tuple[int, int, str], caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.DEBUG, "lidario")
+    port, sink = await open_serial(terminal[2], 115200), Sink()
+    port.attach(sink)
+    port.announce_close()
+    assert port.is_open
+    assert port.is_closing
+    await asyncio.gather(port.close(), port.close())
+    await port.close()
+    port.close_soon()
+    port.poll()
+    port.set_polling(0.005, None)
+    port.abandon(b"stop")
+    assert sink.lost == [None]
+    states = [record.getMessage().removeprefix(terminal[2]) for record in caplog.records]
+    assert states == [" is open", " is closed"]
+
+
+async def test_a_close_in_the_iteration_of_the_opening(terminal: tuple[int, int, str]) -> None:
+    before = open_files()
+    port, sink = await open_serial(terminal[2], 115200), Sink()
+    port.attach(sink)
+    port.close_soon()
+    await port.wait_closed()
+    os.write(terminal[0], b"late")
+    await asyncio.sleep(0)
+    assert sink.lost == [None]
+    assert not sink.data
+    assert open_files() == before
+
+
+async def test_abandon_waits_until_the_device_listens(terminal: tuple[int, int, str]) -> None:
+    master, _, path = terminal
+    loop = asyncio.get_running_loop()
+    for ahead, least, most in ((0.02, 0.02, 5.0), (3600.0, 0.05, 5.0), (-1.0, 0.0, 0.02)):
+        port = await open_serial(path, 115200)
+        before = loop.time()
+        port.abandon(b"stop", before + ahead)
+        assert least <= loop.time() - before < most
+        assert os.read(master, 16) == b"stop"
+        await port.wait_closed()
+
+
+def test_abandon_after_the_loop_was_closed(terminal: tuple[int, int, str]) -> None:
+    master, _, path = terminal
+    before = open_files()
+    ended: list[str] = []
+    with asyncio.Runner() as runner:
+        port = runner.run(open_serial(path, 115200))
+        port.on_close(lambda: ended.append("ended"))
+    port.write(b"written, ")
+    port.set_polling(0.005, None)
+    port.poll()
+    port.abandon(b"stop")
+    assert os.read(master, 16) == b"written, stop"
+    assert ended == ["ended"]
+    assert open_files() == before
+    port.abandon(b"again")
+    port.close_soon()
+
+
+def test_abandon_from_another_thread(terminal: tuple[int, int, str]) -> None:
+    async def main() -> None:
+        port, sink = await open_serial(terminal[2], 115200), Sink()
+        port.attach(sink)
+        thread = threading.Thread(target=port.abandon, args=(b"stop",))
+        thread.start()
+        assert await sink.until_lost() is None
+        thread.join(PATIENCE_S)
+
+    before = open_files()
+    asyncio.run(main())
+    assert open_files() == before
+    assert os.read(terminal[0], 16) == b"stop"

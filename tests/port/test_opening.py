@@ -1,0 +1,226 @@
+"""Opening a serial port: what is none, what is held, off the event loop, and cancelled on the way."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import serial
+
+from lidario.errors import ConnectFailed
+from lidario.port.background import run_in_thread
+from lidario.port.serial import open_serial
+from tests.support.ports import PATIENCE_S, open_files, terminal_pair
+
+
+async def failure(path: str, baudrate: int = 115200) -> ConnectFailed:
+    """How opening `path` fails; leaves nothing open."""
+    before = open_files()
+    with pytest.raises(ConnectFailed) as caught:
+        await open_serial(path, baudrate)
+    assert open_files() == before
+    return caught.value
+
+
+@contextmanager
+def another_program(command: list[str], stderr: int | None = None) -> Iterator[subprocess.Popen[bytes]]:
+    """A program that has said that it is ready, and ends with its input."""
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=stderr) as other:
+        assert other.stdout is not None
+        other.stdout.readline()
+        yield other
+
+
+@pytest.mark.parametrize(
+    ("path", "says"),
+    [
+        ("/dev/\0x", "no such port"),
+        ("", "no such port"),
+        ("/dev/no-such-port", "no such port"),
+        ("/dev/null/port", "no such port"),
+        ("/dev/" + "x" * 5000, "no such port"),
+        ("/dev", "not a serial port"),
+        ("/dev/null", "not a serial port"),
+        ("/etc/hostname", "not a serial port"),
+        ("/dev/\udcff", "no such port"),
+    ],
+)
+async def test_what_is_no_serial_port_says_so(path: str, says: str) -> None:
+    failed = await failure(path)
+    assert says in str(failed)
+    assert failed.reason == "missing"
+
+
+async def test_a_speed_that_no_port_has() -> None:
+    with terminal_pair() as (_, _, path):
+        assert "could not open" in str(await failure(path, 2**40))
+
+
+async def test_dev_null_is_no_serial_port_even_while_others_hold_it() -> None:
+    program = "import sys; print(flush=True); sys.stdin.read()"
+    command = [sys.executable, "-c", program]
+    with another_program(command, stderr=subprocess.DEVNULL):
+        failed = await failure("/dev/null")
+    assert "not a serial port" in str(failed)
+    assert "busy" not in str(failed)
+
+
+async def test_a_port_that_another_program_holds_is_busy(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Pseudo-terminals are exempt, since their other end holds them; here one is taken for a real port.
+    monkeypatch.setattr("lidario.port.serial.is_pseudo_terminal", lambda path: False)
+    program = "import os, sys; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print(flush=True); sys.stdin.read()"
+    with terminal_pair() as (_, _, path):
+        command = [sys.executable, "-c", program, path]
+        with another_program(command) as other:
+            failed = await failure(path)
+            assert failed.reason == "busy"
+            assert f"PID {other.pid} (" in str(failed)
+
+
+async def test_forbidden(monkeypatch: pytest.MonkeyPatch) -> None:
+    def forbid(self: serial.Serial) -> None:
+        raise serial.SerialException(13, "could not open port: Permission denied")
+
+    monkeypatch.setattr(serial.Serial, "open", forbid)
+    with terminal_pair() as (_, _, path):
+        failed = await failure(path)
+    assert failed.reason == "permission"
+
+
+class SlowOpening:
+    """Has pyserial take as long to open a port as the test likes."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.begun = threading.Event()
+        self.go_on = threading.Event()
+        self.opened: list[serial.Serial] = []
+        self.thread: threading.Thread | None = None
+        original = serial.Serial.open
+
+        def opening(device: serial.Serial) -> None:
+            self.thread = threading.current_thread()
+            self.begun.set()
+            assert self.go_on.wait(PATIENCE_S)
+            original(device)
+            self.opened.append(device)
+
+        monkeypatch.setattr(serial.Serial, "open", opening)
+
+
+@pytest.fixture
+def slow(monkeypatch: pytest.MonkeyPatch) -> Iterator[SlowOpening]:
+    opening = SlowOpening(monkeypatch)
+    yield opening
+    opening.go_on.set()
+
+
+async def until(event: threading.Event) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        while not event.is_set():
+            await asyncio.sleep(0.001)
+
+
+async def test_the_loop_goes_on_while_a_port_is_opened(slow: SlowOpening) -> None:
+    with terminal_pair() as (_, _, path):
+        task = asyncio.create_task(open_serial(path, 115200))
+        await until(slow.begun)
+        assert slow.thread is not threading.current_thread()
+        slow.go_on.set()
+        port = await task
+        await port.close()
+
+
+async def test_the_list_of_processes_is_read_off_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    readers: list[threading.Thread] = []
+
+    def held(path: str) -> bool:
+        readers.append(threading.current_thread())
+        return False
+
+    monkeypatch.setattr("lidario.port.serial.held", held)
+    await failure("/dev/no-such-port")
+    assert len(readers) == 1
+    assert readers[0] is not threading.current_thread()
+
+
+async def test_cancelled_while_it_opens_leaves_nothing_open(slow: SlowOpening) -> None:
+    with terminal_pair() as (_, _, path):
+        before = open_files()
+        task = asyncio.create_task(open_serial(path, 115200))
+        await until(slow.begun)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        slow.go_on.set()
+        async with asyncio.timeout(PATIENCE_S):
+            while not slow.opened or slow.opened[0].is_open or (slow.thread and slow.thread.is_alive()):
+                await asyncio.sleep(0.001)
+        assert open_files() == before
+
+
+async def test_a_result_that_comes_with_the_cancellation_is_discarded() -> None:
+    discarded: list[str] = []
+    release = threading.Event()
+
+    def call() -> str:
+        release.wait(PATIENCE_S)
+        return "result"
+
+    task = asyncio.create_task(run_in_thread(call, discarded.append))
+    await asyncio.sleep(0)
+    release.set()
+    # The loop is blocked until the thread has ended, so that the result and the cancellation meet.
+    for thread in threading.enumerate():
+        if thread.name == "lidario: blocking call":
+            thread.join(PATIENCE_S)
+    asyncio.get_running_loop().call_soon(task.cancel)
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert discarded == ["result"]
+
+
+def test_a_result_that_comes_after_the_loop_was_closed_is_discarded() -> None:
+    discarded: list[str] = []
+    release = threading.Event()
+
+    def call() -> str:
+        release.wait(PATIENCE_S)
+        return "result"
+
+    async def main() -> None:
+        task = asyncio.create_task(run_in_thread(call, discarded.append))
+        await asyncio.sleep(0)
+        task.cancel()
+
+    asyncio.run(main())
+    release.set()
+    deadline = time.monotonic() + PATIENCE_S
+    while not discarded and time.monotonic() < deadline:
+        time.sleep(0.001)
+    assert discarded == ["result"]
+
+
+async def test_what_the_call_raises_is_raised() -> None:
+    def call() -> None:
+        raise ValueError("of the call")
+
+    with pytest.raises(ValueError, match="of the call"):
+        await run_in_thread(call)
+
+
+async def test_a_link_to_a_port_is_opened(tmp_path: Path) -> None:
+    with terminal_pair() as (master, _, path):
+        link = tmp_path / "lidar"
+        link.symlink_to(path)
+        port = await open_serial(str(link), 115200)
+        port.write(b"x")
+        assert os.read(master, 4) == b"x"
+        await port.close()

@@ -1,0 +1,361 @@
+"""A serial port on a pseudo-terminal: read, written, polled, held, pulled out."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import os
+import termios
+import time
+from collections.abc import Iterator
+from types import ModuleType
+
+import pytest
+import serial
+import uvloop
+
+from lidario.errors import ConnectFailed
+from lidario.port.port import Port
+from lidario.port.reading import Reader
+from lidario.port.serial import open_serial
+from tests.support.ports import PATIENCE_S, Sink, open_files, terminal_pair
+
+LATENCIES = (0.0, 0.005)
+
+
+class Plan:
+    """A schedule that the test writes."""
+
+    def __init__(self, *rests: float, hold: float = 0.0) -> None:
+        self.rests = list(rests)
+        self.lateness: list[float] = []
+        self.until = hold
+
+    def rest(self, now: float, late: float) -> float:
+        self.lateness.append(late)
+        return self.rests.pop(0) if self.rests else 0.0
+
+    def hold(self, now: float) -> float:
+        return self.until
+
+
+class Seen:
+    """A tap that keeps what it is shown."""
+
+    def __init__(self, port: Port) -> None:
+        self.reads: list[tuple[bytes, int]] = []
+        self.more = asyncio.Event()
+        port.add_tap(self)
+
+    def __call__(self, direction: str, data: bytes, now: int) -> None:
+        if direction == "in":
+            self.reads.append((data, now))
+            self.more.set()
+
+    async def until(self, count: int) -> None:
+        async with asyncio.timeout(PATIENCE_S):
+            while sum(len(data) for data, _ in self.reads) < count:
+                self.more.clear()
+                await self.more.wait()
+
+
+@pytest.fixture
+def terminal() -> Iterator[tuple[int, str]]:
+    with terminal_pair() as (master, _, path):
+        yield master, path
+
+
+@pytest.mark.parametrize("latency", LATENCIES)
+async def test_every_byte_arrives_in_order(terminal: tuple[int, str], latency: float) -> None:
+    master, path = terminal
+    port, sink = await open_serial(path, 1_000_000), Sink()
+    port.attach(sink)
+    port.set_polling(latency, None)
+    sent = bytes(range(256)) * 200
+    for begin in range(0, len(sent), 1000):
+        os.write(master, sent[begin : begin + 1000])
+        await sink.until(min(begin + 1000, len(sent)))
+    assert bytes(sink.data) == sent
+    assert sink.times == sorted(sink.times)
+    await port.close()
+    assert sink.lost == [None]
+
+
+async def test_a_write_is_out_before_it_returns(terminal: tuple[int, str]) -> None:
+    master, path = terminal
+    port = await open_serial(path, 115200)
+    os.set_blocking(master, False)
+    port.write(b"\xa5\x25")
+    assert os.read(master, 16) == b"\xa5\x25"
+    await port.close()
+    port.write(b"too late")
+    with pytest.raises(BlockingIOError):
+        os.read(master, 16)
+
+
+@pytest.mark.parametrize("latency", LATENCIES)
+async def test_bytes_gather_in_the_kernel_between_two_polls(terminal: tuple[int, str], latency: float) -> None:
+    master, path = terminal
+    port, sink, plan = await open_serial(path, 1_000_000), Sink(), Plan(0.05, 0.05)
+    port.attach(sink)
+    port.set_polling(latency, plan)
+    await asyncio.sleep(0)  # reading starts in the loop's next iteration
+    for piece in (b"one ", b"two ", b"three"):
+        os.write(master, piece)
+    time.sleep(0.1)  # noqa: ASYNC251 - a program that blocks its loop
+    await sink.until(13)
+    assert sink.chunks == [b"one two three"]
+    assert sink.arrivals == [[]]
+    assert plan.lateness[0] == 0
+    assert plan.lateness[1] >= 0.04
+    os.write(master, b"four")
+    await sink.until(17)
+    # The rest is over: as `latency` says, from now on.
+    assert not plan.rests
+    os.write(master, b"five")
+    await sink.until(21)
+    assert bytes(sink.data) == b"one two threefourfive"
+    await port.close()
+
+
+async def held_port(path: str, plan: Plan) -> tuple[Port, Sink, Seen]:
+    """A port that is polled every 2 ms and holds what it reads as long as `plan` says."""
+    port, sink = await open_serial(path, 1_000_000), Sink()
+    port.attach(sink)
+    port.set_polling(0.002, plan)
+    return port, sink, Seen(port)
+
+
+async def test_what_is_held_comes_in_one_piece_with_the_time_of_each_read(terminal: tuple[int, str]) -> None:
+    master, path = terminal
+    plan = Plan(hold=math.inf)
+    port, sink, seen = await held_port(path, plan)
+    for count, piece in enumerate((b"one", b"three", b"seven77"), start=1):
+        os.write(master, piece)
+        await seen.until((3, 8, 15)[count - 1])
+        assert not sink.chunks
+    plan.until = 0.0
+    await sink.until(15)
+    assert sink.chunks == [b"onethreeseven77"]
+    # The taps were shown each read at its own time, and the receiver is told the same times.
+    first, second, third = (now for _, now in seen.reads)
+    assert first < second < third
+    assert sink.arrivals == [[(3, first), (8, second)]]
+    assert sink.times == [third]
+    await port.close()
+
+
+async def test_nothing_is_held_for_longer_than_half_a_second(terminal: tuple[int, str]) -> None:
+    master, path = terminal
+    # A schedule that makes no sense: no poll for a minute, and nothing is ever needed.
+    plan = Plan(0.01, *[60.0] * 10, hold=math.inf)
+    port, sink, seen = await held_port(path, plan)
+    os.write(master, b"here")
+    await sink.until(4)
+    held_s = asyncio.get_running_loop().time() - seen.reads[0][1] * 1e-9
+    assert 0.49 <= held_s < 5
+    await port.close()
+
+
+async def test_no_more_than_32_kib_are_held(terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidario.port.reading.HOLD_S", 3600.0)
+    master, path = terminal
+    port, sink, seen = await held_port(path, Plan(hold=math.inf))
+    for count in range(1, 9):
+        assert not sink.chunks
+        os.write(master, bytes(4096))
+        await seen.until(4096 * count)
+    await sink.until(32768)
+    assert [len(chunk) for chunk in sink.chunks] == [32768]
+    await port.close()
+
+
+@pytest.mark.parametrize("way", ["poll", "set_polling", "close", "pulled"])
+async def test_what_is_held_is_not_lost(way: str) -> None:
+    with terminal_pair() as (master, slave, path):
+        port, sink, seen = await held_port(path, Plan(hold=math.inf))
+        os.write(master, b"held")
+        await seen.until(4)
+        assert not sink.chunks
+        if way == "poll":
+            os.write(master, b", and not yet read")
+            port.poll()
+            assert b"".join(sink.chunks) == b"held, and not yet read"
+            assert len(sink.chunks) == 1
+        elif way == "set_polling":
+            port.set_polling(0, None)
+            assert sink.chunks == [b"held"]
+        elif way == "pulled":
+            os.close(slave)
+            os.close(master)
+            assert await sink.until_lost() is not None
+            assert sink.chunks == [b"held"]
+        await port.close()
+        assert bytes(sink.data).startswith(b"held")
+
+
+async def test_a_poll_just_before_the_wake_up_is_no_hang_up(terminal: tuple[int, str]) -> None:
+    master, path = terminal
+    port, sink = await open_serial(path, 115200), Sink()
+    port.attach(sink)
+    os.write(master, b"warm up")
+    await sink.until(7)
+    os.write(master, b"taken")
+    # The loop asks which descriptors are readable, then runs this, then the reader, which finds nothing.
+    asyncio.get_running_loop().call_soon(port.poll)
+    await asyncio.sleep(0)
+    await asyncio.sleep(0)
+    os.write(master, b" and on")
+    await sink.until(19)
+    assert bytes(sink.data) == b"warm uptaken and on"
+    assert sink.lost == []
+    await port.close()
+
+
+@pytest.mark.parametrize("latency", LATENCIES)
+async def test_a_pulled_cable_is_noticed(latency: float) -> None:
+    with terminal_pair() as (master, slave, path):
+        port, sink = await open_serial(path, 115200), Sink()
+        os.close(slave)
+        port.attach(sink)
+        port.set_polling(latency, None)
+        os.write(master, b"the end")
+        await sink.until(7)
+        os.close(master)
+        error = await sink.until_lost()
+        assert "unplugged" in str(error)
+        assert isinstance(error.__cause__ if error else None, OSError)
+        await port.close()
+
+
+async def test_a_loss_that_nobody_was_told_is_told_to_who_comes_next() -> None:
+    with terminal_pair() as (master, slave, path):
+        port, sink, first = await open_serial(path, 115200), Sink(), Sink()
+        port.attach(first)
+        port.attach(None)
+        os.close(slave)
+        os.close(master)
+        await port.wait_closed()
+        port.attach(sink)
+        assert "unplugged" in str(await sink.until_lost())
+        assert first.lost == []
+        await port.close()
+
+
+@pytest.mark.parametrize("latency", LATENCIES)
+async def test_a_line_that_was_hung_up_is_noticed(latency: float) -> None:
+    """As a USB adapter that is pulled out: readable, and reading returns nothing; here with a pipe."""
+    ours, theirs = os.pipe()
+    os.set_blocking(ours, False)
+    lost: list[Exception] = []
+    reader: Reader
+
+    def lose(error: Exception) -> None:
+        lost.append(error)
+        reader.stop()
+        ended.set()
+
+    ended = asyncio.Event()
+    port, sink = Port("pipe"), Sink()
+    port.attach(sink)
+    reader = Reader(asyncio.get_running_loop(), port, ours, lose)
+    reader.set_polling(latency, None)
+    reader.start()
+    os.write(theirs, b"before")
+    await sink.until(6)
+    reader.poll()
+    assert not lost
+    os.close(theirs)
+    async with asyncio.timeout(PATIENCE_S):
+        await ended.wait()
+    assert [str(error) for error in lost] == ["the line was hung up"]
+    os.close(ours)
+
+
+async def test_a_tap_that_raises_is_removed_and_costs_nothing(
+    terminal: tuple[int, str], caplog: pytest.LogCaptureFixture
+) -> None:
+    master, path = terminal
+    port, sink = await open_serial(path, 115200), Sink()
+    port.attach(sink)
+    calls = []
+
+    def bad(direction: str, data: bytes, now: int) -> None:
+        calls.append(direction)
+        raise RuntimeError("a mistake in a tap")
+
+    port.add_tap(bad)
+    seen = Seen(port)
+    port.write(b"\xa5\x25")
+    assert os.read(master, 16) == b"\xa5\x25"
+    port.add_tap(bad)
+    os.write(master, b"data")
+    await sink.until(4)
+    assert calls == ["out", "in"]
+    assert seen.reads[0][0] == b"data"
+    problems = [record for record in caplog.records if record.levelname == "WARNING"]
+    assert len(problems) == 2
+    assert all(record.exc_info and "mistake in a tap" in str(record.exc_info[1]) for record in problems)
+    port.remove_tap(bad)  # not there any more: ignored
+    port.remove_tap(seen)
+    os.write(master, b"more")
+    await sink.until(8)
+    assert len(seen.reads) == 1
+    await port.close()
+
+
+async def test_taps_see_what_was_written_already(terminal: tuple[int, str]) -> None:
+    master, path = terminal
+    os.set_blocking(master, False)
+    port = await open_serial(path, 115200)
+    read: list[bytes] = []
+    port.add_tap(lambda direction, data, now: read.append(os.read(master, 16)))
+    port.write(b"\xa5\x40")
+    assert read == [b"\xa5\x40"]
+    await port.close()
+
+
+async def test_a_speed_that_the_adapter_cannot_do(
+    terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, path = terminal
+    port = await open_serial(path, 115200)
+    port.set_baudrate(256000)
+    assert port.baudrate == 256000
+
+    def fail(self: object) -> None:
+        raise termios.error(22, "Invalid argument")
+
+    monkeypatch.setattr(serial.Serial, "reset_input_buffer", fail)
+    with pytest.raises(ConnectFailed, match="cannot run at 460800 baud"):
+        port.set_baudrate(460800)
+    assert port.baudrate == 256000
+    await port.close()
+
+
+@pytest.mark.parametrize("library", [asyncio, uvloop], ids=["asyncio", "uvloop"])
+def test_both_event_loops_read_poll_write_and_close(library: ModuleType) -> None:
+    async def main() -> None:
+        with terminal_pair() as (master, _, path):
+            before = open_files()
+            port, sink = await open_serial(path, 1_000_000), Sink()
+            port.attach(sink)
+            os.write(master, b"woken, ")
+            await sink.until(7)
+            plan = Plan(*[0.01] * 3)
+            port.set_polling(0.005, plan)
+            os.write(master, b"polled")
+            await sink.until(13)
+            assert bytes(sink.data) == b"woken, polled"
+            # Even where the loop's own clock stands still while a callback runs.
+            assert sink.times == sorted(sink.times)
+            assert abs(sink.times[-1] - time.monotonic_ns()) < 5e9
+            os.set_blocking(master, False)
+            port.write(b"out")
+            assert os.read(master, 16) == b"out"
+            await port.close()
+            assert sink.lost == [None]
+            assert open_files() == before
+
+    with asyncio.Runner(loop_factory=library.new_event_loop) as runner:
+        runner.run(main())

@@ -1,0 +1,178 @@
+"""Lines to simulated devices: on the loop's clock, and the device that fails in the middle."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import threading
+from typing import Any
+
+import pytest
+
+from lidario import DeviceLost, open_lidar
+from lidario.errors import ConnectFailed
+from lidario.port.port import Port
+from lidario.port.serial import open_serial
+from lidario.port.simulated import connect_in_memory, open_simulated
+from lidario.source import parse_source
+from tests.support.devices import make_rig
+from tests.support.loop import driven
+from tests.support.ports import PATIENCE_S, Sink, open_files
+
+
+class Mistake(Exception):
+    """Raised inside a simulated device."""
+
+
+class Broken:
+    """A simulated device of a user's, with a mistake in one method that shows when it has been called so often."""
+
+    def __init__(self, where: str, calls: int = 0) -> None:
+        self.baudrate = 1_000_000
+        self.log: list[Any] = []
+        self.scanning = self.motor_on = False
+        self._where = where
+        self._calls = calls
+
+    def receive(self, data: bytes, now: int) -> None:
+        self._step("receive")
+
+    def transmit(self, now: int) -> bytes:
+        self._step("transmit")
+        return b"\x55"
+
+    def wakeup(self, now: int) -> int | None:
+        self._step("wakeup")
+        return now + 1_000_000
+
+    def _step(self, where: str) -> None:
+        if where == self._where:
+            self._calls -= 1
+            if self._calls < 0:
+                raise Mistake("in a user's world")
+
+
+def check(error: DeviceLost | None) -> None:
+    assert error is not None
+    assert "the simulated device" in str(error)
+    assert "failed: Mistake: in a user's world" in str(error)
+    assert isinstance(error.__cause__, Mistake)
+
+
+@pytest.mark.parametrize("calls", [0, 3])
+@pytest.mark.parametrize("where", ["receive", "transmit", "wakeup"])
+@driven
+async def test_a_mistake_in_a_device_in_memory_ends_the_port(where: str, calls: int) -> None:
+    port, sink = connect_in_memory(Broken(where, calls)), Sink()
+    port.attach(sink)
+    for _ in range(5):
+        port.write(b"request")
+    check(await sink.until_lost())
+    assert not port.is_open
+    port.write(b"ignored")
+    await port.close()
+    assert len(sink.lost) == 1
+
+
+@driven
+async def test_a_device_that_fails_at_stop_is_told_although_the_port_is_being_closed() -> None:
+    port, sink = connect_in_memory(Broken("receive")), Sink()
+    port.attach(sink)
+    port.announce_close()
+    port.write(b"stop")
+    port.close_soon()
+    await port.wait_closed()
+    check(await sink.until_lost())
+
+
+@pytest.mark.parametrize("where", ["receive", "transmit"])
+@pytest.mark.parametrize("way", ["pty", "tcp"])
+async def test_a_mistake_in_a_served_device_is_the_cause_of_the_loss(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, way: str, where: str
+) -> None:
+    caplog.set_level(logging.WARNING)
+    monkeypatch.setattr("lidario.port.simulated.make_device", lambda source: (Broken(where, 3), None))
+    before = threading.active_count(), open_files()
+    port, sink = await open_simulated(parse_source(f"sim://rplidar-s2?via={way}")), Sink()
+    port.attach(sink)
+    async with asyncio.timeout(PATIENCE_S):
+        while not sink.lost:
+            port.write(b"request")
+            await asyncio.sleep(0.005)
+    check(await sink.until_lost())
+    await port.close()
+    assert (threading.active_count(), open_files()) == before
+    # It is told once, and nothing is left for the loop's exception handler.
+    assert caplog.records == []
+
+
+async def test_a_device_that_fails_before_its_line_is_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def open_late(path: str, baudrate: int) -> Port:
+        async with asyncio.timeout(PATIENCE_S):
+            while os.path.exists(path):  # noqa: ASYNC240
+                await asyncio.sleep(0.001)
+        return await open_serial(path, baudrate)
+
+    monkeypatch.setattr("lidario.port.simulated.make_device", lambda source: (Broken("transmit"), None))
+    monkeypatch.setattr("lidario.port.simulated.open_serial", open_late)
+    with pytest.raises(DeviceLost) as caught:
+        await open_simulated(parse_source("sim://rplidar-s2?via=pty"))
+    check(caught.value)
+
+
+@pytest.mark.parametrize("moment", ["opening", "scanning"])
+@driven
+async def test_a_session_ends_with_the_users_mistake(moment: str) -> None:
+    rig = make_rig("rplidar")
+    transmit, broken = rig.device.transmit, moment == "opening"
+
+    def failing(now: int) -> bytes:
+        if broken:
+            raise Mistake("in a user's world")
+        data: bytes = transmit(now)
+        return data
+
+    rig.device.transmit = failing
+    with pytest.raises(DeviceLost, match="simulated device") as caught:
+        async with rig.open() as lidar:
+            async for _ in lidar.scans():
+                broken = True
+    causes: list[BaseException | None] = [caught.value]
+    while causes[-1] is not None:
+        causes.append(causes[-1].__cause__)
+    assert isinstance(causes[-2], Mistake)
+
+
+async def test_a_failure_of_what_ends_with_the_port_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+    port = connect_in_memory(Broken(""))
+
+    def fail() -> None:
+        raise Mistake("while ending")
+
+    port.on_close(fail)
+    await port.close()
+    (record,) = caplog.records
+    assert record.levelname == "WARNING"
+    assert record.exc_info
+    assert isinstance(record.exc_info[1], Mistake)
+
+
+@driven
+async def test_abandoned_in_memory_the_device_gets_the_stop_requests() -> None:
+    rig = make_rig("rplidar")
+    lidar = await open_lidar(rig.device)
+    await anext(lidar.scans())
+    port = lidar._dialogue.port
+    assert rig.device.scanning
+    port.abandon(b"\xa5\x25")
+    assert not rig.device.scanning
+    await port.wait_closed()
+    await lidar.close()
+
+
+@pytest.mark.parametrize("text", ["sim://rplidar-s2?via=pigeon", "sim://rplidar-s2?world=nowhere"])
+async def test_a_source_that_is_no_good(text: str) -> None:
+    with pytest.raises(ConnectFailed) as caught:
+        await open_simulated(parse_source(text))
+    assert caught.value.reason == "source"

@@ -1,0 +1,71 @@
+"""What tests of the port share: a receiver that keeps everything, and a pseudo-terminal."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import pty
+import tty
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+
+from lidario.errors import DeviceLost
+
+__all__ = ["PATIENCE_S", "Sink", "open_files", "terminal_pair"]
+
+PATIENCE_S = 20.0
+
+
+class Sink:
+    """Keeps what a port brings."""
+
+    def __init__(self) -> None:
+        self.data = bytearray()
+        self.chunks: list[bytes] = []
+        self.times: list[int] = []
+        self.arrivals: list[list[tuple[int, int]]] = []
+        self.lost: list[DeviceLost | None] = []
+        self.more = asyncio.Event()
+
+    def data_received(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]] = ()) -> None:
+        assert not self.lost
+        self.data += data
+        self.chunks.append(data)
+        self.times.append(now)
+        self.arrivals.append(list(arrivals))
+        self.more.set()
+
+    def connection_lost(self, error: DeviceLost | None) -> None:
+        self.lost.append(error)
+        self.more.set()
+
+    async def until(self, size: int) -> None:
+        """Return when that many bytes have come, or the port was lost."""
+        async with asyncio.timeout(PATIENCE_S):
+            while len(self.data) < size and not self.lost:
+                self.more.clear()
+                await self.more.wait()
+
+    async def until_lost(self) -> DeviceLost | None:
+        """Return what the port told when it was lost."""
+        await self.until(1 << 60)
+        (error,) = self.lost
+        return error
+
+
+@contextmanager
+def terminal_pair() -> Iterator[tuple[int, int, str]]:
+    """Both ends of a pseudo-terminal, the controlling one first, and the path of the other."""
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    try:
+        yield master, slave, os.ttyname(slave)
+    finally:
+        for handle in (master, slave):
+            with suppress(OSError):
+                os.close(handle)
+
+
+def open_files() -> int:
+    """How many file descriptors this process holds."""
+    return len(os.listdir("/dev/fd"))
