@@ -9,19 +9,18 @@ tremble around it, or a mark just behind it, do not make a turn.
 from __future__ import annotations
 
 from bisect import bisect_left
-from itertools import compress, count
-from operator import lt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lidario.wire.formats import BEGINS, RESTARTS, Headings
 
 __all__ = ["Seam", "Split"]
 
 _FLAGS = BEGINS | RESTARTS
-_WORTH_LEAPING = 8
-"""Headings from which looking at them together costs less than one by one (measured)."""
+_WORTH_AN_ARRAY = 24
+"""Headings from which an array costs less than one step each: a step takes 0.25 us, the array 5 to 6 us."""
 _UNMARKED_TURNS = 2
 """Turns without a mark after which none is waited for any more."""
 
@@ -60,25 +59,26 @@ class Seam:
 
     def splits(self, headings: Headings) -> list[Split]:
         """Where revolutions begin among `headings`, the next ones of the stream."""
-        if len(headings) < _WORTH_LEAPING or self.angle is None:
+        if len(headings) < _WORTH_AN_ARRAY or self.angle is None:
             plain = headings.tolist() if isinstance(headings, np.ndarray) else headings
             return [split for index, heading in enumerate(plain) if (split := self._step(index, heading))]
+        array = np.asarray(headings)
         found: list[Split] = []
         begin = 0
-        for at in _flagged(headings):
-            self._leap(headings[begin:at], begin, found)
-            split = self._step(at, int(headings[at]))
+        for at in (array >= BEGINS).nonzero()[0].tolist():
+            self._leap(array[begin:at], begin, found)
+            split = self._step(at, int(array[at]))
             if split:
                 found.append(split)
             begin = at + 1
-        self._leap(headings[begin:], begin, found)
+        self._leap(array[begin:], begin, found)
         return found
 
-    def _leap(self, headings: Headings, offset: int, found: list[Split]) -> None:
+    def _leap(self, headings: NDArray[np.integer[Any]], offset: int, found: list[Split]) -> None:
         """Step only onto those headings, `offset` on from the first, that fall back behind the one before."""
-        away = self._away(headings)
+        away = (headings - self.angle) % self._full_turn if self.angle else headings
         begin = 0
-        for end in (*_falls(away), len(headings)):
+        for end in (*((away[1:] < away[:-1]).nonzero()[0] + 1).tolist(), len(away)):
             if begin < end:
                 split = self._step(offset + begin, int(headings[begin]))
                 if split:
@@ -87,14 +87,7 @@ class Seam:
                 self._rise(away, begin, end)
             begin = end
 
-    def _away(self, headings: Headings) -> Headings:
-        if not self.angle:
-            return headings
-        if isinstance(headings, np.ndarray):
-            return (headings - self.angle) % self._full_turn
-        return [(heading - self.angle) % self._full_turn for heading in headings]
-
-    def _rise(self, away: Headings, begin: int, end: int) -> None:
+    def _rise(self, away: NDArray[np.integer[Any]], begin: int, end: int) -> None:
         """As a walk over readings that rise from the first one, which was stepped onto."""
         self._last = int(away[end - 1])
         if self._last >= self._near:
@@ -147,21 +140,3 @@ class Seam:
         # A mark just behind the seam that the headings passed belongs to the turn they began.
         belated, self._passed_unmarked = self._passed_unmarked, False
         return None if belated else Split(index, marked=True, broken=False)
-
-
-def _flagged(headings: Headings) -> list[int]:
-    """Which of them carry a flag."""
-    if isinstance(headings, np.ndarray):
-        places: list[int] = (headings >= BEGINS).nonzero()[0].tolist()
-        return places
-    if max(headings) < BEGINS:
-        return []
-    return [place for place, heading in enumerate(headings) if heading >= BEGINS]
-
-
-def _falls(headings: Headings) -> list[int]:
-    """Which of them lie behind the one before."""
-    if isinstance(headings, np.ndarray):
-        places: list[int] = ((headings[1:] < headings[:-1]).nonzero()[0] + 1).tolist()
-        return places
-    return list(compress(count(1), map(lt, headings[1:], headings)))

@@ -100,25 +100,25 @@ class StreamFormat(ABC):
 
     def samples_in(self, blocks: Iterable[Block]) -> int:
         """Samples in packets of these sizes. Default: as many in every packet."""
-        return self.samples * sum(block.packets for block in blocks)
+        return self.samples * sum([packets for _, packets in blocks])
 
     def other_record(self, data: bytearray, at: int) -> int:  # noqa: ARG002
         """Length of the known record at `at` that may stand between packets and is no measurement; as `measure`."""
         return NO_PACKET
 
-    def run(self, data: bytearray, at: int) -> tuple[Block, ...]:
-        """Sizes of the intact packets that follow each other from `at`. Default: packets of one size."""
+    def run(self, data: bytearray, at: int) -> Stretch:
+        """The intact packets that follow each other from `at`, and nothing behind them. Default: of one size."""
         size, begin = self.shortest, at
         while len(data) - at >= size and self.measure(data, at) == size and self.intact(data, at, size):
             at += size
-        return (Block(size, (at - begin) // size),) if at > begin else ()
+        return Stretch((Block(size, (at - begin) // size),) if at > begin else (), at, at)
 
     def next_stretch(self, data: bytearray, at: int) -> Stretch:
         """The next packets, or the noise or record at `at`; `end` equal to `at` means: wait for more bytes."""
         if self._in_step:
-            packets = self._packets_at(data, at)
-            if packets.packets:
-                return packets
+            run = self.run(data, at)
+            if run.packets:
+                return run
             record = self._whole_record(data, at)
             if record:
                 return Stretch((), at, at + record)
@@ -133,15 +133,8 @@ class StreamFormat(ABC):
         self._due -= noise - at
         if noise == at and self._in_step:
             # The packet that was waited for begins right here, and it is whole.
-            return self._packets_at(data, at)
+            return self.run(data, at)
         return Stretch((), at, noise)
-
-    def _packets_at(self, data: bytearray, at: int) -> Stretch:
-        """The run of packets at `at`, with nothing behind it."""
-        packets = self.run(data, at)
-        for size, count in packets:
-            at += size * count
-        return Stretch(packets, at, at)
 
     def _decidable(self, data: bytearray, at: int, size: int) -> bool:
         return size == NO_PACKET or 0 < size <= len(data) - at

@@ -283,7 +283,7 @@ class Link:
                 if self._arrivals:
                     arrivals = self._arrivals_of(packet_offsets(blocks), at, now)
                 else:
-                    arrivals = ((sum([block.packets for block in blocks]), now),)
+                    arrivals = ((sum([packets for _, packets in blocks]), now),)
                 self.stats.packets += arrivals[-1][0]
                 self.stats.packet_bytes += middle - at
                 with memoryview(data) as view:

@@ -83,7 +83,7 @@ class NodeFormat(StreamFormat):
             return [_angle(data, place) for place in range(0, len(data), SIZE)]
         return np.frombuffer(data, NODE)["angle"].astype(np.int32) >> 1
 
-    def run(self, data: bytearray, at: int) -> tuple[Block, ...]:
+    def run(self, data: bytearray, at: int) -> Stretch:
         """Nodes from `at` that continue the last accepted angle, and each other."""
         count = (len(data) - at) // SIZE
         done = one_by_one = 0
@@ -99,12 +99,12 @@ class NodeFormat(StreamFormat):
                 self._last = _angle(data, at - SIZE)
                 if ordinary < WORTH_AN_ARRAY:
                     one_by_one = done + WORTH_AN_ARRAY
-        return (Block(SIZE, done),) if done else ()
+        return Stretch((Block(SIZE, done),) if done else (), at, at)
 
     def next_stretch(self, data: bytearray, at: int) -> Stretch:
         """As `StreamFormat.next_stretch`, with chains of nodes in place of a check value."""
         if self._in_step:
-            nodes = self._packets_at(data, at)
+            nodes = self.run(data, at)
             if nodes.packets or len(data) - at < SIZE:
                 return nodes
             self._in_step = False
@@ -118,7 +118,7 @@ class NodeFormat(StreamFormat):
         self._last = None
         if place > at:
             return Stretch((), at, place)
-        return self._packets_at(data, at)
+        return self.run(data, at)
 
     def _find_step(self, data: bytearray, at: int) -> int | None:
         """Where nodes go on after `at`: -1 if not within a node's length, None while it cannot be told."""

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from lidario.wire.blocks import Block, join_blocks, packet_offsets
 from lidario.wire.envelope import xor_bytes
 from lidario.wire.events import Packets
-from lidario.wire.formats import BEGINS, NO_PACKET, Headings, StreamFormat
+from lidario.wire.formats import BEGINS, NO_PACKET, Headings, StreamFormat, Stretch
 
 __all__ = [
     "FULL_TURN_Q6",
@@ -112,7 +112,7 @@ class PointCloud(StreamFormat):
             word ^= word >> shift
         return not word & 0xFFFF
 
-    def run(self, data: bytearray, at: int) -> tuple[Block, ...]:
+    def run(self, data: bytearray, at: int) -> Stretch:
         """As `StreamFormat.run`; many packets of one size are checked as one array."""
         found: list[Block] = []
         while len(data) - at >= self.shortest:
@@ -128,7 +128,7 @@ class PointCloud(StreamFormat):
                 break
             at += whole * size
             join_blocks(found, (Block(size, whole),))
-        return tuple(found)
+        return Stretch(tuple(found), at, at)
 
     def samples_in(self, blocks: Iterable[Block]) -> int:
         """As `StreamFormat.samples_in`: each packet has as many as its size has room for."""
