@@ -6,9 +6,9 @@ everything the manual leaves out. Two things differ from the SDK on purpose: ang
 
 All distances are millimetres, 0 where nothing came back; all angles degrees, clockwise.
 
-A turn is some thousand samples, and each call of numpy costs as much as a pass over all of them: so arrays are
-written where they will stay, in single precision, and in units in which angles are whole numbers until the very
-last division. Single precision holds those exactly.
+A revolution is some thousand samples, and each call of numpy costs as much as a pass over all of them. So arrays
+are written where they will stay, in single precision, and in units in which angles are whole numbers until the
+very last division. Single precision holds those exactly.
 """
 
 from __future__ import annotations
@@ -62,9 +62,9 @@ HQ: Final = np.dtype([("sync", "u1"), ("time", "<u8"), ("nodes", HQ_NODE, 96), (
 
 
 def in_turn(angles: Floats, full_turn: float) -> Floats:
-    """Angles brought into [0, full_turn); they are at most one turn outside. Changes and returns `angles`."""
+    """Angles brought into [0, full_turn); they are at most 360 degrees outside. Changes and returns `angles`."""
     np.add(angles, full_turn, out=angles, where=angles < 0)
-    # A tiny negative angle plus a turn rounds up to the turn itself.
+    # A tiny negative angle plus 360 degrees rounds up to 360 degrees.
     np.subtract(angles, full_turn, out=angles, where=angles >= full_turn)
     return angles
 
@@ -142,7 +142,7 @@ class CapsuleDecoder(ABC):
         """Write distances in mm, take corrections off the angles, both (packets, samples); return intensities."""
 
     def _bring_into_turn(self, angle: Floats, starts: Ints, arc: Ints | NDArray[np.float64]) -> None:
-        """Take whole turns off the angles of those few packets that may lie across 0."""
+        """Take 360 degrees off the angles of those few packets that may lie across 0."""
         back, ahead = self.reach
         full_turn = FULL_TURN_Q6 * self.samples
         beyond = _extent(starts > FULL_TURN_Q6 - ahead - arc.max())

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from lidario.families.rplidar.nodes import NodeFormat
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
-from lidario.wire.formats import NO_PACKET, RESTARTS, Headings, StreamFormat, Stretch
+from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, RESTARTS, Headings, StreamFormat, Stretch
 
 __all__ = [
     "FORMATS",
@@ -35,10 +35,9 @@ FULL_TURN_Q6: Final = 360 << 6
 FULL_TURN_Q14: Final = 65536
 ANGLE_MASK: Final = 0x7FFF
 STREAM_START_BIT: Final = 0x8000
-WORTH_AN_ARRAY: Final = 8
-"""Packets from which checking them as one array costs less than one by one (measured)."""
-HEADINGS_WORTH_AN_ARRAY: Final = 24
-"""Packets from which an array of headings costs less than a list, here and in the seam (measured)."""
+WORTH_AN_ARRAY: Final = 4
+"""Packets from which they are checked as one array. Measured: 2 to 4 us a packet one by one, 5 to 8 us for up to 32
+as an array. Live, a poll brings about 10; a port that is not polled brings one or two at a time."""
 
 
 def _whole_xor() -> NDArray[np.uint16]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 __all__ = ["Arcs", "Rotation"]
 
 RETREAT_TURNS: Final = 1 / 36
-"""Headings may fall back by up to this part of a turn; any more is the long way round, forwards."""
+"""Headings may fall back by up to this part of 360 degrees; any more is the long way round, forwards."""
 STRANGE_SPANS: Final = 4
 """Spans in a row, all unlike what was ordinary so far, after which they are the ordinary ones."""
 TRUSTED_GAP: Final = 8
@@ -56,7 +56,7 @@ class Rotation:
     """Follows the rotor through one stream.
 
     Args:
-        full_turn: One turn in the unit of the headings.
+        full_turn: 360 degrees in the unit of the headings.
         jitter: Share of an ordinary arc by which headings may scatter before a packet counts as missing.
     """
 
@@ -91,8 +91,8 @@ class Rotation:
         typical = self._learn(spans if followed else spans[:-1])
         if typical <= 0:
             return Arcs(np.maximum(spans, 0.0), None)
-        turns = spans / typical
-        missing = np.ceil(turns - 1 - self._jitter).astype(np.intp)
+        packets = spans / typical
+        missing = np.ceil(packets - 1 - self._jitter).astype(np.intp)
         if not followed:
             missing[-1] = -1
         # A leap beside a fall is one heading that is out of place, not a gap.
