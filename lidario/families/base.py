@@ -1,9 +1,9 @@
 """The one face that every family of devices shows to the session.
 
-A family speaks in scripts: generators that yield a `Request` and are resumed with the payload of its answer
+A family speaks in scripts: generators that yield a `Request` and are resumed with the payload of its response
 (empty bytes where there is none), so that a whole conversation is written down in order and yet does no I/O.
 The session runs them, keeps the timing each request demands, and throws `ResponseTimeout` into a script whose
-question stayed unanswered, which a script may catch to fall back on something else.
+request had no response, which a script may catch to fall back on something else.
 """
 
 from __future__ import annotations
@@ -95,11 +95,11 @@ class Stream:
 
     Attributes:
         format: The packet format, the same object that the starting request carried.
-        decoder: What turns its packets into samples.
+        decoder: What makes samples of its packets.
         mode: The scan mode that runs.
         sample_ns: Nanoseconds a sample; 0 when the device does not say.
         spin_up_s: Longest time until the first packet may be expected.
-        slowest_turn_s: Longest time one turn may take.
+        slowest_turn_s: Longest time one revolution may take.
         keepalive: What must be repeated meanwhile, if anything.
         zero_offset_deg: Degrees to add to every device angle.
     """
@@ -121,10 +121,10 @@ class Timing:
     Attributes:
         quiet_s: Silence after a STOP that proves the stream has ended.
         drain_s: Longest time that may take before STOP is sent again.
-        boot_s: Longest time from RESET until the device answers.
+        boot_s: Longest time from RESET until the device responds.
         boot_poll_s: How often it is asked meanwhile.
         forget_s: How long a device may hold half a request before it forgets it.
-        probe_s: How long an identifying question may stay unanswered at one baud rate.
+        probe_s: How long an identifying request may stay without a response at one baud rate.
     """
 
     quiet_s: float

@@ -22,7 +22,7 @@ from lidario.revolution.partial import PartialRevolution, SampleArrays
 from lidario.revolution.seam import Seam, Split
 from lidario.revolution.timing import first_sample_ns
 from lidario.wire.blocks import packet_offsets, some_blocks
-from lidario.wire.events import Packets
+from lidario.wire.events import Arrival, Packets
 
 __all__ = ["Assembler", "AssemblerStats"]
 
@@ -66,6 +66,7 @@ class Assembler:
         self._baudrate = baudrate
         self._wall_offset_ns = wall_offset_ns
         self._seam = Seam(stream.format.full_turn, stream.format.first_seam)
+        self._endless_ns = _ENDLESS_REVOLUTIONS * 1e9 * stream.slowest_turn_s
         self._partial = PartialRevolution(whole=False)
         self._last_start_ns: int | None = None
         self._last_spanned_ns = 0.0
@@ -95,18 +96,25 @@ class Assembler:
 
     def _part(self, packets: Packets, begin: int, end: int, offsets: Sequence[int]) -> Packets:
         """The packets from number `begin` to before number `end`."""
-        arrivals = [(count - begin, at_ns) for count, at_ns in packets.arrivals if begin < count < end]
-        complete, complete_ns = next(each for each in packets.arrivals if each[0] >= end)
-        # What stands behind them was measured after them and was there already: they were late by that much.
-        behind = self._stream.format.samples_in(some_blocks(packets.blocks, end, complete))
-        arrivals.append((end - begin, complete_ns - round(behind * self._stream.sample_ns)))
+        arrivals: list[Arrival] = []
+        for complete, at_ns in packets.arrivals:
+            if complete >= end:
+                break
+            if complete > begin:
+                arrivals.append((complete - begin, at_ns))
+        if complete > end:
+            # What stands behind them was measured after them and was there already: they were late by that much.
+            behind = self._stream.format.samples_in(some_blocks(packets.blocks, end, complete))
+            at_ns -= round(behind * self._stream.sample_ns)
+        arrivals.append((end - begin, at_ns))
         blocks = some_blocks(packets.blocks, begin, end)
         return Packets(packets.data[offsets[begin] : offsets[end]], blocks, tuple(arrivals))
 
     def _keep(self, packets: Packets) -> None:
         """Add packets to the revolution in the making."""
-        self._partial.add(packets)
-        if self._partial.age_ns > _ENDLESS_REVOLUTIONS * 1e9 * self._stream.slowest_turn_s:
+        runs = self._partial.runs
+        runs.append(packets)
+        if packets.arrivals[-1][1] - runs[0].arrivals[0][1] > self._endless_ns:
             # It will never end as it should; without a bound it would be kept for ever.
             self.stats.broken_scans += self._partial.whole
             self._partial = PartialRevolution(whole=False)

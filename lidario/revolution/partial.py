@@ -57,39 +57,31 @@ class PartialRevolution:
         carried: Samples from the packet that crossed the seam at its beginning, if any.
         carried_ns: Arrival of that packet.
         lost_behind_carried: Packets missing right behind that packet.
-        count: Number of packets since.
+        runs: The packets since, as they were reported.
     """
 
     whole: bool
     carried: SampleArrays | None = None
     carried_ns: int = 0
     lost_behind_carried: int = 0
-    count: int = 0
-    _data: list[bytes] = field(default_factory=list)
-    _blocks: list[Block] = field(default_factory=list)
-    _arrivals: list[Arrival] = field(default_factory=list)
-
-    def add(self, packets: Packets) -> None:
-        """Take packets that follow those it has."""
-        self._data.append(packets.data)
-        join_blocks(self._blocks, packets.blocks)
-        before = self.count
-        for count, at_ns in packets.arrivals:
-            self._arrivals.append((before + count, at_ns))
-        self.count = before + packets.count
+    runs: list[Packets] = field(default_factory=list)
 
     def packets(self) -> Packets | None:
-        """All its packets, as if they had been parsed together; None when it has none."""
-        if not self.count:
-            return None
-        return Packets(b"".join(self._data), tuple(self._blocks), tuple(self._arrivals))
+        """All its packets, as if they had been reported together; None when it has none."""
+        runs = self.runs
+        if len(runs) <= 1:
+            return runs[0] if runs else None
+        arrivals: list[Arrival] = []
+        before = 0
+        for run in runs:
+            for count, at_ns in run.arrivals:
+                arrivals.append((before + count, at_ns))
+            before = arrivals[-1][0]
+        blocks: list[Block] = []
+        join_blocks(blocks, [block for run in runs for block in run.blocks])
+        return Packets(b"".join([run.data for run in runs]), tuple(blocks), tuple(arrivals))
 
     @property
     def last_ns(self) -> int:
         """Arrival of its latest packet."""
-        return self._arrivals[-1][1] if self._arrivals else self.carried_ns
-
-    @property
-    def age_ns(self) -> int:
-        """Time from the arrival of its first packets to that of the latest."""
-        return self._arrivals[-1][1] - self._arrivals[0][1] if self._arrivals else 0
+        return self.runs[-1].arrivals[-1][1] if self.runs else self.carried_ns

@@ -1,29 +1,29 @@
-"""Where one revolution ends and the next begins, from the headings of the packets alone.
+"""Where one revolution ends and the next begins, from the headings (start angles) of the packets alone.
 
 The seam is the angle at which a revolution begins: 0, until a device marks a packet as its first and so states
 its own. A revolution ends where the headings pass the seam, or at a marked packet, whichever comes; so a lost
-mark cannot merge two turns. The rotor must have been seen on the far side of the seam first: readings that
-tremble around it, or a mark just behind it, do not make a turn.
+mark cannot merge two revolutions. The rotor must have been seen on the far side of the seam first: readings that
+tremble around it, or a mark just behind it, do not make a revolution.
+
+A few headings are followed one by one. Of many, only those matter that carry a flag or fall back behind the one
+before; these are found as an array, and the rest is passed over.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left
-from itertools import compress, count
-from operator import lt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from lidario.wire.formats import BEGINS, RESTARTS, Headings
+from lidario.wire.formats import BEGINS, HEADINGS_WORTH_AN_ARRAY, RESTARTS, Headings
 
 __all__ = ["Seam", "Split"]
 
 _FLAGS = BEGINS | RESTARTS
-_WORTH_LEAPING = 8
-"""Headings from which looking at them together costs less than one by one (measured)."""
-_UNMARKED_TURNS = 2
-"""Turns without a mark after which none is waited for any more."""
+_UNMARKED_REVOLUTIONS = 2
+"""Revolutions without a mark after which none is waited for any more."""
 
 
 class Split(NamedTuple):
@@ -56,29 +56,30 @@ class Seam:
         self._last: int | None = None
         self._armed = False
         self._passed_unmarked = False
-        self._unmarked_turns = 0
+        self._unmarked_revolutions = 0
 
     def splits(self, headings: Headings) -> list[Split]:
         """Where revolutions begin among `headings`, the next ones of the stream."""
-        if len(headings) < _WORTH_LEAPING or self.angle is None:
+        if len(headings) < HEADINGS_WORTH_AN_ARRAY or self.angle is None:
             plain = headings.tolist() if isinstance(headings, np.ndarray) else headings
             return [split for index, heading in enumerate(plain) if (split := self._step(index, heading))]
+        array = np.asarray(headings)
         found: list[Split] = []
         begin = 0
-        for at in _flagged(headings):
-            self._leap(headings[begin:at], begin, found)
-            split = self._step(at, int(headings[at]))
+        for at in (array >= BEGINS).nonzero()[0].tolist():
+            self._follow_many(array[begin:at], begin, found)
+            split = self._step(at, int(array[at]))
             if split:
                 found.append(split)
             begin = at + 1
-        self._leap(headings[begin:], begin, found)
+        self._follow_many(array[begin:], begin, found)
         return found
 
-    def _leap(self, headings: Headings, offset: int, found: list[Split]) -> None:
+    def _follow_many(self, headings: NDArray[np.integer[Any]], offset: int, found: list[Split]) -> None:
         """Step only onto those headings, `offset` on from the first, that fall back behind the one before."""
-        away = self._away(headings)
+        away = (headings - self.angle) % self._full_turn if self.angle else headings
         begin = 0
-        for end in (*_falls(away), len(headings)):
+        for end in (*((away[1:] < away[:-1]).nonzero()[0] + 1).tolist(), len(away)):
             if begin < end:
                 split = self._step(offset + begin, int(headings[begin]))
                 if split:
@@ -87,14 +88,7 @@ class Seam:
                 self._rise(away, begin, end)
             begin = end
 
-    def _away(self, headings: Headings) -> Headings:
-        if not self.angle:
-            return headings
-        if isinstance(headings, np.ndarray):
-            return (headings - self.angle) % self._full_turn
-        return [(heading - self.angle) % self._full_turn for heading in headings]
-
-    def _rise(self, away: Headings, begin: int, end: int) -> None:
+    def _rise(self, away: NDArray[np.integer[Any]], begin: int, end: int) -> None:
         """As a walk over readings that rise from the first one, which was stepped onto."""
         self._last = int(away[end - 1])
         if self._last >= self._near:
@@ -107,7 +101,7 @@ class Seam:
         if heading >= BEGINS:
             return self._flagged(index, heading)
         if self.angle is None:
-            self._look_for_seam(heading)
+            self._await_mark(heading)
             return None
         away = (heading - self.angle) % self._full_turn
         last, self._last = self._last, away
@@ -124,12 +118,12 @@ class Seam:
             self._armed |= self._forward(last, away)
         return None
 
-    def _look_for_seam(self, heading: int) -> None:
-        """Give up waiting for a mark when two turns have gone by without one: then 0 is as good as any angle."""
+    def _await_mark(self, heading: int) -> None:
+        """End the waiting for a mark after two revolutions without one: then 0 is as good as any angle."""
         if self._last is not None and heading < self._last - self._full_turn // 2:
-            self._unmarked_turns += 1
+            self._unmarked_revolutions += 1
         self._last = heading
-        if self._unmarked_turns == _UNMARKED_TURNS:
+        if self._unmarked_revolutions == _UNMARKED_REVOLUTIONS:
             self.angle = 0
 
     def _forward(self, last: int, away: int) -> bool:
@@ -144,24 +138,6 @@ class Seam:
         self.angle = heading & ~_FLAGS
         self._last = 0
         self._armed = False
-        # A mark just behind the seam that the headings passed belongs to the turn they began.
+        # A mark just behind the seam that the headings passed belongs to the revolution they began.
         belated, self._passed_unmarked = self._passed_unmarked, False
         return None if belated else Split(index, marked=True, broken=False)
-
-
-def _flagged(headings: Headings) -> list[int]:
-    """Which of them carry a flag."""
-    if isinstance(headings, np.ndarray):
-        places: list[int] = (headings >= BEGINS).nonzero()[0].tolist()
-        return places
-    if max(headings) < BEGINS:
-        return []
-    return [place for place, heading in enumerate(headings) if heading >= BEGINS]
-
-
-def _falls(headings: Headings) -> list[int]:
-    """Which of them lie behind the one before."""
-    if isinstance(headings, np.ndarray):
-        places: list[int] = ((headings[1:] < headings[:-1]).nonzero()[0] + 1).tolist()
-        return places
-    return list(compress(count(1), map(lt, headings[1:], headings)))

@@ -35,8 +35,10 @@ def join_blocks(into: list[Block], more: Iterable[Block]) -> None:
             into.append(block)
 
 
-def some_blocks(blocks: Iterable[Block], begin: int, end: int) -> tuple[Block, ...]:
+def some_blocks(blocks: Sequence[Block], begin: int, end: int) -> tuple[Block, ...]:
     """The packets from number `begin` to before number `end`."""
+    if len(blocks) == 1:
+        return (Block(blocks[0].size, end - begin),) if begin < end else ()
     found: list[Block] = []
     first = 0
     for size, count in blocks:
@@ -47,15 +49,14 @@ def some_blocks(blocks: Iterable[Block], begin: int, end: int) -> tuple[Block, .
     return tuple(found)
 
 
-def packet_offsets(blocks: Iterable[Block]) -> Sequence[int]:
+def packet_offsets(blocks: Sequence[Block]) -> Sequence[int]:
     """Where each packet begins, and behind them where the last one ends."""
-    sizes = list(blocks)
-    if len(sizes) == 1:
-        (size, count) = sizes[0]
+    if len(blocks) == 1:
+        size, count = blocks[0]
         return range(0, size * (count + 1), size)
     offsets: list[int] = []
     at = 0
-    for size, count in sizes:
+    for size, count in blocks:
         offsets += range(at, at + size * count, size)
         at += size * count
     offsets.append(at)

@@ -15,7 +15,7 @@ class ReceiveBuffer:
 
     Attributes:
         limit: The largest number of bytes it will hold.
-        data: The bytes themselves, for parsers that look without copying; change it only through the methods.
+        data: The bytes themselves, for parsers that read without copying; change it only through the methods.
     """
 
     __slots__ = ("data", "limit")

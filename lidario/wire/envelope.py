@@ -1,14 +1,14 @@
-"""The envelope that requests and answers travel in.
+"""The envelope that requests and responses travel in.
 
 A request is ``A5 cmd``, or ``A5 cmd length payload… checksum`` when bit 7 of the command is set in the
 dialect that carries payloads; the checksum is the XOR of every byte before it (S-series interface manual,
 "Request packets' format"; the fixed ``22`` printed there for EXPRESS_SCAN is that checksum for mode 0 alone).
 
-An answer begins with a descriptor of seven bytes: ``A5 5A``, a little-endian word whose low 30 bits are the
+A response begins with a descriptor of seven bytes: ``A5 5A``, a little-endian word whose low 30 bits are the
 length of one packet and whose top 2 bits are the send mode (0 once, 1 for ever), and the answer type
 ("Response descriptors' format"). The manuals of both families describe the same header. A descriptor has no
 checksum and its two magic bytes occur in scan data by chance, so one is believed only when it is exactly the
-answer that was asked for: `Expected` says which that is.
+response that was requested: `Expected` says which that is.
 """
 
 from __future__ import annotations
@@ -43,15 +43,15 @@ _MODE_SHIFT = 30
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """The answer a request asks for; anything else on the line is noise.
+    """The response a request asks for; anything else on the line is noise.
 
     Attributes:
         type: Answer type of the descriptor.
         size: Smallest length that is plausible, in bytes.
         largest: Largest plausible length; 0 means exactly `size`. No claim beyond it is ever waited for.
         continuous: True when a stream is expected.
-        prefix: Bytes the payload must begin with (an echo of what was asked), so that a late answer to an
-            earlier question is not taken for this one.
+        prefix: Bytes the payload must begin with (an echo of the request), so that a late response to an
+            earlier request is not taken for this one.
     """
 
     type: int
@@ -61,7 +61,7 @@ class Expected:
     prefix: bytes = b""
 
     def admits(self, descriptor: Descriptor) -> bool:
-        """Whether `descriptor` announces this answer."""
+        """Whether `descriptor` announces this response."""
         return (
             descriptor.type == self.type
             and self.size <= descriptor.size <= max(self.size, self.largest)
@@ -71,18 +71,18 @@ class Expected:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """One request: its bytes, the answer it asks for, and the timing the device demands.
+    """One request: its bytes, the response it asks for, and the timing the device demands.
 
     Attributes:
         name: The documents' name, for messages and logs.
         data: The encoded bytes.
-        expects: The answer, or None when the device gives none.
-        timeout: Seconds to wait for the answer.
+        expects: The response, or None when the device gives none.
+        timeout: Seconds to wait for the response.
         settle: Seconds the device needs after this request before it accepts the next.
         attempts: How often to ask before giving up; more than 1 only where asking twice does no harm.
         ends_stream: True when the device leaves its stream on this request (STOP, RESET).
         in_stream: True when it may be sent while packets flow and changes nothing about them.
-        stream: The format of the packets that follow the answer, a fresh one for each start.
+        stream: The format of the packets that follow the descriptor, a fresh one for each start.
     """
 
     name: str

@@ -9,7 +9,7 @@
 STOP and RESET lead from every state to DRAINING.
 
 Four verbs: `receive_data`, `events_received`, `send_request`, `data_to_send`. Time is an argument. While it
-streams it never looks for a descriptor, and while it waits for a response it accepts only the one that was
+streams it searches for no descriptor, and while it waits for a response it accepts only the one that was
 requested, by type *and* length, since ``A5 5A`` stands in scan data by chance about four times a second.
 Bytes never raise. Misuse does: `LocalProtocolError`.
 
@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import Enum
 
 from lidario.errors import LocalProtocolError
@@ -30,6 +29,7 @@ from lidario.wire.buffer import ReceiveBuffer
 from lidario.wire.envelope import DESCRIPTOR_MAGIC, DESCRIPTOR_SIZE, Expected, Request, parse_descriptor
 from lidario.wire.events import Arrival, Descriptor, Event, Packets, Response
 from lidario.wire.formats import StreamFormat
+from lidario.wire.stats import LinkStats
 
 __all__ = ["Link", "LinkState", "LinkStats"]
 
@@ -48,41 +48,6 @@ class LinkState(Enum):
 
 _AWAIT_RESPONSE, _STREAMING = LinkState.AWAIT_RESPONSE, LinkState.STREAMING
 """Finding a member in its class takes 40 ns more than a global name, and this is done for every chunk."""
-
-
-@dataclass(slots=True)
-class LinkStats:
-    """Running totals since the link was made; they only grow.
-
-    After every call: ``bytes_received == packet_bytes + record_bytes + skipped_bytes + response_bytes + stray_bytes
-    + drained_bytes + Link.buffered``.
-
-    Attributes:
-        bytes_received: All bytes that came in.
-        packets: Intact measurement packets.
-        packet_bytes: Their bytes.
-        records: Known records between packets that carry no measurement.
-        record_bytes: Their bytes.
-        skipped_bytes: Bytes of a stream that belong to no packet and no record.
-        skipped_stretches: Stretches of such bytes that ended with a packet.
-        response_bytes: Responses to a pending request, with their descriptors, and the descriptors of streams.
-        stray_bytes: Bytes outside a stream that are no response.
-        drained_bytes: Bytes thrown away after a STOP.
-        late_responses: Responses nobody waits for: those of an abandoned request, and those that match the pending
-            request in type and size but begin with the echo of another one. The bytes of the second kind are stray.
-    """
-
-    bytes_received: int = 0
-    packets: int = 0
-    packet_bytes: int = 0
-    records: int = 0
-    record_bytes: int = 0
-    skipped_bytes: int = 0
-    skipped_stretches: int = 0
-    response_bytes: int = 0
-    stray_bytes: int = 0
-    drained_bytes: int = 0
-    late_responses: int = 0
 
 
 class Link:
@@ -205,7 +170,7 @@ class Link:
             self.stats.stray_bytes += self._buffer.clear()
 
     def _await_response(self, now: int) -> None:
-        """Hunt for the one descriptor that belongs to the pending request."""
+        """Search for the one descriptor that belongs to the pending request."""
         request, buffer = self._pending, self._buffer
         if request is None or request.expects is None:
             return
@@ -283,7 +248,7 @@ class Link:
                 if self._arrivals:
                     arrivals = self._arrivals_of(packet_offsets(blocks), at, now)
                 else:
-                    arrivals = ((sum([block.packets for block in blocks]), now),)
+                    arrivals = ((sum([packets for _, packets in blocks]), now),)
                 self.stats.packets += arrivals[-1][0]
                 self.stats.packet_bytes += middle - at
                 with memoryview(data) as view:

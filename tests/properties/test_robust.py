@@ -86,7 +86,7 @@ def test_any_contents_become_scans(case: Case, wild: bool, seed: int, count: int
         assert wire.measure(bytearray(packet), 0) == len(packet)
     if case.answer_type != 0x81 or case.truth.family == "ydlidar":
         found = case.make_format().run(bytearray(b"".join(packets)), 0)
-        assert sum(block.packets for block in found) == count
+        assert sum(block.packets for block in found.packets) == count
     events, now = [], 0
     for at in range(0, count, run):
         now = max(now, at * 1_000_000 + late * (at % 3))

@@ -22,7 +22,7 @@ from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.wire.blocks import Block, join_blocks, packet_offsets
 from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor, Event, Packets
-from lidario.wire.formats import StreamFormat
+from lidario.wire.formats import StreamFormat, Stretch
 from lidario.wire.link import Link, LinkState, LinkStats
 from tests.reference import golden, rplidar, ydlidar
 
@@ -240,7 +240,7 @@ def in_one_run(wire: StreamFormat, data: bytes, at_ns: int = 0) -> Packets:
     return Packets(data, tuple(blocks), ((sum(block.packets for block in blocks), at_ns),))
 
 
-def checked_one_by_one(wire: StreamFormat, data: bytearray, at: int) -> tuple[Block, ...]:
+def checked_one_by_one(wire: StreamFormat, data: bytearray, at: int) -> Stretch:
     """What `StreamFormat.run` must find, where a packet's check does not depend on the one before."""
     blocks: list[Block] = []
     while len(data) - at >= wire.shortest:
@@ -249,7 +249,7 @@ def checked_one_by_one(wire: StreamFormat, data: bytearray, at: int) -> tuple[Bl
             break
         join_blocks(blocks, [Block(size, 1)])
         at += size
-    return tuple(blocks)
+    return Stretch(tuple(blocks), at, at)
 
 
 def merged(events: Iterable[Event]) -> list[Event]:

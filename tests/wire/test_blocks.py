@@ -1,6 +1,6 @@
 """Blocks of packets join and divide as the packets themselves do."""
 
-from itertools import accumulate
+from itertools import accumulate, pairwise
 
 import pytest
 from hypothesis import given
@@ -28,7 +28,7 @@ def test_joined_blocks_are_those_of_all_packets_together(some: list[int], more: 
     join_blocks(blocks, blocks_of(more))
     assert blocks == blocks_of(some + more)
     assert sizes_in(blocks) == some + more
-    assert all(one.size != other.size for one, other in zip(blocks, blocks[1:], strict=False))
+    assert all(one.size != other.size for one, other in pairwise(blocks))
 
 
 @given(sizes, st.data())

@@ -3,7 +3,7 @@
 All of it from the vendor's SDK 2.1.0 (handlers of the normal, ultra and ultra-dense capsules); the manual
 describes none of it.
 
-What a few bits mean is looked up in tables, made once from those rules: a look costs a fraction of the arithmetic.
+What a few bits mean is read from tables, made once from those rules: that costs a fraction of the arithmetic.
 """
 
 from __future__ import annotations
@@ -131,10 +131,10 @@ def ultra_cabins(
     sums[1:] += tables.predicted.take(predictions)
     np.maximum(sums.T, 0.0, out=distance.reshape(-1, 3))
     if missing is not None or follower is None:
-        cut_off = np.zeros(len(cabins), np.bool_) if missing is None else missing > 0
-        cut_off[-1] |= follower is None
-        distance[cut_off, -1] = 0.0
-        distance[cut_off & (distance[:, -3] == 0.0), -2] = 0.0
+        cut_short = np.zeros(len(cabins), np.bool_) if missing is None else missing > 0
+        cut_short[-1] |= follower is None
+        distance[cut_short, -1] = 0.0
+        distance[cut_short & (distance[:, -3] == 0.0), -2] = 0.0
 
 
 @cache

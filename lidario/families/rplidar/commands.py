@@ -1,11 +1,11 @@
-"""Requests of the RPLIDAR protocol, with the answer, the timeout and the settle time of each.
+"""Requests of the RPLIDAR protocol, with the response, the timeout and the settle time of each.
 
-Codes, payloads and answers: S-series interface manual, chapter "Requests and responses"; what the manual
+Codes, payloads and responses: S-series interface manual, chapter "Requests and responses"; what the manual
 leaves out (FORCE_SCAN, the configuration types 0x00 to 0x05, the byte tables of GET_INFO and
 GET_LIDAR_CONF) as the vendor's SDK 2.1.0 sends it.
 
 Settle times: the manual demands at least 10 ms after STOP and at least 500 ms after RESET before the next
-request; the SDK waits 10 ms after a motor request. Timeouts are ours: a healthy device answers a query within
+request; the SDK waits 10 ms after a motor request. Timeouts are ours: a healthy device responds to a query within
 a few milliseconds, and the SDK allows 500 ms while it connects.
 """
 
@@ -38,7 +38,7 @@ MOTOR_SETTLE_S: Final = 0.010
 QUERY_TIMEOUT_S: Final = 0.5
 SCAN_TIMEOUT_S: Final = 2.0
 LONGEST_CONF: Final = 4 + 64
-"""Largest GET_LIDAR_CONF answer believed: the echoed type and a value (mode names are about ten letters)."""
+"""Largest GET_LIDAR_CONF response believed: the echoed type and a value (mode names are about ten letters)."""
 
 
 class Answer(IntEnum):
@@ -80,7 +80,7 @@ GET_SAMPLERATE: Final = Request(
 def get_lidar_conf(kind: Conf, mode: int | None = None) -> Request:
     """GET_LIDAR_CONF for one configuration type, of one scan mode where the type takes one.
 
-    The answer echoes the type; the value behind it is absent where the device does not know the type.
+    The response echoes the type; the value behind it is absent where the device does not know the type.
     """
     echo = struct.pack("<I", kind)
     payload = echo if mode is None else echo + struct.pack("<H", mode)
@@ -93,7 +93,7 @@ def get_lidar_conf(kind: Conf, mode: int | None = None) -> Request:
 
 
 def motor_speed(rpm: int) -> Request:
-    """MOTOR_SPEED_CTRL: the speed in turns a minute, 0 for off. It is not answered."""
+    """MOTOR_SPEED_CTRL: the speed in revolutions a minute, 0 for off. It has no response."""
     return Request("MOTOR_SPEED_CTRL", encode_request(0xA8, struct.pack("<H", rpm)), settle=MOTOR_SETTLE_S)
 
 

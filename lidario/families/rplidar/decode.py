@@ -6,18 +6,16 @@ everything the manual leaves out. Two things differ from the SDK on purpose: ang
 
 All distances are millimetres, 0 where nothing came back; all angles degrees, clockwise.
 
-A turn is some thousand samples, and each call of numpy costs as much as a pass over all of them: so arrays are
-written where they will stay, in single precision, and in units in which angles are whole numbers until the very
-last division. Single precision holds those exactly.
+A revolution is some thousand samples, and each call of numpy costs as much as a pass over all of them. So arrays
+are written where they will stay, in single precision, and in units in which angles are whole numbers until the
+very last division. Single precision holds those exactly.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from itertools import compress, count, repeat
-from operator import gt, lt
-from typing import ClassVar, Final, NamedTuple, cast
+from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,15 +55,16 @@ __all__ = [
 Bytes = NDArray[np.uint8]
 Words = NDArray[np.uint16]
 Floats = NDArray[np.float32]
+Ints = NDArray[np.int32]
 
 HQ_NODE: Final = np.dtype([("angle", "<u2"), ("distance", "<u4"), ("quality", "u1"), ("flag", "u1")])
 HQ: Final = np.dtype([("sync", "u1"), ("time", "<u8"), ("nodes", HQ_NODE, 96), ("crc", "<u4")])
 
 
 def in_turn(angles: Floats, full_turn: float) -> Floats:
-    """Angles brought into [0, full_turn); they are at most one turn outside. Changes and returns `angles`."""
+    """Angles brought into [0, full_turn); they are at most 360 degrees outside. Changes and returns `angles`."""
     np.add(angles, full_turn, out=angles, where=angles < 0)
-    # A tiny negative angle plus a turn rounds up to the turn itself.
+    # A tiny negative angle plus 360 degrees rounds up to 360 degrees.
     np.subtract(angles, full_turn, out=angles, where=angles >= full_turn)
     return angles
 
@@ -113,10 +112,12 @@ class CapsuleDecoder(ABC):
         """As `Decoder.decode`."""
         words = np.frombuffer(packets.data, "<u2").reshape(-1, self.size // 2)
         column = self.start_at // 2
-        starts = _in_range(words[:, column].tolist())
+        starts = _in_range(words[:, column].astype(np.int32))
         after = None if following is None else np.frombuffer(following, "<u2")
-        arcs = self._rotation.arcs(starts, None if after is None else _in_range([int(after[column])])[0])
-        arc = cast("list[float]", arcs.arc)
+        arcs = self._rotation.arcs(
+            starts, None if after is None else (int(after[column]) & ANGLE_MASK) % FULL_TURN_Q6
+        )
+        arc = arcs.arc
         end = room + len(starts) * self.samples
         angle, distance = np.empty(end, np.float32), np.empty(end, np.float32)
         grid = angle[room:].reshape(-1, self.samples)
@@ -140,19 +141,19 @@ class CapsuleDecoder(ABC):
     def _payload(self, capsules: Capsules, distance: Floats, angle: Floats) -> Bytes | None:
         """Write distances in mm, take corrections off the angles, both (packets, samples); return intensities."""
 
-    def _bring_into_turn(self, angle: Floats, starts: list[int], arc: list[float]) -> None:
-        """Take whole turns off the angles of those few packets that may lie across 0."""
+    def _bring_into_turn(self, angle: Floats, starts: Ints, arc: Ints | NDArray[np.float64]) -> None:
+        """Take 360 degrees off the angles of those few packets that may lie across 0."""
         back, ahead = self.reach
         full_turn = FULL_TURN_Q6 * self.samples
-        beyond = _between(gt, starts, FULL_TURN_Q6 - ahead - max(arc))
+        beyond = _extent(starts > FULL_TURN_Q6 - ahead - arc.max())
         np.subtract(angle[beyond], full_turn, out=angle[beyond], where=angle[beyond] >= full_turn)
         if back:
-            in_turn(angle[_between(lt, starts, back)], full_turn)
+            in_turn(angle[_extent(starts < back)], full_turn)
 
-    def _before_seam(self, starts: list[int], arc: list[float], seam: int) -> int:
+    def _before_seam(self, starts: Ints, arc: Ints | NDArray[np.float64], seam: int) -> int:
         """How many samples lie before the rotor passed `seam` in the last packet."""
-        left = FULL_TURN_Q6 - (starts[-1] - seam) % FULL_TURN_Q6
-        inside = -int(-left * self.samples // arc[-1]) if arc[-1] else self.samples
+        left, last = FULL_TURN_Q6 - (int(starts[-1]) - seam) % FULL_TURN_Q6, float(arc[-1])
+        inside = -int(-left * self.samples // last) if last else self.samples
         return (len(starts) - 1) * self.samples + min(inside, self.samples)
 
 
@@ -225,7 +226,7 @@ class HqDecoder:
         rows = np.frombuffer(packets.data, HQ)
         nodes = rows["nodes"]
         after = None if following is None else int(np.frombuffer(following, HQ)["nodes"]["angle"][0, 0])
-        arcs = self._rotation.arcs(nodes["angle"][:, 0].tolist(), after)
+        arcs = self._rotation.arcs(nodes["angle"][:, 0].astype(np.int32), after)
         size = room + nodes.size
         angle, distance, intensity = _empty(size)
         angle[room:].reshape(nodes.shape)[...] = nodes["angle"]
@@ -293,15 +294,15 @@ def _empty(size: int) -> tuple[Floats, Floats, Bytes]:
     return np.empty(size, np.float32), np.empty(size, np.float32), np.empty(size, np.uint8)
 
 
-def _between(compare: Callable[[float, float], bool], values: list[int], limit: float) -> slice:
-    """From the first to the last of the values for which `compare` with the limit holds."""
-    places = list(compress(count(), map(compare, values, repeat(limit))))
-    return slice(places[0], places[-1] + 1) if places else slice(0)
+def _extent(these: NDArray[np.bool_]) -> slice:
+    """From the first to the last of these packets."""
+    places = these.nonzero()[0]
+    return slice(int(places[0]), int(places[-1]) + 1) if len(places) else slice(0)
 
 
-def _in_range(starts: list[int]) -> list[int]:
-    """Start angles without the flag beside them, below a turn; mostly they are so already."""
-    return starts if max(starts) < FULL_TURN_Q6 else [(start & ANGLE_MASK) % FULL_TURN_Q6 for start in starts]
+def _in_range(starts: Ints) -> Ints:
+    """Start angles without the flag beside them, below 360 degrees; mostly they are so already."""
+    return starts if starts.max() < FULL_TURN_Q6 else (starts & ANGLE_MASK) % FULL_TURN_Q6
 
 
 DECODERS: Final[dict[int, Callable[[], CapsuleDecoder | HqDecoder | NodeDecoder]]] = {

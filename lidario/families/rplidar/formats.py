@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from lidario.families.rplidar.nodes import NodeFormat
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
-from lidario.wire.formats import NO_PACKET, RESTARTS, StreamFormat
+from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, RESTARTS, Headings, StreamFormat, Stretch
 
 __all__ = [
     "FORMATS",
@@ -35,8 +35,9 @@ FULL_TURN_Q6: Final = 360 << 6
 FULL_TURN_Q14: Final = 65536
 ANGLE_MASK: Final = 0x7FFF
 STREAM_START_BIT: Final = 0x8000
-WORTH_AN_ARRAY: Final = 8
-"""Packets from which checking them as one array costs less than one by one (measured)."""
+WORTH_AN_ARRAY: Final = 4
+"""Packets from which they are checked as one array. Measured: 2 to 4 us a packet one by one, 5 to 8 us for up to 32
+as an array. Live, a poll brings about 10; a port that is not polled brings one or two at a time."""
 
 
 def _whole_xor() -> NDArray[np.uint16]:
@@ -79,31 +80,30 @@ class CapsuleFormat(StreamFormat):
             word ^= word >> shift
         return word & 0xFF == (data[at] & 0xF) | (data[at + 1] & 0xF) << 4
 
-    def run(self, data: bytearray, at: int) -> tuple[Block, ...]:
+    def run(self, data: bytearray, at: int) -> Stretch:
         """As `StreamFormat.run`; many packets are checked as one array."""
         count = (len(data) - at) // self.shortest
         if count < WORTH_AN_ARRAY:
             return super().run(data, at)
         intact = self._intact_rows(data, at, count)
         whole = count if np.count_nonzero(intact) == count else int(intact.argmin())
-        return (Block(self.shortest, whole),) if whole else ()
+        end = at + whole * self.shortest
+        return Stretch((Block(self.shortest, whole),) if whole else (), end, end)
 
-    def headings(self, packets: Packets) -> list[int]:
+    def headings(self, packets: Packets) -> Headings:
         """As `StreamFormat.headings`, in 1/64 degrees."""
         data = packets.data
-        words: list[int]
-        if len(data) < WORTH_AN_ARRAY * self.shortest:
-            words = [data[at] | data[at + 1] << 8 for at in range(self.start_at, len(data), self.shortest)]
-        else:
-            words = np.frombuffer(data, "<u2")[self.start_at // 2 :: self.shortest // 2].tolist()
-        # A restart sets the highest bit, so all words below a turn are plain angles.
-        if max(words, default=0) < FULL_TURN_Q6:
-            return words
-        angles = ((word & ANGLE_MASK) % FULL_TURN_Q6 for word in words)
-        return [
-            angle | RESTARTS if word & STREAM_START_BIT else angle
-            for word, angle in zip(words, angles, strict=True)
-        ]
+        if len(data) >= HEADINGS_WORTH_AN_ARRAY * self.shortest:
+            words = np.frombuffer(data, "<u2")[self.start_at // 2 :: self.shortest // 2].astype(np.int32)
+            # The flag is the highest bit, so where every word is below 360 degrees there is none.
+            if words.max() < FULL_TURN_Q6:
+                return words
+            return (words & ANGLE_MASK) % FULL_TURN_Q6 | (words & STREAM_START_BIT) * (RESTARTS // STREAM_START_BIT)
+        found: list[int] = []
+        for at in range(self.start_at, len(data), self.shortest):
+            angle = (data[at] | (data[at + 1] & 0x7F) << 8) % FULL_TURN_Q6
+            found.append(angle | RESTARTS if data[at + 1] & 0x80 else angle)
+        return found
 
     def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
         words = np.frombuffer(data, "<u2", count * self.shortest // 2, at).reshape(count, -1)

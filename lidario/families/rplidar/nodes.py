@@ -1,6 +1,6 @@
 """0x81, the plain node of five bytes: one sample a packet, and almost nothing to check it by.
 
-Layout (S-series interface manual, answer to SCAN): bit 0 of the first byte marks a new scan and bit 1 is its
+Layout (S-series interface manual, response to SCAN): bit 0 of the first byte marks a new scan and bit 1 is its
 inverse; bit 0 of the second byte is always 1; then 15 bits of angle in 1/64 degrees and 16 bits of distance in
 1/4 mm. Two fixed bits let one wrong phase in four pass, and since walls are smooth, wrong phases pass many
 times in a row. So a node is believed only in its context:
@@ -10,7 +10,7 @@ times in a row. So a node is believed only in its context:
   last angle need the shortest chain: a flipped bit costs one node. Another phase (a byte was lost) needs a
   longer chain that continues the last angle. A chain with nothing to continue, as at the beginning of a
   stream, must be the longest;
-* where several phases pass, the one that turns evenly is the rotor: distances read as angles jump, or stand.
+* where several phases pass, the one that advances evenly is the rotor: distances read as angles jump, or stand.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import numpy as np
 
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
-from lidario.wire.formats import NO_PACKET, Headings, StreamFormat, Stretch
+from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings, StreamFormat, Stretch
 
 __all__ = ["NODE", "NodeFormat"]
 
@@ -38,12 +38,16 @@ NEAR_Q6: Final = 30 << 6
 SEAM_Q6: Final = 30 << 6
 """A new-scan mark further from 0 than this is damage."""
 CHAIN_IN_PHASE: Final = 4
+"""Nodes in the old phase that must follow each other, the first of them near the last angle."""
 CHAIN_NEARBY: Final = 8
+"""Nodes in another phase that must follow each other, the first of them near the last angle."""
 CHAIN_ALONE: Final = 16
+"""Nodes that must follow each other where there is no last angle to continue. One wrong phase in four passes the
+check bits of a node, so on random bytes a chain of 16 passes once in 4 billion times."""
 PHASES_BACK: Final = 4
 """Nodes in the old phase that are tried before another phase is looked for."""
 WORTH_AN_ARRAY: Final = 16
-"""Nodes from which checking them as one array costs less than one by one (measured)."""
+"""Nodes from which they are checked as one array. Measured: 1.2 us a node one by one, 18 us for the array."""
 
 NODE: Final = np.dtype([("quality", "u1"), ("angle", "<u2"), ("distance", "<u2")])
 _HEADS = np.dtype({"names": ("head",), "formats": ("<u4",), "offsets": (0,), "itemsize": SIZE})
@@ -72,18 +76,18 @@ class NodeFormat(StreamFormat):
         return SIZE if (first ^ first >> 1) & 1 and data[at + 1] & 1 else NO_PACKET
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:  # noqa: ARG002
-        """Whether the node at `at` may stand by itself: an angle below a turn, a scan mark only at 0."""
+        """Whether the node at `at` may stand by itself: an angle below 360 degrees, a scan mark only at 0."""
         angle = _angle(data, at)
         return angle < FULL_TURN_Q6 and (not data[at] & 1 or angle < SEAM_Q6 or angle > FULL_TURN_Q6 - SEAM_Q6)
 
     def headings(self, packets: Packets) -> Headings:
         """As `StreamFormat.headings`, in 1/64 degrees."""
         data = packets.data
-        if len(data) < WORTH_AN_ARRAY * SIZE:
+        if len(data) < HEADINGS_WORTH_AN_ARRAY * SIZE:
             return [_angle(data, place) for place in range(0, len(data), SIZE)]
         return np.frombuffer(data, NODE)["angle"].astype(np.int32) >> 1
 
-    def run(self, data: bytearray, at: int) -> tuple[Block, ...]:
+    def run(self, data: bytearray, at: int) -> Stretch:
         """Nodes from `at` that continue the last accepted angle, and each other."""
         count = (len(data) - at) // SIZE
         done = one_by_one = 0
@@ -99,12 +103,12 @@ class NodeFormat(StreamFormat):
                 self._last = _angle(data, at - SIZE)
                 if ordinary < WORTH_AN_ARRAY:
                     one_by_one = done + WORTH_AN_ARRAY
-        return (Block(SIZE, done),) if done else ()
+        return Stretch((Block(SIZE, done),) if done else (), at, at)
 
     def next_stretch(self, data: bytearray, at: int) -> Stretch:
         """As `StreamFormat.next_stretch`, with chains of nodes in place of a check value."""
         if self._in_step:
-            nodes = self._packets_at(data, at)
+            nodes = self.run(data, at)
             if nodes.packets or len(data) - at < SIZE:
                 return nodes
             self._in_step = False
@@ -118,7 +122,7 @@ class NodeFormat(StreamFormat):
         self._last = None
         if place > at:
             return Stretch((), at, place)
-        return self._packets_at(data, at)
+        return self.run(data, at)
 
     def _find_step(self, data: bytearray, at: int) -> int | None:
         """Where nodes go on after `at`: -1 if not within a node's length, None while it cannot be told."""

@@ -8,8 +8,6 @@ neighbours, so the number of missing packets is too, and each packet gets its ow
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from operator import sub
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -18,7 +16,7 @@ from numpy.typing import NDArray
 __all__ = ["Arcs", "Rotation"]
 
 RETREAT_TURNS: Final = 1 / 36
-"""Headings may fall back by up to this part of a turn; any more is the long way round, forwards."""
+"""Headings may fall back by up to this part of 360 degrees; any more is the long way round, forwards."""
 STRANGE_SPANS: Final = 4
 """Spans in a row, all unlike what was ordinary so far, after which they are the ordinary ones."""
 TRUSTED_GAP: Final = 8
@@ -33,7 +31,7 @@ class Arcs(NamedTuple):
         missing: Packets missing behind it, an array; None when none is.
     """
 
-    arc: Sequence[float] | NDArray[np.int32]
+    arc: NDArray[np.int32] | NDArray[np.float64]
     missing: NDArray[np.intp] | None
 
     @property
@@ -58,7 +56,7 @@ class Rotation:
     """Follows the rotor through one stream.
 
     Args:
-        full_turn: One turn in the unit of the headings.
+        full_turn: 360 degrees in the unit of the headings.
         jitter: Share of an ordinary arc by which headings may scatter before a packet counts as missing.
     """
 
@@ -70,24 +68,13 @@ class Rotation:
         self._strange = 0
         self._last_arc = 0.0
 
-    def arcs(self, headings: list[int] | NDArray[np.int32], following: int | None) -> Arcs:
-        """The arc of each packet and the gaps behind them, given where the next packet begins, if known.
-
-        A list is the better choice up to a few hundred packets, an array beyond.
-        """
-        spans: list[int] | NDArray[np.int32]
-        if isinstance(headings, list):
-            spans = list(map(sub, headings[1:], headings))
-            spans.append(0 if following is None else following - headings[-1])
-            while (shortest := min(spans)) < -self._retreat:
-                spans[spans.index(shortest)] += self._full_turn
-            longest, total = max(spans), sum(spans)
-        else:
-            spans = np.empty_like(headings)
-            np.subtract(headings[1:], headings[:-1], out=spans[:-1])
-            spans[-1] = 0 if following is None else following - headings[-1]
-            np.add(spans, self._full_turn, out=spans, where=spans < -self._retreat)
-            shortest, longest, total = int(spans.min()), int(spans.max()), int(spans.sum())
+    def arcs(self, headings: NDArray[np.int32], following: int | None) -> Arcs:
+        """The arc of each packet and the gaps behind them, given where the next packet begins, if known."""
+        spans = np.empty_like(headings)
+        np.subtract(headings[1:], headings[:-1], out=spans[:-1])
+        spans[-1] = 0 if following is None else following - int(headings[-1])
+        np.add(spans, self._full_turn, out=spans, where=spans < -self._retreat)
+        shortest, longest, total = int(spans.min()), int(spans.max()), int(spans.sum())
         ordinary = self._jitter * self._typical < shortest and longest <= (1 + self._jitter) * self._typical
         if ordinary and following is not None:
             # The mean is as good as the median where nothing is far from either, and much cheaper.
@@ -95,7 +82,7 @@ class Rotation:
             self._strange = 0
             self._last_arc = float(spans[-1])
             return Arcs(spans, None)
-        rough = np.array(spans, np.float64)
+        rough = spans.astype(np.float64)
         np.subtract(rough, self._full_turn, out=rough, where=rough >= self._full_turn - self._retreat)
         return self._among_gaps(rough, following is not None)
 
@@ -103,9 +90,9 @@ class Rotation:
         """As `arcs`, where spans may hold more than one packet, or less."""
         typical = self._learn(spans if followed else spans[:-1])
         if typical <= 0:
-            return Arcs(np.maximum(spans, 0.0).tolist(), None)
-        turns = spans / typical
-        missing = np.ceil(turns - 1 - self._jitter).astype(np.intp)
+            return Arcs(np.maximum(spans, 0.0), None)
+        packets = spans / typical
+        missing = np.ceil(packets - 1 - self._jitter).astype(np.intp)
         if not followed:
             missing[-1] = -1
         # A leap beside a fall is one heading that is out of place, not a gap.
@@ -116,7 +103,7 @@ class Rotation:
         for gap in np.flatnonzero((missing > 0) & (missing <= TRUSTED_GAP)).tolist():
             arc[gap] = self._before_gap(arc, missing, gap, spans[gap] / (missing[gap] + 1))
         self._last_arc = float(arc[-1])
-        return Arcs(arc.tolist(), np.maximum(missing, 0))
+        return Arcs(arc, np.maximum(missing, 0))
 
     def _before_gap(self, arc: NDArray[np.float64], missing: NDArray[np.intp], gap: int, mean: float) -> float:
         """The arc of the packet before a gap: on the line from the packet before it to the middle of the gap."""

@@ -1,14 +1,14 @@
-"""Requests of the YDLIDAR 4ROS, with the answer, the timeout and the settle time of each.
+"""Requests of the YDLIDAR 4ROS, with the response, the timeout and the settle time of each.
 
-Codes and answers: 4ROS development manual, section 3 and figures 3, 4, 9, 11 and 13 to 15. Two requests are
+Codes and responses: 4ROS development manual, section 3 and figures 3, 4, 9, 11 and 13 to 15. Two requests are
 not the manual's but the vendor SDK's: FORCED_STOP (A5 00), sent by it before each STOP, and A5 92 for health.
 The keepalive is SCAN again: the manual wants it within 3 s of the last while power-down protection is on
 (3.8), the SDK repeats it every second.
 
-Every request is two bytes, ``A5 cmd``, without payload and checksum. Six different answers share the type 04,
-so an answer is told by its length, and those of equal length only by there being one question at a time.
+Every request is two bytes, ``A5 cmd``, without payload and checksum. Six different responses share the
+type 04, so a response is told by its length, and those of equal length only by there being one request at a time.
 
-A request that steps or toggles is sent once: asking again would do it twice. Timeouts follow the patience of
+A request that steps or toggles is sent once: sending it again would do it twice. Timeouts follow the patience of
 vendor SDK 1.2.20: 1 s for health and device information (health is asked twice, in two ways, so half of it
 each), 2 s for the rest. The documents demand no settle time; the SDK waits 5 ms (1.2.20) or 10 ms (1.2.19)
 after a stop, and we the longer of the two.
@@ -71,7 +71,7 @@ def _health(name: str, command: int) -> Request:
 STOP: Final = Request("STOP", encode_request(0x65), settle=STOP_SETTLE_S, ends_stream=True)
 FORCED_STOP: Final = Request("FORCED_STOP", encode_request(0x00), settle=STOP_SETTLE_S, ends_stream=True)
 RESET: Final = Request("RESET", encode_request(0x80), settle=STOP_SETTLE_S, ends_stream=True)
-"""Soft restart. How long it takes is in no document: whoever sends it must ask until there is an answer."""
+"""Soft restart. How long it takes is in no document: whoever sends it must ask until there is a response."""
 
 GET_INFO: Final = Request("GET_INFO", encode_request(0x90), Expected(Answer.SETTING, 20), INFO_TIMEOUT_S)
 GET_HEALTH: Final = _health("GET_HEALTH", 0x91)
@@ -91,7 +91,7 @@ _SCAN: Final = Request(
     encode_request(0x60),
     Expected(0x81, SCAN_SIZE, continuous=True),
     SCAN_TIMEOUT_S,
-    # Only the first SCAN is answered by a header (manual 3.8): once packets flow, asking again would wait in
+    # Only the first SCAN has a header as its response (manual 3.8): once packets flow, asking again would wait in
     # vain.
     attempts=1,
 )

@@ -11,7 +11,7 @@ Not decoded: the 7 bits above CT's start bit, which tell the speed in start pack
 
 Lost packets: within one packet the angle advances by one step a sample, and so it does from one packet to the
 next. What the jump between two packets holds beyond that was lost. How many packets it was follows from their
-usual length; but the last packet of a turn is shorter, and a start packet holds one sample: it is missed when
+usual length; but the last packet of a revolution is shorter, and a start packet holds one sample: it is missed when
 packets pass the place where the one before stood.
 """
 
@@ -42,7 +42,7 @@ ORDER: Final = np.arange(MOST_SAMPLES, dtype=np.float32)
 SLACK_SAMPLES: Final = 3.0
 """Missing samples below which a jump is taken for unsteadiness of the rotor, where no start packet is due."""
 BACKWARD_Q6: Final = 2 << 6
-"""How far a packet may begin before the end of the one before, without a turn being missing."""
+"""How far a packet may begin before the end of the one before, without a revolution being missing."""
 
 
 class PointCloudDecoder:

@@ -11,10 +11,10 @@ Layout (4ROS development manual, figures 5 to 8), all words little-endian::
     10  S1 ...  distances in mm, 0 where nothing came back
 
 As CS is the XOR of the others, the XOR of all words of an intact packet is 0, CS included. With the mark that
-makes 32 bits that have to agree: packets are self-evident, without a look at what follows.
+makes 32 bits that have to agree: packets are self-evident, whatever follows them.
 
 The documents bound LSN nowhere; vendor SDK 1.2.20 takes none above 80 for real, and an empty packet is none.
-The C bit is not looked at here: the SDK throws away packets where it is 0, though their check value holds.
+The C bit is not checked here: the SDK throws away packets where it is 0, though their check value holds.
 
 Records that may stand between packets: ``AA 66 cs t0 t1 t2 t3 r``, a time stamp in ms whose ``cs`` is the XOR
 of the other seven bytes (vendor SDK, some models); the scan header once more, after a repeated SCAN; and
@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from lidario.wire.blocks import Block, join_blocks, packet_offsets
 from lidario.wire.envelope import xor_bytes
 from lidario.wire.events import Packets
-from lidario.wire.formats import BEGINS, NO_PACKET, Headings, StreamFormat
+from lidario.wire.formats import BEGINS, HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings, StreamFormat, Stretch
 
 __all__ = [
     "FULL_TURN_Q6",
@@ -56,8 +56,9 @@ SCAN_HEADER: Final = bytes.fromhex("A55A0500004081")
 INFO_HEADER: Final = bytes.fromhex("A55A1400000004")
 INFO_SIZE: Final = 20
 
-WORTH_AN_ARRAY: Final = 8
-"""Equal packets from which checking them as one array costs less than one by one (measured)."""
+WORTH_AN_ARRAY: Final = 4
+"""Packets of one size from which they are checked as one array. Measured: 4 us a packet one by one, 8 us for up to
+32 as an array."""
 
 
 def _equal_sizes(data: bytes | bytearray, at: int, size: int) -> int:
@@ -112,7 +113,7 @@ class PointCloud(StreamFormat):
             word ^= word >> shift
         return not word & 0xFFFF
 
-    def run(self, data: bytearray, at: int) -> tuple[Block, ...]:
+    def run(self, data: bytearray, at: int) -> Stretch:
         """As `StreamFormat.run`; many packets of one size are checked as one array."""
         found: list[Block] = []
         while len(data) - at >= self.shortest:
@@ -128,7 +129,7 @@ class PointCloud(StreamFormat):
                 break
             at += whole * size
             join_blocks(found, (Block(size, whole),))
-        return tuple(found)
+        return Stretch(tuple(found), at, at)
 
     def samples_in(self, blocks: Iterable[Block]) -> int:
         """As `StreamFormat.samples_in`: each packet has as many as its size has room for."""
@@ -136,7 +137,7 @@ class PointCloud(StreamFormat):
 
     def headings(self, packets: Packets) -> Headings:
         """As `StreamFormat.headings`, in 1/64 degrees."""
-        if packets.count >= WORTH_AN_ARRAY:
+        if packets.count >= HEADINGS_WORTH_AN_ARRAY:
             heads = packet_heads(packets)
             angles = (heads[:, 2] >> 1).astype(np.int32) % FULL_TURN_Q6
             return angles + (heads[:, 1] & START_BIT) * np.int32(BEGINS)

@@ -1,0 +1,46 @@
+"""Where every received byte went: the counters of a `Link`.
+
+A ledger: each byte is counted in exactly one of the fields that end in ``_bytes``, or still waits in the link's
+buffer. So a byte that is missing in the measurements can be found among the others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["LinkStats"]
+
+
+@dataclass(slots=True)
+class LinkStats:
+    """Running totals since the link was made; they only grow.
+
+    After every call: ``bytes_received == packet_bytes + record_bytes + skipped_bytes + response_bytes + stray_bytes
+    + drained_bytes + Link.buffered``.
+
+    Attributes:
+        bytes_received: All bytes that came in.
+        packets: Intact measurement packets.
+        packet_bytes: Their bytes.
+        records: Known records between packets that carry no measurement.
+        record_bytes: Their bytes.
+        skipped_bytes: Bytes of a stream that belong to no packet and no record.
+        skipped_stretches: Stretches of such bytes that ended with a packet.
+        response_bytes: Responses to a pending request, with their descriptors, and the descriptors of streams.
+        stray_bytes: Bytes outside a stream that are no response.
+        drained_bytes: Bytes thrown away after a STOP.
+        late_responses: Responses nobody waits for: those of an abandoned request, and those that match the pending
+            request in type and size but begin with the echo of another one. The bytes of the second kind are stray.
+    """
+
+    bytes_received: int = 0
+    packets: int = 0
+    packet_bytes: int = 0
+    records: int = 0
+    record_bytes: int = 0
+    skipped_bytes: int = 0
+    skipped_stretches: int = 0
+    response_bytes: int = 0
+    stray_bytes: int = 0
+    drained_bytes: int = 0
+    late_responses: int = 0
