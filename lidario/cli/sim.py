@@ -149,11 +149,13 @@ async def _until_unplugged(server: PtyServer | TcpServer) -> None:
 def _sum_up(server: PtyServer | TcpServer, took: float) -> None:
     log = server.device.log
     obeyed = Counter(request.name for request in log if request.obeyed)
-    ignored = Counter((request.name, request.why) for request in log if not request.obeyed)
+    discarded = Counter((request.name, request.why) for request in log if not request.obeyed)
     seen = ", ".join(f"{name} {count}" for name, count in obeyed.items())
     message(f"served {took:.1f} s; requests obeyed: {seen or 'none'}")
-    for (name, why), count in ignored.items():
+    for (name, why), count in discarded.items():
         message(f"  discarded: {name} {count}, {why}")
+    for (name, remark), count in Counter((each.name, each.remark) for each in log if each.remark).items():
+        message(f"  obeyed, but too early: {name} {count}, {remark}")
     if server.lost:
         message(f"  {server.lost} bytes were lost, because the client read too slowly")
     if server.device.scanning:

@@ -55,6 +55,7 @@ class Chassis(ABC, Generic[StreamT]):
         self._log = RequestLog()
         self._stream: StreamT | None = None
         self._deaf_until, self._deaf_why = 0, ""
+        self._owed_until, self._owed = 0, ""
         self._baudrate = baudrate
         self._now = 0
 
@@ -113,6 +114,15 @@ class Chassis(ABC, Generic[StreamT]):
             return response
         self.garble_answers -= 1
         return self._random.bytes(len(response))
+
+    def _respond_with(self, response: bytes, ready: int, request: str) -> None:
+        """Send the response to a request, or its descriptor where a stream follows."""
+        self._queue.push(response, ready)
+        self._owed_until, self._owed = self._queue.free_at, request
+
+    def _unanswered(self, now: int) -> str:
+        """Which response has not left completely by `now`, in the words of the log; empty when none."""
+        return f"while {self._owed} is unanswered" if now < self._owed_until else ""
 
     def _fault(self, error_code: int) -> None:
         self.health = (PROTECTION_STOP, error_code)

@@ -25,6 +25,8 @@ class Received:
         data: The request's bytes.
         obeyed: False when the device discarded it, as the real one would.
         why: Why it was discarded (``"within 10 ms of stop"``); empty when it was obeyed.
+        remark: What a host should not have done, although no document says that the device discards such a request;
+            mostly empty.
     """
 
     at_ns: int
@@ -32,6 +34,7 @@ class Received:
     data: bytes
     obeyed: bool
     why: str = ""
+    remark: str = ""
 
 
 class SimulatedDevice(Protocol):

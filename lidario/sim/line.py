@@ -56,6 +56,11 @@ class TransmitQueue:
         self._left = b""  # what left before a `cut` and was not fetched yet
         self._free = 0  # when the last byte queued so far will have left
 
+    @property
+    def free_at(self) -> int:
+        """When the last byte queued so far will have left (or has left)."""
+        return self._free
+
     def airtime(self, count: int) -> int:
         """Nanoseconds that `count` bytes need on the line, rounded up."""
         return -(-count * _BITS_A_BYTE * _NS // self.baudrate)
@@ -159,8 +164,8 @@ class RequestLog:
         self.entries: list[Received] = []
         self._limit = limit
 
-    def add(self, at_ns: int, name: str, data: bytes, why: str = "") -> None:
+    def add(self, at_ns: int, name: str, data: bytes, why: str = "", *, remark: str = "") -> None:
         """Remember one request; `why` says why it was discarded and is empty when it was obeyed."""
-        self.entries.append(Received(at_ns, name, data, obeyed=not why, why=why))
+        self.entries.append(Received(at_ns, name, data, obeyed=not why, why=why, remark=remark))
         if len(self.entries) > self._limit:
             del self.entries[: -self._limit]

@@ -4,6 +4,8 @@ It discards what a real device discards:
 
 * a request within 10 ms of a STOP or 500 ms of a RESET is discarded, and after a RESET there is no response
   until booting is over (S-series interface manual, STOP and RESET; S1 needs 2 s in the field);
+* a request whose last byte arrives before the response to the one before has left completely is discarded, STOP
+  included (the same manual: one request at a time); for a scan the descriptor is the response;
 * a request that is damaged, incomplete after 5 s, or unknown is discarded silently;
 * any request that is understood ends the stream under way, a query and MOTOR_SPEED_CTRL included;
 * in Protection Stop (health 2) no scan starts; RESET clears it if the fault has gone;
@@ -152,6 +154,9 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         """Why the device discards a request at once; empty when it handles it."""
         if request.began < self._deaf_until:
             return self._deaf_why
+        unanswered = self._unanswered(request.ended)
+        if unanswered:
+            return unanswered
         if request.fault:
             return request.fault
         if request.name not in self._HANDLERS:
@@ -173,6 +178,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         now = request.ended
         up = now + int(self.boot_s * 1e9)
         self._queue.cut(now)
+        self._owed_until = 0
         self._reader.clear()
         if self.profile.motor_command:
             self._motor.set_rpm(0, now)
@@ -184,23 +190,24 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         return ""
 
     def _scan(self, request: Request) -> str:
-        return self._start(self.profile.standard, request.ended)
+        return self._start(self.profile.standard, request)
 
     def _force_scan(self, request: Request) -> str:
-        return self._start(self.profile.standard, request.ended, force=True)
+        return self._start(self.profile.standard, request, force=True)
 
     def _express_scan(self, request: Request) -> str:
         mode = self.profile.mode(request.payload[0])
-        return f"no scan mode {request.payload[0]}" if mode is None else self._start(mode, request.ended)
+        return f"no scan mode {request.payload[0]}" if mode is None else self._start(mode, request)
 
-    def _start(self, mode: Mode, now: int, *, force: bool = False) -> str:
+    def _start(self, mode: Mode, request: Request, *, force: bool = False) -> str:
         """Announce a stream and begin it once the motor is up to speed."""
+        now = request.ended
         if self.health[0] == PROTECTION_STOP:
             return "in protection stop"
         if not self.motor_on:
             self._motor.set_rpm(_DEFAULT_RPM, now)
         announced = now + int(self.answer_delay_s * 1e9)
-        self._queue.push(_descriptor(mode.packet[0] | _CONTINUOUS, mode.answer), announced)
+        self._respond_with(_descriptor(mode.packet[0] | _CONTINUOUS, mode.answer), announced, request.name)
         stable = self._motor.stable_at
         origin = announced if force or stable is None else max(announced, stable)
         self._stream = MeasurementStream(mode, origin, self._motor, self.world)
@@ -235,7 +242,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
     def _respond(self, kind: int, data: bytes, request: Request) -> str:
         """Send a single response, or noise of the same length when it is to be garbled."""
         response = self._garbled(_descriptor(len(data), kind) + data)
-        self._queue.push(response, request.ended + int(self.answer_delay_s * 1e9))
+        self._respond_with(response, request.ended + int(self.answer_delay_s * 1e9), request.name)
         return ""
 
     _HANDLERS: ClassVar[dict[str, Callable[[SimulatedRplidar, Request], str]]] = {

@@ -16,6 +16,10 @@ It discards what a real device discards (4ROS development manual where not said 
 A scan starts the motor, a stop stops it. Steps of the speed end at 5 and 12 Hz (data sheet). Where all
 documents are silent, the choice is ours: how long a restart takes and what it forgets, LSN, the spin-up time.
 
+A request that arrives before the response to the one before has left is obeyed, since no document says that it is
+discarded; but settings, device information and offset share one response type, so the host cannot tell whose
+response comes. The log carries a remark on such a request.
+
 `Simulated4Ros.log` tells of every request, with the reason where it was discarded.
 """
 
@@ -191,10 +195,11 @@ class Simulated4Ros(Chassis[PointStream]):
 
     def _consider(self, command: int, now: int) -> None:
         """Obey a request or discard it, and remember which."""
-        why = self._refusal(command, now)
+        why, remark = self._refusal(command, now), ""
         if not why:
+            remark = self._unanswered(now)
             self._obey(command, now)
-        self._log.add(now, _NAMES.get(command, "unknown"), bytes((0xA5, command)), why)
+        self._log.add(now, _NAMES.get(command, "unknown"), bytes((0xA5, command)), why, remark=remark)
 
     def _refusal(self, command: int, now: int) -> str:
         """Why the device discards a request; empty when it obeys."""
@@ -219,7 +224,7 @@ class Simulated4Ros(Chassis[PointStream]):
             self._scan(now)
         else:
             response = self._garbled(pack_answer(*self._reply(command)))
-            self._queue.push(response, now + int(self.answer_delay_s * 1e9))
+            self._respond_with(response, now + int(self.answer_delay_s * 1e9), _NAMES[command])
 
     def _reply(self, command: int) -> tuple[int, bytes]:
         """Answer type and payload."""
@@ -246,12 +251,13 @@ class Simulated4Ros(Chassis[PointStream]):
             return
         self._motor.set_rpm(self.set_speed * 0.6, now)
         announced = now + int(self.answer_delay_s * 1e9)
-        self._queue.push(SCAN_HEADER, announced)
+        self._respond_with(SCAN_HEADER, announced, "scan")
         self._stream = PointStream(max(announced, self._motor.stable_at or 0), self._motor, self.world)
 
     def _reset(self, now: int) -> None:
         self._halt(now)
         self._queue.cut(now)
+        self._owed_until = 0
         self.set_speed, self.protected = _FACTORY_SPEED, False
         self._recover()
         up = now + int(self.boot_s * 1e9)
