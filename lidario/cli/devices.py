@@ -1,7 +1,7 @@
-"""``lidario devices``: the ports of this machine, and what answers at their ends.
+"""``lidario devices``: the ports of this machine, and the lidars that respond on them.
 
-Only ports whose adapter lidars come with are asked unless the user names one: a byte from a stranger can reset
-an Arduino. The others are listed as not asked.
+Unless the user names ports, only those are asked whose USB adapter is a kind that lidars are sold with: an
+unexpected byte can reset another device, such as an Arduino. The others are listed as not asked.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ __all__ = ["devices", "show"]
 @click.argument("ports", metavar="[PORT]...", nargs=-1)
 @click.option("--json", "as_json", is_flag=True, help="A list for programs.")
 def devices(ports: tuple[str, ...], as_json: bool) -> int:
-    """List the ports and what answers at their ends.
+    """List the ports and the lidars that respond on them.
 
-    Named ports are asked whatever adapter they have; a device that scans is stopped by it. Exit code 3 when no
-    lidar answers.
+    Ports that are named are asked, whatever adapter they have. Asking a device that scans stops it. The exit code
+    is 3 when no lidar responds.
     """
     return show(ports, as_json=as_json)
 
 
 def show(ports: tuple[str, ...], *, as_json: bool, next_steps: bool = False) -> int:
-    """Ask, and print what came of it; returns the exit code."""
+    """Ask the ports and print the result; returns the exit code."""
     from lidario import list_lidars, list_serial_ports
     from lidario.cli.running import run
 
@@ -42,29 +42,29 @@ def show(ports: tuple[str, ...], *, as_json: bool, next_steps: bool = False) -> 
         found = run(lambda: list_lidars(ports))
     asked = {each.port.path for each in found}
     others = [] if ports else [port for port in list_serial_ports() if port.path not in asked]
-    answering = [each for each in found if each.info is not None]
+    responding = [each for each in found if each.info is not None]
     if as_json:
         dump([_record(each) for each in found] + [_unasked(port) for port in others])
     else:
         _print(found, others)
     if next_steps:
-        _tell_next([each.port.path for each in answering])
-    return ExitCode.OK if answering else ExitCode.NO_DEVICE
+        _tell_next([each.port.path for each in responding])
+    return ExitCode.OK if responding else ExitCode.NO_DEVICE
 
 
 def _print(found: list[Found], others: list[PortInfo]) -> None:
-    answering = [each for each in found if each.info is not None]
-    if answering:
+    responding = [each for each in found if each.info is not None]
+    if responding:
         target = console()
-        emit(rendered(target, _table(answering)))
+        emit(rendered(target, _table(responding)))
     elif not found:
-        message("no lidar found: no port has an adapter that lidars come with. Is it plugged in?")
+        message("no lidar found: no port has an adapter that lidars are sold with. Is it plugged in?")
     for each in found:
         if each.info is None:
             emit(_why_none(each))
     if others:
-        emit(f"not asked, since the adapter is none that lidars come with: {', '.join(p.path for p in others)}\n")
-        message(f"`lidario devices {others[0].path}` asks it all the same")
+        emit(f"not asked, because lidars are not sold with such an adapter: {', '.join(p.path for p in others)}\n")
+        message(f"`lidario devices {others[0].path}` asks it anyway")
 
 
 def _table(found: list[Found]) -> Table:
@@ -89,26 +89,29 @@ def _table(found: list[Found]) -> Table:
 
 
 def _why_none(found: Found) -> str:
-    """The error, which mostly names the port already, its further lines indented."""
+    """The error; most errors name the port already. Further lines are indented."""
     error = found.error if found.port.path in found.error else f"{found.port.path}: {found.error}"
     return error.replace("\n", "\n    ") + "\n"
 
 
-def _tell_next(answering: list[str]) -> None:
-    """On stderr: what somebody who has never used the command may want to type."""
+def _tell_next(responding: list[str]) -> None:
+    """Write to stderr what a new user may want to type next."""
     from lidario.families.registry import FAMILIES
 
-    if answering:
-        source = "" if len(answering) == 1 else f" {answering[0]}"
-        tips = [(f"lidario info{source}", "what it is and can"), (f"lidario scan{source}", "one turn, drawn")]
+    if responding:
+        source = "" if len(responding) == 1 else f" {responding[0]}"
+        tips = [
+            (f"lidario info{source}", "model, health and scan modes"),
+            (f"lidario scan{source}", "a picture"),
+        ]
     else:
         model = FAMILIES[0].simulated[0]
         tips = [
             ("lidario devices PORT", "ask a port that was not asked"),
-            (f"lidario scan sim://{model}", "without a lidar: a simulated one"),
+            (f"lidario scan sim://{model}", "no lidar at hand: a simulated one"),
             ("lidario sim", "a simulated one for another program"),
         ]
-    tips.append(("lidario --help", "all there is"))
+    tips.append(("lidario --help", "all commands"))
     width = max(len(command) for command, _ in tips)
     message("\nnext:")
     for command, purpose in tips:

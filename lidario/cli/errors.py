@@ -1,17 +1,17 @@
-"""What the user reads when something fails, and the exit code: the only place that knows either.
+"""The text and the exit code for each failure; nothing else decides them.
 
 ===  ==================================================
 0    done
 1    unexpected
 2    usage, or a missing extra
 3    no device, or several and none named
-4    no permission, or somebody else holds the port
-5    the device answers wrongly or sends no data
+4    no permission, or another program holds the port
+5    the device sends wrong responses or no data
 6    the device reports a fault
 130  Ctrl-C in a verb that had not finished
 ===  ==================================================
 
-Ctrl-C ends an endless stream in the way it is meant to end, with 0. Other signals that end a verb give 128 and
+Ctrl-C is the normal end of an endless stream: the code is 0. Other signals that end a verb give 128 and
 the number of the signal, as a shell does.
 """
 
@@ -53,7 +53,7 @@ class ExitCode(IntEnum):
 
 
 class Stopped(Exception):
-    """A signal ended the verb, and the device was left as it should be.
+    """A signal ended the verb; laser and motor were stopped first.
 
     Attributes:
         signal: Number of the signal.
@@ -65,7 +65,7 @@ class Stopped(Exception):
 
 
 class ReaderGone(Exception):
-    """Whoever read our stdout has closed it, as ``head`` does: nothing to complain about."""
+    """The reader of our stdout has closed it, as ``head`` does. This is not an error."""
 
 
 _REASONS = {
@@ -104,7 +104,7 @@ def exit_code(error: BaseException) -> int:
 
 
 def report(error: BaseException, *, with_traceback: bool = False) -> None:
-    """Say on stderr what went wrong, in one or two lines; nothing where it went as it was meant to."""
+    """Write to stderr what went wrong, in one or two lines; nothing where nothing went wrong."""
     text = _words(error)
     if text and with_traceback:
         click.echo("".join(traceback.format_exception(error)), err=True, nl=False)
@@ -118,7 +118,7 @@ def _words(error: BaseException) -> str:
     if isinstance(error, click.ClickException):
         message = error.format_message()
         context = error.ctx if isinstance(error, click.UsageError) else None
-        help_line = f"\n{context.command_path} --help   tells what there is" if context else ""
+        help_line = f"\n{context.command_path} --help   lists what is possible" if context else ""
         return message[:1].lower() + message[1:] + help_line
     if isinstance(error, Stopped | ReaderGone | click.Abort | KeyboardInterrupt):
         return ""

@@ -1,7 +1,7 @@
 """A scan as text: a JSON line or CSV rows for programs, a line of a table for people.
 
-The names are those of `lidario.Scan`, and so are the units: radians counter-clockwise from forward, metres. What
-did not come back is ``null`` in JSON and an empty field in CSV, never 0 and never a NaN, which JSON has not.
+The names are those of `lidario.Scan`, and so are the units: radians counter-clockwise from forward, metres. A
+sample without a return is ``null`` in JSON and an empty field in CSV; never 0, and never NaN, which JSON lacks.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def as_json(scan: Scan) -> str:
 
 
 def as_csv(scan: Scan) -> str:
-    """A row a sample, each with the time at which it was measured."""
+    """One row per sample, with the time at which it was measured."""
     stamps = scan.wall_stamp_ns + np.arange(len(scan)) * scan.time_increment_ns
     intensities = [""] * len(scan) if scan.intensities is None else scan.intensities.tolist()
     rows = zip(
@@ -74,5 +74,5 @@ def as_row(scan: Scan) -> str:
 
 
 def _beam(scan: Scan, index: int) -> str:
-    degrees = round(math.degrees(scan.angles[index]))  # an integer, since -0° is no angle
+    degrees = round(math.degrees(scan.angles[index]))  # an integer, so that it is never printed as -0°
     return f"{scan.ranges[index]:.2f} m {degrees:+d}°"

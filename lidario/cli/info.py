@@ -1,4 +1,4 @@
-"""``lidario info``: what a device is, how it is, and in which ways it can measure."""
+"""``lidario info``: model, health and scan modes of a device."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _ABSURD_HZ = 100.0
 
 
 @dataclass
-class _Answers:
+class _Told:
     source: str
     info: DeviceInfo
     health: Health
@@ -39,16 +39,16 @@ def info(source: str, as_json: bool) -> int:
     from lidario.cli.running import run
 
     with progress(f"asking {source} …" if source != "auto" else "looking for a lidar …"):
-        answers = run(lambda: _ask(source))
+        told = run(lambda: _ask(source))
     if as_json:
-        dump(_record(answers))
+        dump(_record(told))
     else:
         target = console()
-        emit(rendered(target, _facts(answers), "", _modes(answers.modes)))
+        emit(rendered(target, _facts(told), "", _modes(told.modes)))
     return ExitCode.OK
 
 
-async def _ask(source: str) -> _Answers:
+async def _ask(source: str) -> _Told:
     from lidario import Unsupported, open_lidar
 
     async with open_lidar(source) as lidar:
@@ -57,25 +57,25 @@ async def _ask(source: str) -> _Answers:
         with suppress(Unsupported):
             frequency = await lidar.get_scan_frequency()
             limits = await lidar.get_scan_frequency_range()
-        return _Answers(lidar.source, lidar.info, lidar.health, await lidar.get_modes(), frequency, limits)
+        return _Told(lidar.source, lidar.info, lidar.health, await lidar.get_modes(), frequency, limits)
 
 
-def _facts(answers: _Answers) -> Table:
+def _facts(told: _Told) -> Table:
     from rich.table import Table
 
-    device, health = answers.info, answers.health
+    device, health = told.info, told.health
     code = f" (code {health.code})" if health.code else ""
     table = Table.grid(padding=(0, 2))
     table.add_column(style="bold")
     table.add_column(overflow="fold")
     for name, value in (
-        ("source", answers.source),
+        ("source", told.source),
         ("model", f"{device.model} (number {device.model_id})"),
         ("firmware", device.firmware),
         ("hardware", str(device.hardware)),
         ("serial number", device.serial),
         ("health", health.status.value + code),
-        ("scan frequency", _frequency(answers.frequency, answers.limits)),
+        ("scan frequency", _frequency(told.frequency, told.limits)),
     ):
         table.add_row(name, value)
     return table
@@ -112,13 +112,13 @@ def _modes(modes: tuple[ScanMode, ...]) -> Table:
     return table
 
 
-def _record(answers: _Answers) -> dict[str, object]:
+def _record(told: _Told) -> dict[str, object]:
     return {
-        "source": answers.source,
-        **asdict(answers.info),
-        "health": {"status": answers.health.status.value, "code": answers.health.code},
-        "scan_frequency": answers.frequency,
-        "scan_frequency_range": answers.limits,
+        "source": told.source,
+        **asdict(told.info),
+        "health": {"status": told.health.status.value, "code": told.health.code},
+        "scan_frequency": told.frequency,
+        "scan_frequency_range": told.limits,
         "modes": [
             {
                 **asdict(mode),
@@ -126,6 +126,6 @@ def _record(answers: _Answers) -> dict[str, object]:
                 "samples_per_second": mode.samples_per_second if mode.sample_us else None,
                 "max_distance": mode.max_distance or None,
             }
-            for mode in answers.modes
+            for mode in told.modes
         ],
     }

@@ -1,4 +1,4 @@
-"""The command itself: its verbs, and the one frame around them that turns every exception into an exit code."""
+"""The command: its verbs, and the frame around them that maps every exception to an exit code."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import click
-import rich  # noqa: F401  (the verbs need it later on: if it is missing, let it be said now)
+import rich  # noqa: F401  (imported here so that a missing package is reported before a verb starts)
 
 from lidario import __version__
 from lidario.cli.devices import devices, show
@@ -24,7 +24,7 @@ CommandT = TypeVar("CommandT", bound=click.Command)
 
 @dataclass
 class Settings:
-    """What holds for every verb.
+    """Options of every verb.
 
     Attributes:
         traceback: Show where an error comes from.
@@ -34,7 +34,7 @@ class Settings:
 
 
 class Lidario(click.Group):
-    """A group whose errors are ours to tell."""
+    """A click group whose errors are reported by `lidario.cli.errors`."""
 
     def run(self, arguments: Sequence[str]) -> int:
         """Run the verb that `arguments` name; returns the exit code."""
@@ -53,7 +53,7 @@ class Lidario(click.Group):
 
 
 def _with_traceback(command: CommandT) -> CommandT:
-    """Let `--traceback` stand behind any verb as well as before it."""
+    """Accept `--traceback` after any verb as well as before it."""
     callback: Callable[[click.Context, click.Parameter, bool], None] = _set_traceback
     option = click.Option(
         ["--traceback"],
@@ -78,11 +78,11 @@ def _set_traceback(context: click.Context, _: click.Parameter, wanted: bool) -> 
 def cli(context: click.Context) -> int | None:
     """2D laser scanners: find them, ask them, read their scans, or simulate one.
 
-    Without a verb: what is plugged in, and what to type next.
+    Without a verb: lists the lidars that are plugged in, and what to type next.
 
     A SOURCE is a serial port (/dev/ttyUSB0, COM3), tcp://host:port, id:SERIAL (the lidar's own serial number),
     a simulator (sim://MODEL?world=room&fault=drop:1%; `lidario sim --list` names the models), or auto, which
-    is the default: the only lidar that answers.
+    is the default: the only lidar that responds.
     """
     return show((), as_json=False, next_steps=True) if context.invoked_subcommand is None else None
 

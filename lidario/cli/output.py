@@ -1,11 +1,11 @@
-"""stdout and stderr: data on the one, everything else on the other.
+"""Output: data goes to stdout, everything else to stderr.
 
-A reader of our stdout may dawdle: ``| less``, Ctrl-S on the terminal, a slow program at the end of a pipe. While
+The reader of our stdout may be slow: ``| less``, Ctrl-S on the terminal, a slow program at the end of a pipe. While
 scans run, a write that blocks would block the event loop, and with it the port, whose buffer holds 60 ms, and
-the handling of SIGTERM. So `Writer` writes from a thread of its own, and the caller awaits it: scans that come
+the handling of SIGTERM. Therefore `Writer` writes from a thread, and the caller awaits it. Scans that arrive
 meanwhile are dropped whole at the mailbox and counted, and a signal still stops the device.
 
-A reader that has gone away is no error: it becomes `ReaderGone`, which ends the command without a word.
+A reader that has closed the pipe is not an error: it becomes `ReaderGone`, which ends the command silently.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 __all__ = ["Writer", "console", "dump", "emit", "message", "progress", "rendered"]
 
 PIPE_WIDTH = 160
-"""Columns of a table that no terminal bounds; enough that no cell is folded."""
+"""Columns of a table where there is no terminal; wide enough that no cell is folded."""
 GRACE_S = 1.0
 
 
@@ -45,10 +45,10 @@ class Writer:
     async def write(self, text: str) -> None:
         """Write `text`, and return when the reader has taken it or there is room for it.
 
-        Cancelling gives up the waiting; the text may be written all the same.
+        Cancelling ends the waiting only; the text may still be written.
 
         Raises:
-            ReaderGone: Nobody reads any more.
+            ReaderGone: The reader has closed stdout.
             OSError: It cannot be written.
         """
         done = asyncio.get_running_loop().create_future()
@@ -56,7 +56,7 @@ class Writer:
         await done
 
     def close(self) -> bool:
-        """Let the thread finish; False when it cannot, since nobody takes what it writes."""
+        """Let the thread finish; False when it cannot, because the reader does not read."""
         self._pieces.put(None)
         self._thread.join(GRACE_S)
         return not self._thread.is_alive()
@@ -78,7 +78,7 @@ def emit(text: str) -> None:
     """Write data to stdout, at once.
 
     Raises:
-        ReaderGone: Nobody reads it.
+        ReaderGone: The reader has closed stdout.
         OSError: It cannot be written.
     """
     try:
@@ -94,10 +94,10 @@ def emit(text: str) -> None:
 
 
 def _handle() -> int | None:
-    """The file descriptor behind stdout, if that is one that takes plain bytes.
+    """The file descriptor of stdout, if there is one that takes bytes.
 
-    Past Python's own buffer, nothing is left in it that could not be written when the process ends, and a thread
-    that is stuck in a write holds no lock.
+    Writing to it avoids Python's buffer: nothing remains there when the process ends, and a thread that is blocked
+    in a write holds no lock.
     """
     if os.name != "posix":
         return None
@@ -108,7 +108,7 @@ def _handle() -> int | None:
 
 
 def dump(value: object) -> None:
-    """Write `value` to stdout as JSON for programs and for people who look at it."""
+    """Write `value` to stdout as JSON, indented."""
     emit(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
 
 
@@ -118,7 +118,7 @@ def message(text: str) -> None:
 
 
 def console(*, stderr: bool = False) -> Console:
-    """A rich console on stdout or stderr that never interprets what a device says as markup."""
+    """A rich console on stdout or stderr; texts from a device are never interpreted as markup."""
     from rich.console import Console
 
     stream = sys.stderr if stderr else sys.stdout
@@ -127,7 +127,7 @@ def console(*, stderr: bool = False) -> Console:
 
 
 def rendered(target: Console, *parts: RenderableType) -> str:
-    """What `target` would print, as text; `emit` it then."""
+    """What `target` would print, as text for `emit`."""
     with target.capture() as capture:
         for part in parts:
             target.print(part)
@@ -136,7 +136,7 @@ def rendered(target: Console, *parts: RenderableType) -> str:
 
 @contextmanager
 def progress(text: str) -> Iterator[None]:
-    """Show that something is under way, on stderr and only on a terminal."""
+    """Show on stderr that work goes on; only on a terminal."""
     if not sys.stderr.isatty():
         yield
         return

@@ -2,8 +2,8 @@
 
 A braille character has two by four dots and a terminal's cell is about twice as high as wide, so the dots make
 a square grid and the room keeps its shape. The lidar is in the middle; the scale is the largest at which nearly
-every return is on the picture, so that one beam through an open door does not shrink the room. Where the
-terminal shows colours they tell the distance; where it cannot show braille, a cell with anything in it is a #.
+every return is on the picture, so that one beam through an open door does not shrink the room. Colours
+show the distance where the terminal has colours; where it cannot show braille, every cell with a return is a #.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ ROWS_OFF_TERMINAL: Final = 31
 LEAST_ROWS: Final = 15
 MOST_ROWS: Final = 45
 ROWS_BESIDE: Final = 7
-"""Lines of a terminal that the rest of the output and the prompt need."""
+"""Lines of a terminal that are left for the rest of the output and the prompt."""
 ON_PICTURE: Final = 0.99
 SMALLEST_M: Final = 0.5
 
@@ -60,7 +60,7 @@ class _Grid:
 def picture(scan: Scan, target: Console) -> Text:
     """Draw `scan` to fit `target`."""
     if not scan.valid.any():
-        return Text("nothing came back from anywhere: there is nothing to draw")
+        return Text("no returns in any direction: there is nothing to draw")
     columns = min(target.width - 1, MOST_COLUMNS)
     rows = ROWS_OFF_TERMINAL
     if target.is_terminal:
@@ -97,7 +97,7 @@ def _rasterise(scan: Scan, columns: int, rows: int) -> _Grid:
 
 
 def _drawn_rows(grid: _Grid) -> range:
-    """The rows with anything in them, the lidar's own included."""
+    """The rows from the first to the last return, the lidar's own included."""
     used = np.flatnonzero(grid.dots.any(axis=1))
     middle = grid.dots.shape[0] // 2
     return range(min(int(used[0]), middle), max(int(used[-1]), middle) + 1)
@@ -131,7 +131,7 @@ def _legend(grid: _Grid, *, plain: bool, coloured: bool) -> Text:
     length = max((each for each in _LENGTHS_M if each <= _BAR_CELLS * grid.cell_m), default=_LENGTHS_M[0])
     cells = max(round(length / grid.cell_m), 2)
     left, middle, right, device = "|-|^" if plain else "├─┤▲"
-    legend = Text(f"{left}{middle * (cells - 2)}{right} {length:g} m   {device} lidar, looking up")
+    legend = Text(f"{left}{middle * (cells - 2)}{right} {length:g} m   {device} lidar, forward is up")
     if coloured:
         legend.append("   0 ")
         for colour in _COLOURS:

@@ -1,9 +1,9 @@
-"""Running one coroutine so that a signal ends it as its own cancellation would.
+"""Runs one coroutine; a signal ends it by cancelling it.
 
-Left alone, SIGTERM and SIGHUP kill a process on the spot, and a lidar would go on turning in an empty room.
-Here they, and Ctrl-C, cancel the coroutine instead: the context managers it is in write what stops laser and
-motor, and only then does the process end. A second signal cancels the waiting for the device's silence, not
-what was written.
+By default SIGTERM and SIGHUP end a process at once, and laser and motor would stay on. Here these signals and
+Ctrl-C cancel the coroutine instead: its context managers write the stop requests for laser and motor, and then the
+process ends. A second signal cancels only the waiting until the device is silent; the stop requests are written
+already.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ T = TypeVar("T")
 
 
 def run(work: Callable[[], Awaitable[T]]) -> T:
-    """Await ``work()`` in an event loop of its own.
+    """Await ``work()`` in a new event loop.
 
     Raises:
         Stopped: SIGINT, SIGTERM or SIGHUP ended it.
@@ -37,7 +37,7 @@ def run(work: Callable[[], Awaitable[T]]) -> T:
     try:
         return asyncio.run(watched())
     except KeyboardInterrupt:
-        # Where the loop cannot take signals (Windows), asyncio.run cancels on Ctrl-C by itself.
+        # Where the loop cannot take signals (Windows), asyncio.run itself cancels on Ctrl-C.
         raise Stopped(signal.SIGINT) from None
     except (asyncio.CancelledError, Exception) as error:
         if caught:
@@ -70,7 +70,7 @@ def _signals_cancel(caught: list[int]) -> Iterator[None]:
 def _signals() -> list[int]:
     wanted: list[int] = [signal.SIGINT, signal.SIGTERM]
     hang_up = getattr(signal, "SIGHUP", None)
-    # nohup says that the command shall outlive its terminal.
+    # Under nohup the command continues after its terminal is closed.
     if hang_up is not None and signal.getsignal(hang_up) is not signal.SIG_IGN:
         wanted.append(hang_up)
     return wanted

@@ -1,10 +1,10 @@
 """``lidario scan``: scans on stdout, for people or for programs.
 
-People get a line per scan and, after the last one, a picture of the room. The device is stopped before anything
-slow is done: when the picture is drawn, laser and motor are off already.
+People get one line per scan and, after the last one, a picture of the room. The device is stopped before the
+picture is drawn, since drawing is slow.
 
-``-n 0`` asks for an endless stream. It has no end of its own, so Ctrl-C (or SIGTERM) is how it is meant to end:
-with a summary, and exit code 0. A verb that was asked for a number of scans and interrupted before ends with 130.
+``-n 0`` asks for an endless stream. Ctrl-C (or SIGTERM) is its normal end: a summary is printed, and the exit code
+is 0. Where a number of scans was asked for, an interruption before the last one ends the command with 130.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class _Order:
 
 @dataclass
 class _Tally:
-    """What came of it so far, also for those who are interrupted."""
+    """What was read so far; an interrupted command needs it, too."""
 
     lidar: Lidar | None = None
     last: Scan | None = None
@@ -50,7 +50,7 @@ class _Tally:
 @click.command()
 @click.argument("source", default="auto")
 @click.option("-n", "count", default=1, show_default=True, type=click.IntRange(min=0), metavar="N",
-              help="How many scans; 0 for as many as come until Ctrl-C.")  # fmt: skip
+              help="How many scans; 0: until Ctrl-C.")  # fmt: skip
 @click.option("--mode", metavar="MODE", help="Scan mode by name or id, as `lidario info` lists them.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per line and scan.")
 @click.option("--csv", "as_csv", is_flag=True, help="One row per sample.")
@@ -59,16 +59,16 @@ def scan(source: str, count: int, mode: str | None, as_json: bool, as_csv: bool,
     """Read scans and print them.
 
     Angles are radians counter-clockwise from forward, ranges metres; null (JSON) or an empty field (CSV) where
-    nothing came back. Laser and motor are stopped however the command ends.
+    there was no return. Laser and motor are stopped however the command ends.
     """
     if as_json and as_csv:
         raise click.UsageError("--json and --csv exclude each other", click.get_current_context())
     form = "json" if as_json else "csv" if as_csv else "people"
     by_id = int(mode) if mode is not None and mode.isdecimal() else mode
-    return _carry_out(_Order(source, count, by_id, form, keep_spinning))
+    return _run_order(_Order(source, count, by_id, form, keep_spinning))
 
 
-def _carry_out(order: _Order) -> int:
+def _run_order(order: _Order) -> int:
     from lidario import LidarError
     from lidario.cli.running import run
 
@@ -82,9 +82,9 @@ def _carry_out(order: _Order) -> int:
     except LidarError as error:
         failure = error
     finally:
-        listened = writer.close()
+        taken = writer.close()
     if tally.last is not None:
-        if order.form == "people" and failure is None and listened:
+        if order.form == "people" and failure is None and taken:
             _draw(tally.last)
         if order.count != 1:
             _sum_up(tally)

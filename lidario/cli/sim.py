@@ -1,8 +1,8 @@
-"""``lidario sim``: a simulated lidar for anybody's driver, on a pseudo-terminal or a TCP port.
+"""``lidario sim``: a simulated lidar for any driver, on a pseudo-terminal or a TCP port.
 
-The first line on stdout is what a client opens; it is all there is on stdout, so that a script can read it. It
-serves until Ctrl-C, and then says which requests it saw and which of them a real device would have ignored, and
-why: what the author of a driver wants to know.
+The only line on stdout is what a client opens, so that a script can read it. The simulated lidar is served until
+Ctrl-C. Then the command prints which requests it received, and which of them a real device would have discarded,
+and why; this helps authors of drivers.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = ["sim"]
 
-LOOK_S = 0.1
+POLL_S = 0.1
 HAS_PTY = sys.platform != "win32"
 
 
@@ -38,13 +38,13 @@ HAS_PTY = sys.platform != "win32"
     "--tcp", metavar="[HOST]:PORT", help="On a TCP port of this machine, or of that address; port 0 is any."
 )
 @click.option("--fault", "faults", multiple=True, metavar="NAME[:VALUE]",
-              help="What happens to its bytes: drop:1%, flip:0.1%, insert:0.1%, silent:5s, unplug:5s, stall:200ms, "
+              help="Faults of the line: drop:1%, flip:0.1%, insert:0.1%, silent:5s, unplug:5s, stall:200ms, "
               "garbage. May be given several times.")  # fmt: skip
 @click.option("--world", metavar="NAME", help="What it sees: room, corridor, circle or empty.")
 @click.option("--serial", metavar="HEX", help="Its serial number.")
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0), metavar="N",
-              help="Decides everything random.")  # fmt: skip
-@click.option("--list", "list_models", is_flag=True, help="Name the models there are, the default first, and end.")
+              help="Seed of everything random.")  # fmt: skip
+@click.option("--list", "list_models", is_flag=True, help="List the models, the default first, and exit.")
 def sim(
     model: str | None,
     pty: bool,
@@ -57,7 +57,7 @@ def sim(
 ) -> int:
     """Serve a simulated lidar until Ctrl-C.
 
-    It takes its requests and sends its scans as strictly and as slowly as the real one, for any driver.
+    It accepts requests as strictly as a real one, and sends scans at the real rate.
     """
     from lidario import simulate
     from lidario.families.registry import FAMILIES
@@ -92,18 +92,18 @@ def _on_pty(device: SimulatedDevice, faults: Faults | None) -> PtyServer:
         return PtyServer(device, faults=faults)
     except OSError as error:
         raise ConnectFailed(
-            f"no pseudo-terminal to be had: {error}. --tcp :0 needs none", reason="missing"
+            f"no pseudo-terminal is available: {error}. --tcp :0 needs none", reason="missing"
         ) from error
 
 
 def _on_tcp(device: SimulatedDevice, address: str, faults: Faults | None) -> TcpServer:
-    """Of this machine only, unless the address names another interface."""
+    """Listen on the loopback interface, unless the address names another."""
     from lidario import ConnectFailed
     from lidario.sim.serve import TcpServer
 
     host, _, port = address.rpartition(":")
     if not port.isdecimal() or int(port) > 0xFFFF:
-        raise click.BadParameter(f"{address!r} is no [HOST]:PORT, such as :2000", param_hint="--tcp")
+        raise click.BadParameter(f"{address!r} is not [HOST]:PORT, such as :2000", param_hint="--tcp")
     try:
         return TcpServer(device, host or "127.0.0.1", int(port), faults=faults)
     except OSError as error:
@@ -112,7 +112,7 @@ def _on_tcp(device: SimulatedDevice, address: str, faults: Faults | None) -> Tcp
             why = "busy"
         elif error.errno == errno.EACCES:
             why = "permission"
-        cure = ". --tcp :0 takes any port that is free" if why == "busy" else ""
+        cure = ". --tcp :0 takes any free port" if why == "busy" else ""
         what = (error.strerror or str(error)).partition(" (while")[0]
         raise ConnectFailed(f"cannot listen on {address}: {what}{cure}", reason=why) from error
 
@@ -133,7 +133,7 @@ def _serve(server: PtyServer | TcpServer, model: str) -> int:
         message(f"  lidario scan {name}")
         try:
             run(lambda: _until_unplugged(server))
-            message("the cable is out, as --fault has it")
+            message("the line was unplugged, as --fault asks")
         except Stopped:
             if sys.stderr.isatty():
                 message("")  # the terminal has just echoed ^C
@@ -143,18 +143,20 @@ def _serve(server: PtyServer | TcpServer, model: str) -> int:
 
 async def _until_unplugged(server: PtyServer | TcpServer) -> None:
     while not server.unplugged:  # noqa: ASYNC110
-        await asyncio.sleep(LOOK_S)  # the server is a thread, and has no event to await
+        await asyncio.sleep(POLL_S)  # the server is a thread, and has no event to await
 
 
 def _sum_up(server: PtyServer | TcpServer, took: float) -> None:
     log = server.device.log
     obeyed = Counter(request.name for request in log if request.obeyed)
-    ignored = Counter((request.name, request.why) for request in log if not request.obeyed)
+    discarded = Counter((request.name, request.why) for request in log if not request.obeyed)
     seen = ", ".join(f"{name} {count}" for name, count in obeyed.items())
-    message(f"served {took:.1f} s; requests seen: {seen or 'none'}")
-    for (name, why), count in ignored.items():
-        message(f"  ignored: {name} {count}, {why}")
+    message(f"served {took:.1f} s; requests obeyed: {seen or 'none'}")
+    for (name, why), count in discarded.items():
+        message(f"  discarded: {name} {count}, {why}")
+    for (name, remark), count in Counter((each.name, each.remark) for each in log if each.remark).items():
+        message(f"  obeyed, but too early: {name} {count}, {remark}")
     if server.lost:
-        message(f"  {server.lost} bytes were lost, since the client was too slow to read them")
+        message(f"  {server.lost} bytes were lost, because the client read too slowly")
     if server.device.scanning:
         message("  the client has left it scanning")

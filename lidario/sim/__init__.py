@@ -1,1 +1,1 @@
-"""Simulated devices: what they share, and how they are served; the devices themselves live in their families."""
+"""What simulated devices share, and how they are served; the devices themselves are in their families' folders."""

@@ -1,6 +1,6 @@
 """What every simulated device is built on: a motor, a line, a log, and the ways in which it can be made to fail.
 
-A family's device adds what it understands and what it answers; `SimulatedDevice` says what both are together.
+A family's device adds the requests it knows and the responses it sends; `SimulatedDevice` describes the whole.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ class Chassis(ABC, Generic[StreamT]):
     Args:
         baudrate: Speed of its line in bits a second.
         world: What it sees; the furnished room by default.
-        seed: Decides the noise of the default world, the first angle, and whatever else a device draws.
+        seed: Decides the noise of the default world, the first angle, and everything else that is random.
         model: Its model number: two models with one seed are not alike.
 
     Attributes:
         health: Status and error code, as it tells them.
         faults_cleared_by_reset: Whether RESET cures an error.
-        answer_delay_s: Seconds from a request to the beginning of its answer; raise it to be late.
+        answer_delay_s: Seconds from a request to the beginning of its response; raise it for late responses.
         boot_s: Seconds of silence after RESET.
-        garble_answers: How many of the next answers to queries are random bytes instead.
-        mute: While true nothing leaves the device, and what would have left is lost.
+        garble_answers: How many of the next responses to queries are replaced by random bytes.
+        mute: While true nothing leaves the device, and its bytes are lost.
     """
 
     def __init__(self, baudrate: int, world: WorldLike | None, seed: int, model: int) -> None:
@@ -55,6 +55,7 @@ class Chassis(ABC, Generic[StreamT]):
         self._log = RequestLog()
         self._stream: StreamT | None = None
         self._deaf_until, self._deaf_why = 0, ""
+        self._owed_until, self._owed = 0, ""
         self._baudrate = baudrate
         self._now = 0
 
@@ -79,7 +80,7 @@ class Chassis(ABC, Generic[StreamT]):
 
     @property
     def scanning(self) -> bool:
-        """Whether a measurement stream is under way, or waits for the motor."""
+        """Whether a measurement stream runs, or waits for the motor."""
         return self._stream is not None
 
     @property
@@ -89,7 +90,7 @@ class Chassis(ABC, Generic[StreamT]):
 
     @property
     def motor_rpm(self) -> float:
-        """The commanded speed in turns a minute; 0 = off."""
+        """The commanded speed in revolutions per minute; 0 = off."""
         return self._motor.target_rpm
 
     @property
@@ -107,12 +108,21 @@ class Chassis(ABC, Generic[StreamT]):
         data = self._queue.take(now)
         return b"" if self.mute else data
 
-    def _garbled(self, answer: bytes) -> bytes:
-        """An answer as it leaves: itself, or as many random bytes if one is to be garbled."""
+    def _garbled(self, response: bytes) -> bytes:
+        """A response as it leaves: itself, or as many random bytes where `garble_answers` asks for it."""
         if not self.garble_answers:
-            return answer
+            return response
         self.garble_answers -= 1
-        return self._random.bytes(len(answer))
+        return self._random.bytes(len(response))
+
+    def _respond_with(self, response: bytes, ready: int, request: str) -> None:
+        """Send the response to a request, or its descriptor where a stream follows."""
+        self._queue.push(response, ready)
+        self._owed_until, self._owed = self._queue.free_at, request
+
+    def _unanswered(self, now: int) -> str:
+        """Which response has not left completely by `now`, in the words of the log; empty when none."""
+        return f"while {self._owed} is unanswered" if now < self._owed_until else ""
 
     def _fault(self, error_code: int) -> None:
         self.health = (PROTECTION_STOP, error_code)

@@ -2,9 +2,9 @@
 
 A simulated device is the other end of the cable. It never reads a clock and never sleeps: whoever serves it
 (`lidario.sim.serve`) hands it the host's bytes with the time of their arrival and fetches what it has to
-send by now. So the same device runs in memory thousands of times faster than life, on a pseudo-terminal at
-true pace, and over TCP. It has its own packers and shares no code with the host's parser or decoders: a
-mistake must be made twice to hide.
+send by now. So the same device runs in memory, thousands of times faster than real time, and on a
+pseudo-terminal or over TCP in real time. It has its own packers and shares no code with the host's parser or
+decoders: a mistake must be made twice to hide.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ class Received:
         data: The request's bytes.
         obeyed: False when the device discarded it, as the real one would.
         why: Why it was discarded (``"within 10 ms of stop"``); empty when it was obeyed.
+        remark: What a host should not have done, although no document says that the device discards such a request;
+            mostly empty.
     """
 
     at_ns: int
@@ -32,6 +34,7 @@ class Received:
     data: bytes
     obeyed: bool
     why: str = ""
+    remark: str = ""
 
 
 class SimulatedDevice(Protocol):
@@ -49,7 +52,7 @@ class SimulatedDevice(Protocol):
 
     @property
     def scanning(self) -> bool:
-        """Whether a measurement stream is under way (or will start once the motor is up to speed)."""
+        """Whether a measurement stream runs (or will start once the motor is up to speed)."""
         ...
 
     @property

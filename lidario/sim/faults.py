@@ -15,7 +15,7 @@ device sends.
 =================  =====================================================================================
 
 One fault at most happens to a byte. Each byte's fate is drawn in the order of the bytes from a seeded
-generator, so the outcome does not depend on how the bytes were cut into chunks.
+generator, so the outcome does not depend on how the bytes were divided into chunks.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 """The device's end of a serial line: bytes leave one after the other, and requests are remembered.
 
 Every simulated device owns one `TransmitQueue`. It is what makes the simulator honest about time: a byte
-takes ten bit times (8N1) to leave, an answer begins to leave no earlier than the device has made it, and
-what is queued waits its turn. The device pushes whole answers and whole *bursts* of equally spaced packets;
-how many bytes of a burst have left by a moment is a closed formula in integers, so a tenth of a second of
-stream is one `push` and one `take` whatever the number of packets in it, and an idle device costs nothing.
-A burst may be pushed ahead of time: packets that are not made yet stay, and `withdraw` takes them back when
-the stream ends early.
+takes ten bit times (8N1) to leave, a response begins to leave no earlier than the device has made it, and
+what is queued waits for what is before it. The device pushes whole responses and whole *bursts* of equally
+spaced packets. How many bytes of a burst have left by a moment is a closed formula in integers, so a tenth of a
+second of stream is one `push` and one `take` whatever the number of packets in it, and an idle device costs
+nothing. A burst may be pushed ahead of time: packets that are not made yet stay, and `withdraw` takes them back
+when the stream ends early.
 
 `RequestLog` is the bounded memory behind `SimulatedDevice.log`.
 
@@ -56,6 +56,11 @@ class TransmitQueue:
         self._left = b""  # what left before a `cut` and was not fetched yet
         self._free = 0  # when the last byte queued so far will have left
 
+    @property
+    def free_at(self) -> int:
+        """When the last byte queued so far will have left (or has left)."""
+        return self._free
+
     def airtime(self, count: int) -> int:
         """Nanoseconds that `count` bytes need on the line, rounded up."""
         return -(-count * _BITS_A_BYTE * _NS // self.baudrate)
@@ -64,9 +69,9 @@ class TransmitQueue:
         """Queue bytes that may begin to leave at `ready`, behind everything queued before.
 
         Args:
-            data: One answer, or several packets of equal size on end.
-            ready: When the answer, or the first packet, is made.
-            size: Bytes of one packet; 0 when `data` is all of a piece.
+            data: One response, or several packets of equal size, back to back.
+            ready: When the response, or the first packet, is made.
+            size: Bytes of one packet; 0 when `data` is one piece.
             period: Nanoseconds from one packet's being made to the next one's.
 
         Raises:
@@ -99,7 +104,7 @@ class TransmitQueue:
         return b"".join(parts)
 
     def wakeup(self, now: int) -> int | None:
-        """When the answer or packet that leaves next will have left whole; None with nothing queued."""
+        """When the response or packet that leaves next will have left completely; None with nothing queued."""
         if self._left:
             return now
         if not self._bursts:
@@ -113,7 +118,7 @@ class TransmitQueue:
     def withdraw(self, now: int) -> None:
         """Take back the packets that are not made by `now`; what is made still leaves, to its last byte.
 
-        Only bursts pushed with a `period` are taken back: an answer, however late, is promised.
+        Only bursts pushed with a `period` are taken back; a response is always sent, however late.
         """
         while self._bursts and self._bursts[-1].period:
             burst = self._bursts[-1]
@@ -159,8 +164,8 @@ class RequestLog:
         self.entries: list[Received] = []
         self._limit = limit
 
-    def add(self, at_ns: int, name: str, data: bytes, why: str = "") -> None:
+    def add(self, at_ns: int, name: str, data: bytes, why: str = "", *, remark: str = "") -> None:
         """Remember one request; `why` says why it was discarded and is empty when it was obeyed."""
-        self.entries.append(Received(at_ns, name, data, obeyed=not why, why=why))
+        self.entries.append(Received(at_ns, name, data, obeyed=not why, why=why, remark=remark))
         if len(self.entries) > self._limit:
             del self.entries[: -self._limit]

@@ -2,7 +2,7 @@
 
 Speed approaches its target exponentially, which has a closed form for the angle as well. So the angle of
 every sample is a function of its time alone, and a simulated device gives the same bytes however its time
-is cut into steps. `spin_up_s` is the time from standstill until the speed is *stable*, within 2 % of the
+is divided into steps. `spin_up_s` is the time from standstill until the speed is *stable*, within 2 % of the
 target: that is how a data sheet would put it, and how long a device withholds its samples.
 """
 
@@ -16,7 +16,7 @@ import numpy.typing as npt
 __all__ = ["Motor"]
 
 _STABLE = 0.02
-_TAUS_TO_REST = 25.0  # after so many time constants the approach is over: 1e-11 of a turn a second is left
+_TAUS_TO_REST = 25.0  # after so many time constants the approach is over: 1e-11 revolutions per second are left
 
 
 class Motor:
@@ -31,13 +31,13 @@ class Motor:
         self.spin_up_s = spin_up_s
         self._since = 0
         self._turns = turns
-        self._rate = 0.0  # turns a second at `_since`
+        self._rate = 0.0  # revolutions per second at `_since`
         self._target = 0.0
         self._tau = 0.0
 
     @property
     def target_rpm(self) -> float:
-        """The commanded speed in turns a minute; 0 when the motor is off."""
+        """The commanded speed in revolutions per minute; 0 when the motor is off."""
         return self._target * 60.0
 
     @property
@@ -51,7 +51,7 @@ class Motor:
         return self._since + math.ceil(self._tau * math.log(gap / allowed) * 1e9)
 
     def set_rpm(self, rpm: float, now: int) -> None:
-        """Command a speed in turns a minute; 0 lets the head run down."""
+        """Command a speed in revolutions per minute; 0 lets the head run down."""
         self._turns, self._rate = float(self.turns(np.array([float(now)]))[0]), self.rpm(now) / 60.0
         self._since = now
         self._target = rpm / 60.0
@@ -60,7 +60,7 @@ class Motor:
             self._rate = self._target
 
     def rpm(self, now: int) -> float:
-        """The actual speed at `now` in turns a minute."""
+        """The actual speed at `now` in revolutions per minute."""
         if self._tau <= 0.0:
             return self._target * 60.0
         fade = math.exp(-(now - self._since) * 1e-9 / self._tau)

@@ -1,14 +1,14 @@
 """Serving a simulated device: in memory, on a pseudo-terminal, over TCP.
 
-`MemoryLine` has no clock: the caller says what time it is, thousands of turns a second if it likes.
+`MemoryLine` has no clock: the caller passes the time, thousands of revolutions per second if it wants.
 `PtyServer` and `TcpServer` run the device at true pace in a daemon thread of their own, so that any program
-can open it: ours, another process, another vendor's driver. There is no asyncio here; the thread sleeps in
-`select` until the host writes or the device has something to say, at most `tick` apart while it streams.
+can open it: ours, another process, another vendor's driver. There is no asyncio here. The thread sleeps in
+`select` until the host writes or the device has something to send; while it streams, at most `tick`.
 
-The line is as unforgiving as a real one. What the terminal's or socket's buffer cannot take is lost, as on
+The line loses bytes as a real one does. What the terminal's or socket's buffer cannot take is lost, as on
 a UART, and is counted in `lost`. While no TCP client is connected the bytes go nowhere. `unplug` is the
-cable pulled out: the client sees its port die. A fault in the simulated device itself is kept and raised
-by `close`, so it does not die unnoticed in a thread.
+cable pulled out: the client's port dies. An exception of the simulated device is kept and raised by
+`close`, so that it does not get lost in a thread.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from lidario.sim.faults import Faults
 
 __all__ = ["MemoryLine", "PtyServer", "TcpServer"]
 
-_IDLE_S = 0.05  # how long the thread sleeps at most, for what nobody announces (an unplug that is due)
+_IDLE_S = 0.05  # how long the thread sleeps at most, so that an unplug that is due is noticed
 _READ = 4096
 
 
@@ -59,12 +59,12 @@ class MemoryLine:
         return self.device.wakeup(now)
 
     def unplugged(self, now: int) -> bool:
-        """Whether the faults have pulled the cable by `now`."""
+        """Whether the faults have unplugged the line by `now`."""
         return self._faults is not None and self._faults.unplugged(now)
 
 
 class _Server(ABC):
-    """The thread that plays the device; subclasses know the file descriptors.
+    """The thread that runs the device; subclasses know the file descriptors.
 
     Attributes:
         device: The device; hold `lock` while touching it.
@@ -130,7 +130,7 @@ class _Server(ABC):
             self._woken.close()
 
     def _turn(self) -> bool:
-        """Wait, carry bytes both ways; False when a fault has pulled the cable."""
+        """Wait, then carry bytes both ways; False when a fault has unplugged the line."""
         now = time.monotonic_ns()
         if self._faults is not None and self._faults.unplugged(now):
             return False
@@ -178,7 +178,7 @@ class PtyServer(_Server):
 
     Args:
         device: The device.
-        tick: Seconds between two looks at a device that is sending.
+        tick: Seconds between two polls of a device that is sending.
         faults: What happens to its bytes on the way.
         chunk: Most bytes written at once, such as the 64 of a USB adapter; None = all there are.
 
@@ -232,7 +232,7 @@ class TcpServer(_Server):
         device: The device.
         host: Address to listen on.
         port: Port to listen on; 0 = any free one.
-        tick: Seconds between two looks at a device that is sending.
+        tick: Seconds between two polls of a device that is sending.
         faults: What happens to its bytes on the way.
         chunk: Most bytes sent at once; None = all there are.
 
@@ -270,14 +270,14 @@ class TcpServer(_Server):
         return [self._listener] if self._client is None else [self._listener, self._client]
 
     def _receive(self, readable: list[int | socket.socket]) -> bytes:
-        # The client before the newcomer: who has hung up must not be in the way of who comes next.
+        # The old client first: if it has closed its end, the next one can be accepted at once.
         data = self._hear(self._client)
         if self._listener in readable:
             self._accept()
         return data
 
     def _hear(self, client: socket.socket | None) -> bytes:
-        """All that the client has sent; sees whether it has gone, too."""
+        """All that the client has sent; notices when it has closed its end, too."""
         parts: list[bytes] = []
         while client is not None and len(parts) < 64:
             try:
@@ -293,11 +293,11 @@ class TcpServer(_Server):
         return b"".join(parts)
 
     def _accept(self) -> None:
-        """Let a client in, unless there is one: then the door is shut on the newcomer."""
+        """Accept a client; while there is one, others are refused."""
         try:
             client, _ = self._listener.accept()
         except OSError:
-            return  # gone again before it was let in
+            return  # it closed its end before it was accepted
         if self._client is not None:
             client.close()
             return

@@ -4,7 +4,7 @@
 distance, noise included. Therefore a simulated device produces the same bytes whatever the steps in which
 its time is advanced, and a test can ask the world what the device must have seen.
 
-It has to feed thousands of turns a second, so nothing is cast while scanning. The walls are cast once into
+It has to serve thousands of revolutions per second, so no ray is cast while scanning. The walls are cast once into
 a table of 32768 directions (0.011°) that is indexed afterwards. The walker's way is sampled every 10 ms
 into a table of bearings; only the few beams near the bearing are intersected with the walker. Noise is a
 table of normal numbers that is indexed by a hash of angle and time.
@@ -84,7 +84,7 @@ class Walker:
         x, y = centre[0] + radii[0] * np.cos(phase), centre[1] + radii[1] * np.sin(phase)
         distance = np.hypot(x, y)
         if float(distance.min()) <= girth_m:
-            raise ValueError("the walker's way leads over the scanner")
+            raise ValueError("the walker's path leads over the scanner")
         bearing = np.degrees(np.arctan2(-y, x))
         width = np.degrees(np.arcsin(girth_m / distance))
         self._girth = girth_m * 1000.0
@@ -165,7 +165,7 @@ class World:
         """Measure along each direction at each time.
 
         Args:
-            angles_deg_clockwise: float (n,), degrees, any turn; 0 = forward (x), 90 = right (-y).
+            angles_deg_clockwise: float (n,), degrees, any number of turns; 0 = forward (x), 90 = right (-y).
             t_seconds: float (n,) or one time for all beams, not negative.
 
         Returns:
@@ -193,7 +193,7 @@ class World:
 
 
 class CheckedWorld:
-    """A world that somebody else has written, its results checked: a wrong one would only show as a broken stream.
+    """A world of the user's own, with its results checked: a wrong one would only show as a broken stream.
 
     Args:
         world: The world; its results are copied, so it may return the same array again and again.

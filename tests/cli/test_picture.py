@@ -110,7 +110,7 @@ def test_samples_without_a_return_are_not_drawn() -> None:
     ranges = np.full(3600, np.nan)
     ranges[:10] = 2.0
     assert 1 <= len(ink(drawn(scan_of(FULL_TURN, ranges)))) <= 4
-    assert "nothing came back" in drawn(scan_of(FULL_TURN, np.full(3600, np.nan)))[0]
+    assert "no returns" in drawn(scan_of(FULL_TURN, np.full(3600, np.nan)))[0]
 
 
 def test_colours_tell_near_from_far() -> None:

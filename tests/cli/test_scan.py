@@ -93,7 +93,7 @@ def test_people_get_a_line_a_scan_and_a_picture() -> None:
 def test_nothing_to_draw() -> None:
     ended = invoke_driven("scan", "sim://rplidar-s2?via=memory&world=empty")
     assert ended.exit_code == 0
-    assert "nothing came back" in ended.stdout
+    assert "no returns" in ended.stdout
 
 
 @pytest.mark.parametrize("model", MODELS)

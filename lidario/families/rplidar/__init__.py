@@ -1,4 +1,4 @@
-"""RPLIDAR: the S series, and whatever answers with the same formats."""
+"""RPLIDAR: the S series, and other models with the same formats."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SIMULATED = (
     "rplidar-no-modes",
     "rplidar-old-firmware",
 )
-"""The names of `simulated.profiles.PROFILES`, told apart from them so that who has a real device need not load the
+"""The names of `simulated.profiles.PROFILES`, repeated here so that users of a real device do not load the
 simulated one."""
 
 

@@ -1,8 +1,8 @@
-"""One RPLIDAR: what its answers mean, and how it is started.
+"""One RPLIDAR: what its responses mean, and how it is started.
 
-Payloads: S-series interface manual, answers to GET_INFO, GET_HEALTH, GET_SAMPLERATE and GET_LIDAR_CONF. Model
-numbers, the firmware from which GET_LIDAR_CONF exists (1.24) and which models take their speed in turns a
-minute (the S series and later): vendor's SDK 2.1.0. Scan mode ids differ from model to model, so they are
+Payloads: S-series interface manual, responses to GET_INFO, GET_HEALTH, GET_SAMPLERATE and GET_LIDAR_CONF. Model
+numbers, the firmware from which GET_LIDAR_CONF exists (1.24) and which models take their speed in revolutions
+per minute (the S series and later): vendor's SDK 2.1.0. Scan mode ids differ from model to model, so they are
 always asked for, never assumed, where the firmware can be asked.
 """
 
@@ -46,7 +46,7 @@ STATUSES: Final = (HealthStatus.OK, HealthStatus.WARNING, HealthStatus.ERROR)
 
 
 class RplidarDevice(Device):
-    """An RPLIDAR of any series that answers in the six known formats."""
+    """An RPLIDAR of any series that sends one of the six known formats."""
 
     def __init__(self) -> None:
         self._major = 0

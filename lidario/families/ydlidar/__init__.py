@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["FAMILY"]
 
 SIMULATED: Final = ("ydlidar-4ros", "ydlidar-4ros-92", "ydlidar-4ros-slow")
-"""The names of `simulated.PROFILES`, told apart from them so that who has a real device need not load the simulated
+"""The names of `simulated.PROFILES`, repeated here so that users of a real device do not load the simulated
 one."""
 
 
@@ -43,7 +43,7 @@ FAMILY: Final = Family(
         # Packets come every 2 ms, and a USB adapter may hold bytes back for 16 ms.
         quiet_s=0.05,
         drain_s=0.5,
-        # How long a restart takes and how soon a question is answered is in no document; the SDK waits up to
+        # How long a restart takes and how soon it responds is in no document; the SDK waits up to
         # 1 s for device information.
         boot_s=5.0,
         boot_poll_s=0.25,

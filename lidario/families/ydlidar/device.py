@@ -1,4 +1,4 @@
-"""One YDLIDAR 4ROS: what its answers mean, and how it is started and set.
+"""One YDLIDAR 4ROS: what its responses mean, and how it is started and set.
 
 Payloads: 4ROS development manual, figures 10, 12 and 13 to 15. Where it contradicts what is seen elsewhere:
 
@@ -56,7 +56,7 @@ OFFSETS_A_TURN: Final = 4 * 360
 SPIN_UP_S: Final = 4.0
 """No document says how long the motor takes; 2.5 s are assumed, and a margin added."""
 SLOWEST_TURN_S: Final = 0.5
-"""A turn at the lowest speed that a start packet can tell, 3 Hz, and half as long again."""
+"""One revolution at the lowest speed that a start packet can tell, 3 Hz, and half as long again."""
 KEEPALIVE_S: Final = 1.0
 """The manual demands less than 3 s; the SDK repeats every second."""
 STATUSES: Final = (HealthStatus.OK, HealthStatus.WARNING, HealthStatus.ERROR)
@@ -81,7 +81,7 @@ class Device4Ros(Device):
         return commands.STOP
 
     def halt(self) -> tuple[Request, ...]:
-        """As `Device.halt`: the SDK forces the stop before each STOP, and the last word is the manual's."""
+        """As `Device.halt`: the forced stop that the SDK sends before each STOP, then the manual's STOP."""
         return (commands.FORCED_STOP, commands.STOP)
 
     def reset(self) -> Request:
@@ -168,7 +168,7 @@ class Device4Ros(Device):
         """As `Device.zero_offset`: clockwise degrees, if it counts the way the SDK takes it.
 
         Raises:
-            RemoteProtocolError: More than a turn, twice.
+            RemoteProtocolError: More than 360 degrees, twice.
         """
         quarters = 0
         for _ in range(2):
@@ -183,10 +183,10 @@ class Device4Ros(Device):
         return self._offset_deg
 
     def power_down_protection(self, on: bool) -> Script[bool]:
-        """As `Device.power_down_protection`: it can only be toggled, and the answer tells the new state.
+        """As `Device.power_down_protection`: it can only be toggled, and the response tells the new state.
 
         Streams started with protection on must be kept alive. Before this was called the state is not known,
-        for it cannot be asked, and is taken for off.
+        since it cannot be asked; it is assumed to be off.
 
         Raises:
             RemoteProtocolError: The device does not reach the wanted state.

@@ -78,6 +78,62 @@ def packets_of(kind: int, stream: bytes) -> list[bytes]:
     return rplidar.split(kind, stream[: len(stream) // rplidar.PACKET_BYTES[kind] * rplidar.PACKET_BYTES[kind]])
 
 
+class TestOneRequestAtATime:
+    """While a request is unanswered, further ones are discarded, and nothing tells the host (manual)."""
+
+    @pytest.mark.parametrize("second", [GET_HEALTH, STOP, RESET, SCAN])
+    @pytest.mark.parametrize(
+        ("first", "name"),
+        [
+            (GET_INFO, "get_info"),
+            (conf(0x7F, 1), "get_lidar_conf"),
+            (SCAN, "scan"),
+            (express(1), "express_scan"),
+        ],
+    )
+    def test_a_request_before_the_response_has_left_is_discarded(
+        self, bench: Bench, first: bytes, name: str, second: bytes
+    ) -> None:
+        bench.send(first)
+        whole = bench.device.wakeup(bench.now)
+        assert whole is not None
+        bench.run(whole - bench.now - 1)
+        bench.send(second)
+        assert not bench.device.log[-1].obeyed
+        assert bench.why == f"while {name} is unanswered"
+        assert bench.device.scanning is ("scan" in name)
+        bench.run(1)
+        bench.send(second)
+        assert bench.device.log[-1].obeyed
+
+    def test_two_requests_in_one_piece_lose_the_second(self, bench: Bench) -> None:
+        assert len(bench.ask(GET_INFO + GET_HEALTH)) == 27
+        assert [each.obeyed for each in bench.device.log] == [True, False]
+
+    def test_a_stream_is_not_a_response_that_is_waited_for(self, bench: Bench) -> None:
+        bench.ask(SCAN, SECOND)
+        bench.ask(GET_INFO)
+        bench.ask(STOP)
+        assert all(each.obeyed for each in bench.device.log)
+
+    def test_requests_without_a_response_leave_nothing_to_wait_for(self, bench: Bench) -> None:
+        bench.send(framed(0xA8, struct.pack("<H", 600)) + GET_INFO)
+        assert all(each.obeyed for each in bench.device.log)
+
+    def test_a_late_response_counts_until_it_has_left(self, bench: Bench) -> None:
+        bench.device.answer_delay_s = 3.0
+        bench.ask(GET_INFO, SECOND)
+        bench.ask(GET_INFO, 2 * SECOND)
+        assert bench.why == "while get_info is unanswered"
+        bench.run(MS)
+        bench.send(STOP)
+        assert bench.device.log[-1].obeyed
+
+    def test_a_reset_forgets_what_was_asked(self, bench: Bench) -> None:
+        bench.ask(RESET, 10 * SECOND)
+        assert len(bench.ask(GET_INFO)) == 27
+
+
 class TestAnswers:
     def test_info(self) -> None:
         device = make_simulated("rplidar-s2", serial=bytes(range(16)))

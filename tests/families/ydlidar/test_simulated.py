@@ -68,6 +68,32 @@ def test_it_is_a_simulated_device(device: Simulated4Ros) -> None:
     assert served.wakeup(BEGIN) is None
 
 
+def test_a_request_before_the_response_has_left_is_obeyed_and_remarked(device: Simulated4Ros) -> None:
+    """No document says that it is discarded; but two responses of one type cannot be told apart."""
+    device.receive(INFO + HEALTH, BEGIN)
+    assert len(device.transmit(BEGIN + 10 * MS)) == 27 + 10
+    assert [(each.obeyed, each.remark) for each in device.log] == [
+        (True, ""),
+        (True, "while get_info is unanswered"),
+    ]
+    asked(device, INFO, BEGIN + 10 * MS)
+    assert device.log[-1].remark == ""
+
+
+def test_a_stop_before_the_header_has_left_is_remarked_and_a_keepalive_is_not(device: Simulated4Ros) -> None:
+    device.spin_up_s = 0.0
+    device.receive(SCAN, BEGIN)
+    device.transmit(BEGIN + 1 * S)
+    device.receive(SCAN, BEGIN + 1 * S)
+    device.receive(STOP, BEGIN + 1 * S)
+    assert [each.remark for each in device.log] == ["", "", ""]
+    device.receive(SCAN, BEGIN + 2 * S)
+    device.receive(STOP, BEGIN + 2 * S)
+    assert device.log[-1].remark == "while scan is unanswered"
+    assert device.log[-1].obeyed
+    assert not device.scanning
+
+
 def test_answers(device: Simulated4Ros) -> None:
     device.health, device.zero_offset = (1, 0x0203), -5
     head = bytes.fromhex("A55A1400000004 65 01 03 02")

@@ -1,20 +1,22 @@
-"""The device side: answers requests and sends measurement streams as a real one does, and as strictly.
+"""The device side: responds to requests and sends measurement streams as a real one does, and as strictly.
 
-What a real device does not forgive, this one does not either:
+It discards what a real device discards:
 
-* a request within 10 ms of a STOP or 500 ms of a RESET is discarded, and after a RESET nothing is answered
+* a request within 10 ms of a STOP or 500 ms of a RESET is discarded, and after a RESET there is no response
   until booting is over (S-series interface manual, STOP and RESET; S1 needs 2 s in the field);
-* a request that is damaged, incomplete after 5 s, or unknown is discarded without a word;
+* a request whose last byte arrives before the response to the one before has left completely is discarded, STOP
+  included (the same manual: one request at a time); for a scan the descriptor is the response;
+* a request that is damaged, incomplete after 5 s, or unknown is discarded silently;
 * any request that is understood ends the stream under way, a query and MOTOR_SPEED_CTRL included;
 * in Protection Stop (health 2) no scan starts; RESET clears it if the fault has gone;
 * samples are withheld until the motor is up to speed, except after FORCE_SCAN;
-* an EXPRESS_SCAN of a mode the device lacks is not answered.
+* an EXPRESS_SCAN of a mode the device lacks gets no response.
 
-SCAN starts a motor that is off, STOP leaves it running, RESET turns it off. Speeds outside of what the
+SCAN starts a motor that is off, STOP leaves it running, RESET switches it off. Speeds outside of what the
 device can do are clamped. Section numbers are not given: the manual's editions number them differently.
 
 `SimulatedRplidar.log` tells of every request, with the reason where it was discarded. To put the device
-into a state the field knows, use its documented attributes, `begin_streaming` and `protection_stop`; a
+into a state that occurs in practice, use its documented attributes, `begin_streaming` and `protection_stop`; a
 request that a killed program left unfinished is simply received: the bytes ``A5 82 05``, say.
 """
 
@@ -39,7 +41,7 @@ _SETTLE_AFTER_RESET = 500 * _MS  # S-series interface manual, RESET
 _DEFAULT_RPM = 600  # S-series interface manual, motor speed; vendor SDK 2.1.0 falls back to the same
 _CONTINUOUS = 1 << 30  # send mode in the descriptor's length word
 
-# Answer types of the single answers (S-series interface manual; 0x15 and 0x20 as in vendor SDK 2.1.0).
+# Answer types of single responses (S-series interface manual; 0x15 and 0x20 as in vendor SDK 2.1.0).
 _INFO, _HEALTH, _SAMPLERATE, _CONF = 0x04, 0x06, 0x15, 0x20
 
 
@@ -50,7 +52,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         profile: What it is.
         world: What it sees; the furnished room by default.
         serial: Its 16-byte serial number; drawn from `seed` by default.
-        seed: Decides serial number, noise of the default world, first angle and garbled answers.
+        seed: Decides serial number, noise of the default world, first angle and garbled responses.
 
     Attributes:
         profile: What it is.
@@ -91,7 +93,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
                 self._consider(request)
 
     def wakeup(self, now: int) -> int | None:
-        """When the answer or packet that is next will have left; None while the device is idle."""
+        """When the next response or packet will have left; None while the device is idle."""
         at = self._queue.wakeup(now)
         stream = self._stream
         if at is None and stream is not None:
@@ -99,7 +101,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         return at
 
     def begin_streaming(self, mode_id: int, now: int) -> None:
-        """Be in the middle of a scan, and of a packet, that a program long gone has started.
+        """Be in the middle of a scan, and of a packet, as after a program that was killed.
 
         Raises:
             ValueError: The device has no such mode.
@@ -117,7 +119,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         self._queue.take(now)
 
     def protection_stop(self, error_code: int) -> None:
-        """Fail: the stream and the motor cease, and health says so until a RESET helps."""
+        """Fail: the stream and the motor stop, and health reports the error until a RESET clears it."""
         self._fault(error_code)
         self._end_stream(self._now)
         if self.profile.motor_command:
@@ -149,9 +151,12 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
             self._queue.withdraw(now)
 
     def _refusal(self, request: Request) -> str:
-        """Why the device does not even look at a request; empty when it does."""
+        """Why the device discards a request at once; empty when it handles it."""
         if request.began < self._deaf_until:
             return self._deaf_why
+        unanswered = self._unanswered(request.ended)
+        if unanswered:
+            return unanswered
         if request.fault:
             return request.fault
         if request.name not in self._HANDLERS:
@@ -173,6 +178,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         now = request.ended
         up = now + int(self.boot_s * 1e9)
         self._queue.cut(now)
+        self._owed_until = 0
         self._reader.clear()
         if self.profile.motor_command:
             self._motor.set_rpm(0, now)
@@ -184,23 +190,24 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         return ""
 
     def _scan(self, request: Request) -> str:
-        return self._start(self.profile.standard, request.ended)
+        return self._start(self.profile.standard, request)
 
     def _force_scan(self, request: Request) -> str:
-        return self._start(self.profile.standard, request.ended, force=True)
+        return self._start(self.profile.standard, request, force=True)
 
     def _express_scan(self, request: Request) -> str:
         mode = self.profile.mode(request.payload[0])
-        return f"no scan mode {request.payload[0]}" if mode is None else self._start(mode, request.ended)
+        return f"no scan mode {request.payload[0]}" if mode is None else self._start(mode, request)
 
-    def _start(self, mode: Mode, now: int, *, force: bool = False) -> str:
+    def _start(self, mode: Mode, request: Request, *, force: bool = False) -> str:
         """Announce a stream and begin it once the motor is up to speed."""
+        now = request.ended
         if self.health[0] == PROTECTION_STOP:
             return "in protection stop"
         if not self.motor_on:
             self._motor.set_rpm(_DEFAULT_RPM, now)
         announced = now + int(self.answer_delay_s * 1e9)
-        self._queue.push(_descriptor(mode.packet[0] | _CONTINUOUS, mode.answer), announced)
+        self._respond_with(_descriptor(mode.packet[0] | _CONTINUOUS, mode.answer), announced, request.name)
         stable = self._motor.stable_at
         origin = announced if force or stable is None else max(announced, stable)
         self._stream = MeasurementStream(mode, origin, self._motor, self.world)
@@ -217,25 +224,25 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
     def _get_info(self, request: Request) -> str:
         major, minor = self.profile.firmware
         head = bytes([self.profile.model, minor, major, self.profile.hardware])
-        return self._answer(_INFO, head + self.serial, request)
+        return self._respond(_INFO, head + self.serial, request)
 
     def _get_health(self, request: Request) -> str:
-        return self._answer(_HEALTH, struct.pack("<BH", *self.health), request)
+        return self._respond(_HEALTH, struct.pack("<BH", *self.health), request)
 
     def _get_samplerate(self, request: Request) -> str:
         others = [mode for mode in self.profile.modes if mode.answer != 0x81]
         standard = self.profile.standard.said_us_q8
         express = others[-1].said_us_q8 if others else standard
-        return self._answer(_SAMPLERATE, struct.pack("<HH", standard >> 8, express >> 8), request)
+        return self._respond(_SAMPLERATE, struct.pack("<HH", standard >> 8, express >> 8), request)
 
     def _get_lidar_conf(self, request: Request) -> str:
         kind, arguments = int.from_bytes(request.payload[:4], "little"), request.payload[4:]
-        return self._answer(_CONF, request.payload[:4] + self.profile.conf(kind, arguments), request)
+        return self._respond(_CONF, request.payload[:4] + self.profile.conf(kind, arguments), request)
 
-    def _answer(self, kind: int, data: bytes, request: Request) -> str:
-        """Send a single answer, or noise of the same length when it is to be garbled."""
-        answer = self._garbled(_descriptor(len(data), kind) + data)
-        self._queue.push(answer, request.ended + int(self.answer_delay_s * 1e9))
+    def _respond(self, kind: int, data: bytes, request: Request) -> str:
+        """Send a single response, or noise of the same length when it is to be garbled."""
+        response = self._garbled(_descriptor(len(data), kind) + data)
+        self._respond_with(response, request.ended + int(self.answer_delay_s * 1e9), request.name)
         return ""
 
     _HANDLERS: ClassVar[dict[str, Callable[[SimulatedRplidar, Request], str]]] = {

@@ -1,8 +1,8 @@
 """Which devices can be simulated: real ones as far as they are documented, and awkward ones.
 
 Rates, baud rates and answer types of S1, S2 and S3 follow the S-series interface manual (figure 3-3 and the
-baud table of the vendor's ROS launch files). What the S3's DenseBoost answers is not documented; 0x85 is
-assumed. `rplidar-express`, `-hq`, `-ultra` and `-ultradense` stand for no product: each answers in one more
+baud table of the vendor's ROS launch files). The answer type of the S3's DenseBoost is not documented; 0x85 is
+assumed. `rplidar-express`, `-hq`, `-ultra` and `-ultradense` stand for no product: each sends one more
 format, with mode ids that a host must ask for rather than know. The last four are the awkward ones from the
 field: 0 µs a sample (rplidar_ros issue 155), an answer type nobody knows, an empty list of modes, and
 firmware older than 1.24, which has no GET_LIDAR_CONF.
@@ -54,7 +54,7 @@ class Mode:
 
     @property
     def said_us_q8(self) -> int:
-        """What conf 0x71 answers."""
+        """The response to conf 0x71."""
         return self.us_q8 if self.reported_us_q8 is None else self.reported_us_q8
 
     @property

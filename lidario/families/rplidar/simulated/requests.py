@@ -2,8 +2,8 @@
 
 A request is ``A5 cmd``, or ``A5 cmd len payload xor`` when bit 7 of the command is set (S-series interface
 manual, request packets; the bit rule from vendor SDK 2.1.0). It must be complete within five seconds of its
-first byte. What does not begin with A5 is noise and forgotten. A request cut short (by a host that was
-killed) swallows what follows it, as its length byte demands: hosts have to live with that.
+first byte. What does not begin with A5 is noise and forgotten. An incomplete request (of a host that was
+killed) takes the bytes that follow as its own, as its length byte demands; the real device does the same.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ world says how far it is. All three are functions of n alone, so a stretch of pa
 with numpy, ahead of its time, however short the steps in which the device is asked for bytes.
 
 Angles in the capsule formats go in equal steps from one start angle to the next (S-series interface manual,
-DenseBoost answer). Two formats shift each sample by an amount of its own, which the host subtracts: 0x82
+DenseBoost response). Two formats shift each sample by an amount of its own, which the host subtracts: 0x82
 carries it, in 0x84 it follows from the distance (vendor SDK 2.1.0, ultra capsule unpacker).
 """
 
@@ -25,12 +25,12 @@ __all__ = ["MeasurementStream"]
 
 Floats = npt.NDArray[np.float64]
 
-_STRETCH = 4096  # samples built in one go: enough to forget numpy's overhead, little enough for the caches
+_STRETCH = 4096  # samples built in one go: numpy's overhead is negligible, and it fits in the caches
 _EXPRESS_OFFSETS_Q3 = np.array([18 + k % 5 for k in range(32)])  # 2.25° to 2.75°, so both halves are in use
 
 
 class MeasurementStream:
-    """One measurement stream, from the answer's descriptor on.
+    """One measurement stream, from the descriptor on.
 
     Args:
         mode: The scan mode.
@@ -163,7 +163,7 @@ def _strength(mm: Floats) -> npt.NDArray[np.int64]:
 
 
 def _ultra_shift(mm: Floats) -> Floats:
-    """Degrees that the host subtracts from a sample of answer 0x84 (vendor SDK 2.1.0, without rounding)."""
+    """Degrees that the host subtracts from a sample of answer type 0x84 (vendor SDK 2.1.0, without rounding)."""
     k = 98361.0 / np.maximum(mm * 4.0, 1.0)
     far = 8.0 - np.degrees((k * 64.0 + k**3 / 98304.0) / 65536.0)
     return np.where(mm * 4.0 < 200.0, 7.5, far)

@@ -1,21 +1,24 @@
-"""The device side: answers requests and sends point clouds as a 4ROS does, and as strictly.
+"""The device side: responds to requests and sends point clouds as a 4ROS does, and as strictly.
 
-What a real device does not forgive, this one does not either (4ROS development manual where not said
-otherwise):
+It discards what a real device discards (4ROS development manual where not said otherwise):
 
-* while it scans it hears nothing but STOP, FORCED_STOP (vendor SDK), RESET and SCAN; the last one only renews
+* while it scans it obeys nothing but STOP, FORCED_STOP (vendor SDK), RESET and SCAN; the last one only renews
   power-down protection, without a header;
 * with protection on, it stops when 3 s pass without a SCAN;
 * the scan header comes at once, the first packet when the motor is up to speed;
 * a request within 5 ms of a stop is discarded, the pause the vendor's SDK keeps; another stop is obeyed;
 * after RESET it is deaf until it has booted; then it sends device information that nobody asked for (the
   vendor's SDK waits for that), and is set as it came from the factory: 7 Hz (data sheet), protection off;
-* it answers one of the two health requests, and not the other;
-* an unknown request is discarded without a word, as are A5 D0 and D1, which only the SDK knows;
+* it responds to one of the two health requests, and not to the other;
+* an unknown request is discarded silently, as are A5 D0 and D1, which only the SDK knows;
 * reporting health 2, it starts no scan; RESET clears it if the fault has gone.
 
 A scan starts the motor, a stop stops it. Steps of the speed end at 5 and 12 Hz (data sheet). Where all
 documents are silent, the choice is ours: how long a restart takes and what it forgets, LSN, the spin-up time.
+
+A request that arrives before the response to the one before has left is obeyed, since no document says that it is
+discarded; but settings, device information and offset share one response type, so the host cannot tell whose
+response comes. The log carries a remark on such a request.
 
 `Simulated4Ros.log` tells of every request, with the reason where it was discarded.
 """
@@ -60,7 +63,7 @@ _NAMES = {
     0x93: "get_zero_offset",
     0xD9: "toggle_protection",
 }
-_HEARD_WHILE_SCANNING = {0x00, 0x60, 0x65, 0x80}
+_OBEYED_WHILE_SCANNING = {0x00, 0x60, 0x65, 0x80}
 _STOPS = {0x00, 0x65}
 _STEPS = {0x09: 10, 0x0A: -10, 0x0B: 100, 0x0C: -100}  # hundredths of Hz
 
@@ -72,7 +75,7 @@ class Profile:
     Attributes:
         name: Its name in ``sim://`` sources.
         model: Model number.
-        health_command: The health request that it answers: 0x91 as in the manual, or 0x92 as in the SDK.
+        health_command: The health request that it responds to: 0x91 as in the manual, or 0x92 as in the SDK.
         spin_up_s: Seconds the motor needs from standstill to a stable speed.
     """
 
@@ -100,7 +103,7 @@ class Simulated4Ros(Chassis[PointStream]):
         world: What it sees; the furnished room by default.
         serial: Its serial number: 16 digits as text, 16 bytes of 0 to 9, or 8 bytes of two digits each; drawn
             from `seed` by default.
-        seed: Decides serial number, noise of the default world, first angle and garbled answers.
+        seed: Decides serial number, noise of the default world, first angle and garbled responses.
 
     Attributes:
         profile: What it is.
@@ -147,14 +150,14 @@ class Simulated4Ros(Chassis[PointStream]):
                 self._consider(byte, now)
 
     def wakeup(self, now: int) -> int | None:
-        """When the answer or packet that is next will have left; None while the device is idle."""
+        """When the next response or packet will have left; None while the device is idle."""
         at = self._queue.wakeup(now)
         if at is None and self._stream is not None:
             at = max(now, self._stream.ready)
         return at
 
     def begin_streaming(self, now: int) -> None:
-        """Be in the middle of a scan, and of a packet, that a program long gone has started."""
+        """Be in the middle of a scan, and of a packet, as after a program that was killed."""
         past = 10 * 40 * SAMPLE_NS + self._queue.airtime(90) * 2 // 5
         spin_up, self._motor.spin_up_s = self._motor.spin_up_s, 0.0
         self._motor.set_rpm(self.set_speed * 0.6, now - past)
@@ -165,12 +168,12 @@ class Simulated4Ros(Chassis[PointStream]):
         self._queue.take(now)
 
     def protection_stop(self, error_code: int) -> None:
-        """Fail: the stream and the motor cease, and health says so until a RESET helps."""
+        """Fail: the stream and the motor stop, and health reports the error until a RESET clears it."""
         self._fault(error_code)
         self._halt(self._now)
 
     def _advance(self, now: int) -> None:
-        """Do what is due by `now`: build packets, stop when nobody keeps the scan alive."""
+        """Do what is due by `now`: build packets, stop when the keepalive is missing."""
         self._now = now = max(self._now, now)
         if self._stream is not None and self.protected and now >= self._alive_until:
             self._build(self._alive_until)
@@ -192,19 +195,20 @@ class Simulated4Ros(Chassis[PointStream]):
 
     def _consider(self, command: int, now: int) -> None:
         """Obey a request or discard it, and remember which."""
-        why = self._refusal(command, now)
+        why, remark = self._refusal(command, now), ""
         if not why:
+            remark = self._unanswered(now)
             self._obey(command, now)
-        self._log.add(now, _NAMES.get(command, "unknown"), bytes((0xA5, command)), why)
+        self._log.add(now, _NAMES.get(command, "unknown"), bytes((0xA5, command)), why, remark=remark)
 
     def _refusal(self, command: int, now: int) -> str:
-        """Why the device does not do as it is told; empty when it does."""
+        """Why the device discards a request; empty when it obeys."""
         if now < self._deaf_until and (command not in _STOPS or self._deaf_why != _AFTER_STOP):
             return self._deaf_why
         other_health = command in (0x91, 0x92) and command != self.profile.health_command
         if command not in _NAMES or other_health:
             return "unknown to this device"
-        if self.scanning and command not in _HEARD_WHILE_SCANNING:
+        if self.scanning and command not in _OBEYED_WHILE_SCANNING:
             return "scanning"
         if command == 0x60 and self.health[0] == PROTECTION_STOP:
             return "in protection stop"
@@ -219,8 +223,8 @@ class Simulated4Ros(Chassis[PointStream]):
         elif command == 0x60:
             self._scan(now)
         else:
-            answer = self._garbled(pack_answer(*self._reply(command)))
-            self._queue.push(answer, now + int(self.answer_delay_s * 1e9))
+            response = self._garbled(pack_answer(*self._reply(command)))
+            self._respond_with(response, now + int(self.answer_delay_s * 1e9), _NAMES[command])
 
     def _reply(self, command: int) -> tuple[int, bytes]:
         """Answer type and payload."""
@@ -247,12 +251,13 @@ class Simulated4Ros(Chassis[PointStream]):
             return
         self._motor.set_rpm(self.set_speed * 0.6, now)
         announced = now + int(self.answer_delay_s * 1e9)
-        self._queue.push(SCAN_HEADER, announced)
+        self._respond_with(SCAN_HEADER, announced, "scan")
         self._stream = PointStream(max(announced, self._motor.stable_at or 0), self._motor, self.world)
 
     def _reset(self, now: int) -> None:
         self._halt(now)
         self._queue.cut(now)
+        self._owed_until = 0
         self.set_speed, self.protected = _FACTORY_SPEED, False
         self._recover()
         up = now + int(self.boot_s * 1e9)

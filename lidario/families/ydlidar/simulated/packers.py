@@ -1,4 +1,4 @@
-"""The device's own way to put its answers and measurements into bytes; shares nothing with the host's side.
+"""The device's own way to put its responses and measurements into bytes; shares nothing with the host's side.
 
 Layouts: 4ROS development manual, figures 3 to 15; the time stamp record is the vendor SDK's. Tests use
 `pack_points` as the inverse of the decoder.
@@ -65,5 +65,5 @@ def pack_time_stamp(milliseconds: int, last: int = 0) -> bytes:
 
 
 def pack_answer(kind: int, payload: bytes) -> bytes:
-    """A single answer: ``A5 5A``, the length, the answer type, the payload."""
+    """A single response: ``A5 5A``, the length, the answer type, the payload."""
     return struct.pack("<BBIB", 0xA5, 0x5A, len(payload), kind) + payload

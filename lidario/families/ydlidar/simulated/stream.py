@@ -1,12 +1,12 @@
-"""What the simulated device measures, and how it cuts it into packets.
+"""What the simulated device measures, and how it divides it into packets.
 
 The n-th sample is taken at ``origin + n * 50 µs`` (data sheet: 20000 samples a second), where the motor
-points then, and the world says how far it is: functions of n alone. So a turn is built in one go with numpy,
-ahead of its time, however short the steps in which the device is asked for bytes.
+points then, and the world says how far it is: functions of n alone. So a revolution is built in one step with
+numpy, ahead of its time, however short the steps in which the device is asked for bytes.
 
 The first sample past zero stands alone, in a start packet that tells the speed. Packets of 40 follow (by a
 comment in the vendor's SDK; the manual gives no number), and the last one before the next zero is shorter.
-Angles are cut to 1/64 degrees, so none reads as 360.
+Angles are truncated to 1/64 degree, so none reads as 360.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SAMPLE_NS = 50_000
 _PER_PACKET = 40
 _REACH_MM = (50.0, 30_000.0)  # data sheet
 _FULL_TURN_Q6 = 360 * 64
-_MOST_AHEAD = 6000  # samples: a turn at 3.5 Hz
+_MOST_AHEAD = 6000  # samples: a revolution at 3.5 Hz
 
 
 class Burst(NamedTuple):
@@ -61,7 +61,7 @@ class PointStream:
         return self._origin + (self._next + 1) * SAMPLE_NS
 
     def until(self, now: int) -> Iterator[Burst]:
-        """Build turns until they reach beyond `now`."""
+        """Build revolutions until they reach beyond `now`."""
         while self.ready <= now:
             yield from self._turn()
 
