@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.support.discards import all_obeyed, devices_made, may_discard, some_discarded
 from tests.support.leaks import leaves_no_task, leaves_nothing
 
 NEVER_MIND = (HealthCheck.too_slow, HealthCheck.data_too_large)
@@ -68,6 +69,18 @@ def _tidy() -> Iterator[None]:
     """No test leaves a thread or a file descriptor behind."""
     with leaves_nothing():
         yield
+
+
+@pytest.fixture(autouse=True)
+def _obeyed(request: pytest.FixtureRequest) -> Iterator[None]:
+    """No simulated device of the test has discarded a request, unless the marker ``discards`` says why it may."""
+    allowed = may_discard(request.node)
+    with devices_made() as devices:
+        yield
+    if not allowed:
+        all_obeyed(devices)
+    elif any(mark.name == "discards" for mark in request.node.own_markers):
+        assert some_discarded(devices), "the marker discards is not needed: no request was discarded"
 
 
 @pytest.fixture

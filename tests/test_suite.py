@@ -12,7 +12,11 @@ from pathlib import Path
 
 import pytest
 
+from lidario.families.rplidar import commands
+from lidario.sim.device import Received
 from tests.support import leaks
+from tests.support.devices import make_rig
+from tests.support.discards import all_obeyed, devices_made, some_discarded
 from tests.support.leaks import leaves_no_task, leaves_nothing
 
 ROOT = Path(__file__).parent.parent
@@ -20,6 +24,35 @@ PATIENCE_S = 60.0
 CULPRITS = """
 import asyncio
 import os
+
+import pytest
+
+from tests.support.devices import make_rig
+
+
+def discard() -> None:
+    device = make_rig("rplidar").device
+    for at in (0, 1):
+        device.receive(b"\\xa5\\x25", at)
+
+
+def test_makes_a_device_discard() -> None:
+    discard()
+
+
+@pytest.mark.discards("on purpose")
+def test_innocent_since_it_says_why() -> None:
+    discard()
+
+
+@pytest.mark.discards("on purpose, it says")
+def test_needs_no_marker() -> None:
+    make_rig("rplidar")
+
+
+@pytest.mark.discards
+def test_gives_no_reason() -> None:
+    discard()
 
 
 def test_innocent() -> None:
@@ -37,7 +70,13 @@ def test_leaves_a_file() -> None:
 async def test_leaves_a_task() -> None:
     asyncio.get_running_loop().task = asyncio.create_task(asyncio.sleep(60))
 """
-CAUGHT = {"test_leaves_a_file", "test_leaves_a_task"}
+CAUGHT = {
+    "test_gives_no_reason",
+    "test_leaves_a_file",
+    "test_leaves_a_task",
+    "test_makes_a_device_discard",
+    "test_needs_no_marker",
+}
 if not Path(leaks.FOLDER).is_dir():
     CAUGHT.remove("test_leaves_a_file")  # the system does not tell
 
@@ -85,6 +124,37 @@ async def test_a_task_left_behind_is_found() -> None:
         await leaves_no_task(culprit)()
     left[0].cancel()
     await asyncio.wait(left)
+
+
+@pytest.mark.discards("shows that it is found")
+def test_a_discarded_request_is_found() -> None:
+    with devices_made() as devices:
+        device = make_rig("rplidar").device
+    assert devices == [device]
+    device.receive(commands.STOP.data, 0)
+    all_obeyed(devices)
+    assert not some_discarded(devices)
+    device.receive(commands.GET_INFO.data, 9_000_000)
+    assert some_discarded(devices)
+    with pytest.raises(AssertionError, match=r"-9.00 ms  stop a5 25(.|\n)*get_info a5 50  within 10 ms of stop"):
+        all_obeyed(devices)
+
+
+@pytest.mark.parametrize(
+    ("name", "why", "mistake"),
+    [
+        ("get_health", "unknown to this device", False),
+        ("get_info", "still booting after reset", False),
+        ("express_scan", "still booting after reset", True),
+        ("get_info", "within 500 ms of reset", True),
+        ("get_info", "scanning", True),
+    ],
+)
+def test_which_discarded_requests_are_mistakes(name: str, why: str, mistake: bool) -> None:
+    device = make_rig("rplidar").device
+    device.log.append(Received(0, name, b"", obeyed=False, why=why))
+    assert some_discarded([device]) is mistake
+    device.log.clear()
 
 
 def test_the_suite_watches_every_test(tmp_path: Path) -> None:

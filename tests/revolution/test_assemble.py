@@ -179,7 +179,9 @@ def test_without_a_line_speed_bytes_take_no_time() -> None:
 
 
 def test_a_sample_rate_nobody_tells_is_measured() -> None:
-    for scan in assemble(numbered(160, 960), sample_ns=0.0)[1:]:
+    scans = assemble(numbered(160, 960), sample_ns=0.0)
+    assert len(scans) > 1
+    for scan in scans[1:]:
         assert scan.time_increment_ns == pytest.approx(SAMPLE_NS, rel=0.05)
         assert scan.duration_ns == pytest.approx(len(scan) * SAMPLE_NS, rel=0.05)
         assert scan.rpm == pytest.approx(2000, rel=0.05)
@@ -361,6 +363,7 @@ def test_what_a_scan_promises(case: Case) -> None:
 @pytest.mark.parametrize("offset", [0.0, 12.5, -90.0, 359.99, 400.0])
 def test_the_zero_offset_turns_every_angle(offset: float) -> None:
     plain, turned = (assemble(numbered(80, 960.3), zero_offset_deg=degrees) for degrees in (0.0, offset))
+    assert plain
     for before, after in zip(plain, turned, strict=True):
         moved = after.device_angles.astype(np.float64) - before.device_angles - offset
         assert np.abs((moved + 180) % 360 - 180).max() < 1e-4

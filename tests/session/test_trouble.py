@@ -119,6 +119,7 @@ async def test_a_thousand_connects_to_a_device_that_still_streams() -> None:
         assert left_still(rig)
 
 
+@pytest.mark.discards("the half of a request that a killed program has left")
 @driven
 async def test_half_a_request_left_behind_does_no_harm() -> None:
     for half in (b"\xa5", b"\xa5\x82", b"\xa5\x82\x05\x01", b"\xa5\x84\xff"):
@@ -146,6 +147,7 @@ async def test_an_unplugged_device_ends_every_stream_and_waiter() -> None:
         assert caught.value.__cause__ is not None
 
 
+@pytest.mark.discards("a request too early is what it tests")
 def test_rigs_are_strict() -> None:
     """The tests above mean something: the device they talk to refuses what comes too early."""
     rig: Rig = make_rig("rplidar")

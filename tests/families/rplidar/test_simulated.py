@@ -13,6 +13,8 @@ from lidario.families.rplidar.simulated.device import PROFILES, SimulatedRplidar
 from lidario.sim.world import World, make_world
 from tests.reference import rplidar
 
+pytestmark = pytest.mark.discards("what the simulated device discards is tested here")
+
 MS = 1_000_000
 SECOND = 1_000 * MS
 STOP, RESET, SCAN, FORCE_SCAN = b"\xa5\x25", b"\xa5\x40", b"\xa5\x20", b"\xa5\x21"

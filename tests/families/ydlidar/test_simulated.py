@@ -10,6 +10,8 @@ from lidario.sim.device import SimulatedDevice
 from lidario.sim.world import make_world
 from tests.reference import ydlidar
 
+pytestmark = pytest.mark.discards("what the simulated device discards is tested here")
+
 MS = 1_000_000
 S = 1000 * MS
 BEGIN = 5 * S

@@ -1,0 +1,76 @@
+"""On an undamaged line the strict simulated device has no reason to discard a request, so in no test does it.
+
+Two reasons are no mistake of the host, and allowed everywhere. A device does not know every request, and the host
+learns that by asking. A device that boots gives no sign when it is done, so the host asks what it is until it
+responds; if the host gives up meanwhile, it writes the stop requests all the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+from lidario.sim.chassis import Chassis
+from lidario.sim.device import Received, SimulatedDevice
+
+__all__ = ["all_obeyed", "devices_made", "may_discard", "some_discarded"]
+
+UNKNOWN = "unknown to this "
+BOOTING = "still booting"
+ASKED_WHILE_BOOTING = {"get_info", "stop", "forced_stop", "motor_speed_ctrl"}
+
+
+@contextmanager
+def devices_made() -> Iterator[list[SimulatedDevice]]:
+    """Collect every simulated device that is made in the block, whoever makes it."""
+    devices: list[Any] = []
+    make = Chassis.__init__
+
+    def made(self: Any, *args: Any, **kwargs: Any) -> None:
+        make(self, *args, **kwargs)
+        devices.append(self)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Chassis, "__init__", made)
+        yield devices
+
+
+def all_obeyed(devices: Iterable[SimulatedDevice]) -> None:
+    """Fail when one of the devices has discarded a request; tell which, why, and what came shortly before."""
+    for device in devices:
+        log = device.log
+        for at, each in enumerate(log):
+            assert each.obeyed or _no_mistake(each), f"the device discarded:\n{_told(log[max(0, at - 4) : at + 1])}"
+
+
+def some_discarded(devices: Iterable[SimulatedDevice]) -> bool:
+    """Whether `all_obeyed` would fail."""
+    return any(not each.obeyed and not _no_mistake(each) for device in devices for each in device.log)
+
+
+def may_discard(item: pytest.Item) -> bool:
+    """Whether the test, or its module, is marked ``discards``.
+
+    Raises:
+        ValueError: The marker gives no reason.
+    """
+    marks = list(item.iter_markers("discards"))
+    for mark in marks:
+        if len(mark.args) != 1 or not isinstance(mark.args[0], str) or not mark.args[0].strip():
+            raise ValueError(f"{item.nodeid}: the marker discards needs a reason")
+    return bool(marks)
+
+
+def _no_mistake(discarded: Received) -> bool:
+    booting = discarded.why.startswith(BOOTING) and discarded.name in ASKED_WHILE_BOOTING
+    return booting or discarded.why.startswith(UNKNOWN)
+
+
+def _told(requests: list[Received]) -> str:
+    end = requests[-1].at_ns
+    return "\n".join(
+        f"  {(each.at_ns - end) * 1e-6:10.2f} ms  {each.name} {each.data.hex(' ')}  {each.why}" for each in requests
+    )
