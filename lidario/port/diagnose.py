@@ -44,7 +44,7 @@ def held(path: str) -> bool:
 
 
 def holders(path: str) -> Iterator[tuple[int, str]]:
-    """Other processes that hold `path` open, as (pid, name); only where /proc tells, and lets us look."""
+    """Other processes that hold `path` open, as (pid, name); only where /proc tells."""
     try:
         wanted = os.stat(path)
     except OSError:

@@ -246,6 +246,8 @@ class Port(asyncio.Protocol):
 
         Cancelling ends only the waiting.
         """
+        if self.is_forked:
+            return  # a child has no running loop, even inside of one
         # A little more than the timer of `close_soon`, so that the end it forces is seen here.
         await asyncio.wait([self._closed], timeout=1.1 * CLOSE_TIMEOUT_S)
 

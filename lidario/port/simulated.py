@@ -151,7 +151,7 @@ class _MemoryTransport(Line):
         self._closing = True
 
     def _arm(self) -> None:
-        """Look again when the device next has something to say, but at most once a tick."""
+        """Poll again when the device next has something to send, but at most once a tick."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None

@@ -34,7 +34,7 @@ async def open_tcp(name: str, host: str, number: int, baudrate: int = 0) -> Port
         baudrate: Speed of the serial line behind it, in bits a second; 0 when unknown.
 
     Raises:
-        ConnectFailed: Unknown host, refused, impossible address, or no answer within five seconds. Cancelling
+        ConnectFailed: Unknown host, refused, impossible address, or no response within five seconds. Cancelling
             leaves nothing open.
     """
     if not 0 < number < 65536 or "\0" in host:
@@ -46,7 +46,7 @@ async def open_tcp(name: str, host: str, number: int, baudrate: int = 0) -> Port
         async with asyncio.timeout(CONNECT_TIMEOUT_S):
             await loop.create_connection(lambda: port, host, number)
     except TimeoutError as error:
-        text = f"{name}: no answer within {CONNECT_TIMEOUT_S:g} s. Is it switched on, and in this network?"
+        text = f"{name}: no response within {CONNECT_TIMEOUT_S:g} s. Is it switched on, and in this network?"
         raise ConnectFailed(text, reason="refused") from error
     except (OSError, ValueError) as error:
         # ValueError: among others the UnicodeError of a name that cannot be a host's.
@@ -109,6 +109,7 @@ class _TcpLine(Line):
         self._transport.abort()
 
     def write_without_loop(self, data: bytes) -> None:
+        # In vain under uvloop once its loop is closed, since that closes the socket.
         with contextlib.suppress(OSError, ValueError):
             os.write(self._socket.fileno(), data)
 

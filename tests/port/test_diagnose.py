@@ -55,10 +55,11 @@ def test_the_cure_for_a_forbidden_port(
     monkeypatch: pytest.MonkeyPatch, gid: int, mode: int, says: list[str], never: str
 ) -> None:
     groups = {0: "root", 20: "people", 30: "mine"}
-    monkeypatch.setattr("grp.getgrgid", lambda number: SimpleNamespace(gr_name=groups[number]))
-    monkeypatch.setattr(os, "getgroups", lambda: [30])
-    monkeypatch.setattr(os, "stat", lambda path: owned(gid, mode))
-    failed = why_not_opened("/dev/ttyUSB0", PermissionError(errno.EACCES, "denied"))
+    with monkeypatch.context() as patch:
+        patch.setattr("grp.getgrgid", lambda number: SimpleNamespace(gr_name=groups[number]))
+        patch.setattr(os, "getgroups", lambda: [30])
+        patch.setattr(os, "stat", lambda path: owned(gid, mode))
+        failed = why_not_opened("/dev/ttyUSB0", PermissionError(errno.EACCES, "denied"))
     assert failed.reason == "permission"
     for words in says:
         assert words in str(failed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -71,7 +72,11 @@ def test_the_exit_of_a_forked_child_stops_nothing(program: str) -> None:
         ) as process,
     ):
         assert process.stdout is not None
+        # A parent whose lidar was stopped waits for ever.
+        limit = threading.Timer(PATIENCE_S, process.kill)
+        limit.start()
         told = process.stdout.readline()
+        limit.cancel()
         with server.lock:
             scanning, log = rig.device.scanning, names(rig)
         _, errors = process.communicate("\n", timeout=PATIENCE_S)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import socket
 from asyncio.trsock import TransportSocket
 from types import ModuleType
@@ -121,6 +122,21 @@ def test_abandoned_writes_the_stop_requests(library: ModuleType) -> None:
 
         with asyncio.Runner(loop_factory=library.new_event_loop) as runner:
             runner.run(main()).close()
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+def test_abandoned_after_the_loop_was_closed() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        with asyncio.Runner() as runner:
+            port = runner.run(open_tcp("tcp://x", *server.getsockname()))
+            peer, _ = server.accept()
+        peer.settimeout(PATIENCE_S)
+        port.abandon(b"stop")
+        assert peer.recv(100) == b"stop"
+        assert peer.recv(100) == b""
+        peer.close()
+        del port
+        gc.collect()
 
 
 @pytest.mark.parametrize(
