@@ -10,13 +10,21 @@ import inspect
 import os
 import platform
 import re
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
 
+if sys.platform != "win32":
+    pass
+
 from tests.support.discards import all_obeyed, devices_made, may_discard, some_discarded
+
+if sys.platform != "win32":
+    pass
+
 from tests.support.leaks import leaves_no_task, leaves_nothing
 
 NEVER_MIND = (HealthCheck.too_slow, HealthCheck.data_too_large)
@@ -62,6 +70,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if isinstance(item, pytest.Function) and inspect.iscoroutinefunction(item.obj):
             item.obj = leaves_no_task(item.obj)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _first_uvloop() -> None:
+    """Libuv opens a pipe with the first loop of a process and keeps it: no test has left that behind."""
+    if sys.platform != "win32":
+        import uvloop
+
+        uvloop.new_event_loop().close()
 
 
 @pytest.fixture(autouse=True)

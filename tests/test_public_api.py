@@ -54,7 +54,7 @@ PUBLIC = [
     "run",
     "simulate",
 ]
-ALIASES = {"ConnectReason", "NoReturn", "Tap", "Wall"}
+ALIASES = {"BeamOrder", "ConnectReason", "NoReturn", "Tap", "Wall"}
 """Type aliases: they carry no docstring at run time."""
 ERRORS = {
     "Busy": lidario.LidarError,

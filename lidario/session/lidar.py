@@ -215,7 +215,7 @@ class Lidar:
             DeviceFault: It came back and reports an error.
         """
         self._check_open()
-        self.health = await self._scanner.between(self._reset)
+        self.health = await self._scanner.between(self._reset, vital=True)
         return self.health
 
     def tap(self, tap: Tap) -> None:

@@ -1,8 +1,9 @@
 """Running an asyncio program so that the signals which end a service leave its lidars still.
 
-Left alone, SIGTERM (systemd, docker, `kill`) and SIGHUP (a closed terminal) end a process at once: no context manager
-is left, no finalizer runs, and laser and motor go on. `run` makes them cancel the main task, as `asyncio.run` does on
-Ctrl-C. A process that is killed by SIGKILL cannot do anything; its lidar goes on until the next program opens it.
+Left alone, SIGTERM (systemd, docker, `kill`) and SIGHUP (a closed terminal) end a process at once: no context
+manager is left, no finalizer runs, and laser and motor go on. `run` makes them cancel the main task, as
+`asyncio.run` does on Ctrl-C. A process that is killed by SIGKILL cannot do anything; its lidar goes on until the
+next program opens it.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ __all__ = ["run"]
 
 T = TypeVar("T")
 _BY_SIGNAL = 128
-"""Added to the number of the signal, this is the exit code of a program that a signal has ended: a shell's custom."""
+"""Shells report a program that a signal has ended by this number plus the signal's."""
 
 
 def run(main: Coroutine[Any, Any, T], *, debug: bool | None = None) -> T:

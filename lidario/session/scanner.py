@@ -163,14 +163,21 @@ class Scanner:
         finally:
             held.close()
 
-    async def between(self, action: Callable[[], Awaitable[T]]) -> T:
-        """Await `action` while no stream runs; the stream is started again after it, whatever becomes of it."""
+    async def between(self, action: Callable[[], Awaitable[T]], *, vital: bool = False) -> T:
+        """Await `action` while no stream runs; the stream is started again after it, whatever becomes of it.
+
+        A `vital` action is one without which no stream can be started: when it fails, the streams end with it.
+        """
         async with self._lock:
             self._check_open()
             self._dialogue.begin()
             try:
                 await self._interrupt()
                 return await action()
+            except LidarError as error:
+                if vital:
+                    self._could_not_start(error)
+                raise
             finally:
                 self._resume()
 

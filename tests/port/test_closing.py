@@ -75,6 +75,7 @@ async def close_and_watch(port: Port) -> tuple[float, float]:
     took = loop.time() - before
     await asyncio.sleep(0.002)
     ticking.cancel()
+    await asyncio.wait([ticking])
     return took, worst
 
 
