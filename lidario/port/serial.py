@@ -15,6 +15,7 @@ import asyncio
 import contextlib
 import logging
 import os
+import sys
 import threading
 
 import serial
@@ -37,8 +38,7 @@ _POSIX = os.name == "posix"
 
 _FOREIGN: tuple[type[Exception], ...] = (OSError, ValueError, OverflowError)
 """What pyserial and the system raise; pyserial's own exceptions are OSErrors."""
-if _POSIX:
-    import fcntl
+if sys.platform != "win32":
     import termios
 
     # pyserial lets it through in places, and it is no OSError.
@@ -89,12 +89,20 @@ def _open(path: str, baudrate: int) -> _Device:
         device.dtr = False
         device.open()
         if _POSIX and not shared:
-            fcntl.ioctl(device.fileno(), termios.TIOCEXCL)
+            _refuse_others(device.fileno())
         device.reset_input_buffer()
     except _FOREIGN as error:
         device.close()
         raise why_not_opened(path, error) from error
     return device
+
+
+def _refuse_others(handle: int) -> None:
+    """Have the system refuse to open the terminal once more."""
+    import fcntl  # not on Windows
+    import termios
+
+    fcntl.ioctl(handle, termios.TIOCEXCL)
 
 
 class _SerialLine(Line):

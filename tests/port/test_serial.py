@@ -126,7 +126,10 @@ async def held_port(path: str, plan: Plan) -> tuple[Port, Sink, Seen]:
     return port, sink, Seen(port)
 
 
-async def test_what_is_held_comes_in_one_piece_with_the_time_of_each_read(terminal: tuple[int, str]) -> None:
+async def test_what_is_held_comes_in_one_piece_with_the_time_of_each_read(
+    terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lidario.port.reading.HOLD_S", 3600.0)
     master, path = terminal
     plan = Plan(hold=math.inf)
     port, sink, seen = await held_port(path, plan)
@@ -171,7 +174,8 @@ async def test_no_more_than_32_kib_are_held(terminal: tuple[int, str], monkeypat
 
 
 @pytest.mark.parametrize("way", ["poll", "set_polling", "close", "pulled"])
-async def test_what_is_held_is_not_lost(way: str) -> None:
+async def test_what_is_held_is_not_lost(way: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidario.port.reading.HOLD_S", 3600.0)
     with terminal_pair() as (master, slave, path):
         port, sink, seen = await held_port(path, Plan(hold=math.inf))
         os.write(master, b"held")
