@@ -2,6 +2,7 @@
 
 - ``--exhaustive`` (`make check`): tests marked ``exhaustive`` go through all that they can, not through a sample;
   property tests try twice as many examples.
+- ``--every-step``: two tasks at once are tried at every step of the event loop, not at every fifth; six minutes.
 - ``--soak SECONDS``: how long tests at true pace run.
 - Hypothesis runs the same examples every time; ``HYPOTHESIS_PROFILE=search`` searches for new ones, many of them.
 """
@@ -50,6 +51,7 @@ def pytest_ignore_collect(collection_path: Path) -> bool | None:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--soak", type=float, default=1.0, help="seconds that tests at true pace run")
+    parser.addoption("--every-step", action="store_true", help="two tasks at once: at every step of the loop")
     parser.addoption("--exhaustive", action="store_true", help="tests marked exhaustive at full length")
 
 

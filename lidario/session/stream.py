@@ -45,6 +45,11 @@ class Mailbox:
         self._ended = False
         self._error: LidarError | None = None
 
+    @property
+    def ended(self) -> bool:
+        """Whether no more scans will come."""
+        return self._ended
+
     def put(self, scan: Scan) -> int:
         """Add a scan; returns how many were dropped for it (0 or 1)."""
         if self._ended:

@@ -1,0 +1,291 @@
+"""Two tasks at once: what one does, times what the other does to it, times every step of the event loop.
+
+Task A works: it opens, starts a stream, reads, asks, sets the speed, changes the mode, resets, leaves, or closes. When
+the loop has gone round so many times, task B stops, closes, cancels A, starts a stream of its own, or asks. After
+each:
+
+* both have ended, with a result or with the one error that is documented for it;
+* the device scans when a stream is wanted, and hands out scans; it is still when none is;
+* after the session was closed it is still, and no timer is left (tasks, threads and descriptors: `tests.conftest`);
+* the strict device has discarded no request (`tests.support.discards` asserts that in every test).
+
+The loop is driven, so a step is a step, whatever the machine is doing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+import pytest
+
+from lidario import Lidar, LidarError, LocalProtocolError, ScanStream, SessionClosed
+from tests.support.devices import FAMILIES, Rig, discarded, left_still, make_rig
+from tests.support.loop import DrivenLoop, run_driven
+
+SAMPLE = 6
+"""Steps tried of each cell in a sample; every fifth with ``--exhaustive``, all of them with ``--every-step``."""
+LONGEST_S = 20.0
+"""No call takes longer: the longest are a speed that is not reached (10 s) and a boot (8 s)."""
+
+
+@dataclass
+class Scene:
+    """What both tasks see.
+
+    Attributes:
+        rig: The device.
+        lidar: The session.
+        streams: Every stream that was made; they are held until the end, so that none is left unnoticed.
+    """
+
+    rig: Rig
+    lidar: Lidar
+    streams: list[ScanStream] = field(default_factory=list)
+
+    def stream(self, mode: str | None = None) -> ScanStream:
+        self.streams.append(self.lidar.scans(mode))
+        return self.streams[-1]
+
+    @property
+    def wanted(self) -> list[ScanStream]:
+        """Streams that were begun, have not ended, and were not left."""
+        return [
+            stream
+            for stream in self.streams
+            if stream._let_go is not None and not stream._left and not stream._mailbox.ended
+        ]
+
+
+Work = Callable[[Scene], Awaitable[object]]
+
+
+async def start(scene: Scene) -> None:
+    await anext(scene.stream())
+
+
+async def read(scene: Scene) -> None:
+    stream = scene.stream()
+    for _ in range(3):
+        await anext(stream)
+
+
+async def ask(scene: Scene) -> None:
+    await scene.lidar.get_health()
+
+
+async def ask_while_scanning(scene: Scene) -> None:
+    await anext(scene.stream())
+    await scene.lidar.get_scan_frequency()
+
+
+async def set_speed(scene: Scene) -> None:
+    await anext(scene.stream())
+    await scene.lidar.set_scan_frequency(8.0)
+
+
+async def change_mode(scene: Scene) -> None:
+    await scene.lidar.scan()
+    await scene.lidar.scan("Standard")
+
+
+async def reset(scene: Scene) -> None:
+    await anext(scene.stream())
+    await scene.lidar.reset()
+
+
+async def leave(scene: Scene) -> None:
+    async with scene.stream() as stream:
+        await anext(stream)
+
+
+async def stop(scene: Scene) -> None:
+    await anext(scene.stream())
+    await scene.lidar.stop()
+
+
+async def close(scene: Scene) -> None:
+    await anext(scene.stream())
+    await scene.lidar.close()
+
+
+async def b_stops(scene: Scene) -> None:
+    await scene.lidar.stop()
+
+
+async def b_closes(scene: Scene) -> None:
+    await scene.lidar.close()
+
+
+async def b_starts(scene: Scene) -> None:
+    await anext(scene.stream())
+
+
+async def b_asks(scene: Scene) -> None:
+    await scene.lidar.get_info()
+
+
+async def b_cancels(scene: Scene) -> None:
+    """Nothing but cancelling A, which `act` does."""
+
+
+A: tuple[Work, ...] = (start, read, ask, ask_while_scanning, set_speed, change_mode, reset, leave, stop, close)
+B: tuple[Work, ...] = (b_stops, b_closes, b_cancels, b_starts, b_asks)
+
+
+def may_end_with(a: Work, b: Work, error: BaseException, *, of_b: bool) -> bool:
+    """Whether an error is documented for that call while the other task does that."""
+    if isinstance(error, SessionClosed):
+        return b is b_closes or a is close
+    if isinstance(error, StopAsyncIteration):
+        return b is b_stops or a is stop
+    if isinstance(error, asyncio.CancelledError):
+        return b is b_cancels and not of_b
+    # `scan()` while another task stops, and a mode that does not go with that of the other reader.
+    return isinstance(error, LocalProtocolError) and a is change_mode and b in (b_stops, b_starts)
+
+
+def timers(loop: asyncio.AbstractEventLoop) -> list[asyncio.TimerHandle]:
+    return [timer for timer in loop._scheduled if not timer.cancelled()]  # type: ignore[attr-defined]
+
+
+async def both(scene: Scene, a: Work, b: Work, step: int) -> None:
+    """Run A, and B when the loop has gone round `step` times; then look at what is left."""
+    loop = asyncio.get_running_loop()
+    assert isinstance(loop, DrivenLoop)
+    task_a = asyncio.ensure_future(a(scene))
+    tasks = {task_a}
+    first = loop.turns + step
+
+    def act(now: int) -> None:
+        if now == first:
+            tasks.add(asyncio.ensure_future(b(scene)))
+            if b is b_cancels:
+                task_a.cancel()
+
+    loop.at_turn = act
+    while loop.turns <= first:
+        await asyncio.sleep(0.001)
+    loop.at_turn = None
+    done, waiting = await asyncio.wait(tasks, timeout=LONGEST_S)
+    assert not waiting, f"still waiting: {waiting}"
+    for task in done:
+        error = asyncio.CancelledError() if task.cancelled() else task.exception()
+        if error is not None and not may_end_with(a, b, error, of_b=task is not task_a):
+            raise AssertionError(f"{task} ended with {error!r}") from error
+
+
+async def as_it_should_be(scene: Scene) -> None:
+    """The device scans where a stream is wanted; else it is still, some time after the last reader has gone."""
+    lidar, device = scene.lidar, scene.rig.device
+    closed = True
+    with suppress(SessionClosed):
+        lidar._check_open()
+        closed = False
+    if scene.wanted and not closed:
+        assert lidar.is_scanning
+        for stream in scene.wanted:
+            # A scan may be held already; the one after the next is of now.
+            for _ in range(3):
+                await asyncio.wait_for(stream.__anext__(), LONGEST_S)
+        assert device.scanning
+    else:
+        await asyncio.sleep(3.0)
+        assert not lidar.is_scanning
+        assert left_still(scene.rig), [(each.name, each.why) for each in device.log][-6:]
+
+
+async def cell(family: str, a: Work, b: Work, step: int) -> None:
+    rig = make_rig(family)
+    loop = asyncio.get_running_loop()
+    lidar = await rig.open()
+    scene = Scene(rig, lidar)
+    await both(scene, a, b, step)
+    await as_it_should_be(scene)
+    await lidar.close()
+    await asyncio.sleep(0)
+    assert left_still(rig)
+    assert not discarded(rig), [(each.name, each.why) for each in rig.device.log][-8:]
+    assert all(not each.remark for each in rig.device.log)
+    assert not timers(loop), timers(loop)
+
+
+def steps_of(family: str, a: Work) -> int:
+    """How often the loop goes round while A runs undisturbed."""
+
+    async def alone() -> int:
+        rig = make_rig(family)
+        lidar = await rig.open()
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, DrivenLoop)
+        before = loop.turns
+        await a(Scene(rig, lidar))
+        steps = loop.turns - before
+        await lidar.close()
+        return steps
+
+    return run_driven(alone)
+
+
+def chosen(steps: int, stride: int) -> Iterator[int]:
+    """Every `stride`-th step; `SAMPLE` of them where that is 0."""
+    stride = stride or max(1, steps // SAMPLE)
+    yield from range(1 + stride // 3, steps + 2, stride)
+
+
+@pytest.fixture
+def every_step(request: pytest.FixtureRequest) -> bool:
+    return bool(request.config.getoption("--every-step"))
+
+
+@pytest.mark.exhaustive("stride", sample=[0], full=[5])
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("b", B, ids=lambda work: work.__name__)
+@pytest.mark.parametrize("a", A, ids=lambda work: work.__name__)
+def test_two_tasks(family: str, a: Work, b: Work, stride: int, every_step: bool) -> None:
+    two_tasks(family, a, b, 1 if every_step else stride)
+
+
+def two_tasks(family: str, a: Work, b: Work, stride: int) -> None:
+    steps = steps_of(family, a)
+    for step in chosen(steps, stride):
+        try:
+            run_driven(lambda step=step: cell(family, a, b, step))  # type: ignore[misc]
+        except Exception as error:
+            raise AssertionError(f"{a.__name__} x {b.__name__} at step {step} of {steps}: {error}") from error
+
+
+@pytest.mark.exhaustive("stride", sample=[0], full=[1])
+@pytest.mark.parametrize("family", FAMILIES)
+def test_opening_is_cancelled(family: str, stride: int) -> None:
+    async def opening(rig: Rig, step: int) -> int:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, DrivenLoop)
+        before = loop.turns
+        task = asyncio.ensure_future(rig.open()._open())
+
+        def act(now: int) -> None:
+            if now == before + step:
+                task.cancel()
+
+        loop.at_turn = act
+        with suppress(asyncio.CancelledError, LidarError):
+            await (await task).close()
+        loop.at_turn = None
+        return loop.turns - before
+
+    steps = run_driven(lambda: opening(make_rig(family), 0))
+    for step in chosen(steps, stride):
+        rig = make_rig(family)
+        run_driven(lambda rig=rig, step=step: opening(rig, step))  # type: ignore[misc]
+        assert not rig.device.log or left_still(rig), step
+        assert not discarded(rig), step
+
+
+def test_the_matrix_can_fail(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the interruption of a start, a reader waits on after `stop`, and the device scans."""
+    monkeypatch.setattr("lidario.session.dialogue.Dialogue.interrupt", lambda self, error: None)
+    with pytest.raises(AssertionError, match="start x b_stops"):
+        two_tasks("rplidar", start, b_stops, 1)
