@@ -15,8 +15,8 @@ from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.tcp import open_tcp
 from lidario.session.dialogue import Dialogue
-from lidario.session.evidence import Residue
 from lidario.session.handshake import introduce
+from lidario.session.silence import ReceivedInSilence
 from lidario.source import Source
 
 __all__ = ["Connection", "connect"]
@@ -24,7 +24,7 @@ __all__ = ["Connection", "connect"]
 
 @dataclass(frozen=True, slots=True)
 class Connection:
-    """A device that answers.
+    """A device that responds.
 
     Attributes:
         port: The line.
@@ -55,7 +55,7 @@ async def connect(source: Source, family: str | None = None, baudrate: int | Non
         baudrate: Speed of the line, if it is known; likewise.
 
     Raises:
-        ConnectFailed: It could not be opened, or nothing answers; the text says what was tried and what came.
+        ConnectFailed: It could not be opened, or nothing responds; the text says what was tried and what came back.
         DeviceLost: The port died meanwhile.
     """
     named = family or source.family
@@ -78,8 +78,8 @@ async def connect(source: Source, family: str | None = None, baudrate: int | Non
         tries = [_Try(each, speed or baud) for each in families for baud in ((speed,) if speed else each.baudrates)]
         port = await open_serial(source.address, tries[0].baudrate)
     patient = len(tries) == 1
-    residue = Residue()
-    port.add_tap(residue.see)
+    received = ReceivedInSilence()
+    port.add_tap(received.see)
     try:
         for attempt in tries:
             connection = await _try(port, attempt, patient=patient)
@@ -87,15 +87,15 @@ async def connect(source: Source, family: str | None = None, baudrate: int | Non
                 return connection
         port.close_soon()
     finally:
-        port.remove_tap(residue.see)
+        port.remove_tap(received.see)
         if port.is_closing:
             with anyio.CancelScope(shield=True):
                 await port.wait_closed()
-    raise _nothing_answers(source, tries, residue)
+    raise _nothing_answers(source, tries, received)
 
 
 async def _try(port: Port, attempt: _Try, *, patient: bool) -> Connection | None:
-    """Ask one family's question at one speed; None when there is no answer."""
+    """Ask one family's question at one speed; None when there is no response."""
     family = attempt.family
     device = family.device()
     dialogue = Dialogue(port, device, family.timing)
@@ -110,7 +110,7 @@ async def _try(port: Port, attempt: _Try, *, patient: bool) -> Connection | None
             dialogue.hurry(None)
     except ResponseTimeout:
         if patient:
-            # It may hear and yet not be heard.
+            # It may hear us although its responses do not reach us.
             dialogue.stop_device()
         port.attach(None)
         return None
@@ -120,14 +120,14 @@ async def _try(port: Port, attempt: _Try, *, patient: bool) -> Connection | None
     return Connection(port, family, device, dialogue, info)
 
 
-def _nothing_answers(source: Source, tries: list[_Try], residue: Residue) -> LidarError:
+def _nothing_answers(source: Source, tries: list[_Try], received: ReceivedInSilence) -> LidarError:
     speeds = [str(each.baudrate) for each in tries if each.baudrate]
     at = f" at {_either(speeds)} baud" if speeds and source.kind == "serial" else ""
     asked = _either(list(dict.fromkeys(each.family.title for each in tries)))
     cure = "Is the lidar powered (5 V, 1.5 A)"
     cure += " and the adapter's speed switch right?" if source.kind == "serial" else "?"
     return ConnectFailed(
-        f"{source.address} opened, but nothing answers{at} (asked as {asked}): {residue.verdict()}. {cure}",
+        f"{source.address} opened, but nothing answers{at} (asked as {asked}): {received.describe()}. {cure}",
         reason="silent",
     )
 

@@ -1,4 +1,4 @@
-"""Finding lidars: which ports there are, and what answers at their ends.
+"""Finding lidars: which ports there are, and which device responds on each.
 
 A port is written to without being named only when its USB adapter is one that lidars come with: a stray byte
 can reset other people's machines. Families share adapters, so only the protocol tells them apart.
@@ -57,7 +57,7 @@ class Found:
     Attributes:
         port: The port.
         info: What the device says it is; None when none was found.
-        baudrate: Speed at which it answered; 0 when none was found.
+        baudrate: Speed at which it responded; 0 when none was found.
         error: Why none was found; empty when one was.
     """
 
@@ -100,7 +100,7 @@ async def find_source(source: Source) -> Source:
     """The source to open for ``auto`` and ``id:``; any other as it is.
 
     Raises:
-        ConnectFailed: No lidar answers, or several do (reason ``ambiguous``); the text lists them.
+        ConnectFailed: No lidar responds, or several do (reason ``ambiguous``); the text lists them.
     """
     if source.kind not in ("auto", "id"):
         return source

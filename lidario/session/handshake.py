@@ -1,8 +1,8 @@
-"""Getting to know a device, whatever state it was left in.
+"""Identifying a device, whatever state it was left in.
 
-A device may still be streaming for a program that was killed, may hold half a request, may be in its protection
-stop, or may be booting. So the first word is always STOP, then silence is awaited, and only then a question is
-asked whose answer is recognised by type and length. A device that reports an error is reset once.
+A device may still be streaming for a program that was killed, may hold half a request, may have stopped to protect
+itself, or may be booting. So STOP is always sent first, then the line must be quiet, and only then a question is
+asked, whose response is recognised by type and length. A device that reports an error is reset once.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ async def introduce(dialogue: Dialogue, device: Device, patience: float) -> Devi
     With no patience at all it is asked once.
 
     Raises:
-        ResponseTimeout: It does not answer.
+        ResponseTimeout: It does not respond.
         DeviceLost: The port died.
     """
     loop = asyncio.get_running_loop()
@@ -48,7 +48,7 @@ async def healthy(dialogue: Dialogue, device: Device, timing: Timing) -> Health:
 
     Raises:
         DeviceFault: It still reports an error after the reset.
-        ResponseTimeout: It does not answer, or not again after the reset.
+        ResponseTimeout: It does not respond, or not again after the reset.
     """
     health = await dialogue.run(device.health())
     if health.ok:
@@ -65,7 +65,7 @@ async def healthy(dialogue: Dialogue, device: Device, timing: Timing) -> Health:
 
 
 async def restart(dialogue: Dialogue, device: Device, timing: Timing) -> None:
-    """Reset the device and wait until it answers, however long it boots and whatever it prints meanwhile.
+    """Reset the device and wait until it responds, however long it boots and whatever it prints meanwhile.
 
     Raises:
         ResponseTimeout: It does not come back.

@@ -24,6 +24,7 @@ from lidario.model import Scan, ScanMode
 from lidario.revolution.assemble import AssemblerStats
 from lidario.session.dialogue import Dialogue
 from lidario.session.log import Trouble
+from lidario.session.modes import Wanted, agree
 from lidario.session.running import Running, Totals
 from lidario.session.states import Event, State, next_state
 from lidario.session.stream import Hub, Mailbox
@@ -43,13 +44,6 @@ STOP_ATTEMPTS = 3
 
 class _Stopped(LidarError):
     """Ends a start that nobody wants any more. Never leaves this module."""
-
-
-class Wanted(NamedTuple):
-    """A stream that ought to run."""
-
-    mode: ScanMode
-    force: bool
 
 
 class _Joining(NamedTuple):
@@ -259,30 +253,18 @@ class Scanner:
                 continue
             mailbox, mode, force = self._joining.pop(0)
             try:
-                await self._agree(mode, force)
+                wanted = agree(self._modes, mode, force, self._wanted, alone=not len(self.hub))
             except (LocalProtocolError, Unsupported) as error:
                 mailbox.end(error)
                 continue
             self.hub.add(mailbox)
+            if wanted != self._wanted:
+                self._wanted = wanted
+                await self._interrupt()
         if not len(self.hub) and self.is_scanning:
             self._unwant()
         elif self._state is State.INTERRUPTED:
             self._go(Event.RESUME)
-
-    async def _agree(self, mode: str | int | None, force: bool) -> None:
-        """Make the stream that is wanted the one that a reader asks for, if no other reader minds."""
-        wanted = self._wanted
-        if wanted is None or mode is not None or not len(self.hub):
-            wanted = Wanted(choose_mode(self._modes, mode), force)
-        if wanted == self._wanted:
-            return
-        if self._wanted is not None and len(self.hub):
-            raise LocalProtocolError(
-                f"scan mode {self._wanted.mode.name!r} is running for another stream: "
-                f"leave that one before asking for {wanted.mode.name!r}"
-            )
-        self._wanted = wanted
-        await self._interrupt()
 
     async def _start(self, wanted: Wanted) -> None:
         await self._silence()
@@ -412,22 +394,3 @@ class Scanner:
     def _check_open(self) -> None:
         if self._over is not None:
             raise twin_of(self._over)
-
-
-def choose_mode(modes: tuple[ScanMode, ...], wanted: str | int | None) -> ScanMode:
-    """The mode of that name or id; the device's typical one for None.
-
-    Raises:
-        Unsupported: There is none; the text lists those there are.
-    """
-    for mode in modes:
-        if wanted is None and mode.typical:
-            return mode
-        if isinstance(wanted, str) and mode.name.casefold() == wanted.casefold():
-            return mode
-        if isinstance(wanted, int) and mode.id == wanted:
-            return mode
-    if wanted is None:
-        return modes[0]
-    known = ", ".join(f"{mode.name} ({mode.id})" for mode in modes)
-    raise Unsupported(f"this device has no scan mode {wanted!r}; it has {known}")

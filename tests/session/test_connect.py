@@ -10,7 +10,7 @@ from lidario import ConnectFailed, Lidar, list_lidars, open_lidar
 from lidario.families.rplidar.simulated.packers import pack_dense
 from lidario.model import Scan
 from lidario.session.discovery import PortInfo
-from lidario.session.evidence import Residue
+from lidario.session.silence import ReceivedInSilence
 from lidario.sim.serve import PtyServer
 from tests.support.devices import make_rig
 from tests.support.loop import driven
@@ -107,10 +107,10 @@ async def test_a_wrong_baud_rate_is_garbage_and_not_a_crash() -> None:
         await open_lidar("sim://rplidar-s2?via=memory&fault=garbage")
 
 
-def test_the_residue_is_bounded() -> None:
-    residue = Residue()
+def test_the_received_is_bounded() -> None:
+    received = ReceivedInSilence()
     for _ in range(1000):
-        residue.see("in", bytes(4096), 0)
-        residue.see("out", b"ours", 0)
-    assert residue.total == 1000 * 4096
-    assert len(residue._kept) <= 4096
+        received.see("in", bytes(4096), 0)
+        received.see("out", b"ours", 0)
+    assert received.total == 1000 * 4096
+    assert len(received._kept) <= 4096

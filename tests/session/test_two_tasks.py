@@ -1,6 +1,6 @@
 """Two tasks at once: what one does, times what the other does to it, times every step of the event loop.
 
-Task A works: it opens, starts a stream, reads, asks, sets the speed, changes the mode, resets, leaves, or closes. When
+Task A opens, starts a stream, reads, asks, sets the speed, changes the mode, resets, leaves, or closes. When
 the loop has gone round so many times, task B stops, closes, cancels A, starts a stream of its own, or asks. After
 each:
 

@@ -1,25 +1,25 @@
-"""What came back from a device that gave no answer: the first clue to what is wrong with it."""
+"""What was received from a device that did not respond: it tells what is wrong with it."""
 
 from __future__ import annotations
 
 from lidario.families.registry import FAMILIES
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["Residue"]
+__all__ = ["ReceivedInSilence"]
 
 _LIMIT = 4096
 _MOSTLY = 0.9
 
 
-class Residue:
-    """A port tap that keeps the first bytes of each kind of silence.
+class ReceivedInSilence:
+    """A tap that keeps the first bytes received while no response arrives.
 
     Attributes:
-        total: Bytes that came in.
+        total: Bytes received.
     """
 
     def __init__(self) -> None:
-        self.total = 0
+        self.total: int = 0
         self._kept = bytearray()
 
     def see(self, direction: str, data: bytes, now: int) -> None:  # noqa: ARG002
@@ -28,7 +28,7 @@ class Residue:
             self.total += len(data)
             self._kept += data[: _LIMIT - len(self._kept)]
 
-    def verdict(self) -> str:
+    def describe(self) -> str:
         """In words: nothing, zeros, packets of some family, or garbage."""
         if not self.total:
             return "nothing came back"
@@ -36,9 +36,7 @@ class Residue:
             return f"{self.total} bytes came back, nearly all zero, as from a line that floats or a wrong baud rate"
         for family in FAMILIES:
             for kind in family.formats:
-                stream_format = kind()
-                count = _packets(self._kept, stream_format)
-                if count > 1:
+                if _packets(self._kept, kind()) > 1:
                     return (
                         f"{self.total} bytes came back, {family.title} packets among them: "
                         "it streams, but does not obey"

@@ -1,0 +1,68 @@
+"""Which scan mode runs, when readers ask for one by name, by id, or for none in particular."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from lidario.errors import LocalProtocolError, Unsupported
+from lidario.model import ScanMode
+
+__all__ = ["Wanted", "agree", "choose_mode"]
+
+
+class Wanted(NamedTuple):
+    """A stream that ought to run.
+
+    Attributes:
+        mode: The scan mode.
+        force: Whether the device shall measure even when the motor is not up to speed.
+    """
+
+    mode: ScanMode
+    force: bool
+
+
+def agree(
+    modes: tuple[ScanMode, ...], asked: str | int | None, force: bool, running: Wanted | None, *, alone: bool
+) -> Wanted:
+    """The stream that a new reader and those that read already can share.
+
+    Args:
+        modes: The scan modes of the device.
+        asked: Name or id of the mode the new reader asks for; None for the one that runs, or else the typical one.
+        force: Whether it asks for a forced scan.
+        running: What runs, or is about to.
+        alone: Whether the new reader is the only one.
+
+    Raises:
+        Unsupported: The device has no such mode.
+        LocalProtocolError: Another reader needs another mode.
+    """
+    if running is not None and asked is None and not alone:
+        return running
+    wanted = Wanted(choose_mode(modes, asked), force)
+    if running is not None and wanted != running and not alone:
+        raise LocalProtocolError(
+            f"scan mode {running.mode.name!r} is running for another stream: "
+            f"leave that one before asking for {wanted.mode.name!r}"
+        )
+    return wanted
+
+
+def choose_mode(modes: tuple[ScanMode, ...], wanted: str | int | None) -> ScanMode:
+    """The mode of that name or id; the device's typical one for None.
+
+    Raises:
+        Unsupported: There is none; the text lists those there are.
+    """
+    for mode in modes:
+        if wanted is None and mode.typical:
+            return mode
+        if isinstance(wanted, str) and mode.name.casefold() == wanted.casefold():
+            return mode
+        if isinstance(wanted, int) and mode.id == wanted:
+            return mode
+    if wanted is None:
+        return modes[0]
+    known = ", ".join(f"{mode.name} ({mode.id})" for mode in modes)
+    raise Unsupported(f"this device has no scan mode {wanted!r}; it has {known}")
