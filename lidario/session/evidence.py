@@ -19,7 +19,7 @@ class Residue:
     """
 
     def __init__(self) -> None:
-        self.total = 0
+        self.total: int = 0
         self._kept = bytearray()
 
     def see(self, direction: str, data: bytes, now: int) -> None:  # noqa: ARG002

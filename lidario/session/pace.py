@@ -60,7 +60,7 @@ class Pace:
     """
 
     def __init__(self, stream: Stream, baudrate: int, latency: float, received: int = 0) -> None:
-        self.due = 0.0
+        self.due: float = 0.0
         packet_s = stream.format.samples * stream.sample_ns * 1e-9
         wire_s = stream.format.longest * 10 / baudrate if baudrate else 0.0
         # Behind the packet that crosses the seam one more must arrive; where in it the crossing lies is chance.
