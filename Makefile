@@ -3,6 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+# pyright asks the first `python` in PATH where the packages are. It has --pythonpath too, but --verifytypes ignores that.
+PYRIGHT := PATH="$(BIN):$$PATH" $(BIN)/pyright
 SCANS ?= 3
 
 .PHONY: demo test check bench clean
@@ -24,7 +26,8 @@ check: $(READY)  ## lint, format, types, and all tests at full length under cove
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/pyright
+	$(PYRIGHT)
+	$(PYRIGHT) --verifytypes lidario --ignoreexternal
 	$(BIN)/python -m pytest -n auto --exhaustive --cov --cov-report=term-missing:skip-covered
 
 bench: $(READY)  ## the benchmarks, beside their rivals; see benchmarks/README.md

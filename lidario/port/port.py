@@ -128,7 +128,7 @@ class Port(asyncio.Protocol):
 
     def __init__(self, name: str, baudrate: int = 0) -> None:
         self.name = name
-        self.baudrate = baudrate
+        self.baudrate: int = baudrate
         self._loop = asyncio.get_running_loop()
         # uvloop's clock stands still while a callback runs and counts whole milliseconds; it is the monotonic one.
         self._exact = type(self._loop).__module__.split(".")[0] == "uvloop"

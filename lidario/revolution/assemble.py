@@ -61,7 +61,7 @@ class Assembler:
     def __init__(
         self, stream: Stream, baudrate: int = 0, wall_offset_ns: int = 0, stats: AssemblerStats | None = None
     ) -> None:
-        self.stats = stats or AssemblerStats()
+        self.stats: AssemblerStats = stats or AssemblerStats()
         self._stream = stream
         self._baudrate = baudrate
         self._wall_offset_ns = wall_offset_ns
@@ -97,6 +97,7 @@ class Assembler:
     def _part(self, packets: Packets, begin: int, end: int, offsets: Sequence[int]) -> Packets:
         """The packets from number `begin` to before number `end`."""
         arrivals: list[Arrival] = []
+        complete, at_ns = packets.arrivals[-1]  # bound for type checkers too: there is always one
         for complete, at_ns in packets.arrivals:
             if complete >= end:
                 break

@@ -77,7 +77,7 @@ class Dialogue:
         # When the device listens: not before this time, nor while a response is outstanding that may still come.
         self._listens_at = 0.0
         self._response_due = 0.0
-        self.stopper = Stopper(self, device, timing.quiet_s)
+        self.stopper: Stopper = Stopper(self, device, timing.quiet_s)
         port.attach(self)
 
     # ------------------------------------------------------------------------------------------------ what it is

@@ -46,7 +46,7 @@ class Lidar:
     ) -> None:
         self.source = source
         self.info: DeviceInfo = connection.info
-        self.health = health
+        self.health: Health = health
         self._device = connection.device
         self._dialogue = connection.dialogue
         self._timing = connection.family.timing

@@ -64,8 +64,8 @@ class Scanner:
     """
 
     def __init__(self, dialogue: Dialogue, device: Device, latency: float) -> None:
-        self.hub = Hub()
-        self.totals = Totals(AssemblerStats())
+        self.hub: Hub = Hub()
+        self.totals: Totals = Totals(AssemblerStats())
         self.latest: Scan | None = None
         self._dialogue = dialogue
         self._device = device

@@ -68,9 +68,9 @@ class Stopper:
     """
 
     def __init__(self, writer: Writer, device: Device, quiet_s: float) -> None:
-        self.keep_spinning = False
-        self.still = False
-        self.wanted = False
+        self.keep_spinning: bool = False
+        self.still: bool = False
+        self.wanted: bool = False
         self.on_still: Callable[[], None] | None = None
         self._writer = writer
         self._device = device

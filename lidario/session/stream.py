@@ -37,8 +37,8 @@ class Mailbox:
     def __init__(self, depth: int) -> None:
         if depth < 1:
             raise ValueError(f"a mailbox holds at least one scan, not {depth}")
-        self.dropped = 0
-        self.total_dropped = 0
+        self.dropped: int = 0
+        self.total_dropped: int = 0
         self._depth = depth
         self._scans: deque[Scan] = deque()
         self._waiter: asyncio.Future[None] | None = None
@@ -111,7 +111,7 @@ class Hub:
 
     def __init__(self) -> None:
         self._mailboxes: set[Mailbox] = set()
-        self.dropped = 0
+        self.dropped: int = 0
 
     def __len__(self) -> int:
         return len(self._mailboxes)

@@ -21,8 +21,8 @@ class ReceiveBuffer:
     __slots__ = ("data", "limit")
 
     def __init__(self, limit: int) -> None:
-        self.limit = limit
-        self.data = bytearray()
+        self.limit: int = limit
+        self.data: bytearray = bytearray()
 
     def __len__(self) -> int:
         return len(self.data)

@@ -59,8 +59,8 @@ class Link:
     """
 
     def __init__(self) -> None:
-        self.state = LinkState.IDLE
-        self.stats = LinkStats()
+        self.state: LinkState = LinkState.IDLE
+        self.stats: LinkStats = LinkStats()
         self._buffer = ReceiveBuffer(_LIMIT)
         self._events: list[Event] = []
         self._outgoing = bytearray()

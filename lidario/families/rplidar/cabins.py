@@ -218,7 +218,7 @@ def _smoothed(raw: NDArray[np.int32], fine: NDArray[np.bool_], last: int) -> NDA
         moved, again = again, moved
         if not np.count_nonzero(changed):
             return raw + moved[1:]
-    return _smoothed_on(raw, raw + moved[1:], concerned, changed[1:])
+    return _smoothed_on(raw, raw + moved[1:], concerned, moved[1:] != again[1:])
 
 
 def _smoothed_on(

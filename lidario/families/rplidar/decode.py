@@ -160,7 +160,8 @@ class CapsuleDecoder(ABC):
 class DenseDecoder(CapsuleDecoder):
     """0x85: the cabin is the distance in millimetres."""
 
-    size, samples = DenseFormat.shortest, 40
+    size: ClassVar[int] = DenseFormat.shortest
+    samples: ClassVar[int] = 40
 
     def _payload(self, capsules: Capsules, distance: Floats, angle: Floats) -> None:  # noqa: ARG002
         distance[...] = capsules.words[:, 2:]
@@ -169,8 +170,9 @@ class DenseDecoder(CapsuleDecoder):
 class ExpressDecoder(CapsuleDecoder):
     """0x82: each sample carries its own correction of the angle."""
 
-    size, samples = ExpressFormat.shortest, 32
-    reach = (8 << 6, 0)
+    size: ClassVar[int] = ExpressFormat.shortest
+    samples: ClassVar[int] = 32
+    reach: ClassVar[tuple[int, int]] = (8 << 6, 0)
 
     def _payload(self, capsules: Capsules, distance: Floats, angle: Floats) -> None:
         millimetres, eighths = express_cabins(np.ascontiguousarray(capsules.words[:, 2:]))
@@ -181,8 +183,9 @@ class ExpressDecoder(CapsuleDecoder):
 class UltraDecoder(CapsuleDecoder):
     """0x84: scaled and predicted distances; the angle is corrected by the distance."""
 
-    size, samples = UltraFormat.shortest, 96
-    reach = (8 << 6, 30 << 6)
+    size: ClassVar[int] = UltraFormat.shortest
+    samples: ClassVar[int] = 96
+    reach: ClassVar[tuple[int, int]] = (8 << 6, 30 << 6)
 
     def __init__(self) -> None:
         super().__init__()
@@ -199,7 +202,9 @@ class UltraDecoder(CapsuleDecoder):
 class UltraDenseDecoder(CapsuleDecoder):
     """0x86: 20 bits a sample, distance and intensity on a sliding scale; short distances are smoothed."""
 
-    size, start_at, samples = UltraDenseFormat.shortest, UltraDenseFormat.start_at, 64
+    size: ClassVar[int] = UltraDenseFormat.shortest
+    start_at: ClassVar[int] = UltraDenseFormat.start_at
+    samples: ClassVar[int] = 64
 
     def __init__(self) -> None:
         super().__init__()

@@ -60,7 +60,7 @@ class CapsuleFormat(StreamFormat):
         start_at: Offset of the start angle.
     """
 
-    header = re.compile(rb"[\xa0-\xaf][\x50-\x5f]")
+    header: re.Pattern[bytes] = re.compile(rb"[\xa0-\xaf][\x50-\x5f]")
     full_turn = FULL_TURN_Q6
     start_at = 2
 
@@ -115,25 +115,41 @@ class CapsuleFormat(StreamFormat):
 class ExpressFormat(CapsuleFormat):
     """0x82: 16 cabins of two samples."""
 
-    name, answer_type, shortest, longest, samples = "express", 0x82, 84, 84, 32
+    name = "express"
+    answer_type = 0x82
+    shortest = 84
+    longest = 84
+    samples = 32
 
 
 class UltraFormat(CapsuleFormat):
     """0x84: 32 cabins of three samples."""
 
-    name, answer_type, shortest, longest, samples = "ultra", 0x84, 132, 132, 96
+    name = "ultra"
+    answer_type = 0x84
+    shortest = 132
+    longest = 132
+    samples = 96
 
 
 class DenseFormat(CapsuleFormat):
     """0x85: 40 distances."""
 
-    name, answer_type, shortest, longest, samples = "dense", 0x85, 84, 84, 40
+    name = "dense"
+    answer_type = 0x85
+    shortest = 84
+    longest = 84
+    samples = 40
 
 
 class UltraDenseFormat(CapsuleFormat):
     """0x86: a time stamp, a status word, and 32 cabins of two samples with intensity."""
 
-    name, answer_type, shortest, longest, samples = "ultra-dense", 0x86, 170, 170, 64
+    name = "ultra-dense"
+    answer_type = 0x86
+    shortest = 170
+    longest = 170
+    samples = 64
     start_at = 8
 
 
@@ -143,8 +159,12 @@ class HqFormat(StreamFormat):
     The CRC runs over all but itself, padded with zeros to a multiple of four bytes.
     """
 
-    name, answer_type, shortest, longest, samples = "hq", 0x83, 781, 781, 96
-    header = re.compile(rb"\xa5")
+    name = "hq"
+    answer_type = 0x83
+    shortest = 781
+    longest = 781
+    samples = 96
+    header: re.Pattern[bytes] = re.compile(rb"\xa5")
     full_turn = FULL_TURN_Q14
     self_evident = True
 

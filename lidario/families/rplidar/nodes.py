@@ -59,8 +59,12 @@ _CHECKED, _UNMARKED = 0x103, 0x102
 class NodeFormat(StreamFormat):
     """0x81: one sample in five bytes."""
 
-    name, answer_type, shortest, longest, samples = "node", 0x81, SIZE, SIZE, 1
-    header = re.compile(rb"[\x00-\xff][\x00-\xff]", re.DOTALL)
+    name = "node"
+    answer_type = 0x81
+    shortest = SIZE
+    longest = SIZE
+    samples = 1
+    header: re.Pattern[bytes] = re.compile(rb"[\x00-\xff][\x00-\xff]", re.DOTALL)
     full_turn = FULL_TURN_Q6
 
     def __init__(self) -> None:

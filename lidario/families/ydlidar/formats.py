@@ -83,12 +83,15 @@ def packet_heads(packets: Packets) -> NDArray[np.uint16]:
 class PointCloud(StreamFormat):
     """0x81 of the 4ROS: up to 80 distances between two angles."""
 
-    name, answer_type = "point cloud", 0x81
-    header = re.compile(rb"\xaa\x55")
-    shortest, longest, samples = HEADER_SIZE + 2, HEADER_SIZE + 2 * MOST_SAMPLES, 1
+    name = "point cloud"
+    answer_type = 0x81
+    header: re.Pattern[bytes] = re.compile(rb"\xaa\x55")
+    shortest: int = HEADER_SIZE + 2
+    longest: int = HEADER_SIZE + 2 * MOST_SAMPLES
+    samples = 1
     full_turn = FULL_TURN_Q6
     # Where the start packet stands is the device's business: usually, but not necessarily, at 0.
-    first_seam = None
+    first_seam: int | None = None
     self_evident = True
 
     def measure(self, data: bytearray, at: int) -> int:
