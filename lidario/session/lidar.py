@@ -101,6 +101,9 @@ class Lidar:
             mode: Name or id of a scan mode; None for the one that runs, or else the device's typical one.
             depth: Scans kept for a reader that falls behind; the oldest beyond that are dropped and counted.
             force: Ask the device to measure even when the motor is not up to speed.
+
+        Raises:
+            InvalidValue: `depth` is no number of scans.
         """
         return ScanStream(self._scanner, mode, depth, force, self._check_open)
 

@@ -19,7 +19,7 @@ from dataclasses import replace
 from types import TracebackType
 from typing import NoReturn, Protocol, Self
 
-from lidario.errors import Busy, LidarError, LocalProtocolError
+from lidario.errors import Busy, InvalidValue, LidarError, LocalProtocolError
 from lidario.model import Scan
 from lidario.session.twin import twin_of
 
@@ -35,8 +35,8 @@ class Mailbox:
     """
 
     def __init__(self, depth: int) -> None:
-        if depth < 1:
-            raise ValueError(f"a mailbox holds at least one scan, not {depth}")
+        if not isinstance(depth, int) or depth < 1:
+            raise InvalidValue(f"a reader keeps at least one scan, not {depth!r}")
         self.dropped: int = 0
         self.total_dropped: int = 0
         self._depth = depth

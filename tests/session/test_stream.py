@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidario import Busy, DeviceLost, Scan
+from lidario import Busy, DeviceLost, InvalidValue, Scan
 from lidario.session.stream import Hub, Mailbox
 from tests.support.loop import driven
 
@@ -87,5 +87,5 @@ async def test_each_reader_gets_an_error_of_its_own() -> None:
 
 
 def test_a_mailbox_holds_at_least_one() -> None:
-    with pytest.raises(ValueError, match="not 0"):
+    with pytest.raises(InvalidValue, match="not 0"):
         Mailbox(0)

@@ -1,0 +1,132 @@
+"""What a user may write by mistake, and the sentence that says what to write instead."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lidario
+from lidario import InvalidValue, LocalProtocolError, SessionClosed
+from lidario.session.log import Trouble
+from tests.support.devices import both_families, make_rig, take
+from tests.support.loop import driven
+
+
+def test_open_lidar_is_not_for_a_plain_with() -> None:
+    with pytest.raises(LocalProtocolError, match="async with"), lidario.open_lidar("sim://rplidar-s2"):
+        raise AssertionError("never here")
+
+
+def test_open_lidar_is_not_iterated() -> None:
+    with pytest.raises(LocalProtocolError, match=r"async with.*scans\(\)"):
+        aiter(lidario.open_lidar("sim://rplidar-s2"))
+
+
+@driven
+async def test_a_lidar_is_neither_iterated_nor_entered_by_a_plain_with() -> None:
+    rig = make_rig("rplidar")
+    async with rig.open() as lidar:
+        with pytest.raises(LocalProtocolError, match=r"lidar\.scans\(\)"):
+            aiter(lidar)
+        with pytest.raises(LocalProtocolError, match="async with"), lidar:
+            raise AssertionError("never here")
+        with pytest.raises(LocalProtocolError, match="async for"):
+            iter(lidar.scans())
+
+
+def test_without_an_asyncio_loop_one_sentence_says_so() -> None:
+    """As under trio, which runs coroutines without asyncio."""
+    opening = lidario.open_lidar("sim://rplidar-s2?via=memory").__await__()
+    with pytest.raises(LocalProtocolError, match="asyncio"):
+        next(opening)
+
+
+@both_families
+@driven
+async def test_values_that_cannot_be_right(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        calls: list[Callable[[Any], Any]] = [lidar.set_scan_frequency, lidar.set_motor_speed]
+        for wrong in ("x", None, float("nan"), -1.0, 1e9, [1]):
+            for call in calls:
+                with pytest.raises(InvalidValue):
+                    await call(wrong)
+        depth: Any
+        for depth in (0, -1, "x", None, 1.5):
+            with pytest.raises(InvalidValue):
+                lidar.scans(depth=depth)
+        assert await lidar.set_scan_frequency(np.float32(9.0)) == pytest.approx(9.0)  # type: ignore[arg-type]
+        assert not lidar.is_scanning
+
+
+@driven
+async def test_whatever_is_as_good_as_true() -> None:
+    rig = make_rig("ydlidar")
+    async with rig.open() as lidar:
+        yes: Any
+        for yes in (True, 1, np.True_, "on"):
+            assert await lidar.set_power_down_protection(yes) is True
+            assert await lidar.set_power_down_protection(not yes) is False
+
+
+@both_families
+@driven
+async def test_a_stream_of_a_closed_session(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        stream = lidar.scans()
+    with pytest.raises(SessionClosed, match="open_lidar"):
+        await anext(stream)
+    with pytest.raises(SessionClosed):
+        await lidar.stop()
+    await stream.aclose()
+    await lidar.close()
+
+
+@driven
+async def test_states_are_logged_for_who_looks_for_them(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.DEBUG, "lidario")
+    rig = make_rig("rplidar")
+    async with rig.open() as lidar:
+        await take(lidar, 1)
+    states = [record.getMessage() for record in caplog.records if "->" in record.getMessage()]
+    assert [line.split(": ")[1] for line in states] == [
+        "idle -> starting",
+        "starting -> running",
+        "running -> stopping",
+        "stopping -> idle",
+        "idle -> closed",
+    ]
+    assert all(record.levelno == logging.DEBUG for record in caplog.records)
+
+
+def test_trouble_is_told_at_most_once_a_second(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 100.0
+    monkeypatch.setattr("lidario.session.log.time.monotonic", lambda: now)
+    trouble = Trouble(logging.getLogger("lidario"))
+    for _ in range(50):
+        trouble.tell("revolutions discarded: %d", 3)
+    trouble.tell("something else")
+    now += 1.5
+    trouble.tell("revolutions discarded: %d", 4)
+    assert [record.getMessage() for record in caplog.records] == [
+        "revolutions discarded: 3",
+        "something else",
+        "revolutions discarded: 4 (and 49 times more since the last such line)",
+    ]
+
+
+@driven
+async def test_a_revolution_that_is_discarded_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+    rig = make_rig("rplidar")
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        lidar._scanner.totals.assembled.broken_scans += 2
+        await anext(stream)
+    assert [record.getMessage() for record in caplog.records] == ["revolutions discarded: 2 so far"]
