@@ -112,6 +112,7 @@ class Lidar:
 
         Raises:
             StreamFailed: No scan came; the session goes on.
+            LocalProtocolError: Another task called `stop` before the scan was complete.
         """
         stream = self.scans(mode)
         try:

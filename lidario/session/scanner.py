@@ -240,7 +240,8 @@ class Scanner:
             _log.exception("lidario failed when it started a stream")
             failure = InternalError(f"lidario failed when it started a stream ({error!r}); please report this")
             failure.__cause__ = error
-            self._could_not_start(failure)
+            self._dialogue.fail(failure)
+            self._dialogue.stop_device()
         finally:
             self._worker = None
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import lidario
-from lidario import InvalidValue, LocalProtocolError, SessionClosed
+from lidario import InternalError, InvalidValue, LocalProtocolError, SessionClosed
 from lidario.session.log import Trouble
-from tests.support.devices import both_families, make_rig, take
+from tests.support.devices import both_families, left_still, make_rig, take
 from tests.support.loop import driven
 
 
@@ -85,6 +85,26 @@ async def test_a_stream_of_a_closed_session(family: str) -> None:
         await lidar.stop()
     await stream.aclose()
     await lidar.close()
+
+
+@both_families
+@driven
+async def test_a_mistake_of_ours_in_a_start_ends_the_session_and_stops_the_device(
+    family: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+
+        def blunder(*_: object, **__: object) -> None:
+            raise IndexError("a bug")
+
+        lidar._device.start = blunder  # type: ignore[method-assign, assignment]
+        with pytest.raises(InternalError, match=r"IndexError\('a bug'\).*report"):
+            await lidar.scan()
+        with pytest.raises(InternalError):
+            await lidar.get_health()
+    assert "a bug" in caplog.text
+    assert left_still(rig)
 
 
 @driven
