@@ -23,7 +23,7 @@ import anyio
 from lidario.errors import InternalError, LidarError, ResponseTimeout
 from lidario.families.base import Device, Script, Timing
 from lidario.port.port import Port, Schedule, Tap
-from lidario.session.stopper import PATIENCE_S, Stopper
+from lidario.session.stopper import CLOCK_S, PATIENCE_S, Stopper
 from lidario.session.twin import twin_of
 from lidario.wire.envelope import Request
 from lidario.wire.events import Event, Packets, Response
@@ -339,13 +339,13 @@ class Dialogue:
         while True:
             self._check()
             now = self._loop.time()
-            if self._link.is_awaiting and now >= self._response_due:
+            if self._link.is_awaiting and self._response_due - now <= CLOCK_S:
                 self._link.forget()
             if self.stopper.wanted:
                 until = now + PATIENCE_S
             elif self._link.is_awaiting:
                 until = self._response_due
-            elif now < self._listens_at:
+            elif self._listens_at - now > CLOCK_S:
                 until = self._listens_at
             else:
                 return

@@ -20,13 +20,15 @@ from typing import Protocol
 from lidario.families.base import Device
 from lidario.wire.envelope import Request
 
-__all__ = ["PATIENCE_S", "Stopper", "Writer"]
+__all__ = ["CLOCK_S", "PATIENCE_S", "Stopper", "Writer"]
 
 _log = logging.getLogger("lidario")
 
 PATIENCE_S = 0.1
 """How long the stop requests wait for a response that is outstanding. Healthy devices respond within a few
 milliseconds; one that does not may be unable to, and its motor must not go on turning for that."""
+CLOCK_S = 1e-6
+"""A timer may fire that little early, by the resolution of the loop's clock: its time has come all the same."""
 ATTEMPTS = 3
 """How often the stop requests are written when bytes go on coming after them, before the port is closed anyway."""
 
@@ -108,7 +110,7 @@ class Stopper:
             return
         self.cancel()
         due = self._writer.free_at(self._patient_until)
-        if self._loop.time() < due:
+        if due - self._loop.time() > CLOCK_S:
             self._timer = self._loop.call_at(due, self.try_now)
             return
         self._write()
