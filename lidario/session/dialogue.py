@@ -287,15 +287,21 @@ class Dialogue:
     async def close(self) -> None:
         """As `hang_up`, and return when the port is closed.
 
-        The waiting is bounded and shielded from anyio's cancellation. A second native cancellation ends the
-        waiting, not what timers go on with.
+        The waiting is bounded and shielded from anyio's cancellation. A second native cancellation ends it as soon
+        as the stop requests are written; timers go on with closing the port.
         """
         self.hang_up()
         with anyio.CancelScope(shield=True):
+            await self.stopper.surely_written()
             await self._port.wait_closed()
 
     def abandon(self) -> None:
-        """Leave the device still and close the port, even without a loop: for finalizers. Blocks shortly."""
+        """Leave the device still and close the port, even without a loop: for finalizers. Blocks shortly.
+
+        Where timers do so already, on a loop that runs, they go on.
+        """
+        if self.stopper.ends_by_itself and self._loop.is_running():
+            return
         self.stopper.cancel()
         requests = () if self.stopper.still else self.stopper.requests()
         # A response that is outstanding is not received any more. A healthy device has sent it after this time.

@@ -232,13 +232,14 @@ class Lidar:
 
         Everything else ends with SessionClosed at once: readers, questions, a stream that is being started. The
         stop requests are written before anything is awaited, or, where the device does not listen at that moment,
-        by a timer; so cancelling it ends only the waiting.
+        by a timer. Cancelling it ends only the waiting for the port to close; it does not end earlier than the stop
+        requests are written, which takes a tenth of a second at most.
         """
-        if not self._closed:
-            self._closed = True
-            self._abandoned.detach()
-            self._scanner.end(SessionClosed(f"the session on {self.source} was closed"))
+        self._closed = True
+        self._scanner.end(SessionClosed(f"the session on {self.source} was closed"))
         await self._dialogue.close()
+        # Not earlier: a KeyboardInterrupt may come anywhere above, and then the finalizer stops the device.
+        self._abandoned.detach()
         await self._scanner.ended()
 
     async def __aenter__(self) -> Self:
