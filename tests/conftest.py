@@ -3,6 +3,8 @@
 - ``--exhaustive`` (`make check`): tests marked ``exhaustive`` go through all that they can, not through a sample;
   property tests try twice as many examples.
 - ``--soak SECONDS``: how long tests at true pace run.
+- ``--rounds N``: how often tests at true pace act at a random moment; a few times by default, more with
+  ``--exhaustive``.
 - Hypothesis runs the same examples every time; ``HYPOTHESIS_PROFILE=search`` searches for new ones, many of them.
 """
 
@@ -50,6 +52,7 @@ def pytest_ignore_collect(collection_path: Path) -> bool | None:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--soak", type=float, default=1.0, help="seconds that tests at true pace run")
+    parser.addoption("--rounds", type=int, default=0, help="random moments that tests at true pace act at")
     parser.addoption("--exhaustive", action="store_true", help="tests marked exhaustive at full length")
 
 
@@ -104,3 +107,10 @@ def _obeyed(request: pytest.FixtureRequest) -> Iterator[None]:
 def soak(request: pytest.FixtureRequest) -> float:
     """Seconds that tests at true pace run."""
     return float(request.config.getoption("--soak"))
+
+
+@pytest.fixture
+def rounds(request: pytest.FixtureRequest) -> int:
+    """At how many random moments a test at true pace acts."""
+    usual = 50 if request.config.getoption("--exhaustive") else 6
+    return int(request.config.getoption("--rounds")) or usual
