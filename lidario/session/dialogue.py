@@ -279,7 +279,13 @@ class Dialogue:
         self.stopper.stop()
 
     def hang_up(self) -> None:
-        """Leave the device still, then close the port; without waiting. Nothing is delivered any more."""
+        """Leave the device still, then close the port; without waiting. Nothing is delivered any more.
+
+        After the event loop was closed no timer can do that, so it blocks as `abandon` does.
+        """
+        if self._loop.is_closed():
+            self.abandon()
+            return
         self._port.announce_close()
         self.deliver_to(None)
         self.stopper.hang_up()
@@ -291,6 +297,8 @@ class Dialogue:
         as the stop requests are written; timers go on with closing the port.
         """
         self.hang_up()
+        if self._loop.is_closed():
+            return
         with anyio.CancelScope(shield=True):
             await self.stopper.surely_written()
             await self._port.wait_closed()

@@ -53,6 +53,7 @@ class Lidar:
         self._dialogue.stopper.keep_spinning = keep_spinning
         self._scanner = Scanner(connection.dialogue, connection.device, latency)
         self._closed = False
+        self._loop = asyncio.get_running_loop()
         self._abandoned = weakref.finalize(self, _abandon, connection.dialogue, self._scanner)
 
     def __repr__(self) -> str:
@@ -286,6 +287,20 @@ class Lidar:
             raise SessionClosed(f"the session on {self.source} was closed; open_lidar() makes a new one")
         if self._dialogue.fatal is not None:
             raise twin_of(self._dialogue.fatal)
+        if self._loop.is_closed():
+            raise SessionClosed(f"the event loop in which the session on {self.source} was opened is closed")
+        if _running_loop() not in (None, self._loop):
+            raise LocalProtocolError(
+                f"the session on {self.source} belongs to another event loop: "
+                "use asyncio.run_coroutine_threadsafe() from other threads"
+            )
+
+
+def _running_loop() -> asyncio.AbstractEventLoop | None:
+    try:
+        return asyncio.get_running_loop()
+    except RuntimeError:
+        return None
 
 
 def _abandon(dialogue: Dialogue, scanner: Scanner) -> None:

@@ -10,8 +10,9 @@ import asyncio
 import random
 import signal
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import suppress
+from typing import Any
 
 import anyio
 import pytest
@@ -24,11 +25,11 @@ from tests.support.children import is_still, requests, until
 from tests.support.leaks import leaves_nothing
 
 LONGEST_S = 0.3
-DEAF_S = {"stop": 0.02, "reset": 0.6}
-"""After a STOP the device hears nothing for 10 ms, after a RESET for 500. A program that was cancelled twice does not
-wait for that, and the next one cannot know of it."""
+BUSY_S, BOOTING_S = 0.02, 0.6
+"""After a STOP the device hears nothing for 10 ms, after a RESET for 500, after a query until it has responded. A
+program that was cancelled twice does not wait for that, and the next one cannot know of it."""
 Action = Callable[[Lidar], Awaitable[object]]
-End = Callable[[Awaitable[None], float], Awaitable[None]]
+End = Callable[[Awaitable[None], float], Coroutine[Any, Any, None]]
 
 
 async def read(lidar: Lidar) -> None:
@@ -125,10 +126,9 @@ def end_at_random(server: PtyServer, family: str, seed: int) -> None:
 
 
 def until_it_listens(server: PtyServer) -> None:
-    """Wait until the device has listened again after the last STOP or RESET."""
-    for name, pause in DEAF_S.items():
-        last = max((each.at_ns for each in requests(server) if each.name == name), default=0)
-        time.sleep(max(0.0, pause - (time.monotonic_ns() - last) * 1e-9))
+    """Wait until the device listens again, whatever it was asked last."""
+    done = [each.at_ns * 1e-9 + (BOOTING_S if each.name == "reset" else BUSY_S) for each in requests(server)]
+    time.sleep(max(0.0, max(done, default=0.0) - time.monotonic()))
 
 
 @pytest.mark.parametrize("model", ["rplidar-s2", "ydlidar-4ros"])
