@@ -4,6 +4,8 @@
   property tests try twice as many examples.
 - ``--every-step``: two tasks at once are tried at every step of the event loop, not at every fifth; six minutes.
 - ``--soak SECONDS``: how long tests at true pace run.
+- ``--rounds N``: how often tests at true pace act at a random moment; a few times by default, more with
+  ``--exhaustive``.
 - Hypothesis runs the same examples every time; ``HYPOTHESIS_PROFILE=search`` searches for new ones, many of them.
 """
 
@@ -52,6 +54,7 @@ def pytest_ignore_collect(collection_path: Path) -> bool | None:
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--soak", type=float, default=1.0, help="seconds that tests at true pace run")
     parser.addoption("--every-step", action="store_true", help="two tasks at once: at every step of the loop")
+    parser.addoption("--rounds", type=int, default=0, help="random moments that tests at true pace act at")
     parser.addoption("--exhaustive", action="store_true", help="tests marked exhaustive at full length")
 
 
@@ -106,3 +109,10 @@ def _obeyed(request: pytest.FixtureRequest) -> Iterator[None]:
 def soak(request: pytest.FixtureRequest) -> float:
     """Seconds that tests at true pace run."""
     return float(request.config.getoption("--soak"))
+
+
+@pytest.fixture
+def rounds(request: pytest.FixtureRequest) -> int:
+    """At how many random moments a test at true pace acts."""
+    usual = 50 if request.config.getoption("--exhaustive") else 6
+    return int(request.config.getoption("--rounds")) or usual

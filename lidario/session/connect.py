@@ -115,7 +115,7 @@ async def _try(port: Port, attempt: _Try, *, patient: bool) -> Connection | None
         port.attach(None)
         return None
     except BaseException:
-        dialogue.hang_up()
+        await dialogue.close()
         raise
     return Connection(port, family, device, dialogue, info)
 

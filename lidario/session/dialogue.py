@@ -279,7 +279,13 @@ class Dialogue:
         self.stopper.stop()
 
     def hang_up(self) -> None:
-        """Leave the device still, then close the port; without waiting. Nothing is delivered any more."""
+        """Leave the device still, then close the port; without waiting. Nothing is delivered any more.
+
+        After the event loop was closed no timer can do that, so it blocks as `abandon` does.
+        """
+        if self._loop.is_closed():
+            self.abandon()
+            return
         self._port.announce_close()
         self.deliver_to(None)
         self.stopper.hang_up()
@@ -287,15 +293,23 @@ class Dialogue:
     async def close(self) -> None:
         """As `hang_up`, and return when the port is closed.
 
-        The waiting is bounded and shielded from anyio's cancellation. A second native cancellation ends the
-        waiting, not what timers go on with.
+        The waiting is bounded and shielded from anyio's cancellation. A second native cancellation ends it as soon
+        as the stop requests are written; timers go on with closing the port.
         """
         self.hang_up()
+        if self._loop.is_closed():
+            return
         with anyio.CancelScope(shield=True):
+            await self.stopper.surely_written()
             await self._port.wait_closed()
 
     def abandon(self) -> None:
-        """Leave the device still and close the port, even without a loop: for finalizers. Blocks shortly."""
+        """Leave the device still and close the port, even without a loop: for finalizers. Blocks shortly.
+
+        Where timers do so already, on a loop that runs, they go on.
+        """
+        if self.stopper.ends_by_itself and self._loop.is_running():
+            return
         self.stopper.cancel()
         requests = () if self.stopper.still else self.stopper.requests()
         # A response that is outstanding is not received any more. A healthy device has sent it after this time.

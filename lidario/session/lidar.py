@@ -53,6 +53,7 @@ class Lidar:
         self._dialogue.stopper.keep_spinning = keep_spinning
         self._scanner = Scanner(connection.dialogue, connection.device, latency)
         self._closed = False
+        self._loop = asyncio.get_running_loop()
         self._abandoned = weakref.finalize(self, _abandon, connection.dialogue, self._scanner)
 
     def __repr__(self) -> str:
@@ -236,13 +237,14 @@ class Lidar:
 
         Everything else ends with SessionClosed at once: readers, questions, a stream that is being started. The
         stop requests are written before anything is awaited, or, where the device does not listen at that moment,
-        by a timer; so cancelling it ends only the waiting.
+        by a timer. Cancelling it ends only the waiting for the port to close; it does not end earlier than the stop
+        requests are written, which takes a tenth of a second at most.
         """
-        if not self._closed:
-            self._closed = True
-            self._abandoned.detach()
-            self._scanner.end(SessionClosed(f"the session on {self.source} was closed"))
+        self._closed = True
+        self._scanner.end(SessionClosed(f"the session on {self.source} was closed"))
         await self._dialogue.close()
+        # Not earlier: a KeyboardInterrupt may come anywhere above, and then the finalizer stops the device.
+        self._abandoned.detach()
         await self._scanner.ended()
 
     async def __aenter__(self) -> Self:
@@ -289,6 +291,20 @@ class Lidar:
             raise SessionClosed(f"the session on {self.source} was closed; open_lidar() makes a new one")
         if self._dialogue.fatal is not None:
             raise twin_of(self._dialogue.fatal)
+        if self._loop.is_closed():
+            raise SessionClosed(f"the event loop in which the session on {self.source} was opened is closed")
+        if _running_loop() not in (None, self._loop):
+            raise LocalProtocolError(
+                f"the session on {self.source} belongs to another event loop: "
+                "use asyncio.run_coroutine_threadsafe() from other threads"
+            )
+
+
+def _running_loop() -> asyncio.AbstractEventLoop | None:
+    try:
+        return asyncio.get_running_loop()
+    except RuntimeError:
+        return None
 
 
 def _abandon(dialogue: Dialogue, scanner: Scanner) -> None:

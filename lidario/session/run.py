@@ -11,8 +11,8 @@ from __future__ import annotations
 import asyncio
 import signal
 import threading
-from collections.abc import Coroutine, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Coroutine
+from contextlib import suppress
 from typing import Any, TypeVar
 
 __all__ = ["run"]
@@ -26,7 +26,8 @@ def run(main: Coroutine[Any, Any, T], *, debug: bool | None = None) -> T:
     """As `asyncio.run`, but SIGTERM and SIGHUP too cancel `main` and let it end in order.
 
     A second signal cancels it again: that ends what it waits for while it ends, not the stop requests. Signals are
-    taken only in the main thread. SIGHUP stays ignored where it is, as under ``nohup``.
+    taken only in the main thread, until the last task has ended. A signal that the program ignores (as SIGHUP under
+    ``nohup``) or handles itself stays so.
 
     Args:
         main: The program.
@@ -42,8 +43,8 @@ def run(main: Coroutine[Any, Any, T], *, debug: bool | None = None) -> T:
     caught: list[int] = []
 
     async def guarded() -> T:
-        with _signals_cancel(caught):
-            return await main
+        _let_signals_cancel(caught)
+        return await main
 
     try:
         with asyncio.Runner(debug=debug) as runner:
@@ -56,9 +57,12 @@ def run(main: Coroutine[Any, Any, T], *, debug: bool | None = None) -> T:
         main.close()
 
 
-@contextmanager
-def _signals_cancel(caught: list[int]) -> Iterator[None]:
-    """While it lasts, signals cancel the current task, and their numbers are kept in `caught`."""
+def _let_signals_cancel(caught: list[int]) -> None:
+    """From now on signals cancel the current task, and their numbers are added to `caught`.
+
+    The loop gives them back when it is closed, and not before: a lidar may be held by another task than `main`, and
+    the runner cancels that one after `main` has ended.
+    """
     loop, task = asyncio.get_running_loop(), asyncio.current_task()
     assert task is not None
 
@@ -66,23 +70,16 @@ def _signals_cancel(caught: list[int]) -> Iterator[None]:
         caught.append(number)
         task.cancel()
 
-    taken: list[int] = []
     if threading.current_thread() is threading.main_thread():
         for number in _ending_signals():
             with suppress(NotImplementedError):  # loops on Windows take none; asyncio.run handles Ctrl-C there
                 loop.add_signal_handler(number, cancel, number)
-                taken.append(number)
-    try:
-        yield
-    finally:
-        for number in taken:
-            loop.remove_signal_handler(number)
 
 
 def _ending_signals() -> list[int]:
-    """SIGTERM, and SIGHUP where there is one and it is not ignored. SIGINT is left to `asyncio.Runner`."""
+    """SIGTERM and SIGHUP, unless the program has chosen what they do; SIGINT is the runner's."""
     wanted: list[int] = [signal.SIGTERM]
     hang_up = getattr(signal, "SIGHUP", None)
-    if hang_up is not None and signal.getsignal(hang_up) is not signal.SIG_IGN:
+    if hang_up is not None:
         wanted.append(hang_up)
-    return wanted
+    return [number for number in wanted if signal.getsignal(number) is signal.SIG_DFL]

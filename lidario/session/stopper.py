@@ -82,6 +82,11 @@ class Stopper:
         self._patient_until = 0.0
         self._hanging_up = False
 
+    @property
+    def ends_by_itself(self) -> bool:
+        """Whether the stop requests are written, or have a timer, and the port is closed after them."""
+        return self._hanging_up and (self.still or self._timer is not None)
+
     def requests(self) -> tuple[Request, ...]:
         """What leaves the device still: laser off, and the motor too unless it shall go on. Chosen here alone."""
         return (self._device.stop(),) if self.keep_spinning else self._device.halt()
@@ -124,6 +129,20 @@ class Stopper:
         # A timer that is late or put off makes another round; nothing can wake this too early or never.
         while self.wanted and self._timer is not None and self._writer.is_open:  # noqa: ASYNC110
             await asyncio.sleep(max(0.0, self._timer.when() - self._loop.time()))
+
+    async def surely_written(self) -> None:
+        """As `written`; a cancellation that comes meanwhile is raised afterwards.
+
+        The program may close the loop as soon as it goes on, and no timer writes anything after that.
+        """
+        cancelled: asyncio.CancelledError | None = None
+        while self.wanted and self._timer is not None and self._writer.is_open:
+            try:
+                await self.written()
+            except asyncio.CancelledError as error:
+                cancelled = error
+        if cancelled is not None:
+            raise cancelled
 
     def hang_up(self) -> None:
         """Leave the device still, then close the port; without waiting, timers go on with it."""

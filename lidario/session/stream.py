@@ -180,6 +180,7 @@ class ScanStream:
         self._mailbox = Mailbox(depth)
         self._let_go: weakref.finalize[..., ScanStream] | None = None
         self._left = False
+        self._loop: asyncio.AbstractEventLoop | None = None
         self._check_open = opened
 
     @property
@@ -196,10 +197,12 @@ class ScanStream:
         if self._let_go is None:
             self._check_open()
             self._source.join(self._mailbox, self._mode, self._force)
+            self._loop = asyncio.get_running_loop()
             # Run by the garbage collector, perhaps in another thread.
-            loop = asyncio.get_running_loop()
-            self._let_go = weakref.finalize(self, _let_go, loop, self._source, self._mailbox)
+            self._let_go = weakref.finalize(self, _let_go, self._loop, self._source, self._mailbox)
             self._let_go.atexit = False
+        elif self._loop is not asyncio.get_running_loop():
+            raise LocalProtocolError("the stream was begun in another event loop, and its scans come only there")
         return await self._mailbox.get()
 
     async def __aenter__(self) -> Self:
@@ -216,6 +219,8 @@ class ScanStream:
 
     async def aclose(self) -> None:
         """Leave the stream. The last one to be left stops laser and motor. Harmless when done before.
+
+        For a task that waits for the next scan, the iteration ends.
 
         The stop requests are written before anything is awaited, or, where the device does not listen at that
         moment, by a timer. Cancelling ends only the waiting for that.
@@ -234,6 +239,7 @@ class ScanStream:
         if self._let_go is None or left:
             return False
         self._let_go.detach()
+        self._mailbox.end()
         return True
 
 

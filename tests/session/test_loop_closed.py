@@ -1,0 +1,97 @@
+"""A program may end at any moment, and its event loop is closed at once: the device is still all the same.
+
+In these tests nothing waits after the cancellation, so what a timer would do later is not done any more.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+from collections.abc import Awaitable, Callable
+
+import pytest
+
+from lidario import Lidar
+from tests.support.devices import Rig, both_families, discarded, left_still, make_rig, names
+from tests.support.loop import DrivenLoop
+
+Interrupt = Callable[[DrivenLoop, "asyncio.Task[None]"], None]
+TIMES = 4
+"""Cancellations in as many turns of the loop: `asyncio.run` adds one when a second Ctrl-C ends it."""
+
+
+async def ask(lidar: Lidar) -> None:
+    async with lidar.scans() as stream:
+        await anext(stream)
+        await lidar.get_health()
+
+
+async def start(lidar: Lidar) -> None:
+    async with lidar.scans() as stream:
+        await anext(stream)
+
+
+async def read_and_stop(lidar: Lidar) -> None:
+    async for _ in lidar.scans():
+        await lidar.stop()
+
+
+WORK = [ask, start, read_and_stop]
+
+
+def run_and_close(
+    rig: Rig, work: Callable[[Lidar], Awaitable[None]], at: int, what: Interrupt, monkeypatch: pytest.MonkeyPatch
+) -> int:
+    """Run `work`, interrupt it when the loop has gone round `at` times, close the loop; the turns that it went."""
+    loop = DrivenLoop()
+    monkeypatch.setattr("lidario.port.port.time.sleep", loop.block)
+
+    async def main() -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        loop.at_turn = lambda turn: what(loop, task) if at <= turn < at + TIMES else None
+        async with rig.open() as lidar:
+            await work(lidar)
+
+    with asyncio.Runner(loop_factory=lambda: loop) as runner:
+        try:
+            runner.run(main())
+        except (asyncio.CancelledError, KeyboardInterrupt):
+            loop.at_turn = None
+        turns = loop.turns
+    gc.collect()
+    return turns
+
+
+def cancel_again_and_again(_: DrivenLoop, task: asyncio.Task[None]) -> None:
+    task.cancel()
+
+
+def interrupt(loop: DrivenLoop, _: asyncio.Task[None]) -> None:
+    """As a second Ctrl-C: it comes out of the loop itself, and the runner then cancels what is left."""
+    loop.at_turn = None
+    raise KeyboardInterrupt
+
+
+def never(_: DrivenLoop, task: asyncio.Task[None]) -> None:
+    pass
+
+
+@both_families
+@pytest.mark.parametrize("work", WORK)
+@pytest.mark.parametrize("what", [cancel_again_and_again, interrupt])
+@pytest.mark.exhaustive("points", sample=[8], full=[60])
+def test_ended_at_every_turn_of_the_loop(
+    family: str,
+    work: Callable[[Lidar], Awaitable[None]],
+    what: Interrupt,
+    points: int,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    turns = run_and_close(make_rig(family), work, 1, never, monkeypatch)
+    for at in range(2, turns, max(1, turns // points)):
+        rig = make_rig(family)
+        run_and_close(rig, work, at, what, monkeypatch)
+        if any("scan" in name for name in names(rig)):
+            assert left_still(rig), (at, names(rig)[-4:])
+        assert not discarded(rig), at

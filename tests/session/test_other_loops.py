@@ -1,0 +1,102 @@
+"""What programs had better not do: nobody waits for ever, errors say why, and the device is still afterwards."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import pytest
+
+from lidario import Lidar, LocalProtocolError, SessionClosed
+from tests.support.devices import both_families, discarded, left_still, make_rig
+from tests.support.loop import DrivenLoop, driven
+
+PATIENCE_S = 30.0
+CALLS: list[Callable[[Lidar], Awaitable[Any]]] = [
+    Lidar.get_health,
+    Lidar.get_modes,
+    Lidar.scan,
+    Lidar.stop,
+    Lidar.reset,
+    lambda lidar: lidar.set_scan_frequency(8.0),
+]
+
+
+@both_families
+@pytest.mark.parametrize("way", ["aclose", "release"])
+@driven
+async def test_a_stream_that_another_task_leaves_ends_for_its_reader(family: str, way: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        stream = lidar.scans()
+        reading = asyncio.ensure_future(anext(stream))
+        await asyncio.sleep(0.05)
+        if way == "aclose":
+            await stream.aclose()
+        else:
+            stream.release()
+        async with asyncio.timeout(PATIENCE_S):
+            with pytest.raises(StopAsyncIteration):
+                await reading
+        await asyncio.sleep(2.0)
+        assert left_still(rig)
+    assert not discarded(rig)
+
+
+@both_families
+def test_a_session_that_is_used_after_its_loop_was_closed(family: str) -> None:
+    rig = make_rig(family)
+    held: list[Any] = []
+
+    async def first() -> None:
+        lidar = await rig.open()
+        held.extend([lidar, lidar.scans()])
+        await anext(held[1])
+
+    async def second() -> None:
+        lidar, stream = held
+        for call in CALLS:
+            with pytest.raises(SessionClosed, match="event loop"):
+                await call(lidar)
+        async with asyncio.timeout(PATIENCE_S):
+            with pytest.raises(LocalProtocolError, match="another event loop"):
+                await anext(stream)
+        await lidar.close()
+
+    for main in (first, second):
+        with asyncio.Runner(loop_factory=DrivenLoop) as runner:
+            runner.run(main())
+    assert left_still(rig)
+
+
+@both_families
+@driven
+async def test_a_session_that_another_thread_uses(family: str) -> None:
+    """Refused with the way to do it; the session is not harmed."""
+    rig = make_rig(family)
+    refused: list[str] = []
+
+    async def misuse(call: Callable[[Lidar], Awaitable[Any]]) -> None:
+        async with asyncio.timeout(PATIENCE_S):
+            await call(lidar)
+
+    def other() -> None:
+        for call in CALLS:
+            try:
+                asyncio.run(misuse(call))
+            except LocalProtocolError as error:
+                refused.append(str(error))
+
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        thread = threading.Thread(target=other)
+        thread.start()
+        thread.join()
+        assert len(refused) == len(CALLS)
+        assert all("run_coroutine_threadsafe" in text for text in refused)
+        async with asyncio.timeout(PATIENCE_S):
+            await anext(stream)
+    assert left_still(rig)
+    assert not discarded(rig)

@@ -1,0 +1,206 @@
+"""Signals that end a program: with `lidario.run` the device is left still, without it SIGTERM leaves it scanning.
+
+The device runs in this process and the program in another one, so what reached the device is known first hand.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import subprocess
+import threading
+from collections.abc import Sequence
+
+import pytest
+
+import lidario
+from lidario.sim.serve import PtyServer
+from tests.cli.processes import served
+from tests.support.children import BOUND, child, is_still, line_of, requests, until, was_stopped
+
+MODELS = ("rplidar-s2", "ydlidar-4ros")
+
+PROGRAM = """
+import asyncio, signal, sys
+import lidario
+
+async def main():
+    async with lidario.open_lidar(sys.argv[1], family=sys.argv[2]) as lidar:
+        async for scan in lidar.scans():
+            print(scan.seq, flush=True)
+
+"""
+SWALLOWING = """
+async def swallowing():
+    try:
+        await main()
+    except asyncio.CancelledError:
+        return "its own result"
+
+print(lidario.run(swallowing()))
+"""
+FAILING = """
+async def failing():
+    try:
+        await main()
+    finally:
+        raise ValueError("a mistake in the cleanup")
+
+lidario.run(failing())
+"""
+IN_BACKGROUND = """
+async def waiting():
+    task = asyncio.create_task(main())
+    await asyncio.Event().wait()
+
+lidario.run(waiting())
+"""
+RUN = "lidario.run(main())"
+EXIT_TERM, EXIT_HUP = 128 + signal.SIGTERM, 128 + signal.SIGHUP
+
+
+def family_of(model: str) -> str:
+    return model.partition("-")[0]
+
+
+def scanning(process: subprocess.Popen[str]) -> None:
+    """Return when the program has read scans."""
+    for _ in range(2):
+        assert line_of(process).strip().isdecimal()
+
+
+def ended_by(server: PtyServer, program: str, model: str, numbers: Sequence[int]) -> tuple[int, str, str]:
+    """Exit code, output and errors of a program that got these signals while it read scans."""
+    with child(PROGRAM + program, server.path, family_of(model)) as process:
+        scanning(process)
+        for number in numbers:
+            process.send_signal(number)
+        out, said = process.communicate(timeout=BOUND)
+    return process.returncode, out, said
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize(
+    ("numbers", "code"),
+    [
+        ([signal.SIGTERM], EXIT_TERM),
+        ([signal.SIGHUP], EXIT_HUP),
+        ([signal.SIGTERM, signal.SIGTERM], EXIT_TERM),
+        ([signal.SIGINT], -signal.SIGINT),
+        ([signal.SIGINT, signal.SIGINT], -signal.SIGINT),
+    ],
+    ids=["term", "hup", "term twice", "int", "int twice"],
+)
+def test_a_signal_leaves_the_device_still(model: str, numbers: list[int], code: int) -> None:
+    with served(model) as server:
+        returned, _, said = ended_by(server, RUN, model, numbers)
+        until(lambda: was_stopped(server), lambda: (said, requests(server)[-5:]))
+    assert returned == code, said
+    assert ("KeyboardInterrupt" in said) is (numbers[0] == signal.SIGINT)
+    if numbers[0] != signal.SIGINT:
+        assert said == ""
+
+
+def test_without_run_sigterm_leaves_the_device_scanning() -> None:
+    """The limit that the documentation states; it shows that the tests above can fail."""
+    with served(MODELS[0]) as server:
+        returned, _, _ = ended_by(server, "asyncio.run(main())", MODELS[0], [signal.SIGTERM])
+        assert returned == -signal.SIGTERM
+        assert not is_still(server)
+
+
+def test_ctrl_c_leaves_the_device_still_without_run_too() -> None:
+    with served(MODELS[0]) as server:
+        returned, _, _ = ended_by(server, "asyncio.run(main())", MODELS[0], [signal.SIGINT])
+        assert returned == -signal.SIGINT
+        until(lambda: was_stopped(server))
+
+
+def test_a_main_that_swallows_its_cancellation_returns_its_result() -> None:
+    with served(MODELS[0]) as server:
+        returned, out, said = ended_by(server, SWALLOWING, MODELS[0], [signal.SIGTERM])
+        until(lambda: was_stopped(server))
+    assert (returned, said) == (0, "")
+    assert out.endswith("its own result\n")
+
+
+def test_an_exception_of_the_cleanup_is_not_hidden() -> None:
+    with served(MODELS[0]) as server:
+        returned, _, said = ended_by(server, FAILING, MODELS[0], [signal.SIGTERM])
+        until(lambda: was_stopped(server))
+    assert returned == 1
+    assert "a mistake in the cleanup" in said
+
+
+@pytest.mark.parametrize("numbers", [[signal.SIGTERM], [signal.SIGTERM] * 3], ids=["once", "thrice"])
+def test_a_lidar_that_another_task_holds(numbers: list[int]) -> None:
+    """That task is cancelled after the main one has ended; signals that come in between must not kill it."""
+    with served(MODELS[0]) as server:
+        returned, _, said = ended_by(server, IN_BACKGROUND, MODELS[0], numbers)
+        until(lambda: was_stopped(server))
+    assert (returned, said) == (EXIT_TERM, "")
+
+
+def test_a_hang_up_that_is_ignored_stays_ignored() -> None:
+    """As under nohup."""
+    program = f"signal.signal(signal.SIGHUP, signal.SIG_IGN)\n{RUN}"
+    with served(MODELS[0]) as server:
+        with child(PROGRAM + program, server.path, family_of(MODELS[0])) as process:
+            scanning(process)
+            process.send_signal(signal.SIGHUP)
+            scanning(process)
+            process.send_signal(signal.SIGTERM)
+            process.communicate(timeout=BOUND)
+        assert process.returncode == EXIT_TERM
+        until(lambda: was_stopped(server))
+
+
+def test_a_handler_of_the_program_is_left_in_place() -> None:
+    program = f"signal.signal(signal.SIGTERM, lambda *_: print('its own handler', flush=True))\n{RUN}"
+    with served(MODELS[0]) as server:
+        with child(PROGRAM + program, server.path, family_of(MODELS[0])) as process:
+            scanning(process)
+            process.send_signal(signal.SIGTERM)
+            lines = [line_of(process) for _ in range(10)]
+            assert "its own handler\n" in lines
+            assert lines[-1].strip().isdecimal()
+            process.send_signal(signal.SIGHUP)
+            process.communicate(timeout=BOUND)
+        assert process.returncode == EXIT_HUP
+        until(lambda: was_stopped(server))
+
+
+def test_signals_while_a_session_opens() -> None:
+    with served(MODELS[0]) as server:
+        with server.lock:
+            server.device.answer_delay_s = 0.05  # type: ignore[attr-defined]
+        with child(PROGRAM + RUN, server.path, family_of(MODELS[0])) as process:
+            until(lambda: any(each.name == "get_info" for each in requests(server)))
+            process.send_signal(signal.SIGTERM)
+            _, said = process.communicate(timeout=BOUND)
+        assert (process.returncode, said) == (EXIT_TERM, "")
+        assert is_still(server)
+        assert requests(server)[-1].name == "stop"
+
+
+def test_run_in_another_thread_takes_no_signals() -> None:
+    async def main() -> int:
+        assert signal.getsignal(signal.SIGTERM) is before
+        await asyncio.sleep(0)
+        return 7
+
+    before = signal.getsignal(signal.SIGTERM)
+    results: list[int] = []
+    thread = threading.Thread(target=lambda: results.append(lidario.run(main())))
+    thread.start()
+    thread.join(BOUND)
+    assert results == [7]
+
+
+def test_signals_are_as_before_after_it() -> None:
+    async def main() -> None:
+        assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
+
+    lidario.run(main())
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    assert signal.getsignal(signal.SIGHUP) is signal.SIG_DFL
