@@ -47,7 +47,9 @@ def test_every_target_is_one_of_make() -> None:
 
 
 def test_the_options_are_options(pytestconfig: pytest.Config) -> None:
-    for option in re.findall(r"`--(\w+)", TEXT):
+    options = re.findall(r"`(--[\w-]+)", TEXT)
+    assert "--every-step" in options
+    for option in options:
         assert pytestconfig.getoption(option) is not None
     assert "HYPOTHESIS_PROFILE" in (ROOT / "tests" / "conftest.py").read_text(encoding="utf-8")
 

@@ -1,0 +1,234 @@
+"""What is called, in which order, for one chunk of bytes and for one request: ``python -m benchmarks.walk``.
+
+Real runs are traced with `sys.setprofile`: each call of a function of lidario, indented below its caller, by steps
+of the event loop. A task that goes on after it has waited is shown once more, as ``… name``. The simulated device is
+left out; so are the constructors that dataclasses make, and comprehensions.
+
+In memory the clock of the loop is driven, so the same lists come out each time. On a pseudo-terminal the times are
+real; of the steps that differ, the commonest is shown.
+
+`docs/architecture.md` shows an extract of these lists, which `tests/test_architecture.py` compares with a run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import inspect
+import re
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from types import FrameType
+from typing import Any, TypeAlias
+
+import lidario
+from tests.support.loop import DrivenLoop
+
+__all__ = ["WAYS", "Call", "Step", "Walk", "printed", "walked"]
+
+WAYS = ("memory", "pty")
+_WARM_UP = 5
+"""Scans before the trace begins: the pace must know the period, and Python has specialised its code."""
+_REVOLUTIONS = 4
+_CAN_WAIT = inspect.CO_COROUTINE | inspect.CO_GENERATOR
+_HOST_SIDE = re.compile(r"lidario\.(?!sim\.|families\.\w+\.simulated\.)")
+_STEP = asyncio.Handle._run.__code__  # noqa: SLF001 - asyncio says nowhere else where a step begins
+"""What an event loop calls once for each step."""
+
+
+@dataclass
+class Call:
+    """One call.
+
+    Attributes:
+        name: Qualified name of the function.
+        depth: How many of ours called it.
+        goes_on: Whether it was suspended before and goes on here.
+    """
+
+    name: str
+    depth: int
+    goes_on: bool
+
+
+Step: TypeAlias = list[Call]
+"""What the event loop called once, and all that was called in turn."""
+
+
+@dataclass
+class Walk:
+    """The calls of one event.
+
+    Attributes:
+        title: What happened.
+        steps: The steps of the event loop, in order.
+    """
+
+    title: str
+    steps: list[Step]
+
+    @property
+    def calls(self) -> int:
+        """How many functions were called or went on."""
+        return sum(map(len, self.steps))
+
+
+@dataclass
+class _Tracer:
+    """Collects calls."""
+
+    steps: list[Step] = field(default_factory=list)
+    _begins: bool = True
+    _stack: list[FrameType] = field(default_factory=list)
+    _kept: dict[int, FrameType] = field(default_factory=dict)
+
+    def __call__(self, frame: FrameType, event: str, _: Any) -> None:
+        if event == "return" and frame in self._stack:
+            del self._stack[self._stack.index(frame) :]
+        if event != "call":
+            return
+        if frame.f_code is _STEP:
+            self._begins = True
+            self._stack.clear()
+        if not _is_ours(frame):
+            return
+        if self._begins:
+            self._begins = False
+            self.steps.append([])
+        # An exception thrown into a task goes to its innermost coroutine, without a call of those around it.
+        for depth, caller in enumerate(_callers(frame)):
+            if self._stack[depth : depth + 1] != [caller]:
+                del self._stack[depth:]
+                self._add(caller)
+        if frame not in self._stack:
+            self._add(frame)
+
+    def _add(self, frame: FrameType) -> None:
+        goes_on = id(frame) in self._kept
+        self.steps[-1].append(Call(frame.f_code.co_qualname, len(self._stack), goes_on))
+        self._stack.append(frame)
+        if frame.f_code.co_flags & _CAN_WAIT:
+            # Kept, so that no other frame gets the same id; not those of functions, which keep their locals alive.
+            self._kept[id(frame)] = frame
+
+
+def _callers(frame: FrameType) -> list[FrameType]:
+    """Those of ours that wait for `frame` to return, outermost first."""
+    found: list[FrameType] = []
+    caller = frame.f_back
+    while caller is not None and caller.f_code is not _STEP:
+        if _is_ours(caller):
+            found.append(caller)
+        caller = caller.f_back
+    return found[::-1]
+
+
+def _is_ours(frame: FrameType) -> bool:
+    if not _HOST_SIDE.match(f"{frame.f_globals.get('__name__', '')}."):
+        return False
+    # Comprehensions are calls in some versions of Python only.
+    return not frame.f_code.co_filename.startswith("<") and "<" not in frame.f_code.co_qualname.split(".")[-1]
+
+
+@contextmanager
+def _traced() -> Iterator[list[Step]]:
+    tracer = _Tracer()
+    sys.setprofile(tracer)
+    try:
+        yield tracer.steps
+    finally:
+        sys.setprofile(None)
+
+
+def walked(way: str, model: str = "rplidar-s2") -> list[Walk]:
+    """Trace a simulated device: chunks of its stream, a request while it is idle, one while it scans.
+
+    Args:
+        way: ``memory`` or ``pty``.
+        model: Name of the simulated device.
+    """
+    with asyncio.Runner(loop_factory=DrivenLoop if way == "memory" else None) as runner:
+        return runner.run(_walk(f"sim://{model}?via={way}"))
+
+
+async def _walk(source: str) -> list[Walk]:
+    async with lidario.open_lidar(source) as lidar:
+        with _traced() as idle:
+            await lidar.get_health()
+        async with lidar.scans(depth=4) as scans:
+            for _ in range(_WARM_UP):
+                await anext(scans)
+            with _traced() as steps:
+                for _ in range(_REVOLUTIONS):
+                    await anext(scans)
+            with _traced() as asked:
+                await lidar.get_health()
+    return [*_chunks(steps), Walk("a request while no stream runs", idle), Walk("a request in mid-scan", asked)]
+
+
+def _chunks(steps: list[Step]) -> list[Walk]:
+    """One step of each kind: bytes that are only read, that are parsed, that complete a revolution."""
+    whole = [at for at, step in enumerate(steps) if _has(step, "Hub.publish")]
+    parsed = [step for step in steps if _has(step, "Link.receive_data") and not _has(step, "Hub.publish")]
+    read = [step for step in steps if _has(step, "_read") and not _has(step, "Link.receive_data")]
+    ends = _commonest([_until_the_reader(steps, at) for at in whole])
+    found = [Walk("a chunk that completes a revolution, and its reader", ends)]
+    if parsed:
+        found.insert(0, Walk("a chunk in the midst of a revolution, parsed", [_commonest(parsed)]))
+    if read:
+        found.insert(0, Walk("a chunk in the midst of a revolution, held", [_commonest(read)]))
+    return found
+
+
+def _until_the_reader(steps: list[Step], at: int) -> list[Step]:
+    """From a step to the next one in which a reader got its scan; what the reader does then is left out."""
+    end = next((n for n in range(at + 1, len(steps)) if steps[n][0].name == "ScanStream.__anext__"), at)
+    last = steps[end]
+    done = next((n for n, call in enumerate(last) if n and not call.depth), len(last))
+    return [*steps[at:end], last[:done]]
+
+
+def _has(step: Step, name: str) -> bool:
+    return any(call.name.endswith(name) for call in step)
+
+
+def _commonest(of: list[Any]) -> Any:
+    counted = Counter(map(repr, of))
+    best = counted.most_common(1)[0][0]
+    return next(each for each in of if repr(each) == best)
+
+
+def printed(walk: Walk, say: Callable[[str], object] = print) -> None:
+    """Print a walk; a call that follows its like is counted, not repeated."""
+    say(f"{walk.title}: {walk.calls} calls in {len(walk.steps)} steps of the loop")
+    for number, step in enumerate(walk.steps, 1):
+        lines = [f"{'  ' * call.depth}{'… ' if call.goes_on else ''}{call.name}" for call in step]
+        runs: list[tuple[str, int]] = []
+        for line in lines:
+            if runs and runs[-1][0] == line:
+                runs[-1] = (line, runs[-1][1] + 1)
+            else:
+                runs.append((line, 1))
+        for place, (line, count) in enumerate(runs):
+            times = f"  ({count} times)" if count > 1 else ""
+            say(f"{f'{number}.' if not place else '':>4} {line}{times}")
+    say("")
+
+
+def main() -> None:
+    """Print the walks of both ways, or of one."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.walk", description=__doc__.split("\n")[0])
+    parser.add_argument("ways", nargs="*", default=WAYS, help=f"some of {', '.join(WAYS)}; both by default")
+    parser.add_argument("--model", default="rplidar-s2", help="a simulated device, as in sim://MODEL")
+    options = parser.parse_args()
+    for way in options.ways:
+        print(f"== {options.model}, via {way} ==\n")
+        for walk in walked(way, options.model):
+            printed(walk)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,180 @@
+"""docs/architecture.md tells what is there: files, names, layers, states; and the calls that a real run makes."""
+
+from __future__ import annotations
+
+import ast
+import asyncio
+import keyword
+import re
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+import lidario
+from benchmarks.walk import Call, Walk, printed, walked
+from lidario.session.states import TRANSITIONS
+from tests.test_layers import LAYERS
+
+ROOT = Path(__file__).parent.parent
+TEXT = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"```\n(.*?)```", TEXT, re.DOTALL)
+CODE = sorted(set(re.findall(r"`([^`\n]+)`", re.sub(r"```.*?```", "", TEXT, flags=re.DOTALL))))
+PATHS = [word for word in CODE if re.fullmatch(r"[\w/]+(/|\.py)", word)]
+NAMES = [word for word in CODE if re.fullmatch(r"(\w+\.)?\w+", word) and word not in PATHS]
+EXTRACTS = re.findall(r"<!-- walk: (\w+), ([^>]+) -->\n```\n(.*?)```", TEXT, re.DOTALL)
+
+
+def defined() -> set[str]:
+    """Every class, function and constant of the package, and ``Class.member`` for all members."""
+    found: set[str] = set()
+    for path in (ROOT / "lidario").rglob("*.py"):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            found |= _bound(node)
+            if isinstance(node, ast.ClassDef):
+                inside = [part for part in ast.walk(node) if isinstance(part, ast.stmt)]
+                found |= {f"{node.name}.{name}" for part in inside for name in _bound(part)}
+    return found
+
+
+def _bound(node: ast.stmt) -> set[str]:
+    if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+        return {node.name}
+    targets = (
+        node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
+    )
+    return {ast.unparse(target).removeprefix("self.") for target in targets}
+
+
+DEFINED = defined()
+
+
+def test_something_is_found_to_test() -> None:
+    assert len(PATHS) > 12
+    assert len(NAMES) > 80
+    assert {"Stopper.hang_up", "LinkStats.packets", "Scanner._go"} <= set(NAMES)
+    assert {"LINGER_S", "Port.is_forked", "ScanStream.dropped", "Link.is_awaiting"} <= DEFINED
+    assert not {"Port.no_such_thing", "link"} & DEFINED
+
+
+@pytest.mark.parametrize("name", PATHS)
+def test_every_path_is_there(name: str) -> None:
+    assert (ROOT / name).exists() or (ROOT / "lidario" / "families" / "rplidar" / name).exists()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_name_is_there(name: str) -> None:
+    public = name.removeprefix("lidario.") if name.startswith("lidario.") else ""
+    of_python = keyword.iskeyword(name) or hasattr(asyncio, name)
+    assert name in DEFINED or public in lidario.__all__ or of_python
+
+
+def test_every_link_leads_to_a_file() -> None:
+    for target in re.findall(r"\]\(([^)#:]+)\)", TEXT):
+        assert (ROOT / "docs" / target).exists(), target
+
+
+def test_every_room_has_a_row() -> None:
+    rooms = {path.parent.name for path in (ROOT / "lidario").glob("*/__init__.py")}
+    assert rooms == set(re.findall(r"^\| `lidario/(\w+)/` \|", TEXT, re.MULTILINE))
+
+
+def test_the_drawing_of_the_rooms_is_the_rule_that_is_tested() -> None:
+    drawn = [set(line.split("  ")[0].split(", ")) for line in BLOCKS[0].splitlines()]
+    assert drawn[::-1] == [set(layer) for layer in LAYERS]
+
+
+def test_the_table_of_states_is_the_one_of_the_session() -> None:
+    rows = re.findall(r"^\| ([A-Z]+) \| [^|]+ \| ([^|]+) \|$", TEXT, re.MULTILINE)
+    told = {state: dict(step.split(": ") for step in steps.split(", ")) for state, steps in rows}
+    assert told == {
+        state.name: {event.name: after.name for event, after in steps.items()}
+        for state, steps in TRANSITIONS.items()
+    }
+
+
+# ------------------------------------------------------------------------------------------------- the walks
+
+
+class Line(NamedTuple):
+    """One line of an extract."""
+
+    name: str
+    depth: int
+    goes_on: bool
+
+
+def lines_of(extract: str) -> list[Line]:
+    lines = []
+    for text in extract.splitlines():
+        plain = text.lstrip(" ")
+        name = plain.removeprefix("… ").split(" ")[0]
+        lines.append(Line(name, (len(text) - len(plain)) // 2, plain.startswith("…")))
+    return lines
+
+
+def missing(extract: list[Line], walk: Walk) -> Line | None:
+    """The first line that a walk does not have: behind the line before, and called by the line it stands under."""
+    calls = [call for step in walk.steps for call in step]
+    above: list[int] = []
+    at = -1
+    for line in extract:
+        del above[line.depth :]
+        under = above[-1] if above else None
+        found = next(
+            (
+                number
+                for number in range(at + 1, len(calls))
+                if (calls[number].name, calls[number].goes_on) == (line.name, line.goes_on)
+                and (under is None or is_under(calls, number, under))
+            ),
+            None,
+        )
+        if found is None:
+            return line
+        above.append(found)
+        at = found
+    return None
+
+
+def is_under(calls: list[Call], number: int, above: int) -> bool:
+    """Whether a call was made by another one, directly or not."""
+    return all(call.depth > calls[above].depth for call in calls[above + 1 : number + 1])
+
+
+@cache
+def walks(way: str) -> dict[str, Walk]:
+    return {walk.title: walk for walk in walked(way)}
+
+
+def test_extracts_are_found() -> None:
+    assert {way for way, _, _ in EXTRACTS} == {"memory", "pty"}
+    assert len(EXTRACTS) == 5
+    assert all(len(lines_of(extract)) > 6 for _, _, extract in EXTRACTS)
+
+
+@pytest.mark.parametrize(("way", "title", "extract"), EXTRACTS, ids=[title for _, title, _ in EXTRACTS])
+def test_the_calls_are_those_of_a_real_run(way: str, title: str, extract: str) -> None:
+    found = [walk for name, walk in walks(way).items() if title in name]
+    # On a machine so busy that every poll comes late, no bytes are held.
+    assert found or title == "held"
+    for walk in found:
+        assert missing(lines_of(extract), walk) is None
+
+
+def test_a_wrong_extract_is_found() -> None:
+    walk = Walk("", [[Call("a", 0, False), Call("b", 1, False)], [Call("c", 0, False), Call("b", 1, True)]])
+    assert missing(lines_of("a\n  b\nc\n  … b  said\n"), walk) is None
+    assert missing(lines_of("c\na\n"), walk) == Line("a", 0, False)
+    assert missing(lines_of("a\n  c\n"), walk) == Line("c", 1, False)
+    assert missing(lines_of("a\n  b\n  … b\n"), walk) == Line("b", 1, True)
+    assert missing(lines_of("c\n  b\n"), walk) == Line("b", 1, False)
+
+
+def test_a_walk_can_be_printed() -> None:
+    said: list[str] = []
+    printed(walks("memory")["a request while no stream runs"], said.append)
+    assert re.fullmatch(r"a request while no stream runs: \d+ calls in 3 steps of the loop", said[0])
+    assert said[1] == "  1. Lidar.get_health"
+    assert "  3. … Lidar.get_health" in said
