@@ -79,6 +79,7 @@ class Stopper:
         self._quiet_s = quiet_s
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
+        self._due = 0.0
         self._patient_until = 0.0
         self._hanging_up = False
 
@@ -116,6 +117,8 @@ class Stopper:
         self.cancel()
         due = self._writer.free_at(self._patient_until)
         if due - self._loop.time() > CLOCK_S:
+            # Not asked of the timer later: uvloop's shortest ones do not know when they are due.
+            self._due = due
             self._timer = self._loop.call_at(due, self.try_now)
             return
         self._write()
@@ -128,7 +131,7 @@ class Stopper:
         """Return when the stop requests are written, or the port is dead; after 0.6 s at most."""
         # A timer that is late or put off makes another round; nothing can wake this too early or never.
         while self.wanted and self._timer is not None and self._writer.is_open:  # noqa: ASYNC110
-            await asyncio.sleep(max(0.0, self._timer.when() - self._loop.time()))
+            await asyncio.sleep(max(0.0, self._due - self._loop.time()))
 
     async def surely_written(self) -> None:
         """As `written`; a cancellation that comes meanwhile is raised afterwards.

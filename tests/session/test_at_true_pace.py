@@ -16,6 +16,7 @@ from typing import Any
 
 import anyio
 import pytest
+import uvloop
 
 import lidario
 from lidario import Lidar, LidarError
@@ -115,10 +116,11 @@ def end_at_random(server: PtyServer, family: str, seed: int) -> None:
     """Run a random program, end it in a random way at a random moment, and wait until the device is still."""
     dice = random.Random(seed)
     end, after = dice.choice(ENDS), dice.uniform(0.0, LONGEST_S)
-    told = f"seed {seed}: {end.__name__} after {after:.4f} s"
+    loop = dice.choice([asyncio.new_event_loop, uvloop.new_event_loop])
+    told = f"seed {seed}: {end.__name__} after {after:.4f} s on {loop.__module__}"
     heard = len(requests(server))
-    with leaves_nothing(), suppress(KeyboardInterrupt):
-        asyncio.run(end(program(server.path, family, dice), after))
+    with leaves_nothing(), suppress(KeyboardInterrupt), asyncio.Runner(loop_factory=loop) as runner:
+        runner.run(end(program(server.path, family, dice), after))
     until(lambda: is_still(server), lambda: (told, requests(server)[-5:]))
     lost = [each for each in requests(server)[heard:] if not each.obeyed and "booting" not in each.why]
     assert not lost, (told, lost)
