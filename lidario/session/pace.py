@@ -80,7 +80,7 @@ class Pace:
         self.due = 0.0
         measured = 60 / scan.rpm if scan.rpm > 0 else 0.0
         if not measured or since < _LEAST_INTERVAL * measured:
-            # Scans come faster than their speed says: several late ones at once, or the device tells its rate wrong.
+            # Scans come faster than their speed says: several late ones at once, or the device tells a wrong rate.
             return
         expected, deviation = self._period or measured, measured - self._period
         if abs(deviation) > _NOISE * expected:
