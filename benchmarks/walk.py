@@ -1,8 +1,8 @@
 """What is called, in which order, for one chunk of bytes and for one request: ``python -m benchmarks.walk``.
 
-Real runs are traced with `sys.setprofile`: each call of a function of lidario, indented below its caller, by
-steps of the event loop. A task that goes on after it has waited is shown once more, as ``… name``. The simulated
-device is left out; so are the constructors that dataclasses make, and comprehensions.
+Real runs are traced with `sys.setprofile`: each call of a function of lidario, indented below its caller, by steps
+of the event loop. A task that goes on after it has waited is shown once more, as ``… name``. The simulated device
+is left out; so are the constructors that dataclasses make, and comprehensions.
 
 In memory the clock of the loop is driven, so the same lists come out each time. On a pseudo-terminal the times are
 real; of the steps that differ, the commonest is shown.

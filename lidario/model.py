@@ -1,4 +1,4 @@
-"""The records a user holds in hand: a scan, and what a device says of itself.
+"""The records that a user gets: a scan, and what a device says of itself.
 
 A scan is arrays, never objects per sample. Angles follow the robotics convention (REP-103): radians,
 counter-clockwise seen from above, 0 along the device's forward axis. The device's own figures, clockwise
@@ -27,8 +27,8 @@ _ArrayT = TypeVar("_ArrayT", bound=NDArray[np.generic])
 class Scan:
     """One full revolution, its samples in the order they were measured. All arrays are read-only, shape (n,).
 
-    The device's own figures are the ones held; `angles` and `ranges` are made from them when they are first
-    looked at, so that nobody pays for the convention that is not used.
+    The device's own figures are the ones held; `angles` and `ranges` are made from them on first use, so that the
+    convention that is not used costs nothing.
 
     Attributes:
         device_angles: Degrees, float32, clockwise, in [0, 360): the device's own convention.
@@ -37,11 +37,11 @@ class Scan:
         stamp_ns: When the first sample was measured, on the monotonic clock of the event loop.
         wall_stamp_ns: The same instant in nanoseconds since the Unix epoch.
         time_increment_ns: Time from one sample to the next.
-        duration_ns: Time from the first sample to the end of the turn.
-        rpm: Measured speed: turns a minute, from the interval between the starts of the last two scans.
+        duration_ns: Time from the first sample to the end of the revolution.
+        rpm: Measured speed: revolutions a minute, from the interval between the starts of the last two scans.
         seq: Number of the scan since the session was opened, 0 for the first.
         dropped_before: Scans this reader missed since the one before, because it was slow.
-        lost_packets: Packets of this turn that were damaged or lost on the wire; their samples are absent.
+        lost_packets: Packets of this revolution that were damaged or lost on the wire; their samples are absent.
         mode: Name of the scan mode.
         max_range: Farthest distance of the scan mode in metres; 0 when the device does not say. It describes the
             mode and filters nothing: returns from beyond are in the arrays.
@@ -82,7 +82,7 @@ class Scan:
     def angles(self) -> FloatArray:
         """Radians, float32, counter-clockwise, in [-pi, pi]; 0 is the device's forward axis."""
         if self._angles is None:
-            # A turn is added in degrees, where that is exact.
+            # 360 is added to degrees, where that is exact.
             radians = (self.device_angles > 180.0) * np.float32(360.0)
             radians -= self.device_angles
             radians *= math.pi / 180.0
@@ -142,7 +142,7 @@ class Scan:
 
         A revolution that does not begin at `seam` (a device that marks its own first packet; formats that correct
         the angle) moves the grid: `angle_min` then follows the begin of the revolution, and may differ from scan
-        to scan. `mount_yaw` turns the grid too; it begins in [-pi, pi).
+        to scan. `mount_yaw` rotates the grid too; it begins in [-pi, pi).
 
         Args:
             beams: Number of equal steps around the circle; None for as many as the scan has samples, which
@@ -184,7 +184,7 @@ class Scan:
 
 
 def read_only(array: _ArrayT) -> _ArrayT:
-    """The same array, which nobody can write to any more: every reader of a stream holds the same one."""
+    """The same array, made read-only, since every reader of a stream holds the same one."""
     array.setflags(write=False)
     return array
 
@@ -199,7 +199,7 @@ class HealthStatus(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """Answer to a health request.
+    """Response to a health request.
 
     Attributes:
         status: ``ERROR`` means the device protects itself and will not scan.
@@ -286,9 +286,9 @@ class Stats:
         skipped_bytes: Bytes of a stream that belong to no packet.
         skipped_stretches: Stretches of such bytes.
         stray_bytes: Bytes outside a stream that are no response.
-        late_responses: Responses to an earlier question, thrown away.
+        late_responses: Responses that came too late, thrown away.
         scans: Full revolutions.
-        broken_scans: Revolutions thrown away because more than a turn of them was missing.
+        broken_scans: Revolutions thrown away: the stream began anew, or parts of two may have met in a gap.
         dropped_scans: Scans that slow readers missed, summed over all readers.
         interruptions: Times a stream was stopped for a query and started again.
         keepalives: Keepalive requests sent.

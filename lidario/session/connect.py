@@ -91,7 +91,7 @@ async def connect(source: Source, family: str | None = None, baudrate: int | Non
         if port.is_closing:
             with anyio.CancelScope(shield=True):
                 await port.wait_closed()
-    raise _nothing_answers(source, tries, received)
+    raise _nothing_responds(source, tries, received)
 
 
 async def _try(port: Port, attempt: _Try, *, patient: bool) -> Connection | None:
@@ -120,14 +120,14 @@ async def _try(port: Port, attempt: _Try, *, patient: bool) -> Connection | None
     return Connection(port, family, device, dialogue, info)
 
 
-def _nothing_answers(source: Source, tries: list[_Try], received: ReceivedInSilence) -> LidarError:
+def _nothing_responds(source: Source, tries: list[_Try], received: ReceivedInSilence) -> LidarError:
     speeds = [str(each.baudrate) for each in tries if each.baudrate]
     at = f" at {_either(speeds)} baud" if speeds and source.kind == "serial" else ""
     asked = _either(list(dict.fromkeys(each.family.title for each in tries)))
     cure = "Is the lidar powered (5 V, 1.5 A)"
     cure += " and the adapter's speed switch right?" if source.kind == "serial" else "?"
     return ConnectFailed(
-        f"{source.address} opened, but nothing answers{at} (asked as {asked}): {received.describe()}. {cure}",
+        f"{source.address} opened, but nothing responds{at} (asked as {asked}): {received.describe()}. {cure}",
         reason="silent",
     )
 

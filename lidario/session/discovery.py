@@ -140,7 +140,7 @@ def _none(source: Source, found: list[Found], others: list[str]) -> ConnectFaile
 
 def _several(found: list[Found]) -> ConnectFailed:
     lines = "".join(f"\n{each.port.path}: {_title(each)}" for each in found)
-    return ConnectFailed(f"{len(found)} lidars answer; name one:{lines}", reason="ambiguous")
+    return ConnectFailed(f"{len(found)} lidars respond; name one:{lines}", reason="ambiguous")
 
 
 def _title(found: Found) -> str:

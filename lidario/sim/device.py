@@ -1,10 +1,10 @@
 """What every simulated device offers: bytes in, bytes out, and time as an argument.
 
-A simulated device is the other end of the cable. It never reads a clock and never sleeps: whoever serves it
-(`lidario.sim.serve`) hands it the host's bytes with the time of their arrival and fetches what it has to
-send by now. So the same device runs in memory, thousands of times faster than real time, and on a
-pseudo-terminal or over TCP in real time. It has its own packers and shares no code with the host's parser or
-decoders: a mistake must be made twice to hide.
+A simulated device is the other end of the cable. It never reads a clock and never sleeps: `lidario.sim.serve`
+hands it the host's bytes with the time of their arrival, and fetches what it has to send by now. So the same
+device runs in memory, thousands of times faster than real time, and on a pseudo-terminal or over TCP in real
+time. It has its own packers and shares no code with the host's parser or decoders: a mistake must be made twice
+to stay hidden.
 """
 
 from __future__ import annotations

@@ -10,12 +10,12 @@ device sends.
 ``insert:0.1%``    a random byte comes before this one
 ``silent:5s``      from then on nothing arrives, though the port stays open
 ``unplug:5s``      from then on the port is dead
-``stall:200ms``    once a second the bytes are held back so long, and then come in one burst
+``stall:200ms``    once a second the bytes are held back for so long, and then come in one burst
 ``garbage``        every byte is random, as at a wrong baud rate
 =================  =====================================================================================
 
-One fault at most happens to a byte. Each byte's fate is drawn in the order of the bytes from a seeded
-generator, so the outcome does not depend on how the bytes were divided into chunks.
+One fault at most happens to a byte. What happens to each byte is drawn in the order of the bytes from a
+seeded generator, so the outcome does not depend on how the bytes were divided into chunks.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The device's end of a serial line: bytes leave one after the other, and requests are remembered.
 
-Every simulated device owns one `TransmitQueue`. It is what makes the simulator honest about time: a byte
+Every simulated device owns one `TransmitQueue`. It gives the simulator the timing of a real line: a byte
 takes ten bit times (8N1) to leave, a response begins to leave no earlier than the device has made it, and
 what is queued waits for what is before it. The device pushes whole responses and whole *bursts* of equally
 spaced packets. How many bytes of a burst have left by a moment is a closed formula in integers, so a tenth of a

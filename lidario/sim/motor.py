@@ -1,9 +1,9 @@
-"""A motor that turns the head: commanded speed, spin-up, and the angle at any moment.
+"""A motor that rotates the head: commanded speed, spin-up, and the angle at any moment.
 
 Speed approaches its target exponentially, which has a closed form for the angle as well. So the angle of
 every sample is a function of its time alone, and a simulated device gives the same bytes however its time
 is divided into steps. `spin_up_s` is the time from standstill until the speed is *stable*, within 2 % of the
-target: that is how a data sheet would put it, and how long a device withholds its samples.
+target: data sheets give this time, and a device withholds its samples for so long.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Motor:
 
     Args:
         spin_up_s: Seconds from standstill to stable; 0 changes speed at once.
-        turns: Where the head stands at the beginning, in turns.
+        turns: Where the head stands at the beginning, in revolutions.
     """
 
     def __init__(self, *, spin_up_s: float = 1.0, turns: float = 0.0) -> None:
@@ -73,7 +73,7 @@ class Motor:
             times: float64 (n,), nanoseconds, ascending, none before the last `set_rpm`.
 
         Returns:
-            float64 (n,), turns since the beginning; the fraction is the angle.
+            float64 (n,), revolutions since the beginning; the fraction is the angle.
         """
         seconds = (times - self._since) * 1e-9
         angle = seconds * self._target + self._turns

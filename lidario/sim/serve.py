@@ -2,7 +2,7 @@
 
 `MemoryLine` has no clock: the caller passes the time, thousands of revolutions per second if it wants.
 `PtyServer` and `TcpServer` run the device at true pace in a daemon thread of their own, so that any program
-can open it: ours, another process, another vendor's driver. There is no asyncio here. The thread sleeps in
+can open it: ours, another process, another vendor's driver. There is no asyncio here. The thread waits in
 `select` until the host writes or the device has something to send; while it streams, at most `tick`.
 
 The line loses bytes as a real one does. What the terminal's or socket's buffer cannot take is lost, as on

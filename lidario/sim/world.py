@@ -1,4 +1,4 @@
-"""A world to scan: walls, somebody walking about, and the scanner's noise.
+"""A world to scan: walls, a person who walks, and the scanner's noise.
 
 `World.ranges_mm` is a pure function of angle and time: the same beam at the same moment gives the same
 distance, noise included. Therefore a simulated device produces the same bytes whatever the steps in which
@@ -145,7 +145,7 @@ class World:
 
     Args:
         static_mm: float64 (32768,), distance by direction as `cast` gives it; 0 = no return.
-        walker: Somebody who walks about, or None.
+        walker: A person who walks, or None.
         noise_mm: Standard deviation of the range noise.
         seed: Seed of the noise.
     """
@@ -268,7 +268,7 @@ def make_world(name: str = "room", *, seed: int = 0) -> World:
     """Build a world by name.
 
     Args:
-        name: ``room`` (furnished, an open door, somebody walking), ``corridor`` (long, open at one end),
+        name: ``room`` (furnished, an open door, a person who walks), ``corridor`` (long, open at one end),
             ``circle`` (2 m all round, no noise) or ``empty`` (no returns).
         seed: Seed of the range noise.
 

@@ -16,7 +16,7 @@ PORTS = [
 ]
 INFO = lidario.DeviceInfo("somefamily", "Model X1", 17, "1.29", 18, "00FF[0a]")
 ANSWERS = lidario.Found(PORTS[0], INFO, 256000, "")
-SILENT = lidario.Found(PORTS[1], None, 0, "/dev/ttyUSB1 opened, but nothing answers")
+SILENT = lidario.Found(PORTS[1], None, 0, "/dev/ttyUSB1 opened, but nothing responds")
 
 
 def found(monkeypatch: pytest.MonkeyPatch, *answers: lidario.Found) -> None:

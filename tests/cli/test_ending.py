@@ -183,4 +183,4 @@ def test_a_silent_device_is_told_from_a_missing_one() -> None:
         ended = invoke("info", server.path)
     assert ended.exit_code == 5
     assert ended.stderr.startswith("error: ")
-    assert "nothing answers" in ended.stderr
+    assert "nothing responds" in ended.stderr

@@ -1,4 +1,4 @@
-"""Finding out what is at the other end: probing on real pseudo-terminals, and what is said when nothing answers."""
+"""Finding out what is at the other end: probing on real pseudo-terminals, and what is told when none responds."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ async def test_auto_does_not_choose_among_several(monkeypatch: pytest.MonkeyPatc
     with PtyServer(one.device) as first, PtyServer(two.device) as second:
         ports = [PortInfo(server.path, "", "CP2102", "") for server in (first, second)]
         monkeypatch.setattr("lidario.session.discovery.list_serial_ports", lambda: ports)
-        with pytest.raises(ConnectFailed, match=r"2 lidars answer(.|\n)*S2M1") as caught:
+        with pytest.raises(ConnectFailed, match=r"2 lidars respond(.|\n)*S2M1") as caught:
             await open_lidar("auto")
         assert caught.value.reason == "ambiguous"
 

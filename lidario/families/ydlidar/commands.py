@@ -71,7 +71,7 @@ def _health(name: str, command: int) -> Request:
 STOP: Final = Request("STOP", encode_request(0x65), settle=STOP_SETTLE_S, ends_stream=True)
 FORCED_STOP: Final = Request("FORCED_STOP", encode_request(0x00), settle=STOP_SETTLE_S, ends_stream=True)
 RESET: Final = Request("RESET", encode_request(0x80), settle=STOP_SETTLE_S, ends_stream=True)
-"""Soft restart. How long it takes is in no document: whoever sends it must ask until there is a response."""
+"""Soft restart. How long it takes is in no document: after it the host must ask until there is a response."""
 
 GET_INFO: Final = Request("GET_INFO", encode_request(0x90), Expected(Answer.SETTING, 20), INFO_TIMEOUT_S)
 GET_HEALTH: Final = _health("GET_HEALTH", 0x91)

@@ -4,7 +4,7 @@ Payloads: 4ROS development manual, figures 10, 12 and 13 to 15. Where it contrad
 
 * Firmware: the manual's two bytes read as minor, major here, although it names the first one major. The SDK
   reads them so, and so do logs of its users and an independent driver.
-* Health: the manual asks by A5 91, the SDK by A5 92. The manual's is tried first, then the other.
+* Health: the manual asks by A5 91, the SDK by A5 92. The manual's is tried first, then the other one.
 * Set scan frequency: SDK 1.2.20 takes 0.4 Hz off what models 100 to 102 report, since "the speed reads 0.4 Hz
   high"; so it leaves a device that reports 10.00 Hz and is asked for 10 Hz at 10.4 Hz. That is not imitated:
   the manual knows nothing of it, and what the motor really does can be seen in the scans.
@@ -49,9 +49,9 @@ FINE_STEP: Final = 10
 COARSE_BEYOND: Final = 95
 """Hundredths of Hz: the small step, and the difference above which a step of 1 Hz is better (SDK)."""
 MOST_STEPS: Final = 40
-"""From end to end of the range: 7 coarse steps, and 9 fine ones; twice that for steps that went unheard."""
+"""7 coarse and 9 fine steps lead from end to end of the range; twice that, since the device may not hear some."""
 MOST_TOGGLES: Final = 4
-"""As often as the SDK tries."""
+"""Attempts; the SDK makes as many."""
 OFFSETS_A_TURN: Final = 4 * 360
 SPIN_UP_S: Final = 4.0
 """No document says how long the motor takes; 2.5 s are assumed, and a margin added."""

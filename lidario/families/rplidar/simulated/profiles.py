@@ -4,7 +4,7 @@ Rates, baud rates and answer types of S1, S2 and S3 follow the S-series interfac
 baud table of the vendor's ROS launch files). The answer type of the S3's DenseBoost is not documented; 0x85 is
 assumed. `rplidar-express`, `-hq`, `-ultra` and `-ultradense` stand for no product: each sends one more
 format, with mode ids that a host must ask for rather than know. The last four are the awkward ones from the
-field: 0 µs a sample (rplidar_ros issue 155), an answer type nobody knows, an empty list of modes, and
+field: 0 µs a sample (rplidar_ros issue 155), an answer type that no host knows, an empty list of modes, and
 firmware older than 1.24, which has no GET_LIDAR_CONF.
 """
 
@@ -241,4 +241,4 @@ _ALL = (
 )
 
 PROFILES: dict[str, Profile] = {profile.name: profile for profile in _ALL}
-"""By name; the first one is what is simulated where nobody asks for a model."""
+"""By name; the first one is what is simulated where no model is named."""

@@ -35,7 +35,7 @@ class MeasurementStream:
     Args:
         mode: The scan mode.
         origin: When the first sample's measuring begins, in nanoseconds.
-        motor: Turns the head; must not change its speed while the stream lasts.
+        motor: Rotates the head; must not change its speed while the stream lasts.
         world: What there is to see.
         first: Whether the first packet begins a stream (S set) or one that has long been running.
     """
@@ -77,7 +77,7 @@ class MeasurementStream:
             yield data, made
 
     def _head(self, first: int, count: int) -> tuple[Floats, Floats]:
-        """Turns and times (ns) of `count` samples from number `first` on."""
+        """Revolutions since the beginning, and times (ns), of `count` samples from number `first` on."""
         times = np.arange(first, first + count, dtype=np.float64)
         times *= self._sample_ns
         times += self._origin
@@ -122,7 +122,7 @@ class MeasurementStream:
 
     def _ultra(self, packet: int, count: int) -> bytes:
         samples = count * 96
-        turns, times = self._head(packet * 96, samples + 1)  # one more: predictions look at the next packet
+        turns, times = self._head(packet * 96, samples + 1)  # one more: predictions need the next packet
         degrees = turns * 360.0
         mm = self._measure(degrees - 8.0, times)
         for _ in range(2):  # the shift depends on the distance, the distance on the shift

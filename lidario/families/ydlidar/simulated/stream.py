@@ -44,7 +44,7 @@ class PointStream:
 
     Args:
         origin: When the first sample is taken, in nanoseconds.
-        motor: Turns the head; must not change its speed while the stream lasts.
+        motor: Rotates the head; must not change its speed while the stream lasts.
         world: What there is to see.
     """
 
