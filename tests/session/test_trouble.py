@@ -214,7 +214,7 @@ async def test_a_mistake_of_ours_ends_the_stream_and_says_so(family: str) -> Non
 
 @driven
 async def test_modes_with_holes_in_their_numbers_are_all_found() -> None:
-    rig = make_rig("rplidar", "rplidar-hq")
+    rig = make_rig("rplidar", "rplidar-holes")
     async with rig.open() as lidar:
         told = {mode.name: mode for mode in await lidar.get_modes()}
         assert len(told) == len(rig.device.profile.modes)
