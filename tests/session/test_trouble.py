@@ -251,6 +251,16 @@ async def test_awkward_devices_do_what_they_can(model: str, mode: str | None) ->
 
 
 @driven
+async def test_time_stamps_between_the_packets_cost_nothing() -> None:
+    rig = make_rig("ydlidar", "ydlidar-4ros-stamps", world=make_world("circle"))
+    async with rig.open() as lidar:
+        scans = await take(lidar, 3)
+        assert (lidar.stats.lost_packets, lidar.stats.skipped_bytes) == (0, 0)
+    assert [each.lost_packets for each in scans] == [0, 0, 0]
+    np.testing.assert_allclose(scans[-1].ranges, 2.0, atol=0.002)
+
+
+@driven
 async def test_turns_are_told_apart_even_if_the_device_never_marks_one(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = make_rig("ydlidar", world=make_world("circle"))
     clean = rig.device.transmit
