@@ -180,17 +180,22 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
     def _reset(self, request: Request) -> str:
         now = request.ended
         up = now + int(self.boot_s * 1e9)
-        self._queue.cut(now)
-        self._owed_until = 0
+        self._restart(now, up)
+        settled = now + _SETTLE_AFTER_RESET
+        if up <= settled:
+            self._deaf_until, self._deaf_why = settled, "within 500 ms of reset"
+        else:
+            self._deaf_why = "still booting after reset"
+        return ""
+
+    def _restart(self, now: int, up: int) -> None:
+        self._forget(now)
         self._reader.clear()
         if self.profile.motor_command:
             self._motor.set_rpm(0, now)
         self._recover()
-        self._deaf_until, self._deaf_why = now + _SETTLE_AFTER_RESET, "within 500 ms of reset"
-        if up > self._deaf_until:
-            self._deaf_until, self._deaf_why = up, "still booting after reset"
+        self._deaf_until, self._deaf_why = up, "still booting"
         self._queue.push(self.profile.banner, up)
-        return ""
 
     def _scan(self, request: Request) -> str:
         return self._start(self.profile.standard, request)

@@ -260,13 +260,16 @@ class Simulated4Ros(Chassis[PointStream]):
         self._stream = PointStream(origin, self._motor, self.world, stamps=self.profile.stamps)
 
     def _reset(self, now: int) -> None:
-        self._halt(now)
-        self._queue.cut(now)
-        self._owed_until = 0
+        self._restart(now, now + int(self.boot_s * 1e9))
+        self._deaf_why = "still booting after reset"
+
+    def _restart(self, now: int, up: int) -> None:
+        self._forget(now)
+        self._begun = False
+        self._motor.set_rpm(0.0, now)
         self.set_speed, self.protected = _FACTORY_SPEED, False
         self._recover()
-        up = now + int(self.boot_s * 1e9)
-        self._deaf_until, self._deaf_why = up, "still booting after reset"
+        self._deaf_until, self._deaf_why = up, "still booting"
         self._queue.push(pack_answer(_SETTING, self._info()), up)
 
 
