@@ -134,21 +134,24 @@ class Faults:
 
     def unplugged(self, now: int) -> bool:
         """Whether the cable is out at `now`."""
-        if self.unplug_s is not None and self._since(now) >= self.unplug_s * _SECOND:
-            return True
-        back = self.back_at
-        return self.cable(now) == 1 and back is not None and now < back
+        back = self.back_at(now)
+        return self._unplugged_for_good(now) or (self.cable(now) > 0 and back is not None and now < back)
 
-    @property
-    def back_at(self) -> int | None:
-        """When the cable is plugged in again after ``replug``; None where that is not wanted, or not yet known."""
-        if self.replug_s is None or self._first is None:
+    def back_at(self, now: int) -> int | None:
+        """When the cable is plugged in again after ``replug``.
+
+        None where that is not wanted, while the time has not begun to count, and when the cable is out for good.
+        """
+        if self.replug_s is None or self._first is None or self._unplugged_for_good(now):
             return None
         return self._first + round((self.replug_s + REPLUG_GAP_S) * _SECOND)
 
     def cable(self, now: int) -> int:
         """How often the cable was pulled out for a replug by `now`."""
         return int(self.replug_s is not None and self._since(now) >= self.replug_s * _SECOND)
+
+    def _unplugged_for_good(self, now: int) -> bool:
+        return self.unplug_s is not None and self._since(now) >= self.unplug_s * _SECOND
 
     def _since(self, now: int) -> int:
         """Nanoseconds since the first byte; negative before it."""

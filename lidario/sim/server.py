@@ -128,7 +128,8 @@ class Server(ABC):
                     self.device.reboot(now, off_s=gap_s)
             return self._stay_out(now + round(gap_s * 1e9))
         if self._faults is not None and self._faults.unplugged(now):
-            return self._faults.back_at is not None and self._stay_out(self._faults.back_at)
+            back = self._faults.back_at(now)
+            return back is not None and self._stay_out(back)
         with self.lock:
             wakeup = self._line.wakeup(now)
         wait = _IDLE_S if wakeup is None else min(max(self._tick, (wakeup - now) * 1e-9), _IDLE_S)

@@ -190,9 +190,9 @@ def test_late_bytes_come_later_and_all_of_them() -> None:
 
 def test_a_replug_pulls_the_cable_for_a_second() -> None:
     faults = parse_faults("replug:2s")
-    assert [faults.back_at] == [None]
+    assert faults.back_at(0) is None
     assert faults.apply(b"a", 100 * SECOND) == b"a"
-    assert faults.back_at == 103 * SECOND
+    assert faults.back_at(100 * SECOND) == 103 * SECOND
     assert faults.wakeup(101 * SECOND) == 102 * SECOND
     assert [faults.unplugged(at * SECOND) for at in (101, 102, 103)] == [False, True, False]
     assert not faults.unplugged(102 * SECOND - 1)
@@ -200,6 +200,15 @@ def test_a_replug_pulls_the_cable_for_a_second() -> None:
     assert [faults.cable(at * SECOND) for at in (101, 102, 103)] == [0, 1, 1]
     assert faults.apply(b"b", 102 * SECOND) == b""
     assert faults.apply(b"c", 103 * SECOND) == b"c"
+
+
+@pytest.mark.parametrize("unplug", ["2500ms", "4s"])
+def test_after_an_unplug_nothing_is_plugged_in_again(unplug: str) -> None:
+    faults = parse_faults(f"replug:2s,unplug:{unplug}")
+    faults.begin(0)
+    assert faults.back_at(2 * SECOND) == 3 * SECOND
+    assert faults.back_at(4 * SECOND) is None
+    assert faults.unplugged(4 * SECOND)
 
 
 def test_what_comes_by_itself_is_foretold() -> None:

@@ -283,6 +283,12 @@ class TestPty:
             with opened(server.path) as port:
                 assert len(read_exactly(port, 100)) == 100
 
+    def test_a_replug_with_an_unplug_behind_it_ends(self) -> None:
+        faults = parse_faults("replug:10ms,unplug:100ms")
+        with PtyServer(Parrot(), faults=faults) as server, opened(server.path) as port:
+            os.write(port, b"#")
+            eventually(lambda: server.unplugged)
+
     def test_close_while_the_cable_is_out(self) -> None:
         server = PtyServer(Parrot())
         server.replug(600.0)
