@@ -7,8 +7,8 @@
         scan = await lidar.scan()
 
 The device lives in memory, on the clock of the event loop. It behaves as strictly as a real one; its `log` tells
-which requests it obeyed and which it discarded, and why. For faults on the line use a source instead:
-``sim://MODEL?via=memory&fault=drop:1%``.
+which requests it obeyed and which it discarded, and why. For faults of the line or of the device use a source
+instead: ``sim://MODEL?via=memory&fault=drop:1%,reboot:5s``; ``lidario sim --list-faults`` tells which there are.
 
 This file is not called ``simulate.py``: importing a submodule of that name would replace the function
 ``lidario.simulate`` by the module.

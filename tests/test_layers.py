@@ -120,7 +120,7 @@ def test_imports_point_one_way(path: Path) -> None:
 
 @every_file
 def test_input_and_output_begin_at_the_port(path: Path) -> None:
-    if RANK[layer(module(path))] >= OF_PORT or named(path) == "sim/serve.py":
+    if RANK[layer(module(path))] >= OF_PORT or named(path) in ("sim/serve.py", "sim/server.py"):
         return
     assert not foreign(path) & (SANS_IO | {"logging"})
     assert "time" not in foreign(path)

@@ -1,8 +1,8 @@
 """``lidario sim``: a simulated lidar for any driver, on a pseudo-terminal or a TCP port.
 
-The only line on stdout is what a client opens, so that a script can read it. The simulated lidar is served until
-Ctrl-C. Then the command prints which requests it received, and which of them a real device would have discarded,
-and why; this helps authors of drivers.
+The only line on stdout is what a client opens, so that a script can read it; after the fault ``replug`` a second
+line tells the new name. The simulated lidar is served until Ctrl-C. Then the command prints which requests it
+received, and which of them a real device would have discarded, and why; this helps authors of drivers.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ HAS_PTY = sys.platform != "win32"
     "--tcp", metavar="[HOST]:PORT", help="On a TCP port of this machine, or of that address; port 0 is any."
 )
 @click.option("--fault", "faults", multiple=True, metavar="NAME[:VALUE]",
-              help="Faults of the line: drop:1%, flip:0.1%, insert:0.1%, silent:5s, unplug:5s, stall:200ms, "
-              "garbage. May be given several times.")  # fmt: skip
+              help="What goes wrong, for instance drop:1% or reboot:5s. May be given several times.")  # fmt: skip
+@click.option("--list-faults", is_flag=True, help="List the faults and what they do, and exit.")
 @click.option("--world", metavar="NAME", help="What it sees: room, corridor, circle or empty.")
 @click.option("--serial", metavar="HEX", help="Its serial number.")
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0), metavar="N",
@@ -50,6 +50,7 @@ def sim(
     pty: bool,
     tcp: str | None,
     faults: tuple[str, ...],
+    list_faults: bool,
     world: str | None,
     serial: str | None,
     seed: int,
@@ -65,6 +66,9 @@ def sim(
     if list_models:
         emit("".join(f"{name}\n" for family in FAMILIES for name in family.simulated))
         return ExitCode.OK
+    if list_faults:
+        emit(_fault_table())
+        return ExitCode.OK
     if pty and tcp is not None:
         raise click.UsageError("--pty and --tcp exclude each other", click.get_current_context())
     model = model or FAMILIES[0].simulated[0]
@@ -73,6 +77,14 @@ def sim(
     if tcp is not None or not (pty or HAS_PTY):
         return _serve(_on_tcp(device, tcp or ":0", happening), model)
     return _serve(_on_pty(device, happening), model)
+
+
+def _fault_table() -> str:
+    """Every fault as it is typed, and what it does; line faults first."""
+    from lidario.sim.faults import FAULTS
+
+    width = max(len(fault.example) for fault in FAULTS.values())
+    return "".join(f"{fault.example:{width}}  {fault.what}\n" for fault in FAULTS.values())
 
 
 def _faults(words: tuple[str, ...], seed: int) -> Faults | None:
@@ -119,13 +131,8 @@ def _on_tcp(device: SimulatedDevice, address: str, faults: Faults | None) -> Tcp
 
 def _serve(server: PtyServer | TcpServer, model: str) -> int:
     from lidario.cli.running import run
-    from lidario.sim.serve import TcpServer
 
-    if isinstance(server, TcpServer):
-        host, port = server.address
-        name = f"tcp://{host}:{port}"
-    else:
-        name = server.path
+    name = _name(server)
     began = time.monotonic()
     with server:
         emit(f"{name}\n")
@@ -141,8 +148,25 @@ def _serve(server: PtyServer | TcpServer, model: str) -> int:
     return ExitCode.OK
 
 
+def _name(server: PtyServer | TcpServer) -> str:
+    """What a client opens."""
+    from lidario.sim.serve import TcpServer
+
+    if isinstance(server, TcpServer):
+        host, port = server.address
+        return f"tcp://{host}:{port}"
+    return server.path
+
+
 async def _until_unplugged(server: PtyServer | TcpServer) -> None:
-    while not server.unplugged:  # noqa: ASYNC110
+    """Wait until the line is dead for good; tell when it was plugged in again."""
+    plugged = True
+    while not server.unplugged:
+        if server.plugged.is_set() is not plugged:
+            plugged = not plugged
+            message("plugged in again:" if plugged else "the cable is out, as --fault asks")
+            if plugged:
+                emit(f"{_name(server)}\n")
         await asyncio.sleep(POLL_S)  # the server is a thread, and has no event to await
 
 

@@ -20,6 +20,8 @@ __all__ = ["PROTECTION_STOP", "Chassis"]
 PROTECTION_STOP = 2
 """The health status of a device that has stopped because of an error; the same number in every family so far."""
 
+_FOREVER = 1 << 62  # nanoseconds; more than a century
+
 StreamT = TypeVar("StreamT")
 
 
@@ -38,6 +40,7 @@ class Chassis(ABC, Generic[StreamT]):
         answer_delay_s: Seconds from a request to the beginning of its response; raise it for late responses.
         boot_s: Seconds of silence after RESET.
         garble_answers: How many of the next responses to queries are replaced by random bytes.
+        wrong_answers: Share of the responses to queries in whose place the response before is repeated.
         mute: While true nothing leaves the device, and its bytes are lost.
     """
 
@@ -49,6 +52,8 @@ class Chassis(ABC, Generic[StreamT]):
         self.answer_delay_s: float = 0.001
         self.boot_s: float = 1.0
         self.garble_answers: int = 0
+        self.wrong_answers: float = 0.0
+        self._response_before = b""
         self.mute = False
         self._motor = Motor()
         self._queue = TransmitQueue(baudrate)
@@ -108,12 +113,36 @@ class Chassis(ABC, Generic[StreamT]):
         data = self._queue.take(now)
         return b"" if self.mute else data
 
+    def reboot(self, now: int, *, off_s: float = 0.0) -> None:
+        """Be without power for `off_s` seconds from `now` on, then boot.
+
+        What has not left the device by `now` is lost, in the middle of a packet if need be. Until it has booted it
+        obeys nothing. Then it is as after power-up.
+        """
+        self._advance(now)
+        self._restart(now, now + round((off_s + self.boot_s) * 1e9))
+
+    def freeze(self, now: int) -> None:
+        """From `now` on neither send nor obey anything, until the next `reboot`; the rotor goes on turning."""
+        self._advance(now)
+        self._forget(now)
+        self._deaf_until, self._deaf_why = _FOREVER, "frozen"
+
+    def _forget(self, now: int) -> None:
+        """Drop the stream, the responses and the bytes that have not left."""
+        self._stream = None
+        self._queue.cut(now)
+        self._owed_until = 0
+
     def _garbled(self, response: bytes) -> bytes:
-        """A response as it leaves: itself, or as many random bytes where `garble_answers` asks for it."""
-        if not self.garble_answers:
-            return response
-        self.garble_answers -= 1
-        return self._random.bytes(len(response))
+        """A response as it leaves: itself, unless `garble_answers` or `wrong_answers` asks for another."""
+        before, self._response_before = self._response_before, response
+        if self.garble_answers:
+            self.garble_answers -= 1
+            return self._random.bytes(len(response))
+        if self.wrong_answers and self._random.random() < self.wrong_answers:
+            return before or response
+        return response
 
     def _respond_with(self, response: bytes, ready: int, request: str) -> None:
         """Send the response to a request, or its descriptor where a stream follows."""
@@ -135,3 +164,7 @@ class Chassis(ABC, Generic[StreamT]):
     @abstractmethod
     def _advance(self, now: int) -> None:
         """Do what is due by `now`."""
+
+    @abstractmethod
+    def _restart(self, now: int, up: int) -> None:
+        """Restart at `now`, and be deaf until `up`, when the device has booted."""

@@ -1,10 +1,8 @@
-"""What can go wrong on the way from the device to the host, in words and in bytes.
+"""The faults that users can ask of a simulated device, as they type them.
 
-A list of faults is written as users type it: ``drop:1%,flip:0.1%,unplug:5s``. Probabilities are per byte, in
-per cent or as a fraction; durations are ``5s``, ``200ms`` or plain seconds, counted from the first byte the
-device sends.
+A list of faults is written like ``drop:1%,flip:0.1%,unplug:5s``. Shares are written in per cent or as a fraction,
+durations as ``5s``, ``200ms``, ``2min`` or plain seconds. `FAULTS` is the table of all of them.
 
-=================  =====================================================================================
 ``drop:1%``        a byte is lost
 ``flip:0.1%``      one bit of a byte is inverted
 ``insert:0.1%``    a random byte comes before this one
@@ -16,127 +14,93 @@ device sends.
 
 One fault at most happens to a byte. What happens to each byte is drawn in the order of the bytes from a
 seeded generator, so the outcome does not depend on how the bytes were divided into chunks.
+=======
+There are two kinds. Line faults change bytes on their way from the device to the host (`lidario.sim.line_faults`);
+a share is per byte. Device faults are events inside of the device (`lidario.sim.device_faults`). The durations of
+``silent``, ``unplug`` and ``replug`` and of all device faults count from the first byte on the line, in either
+direction.
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
 
-import numpy as np
+from lidario.sim.device_faults import DeviceFaults
+from lidario.sim.line_faults import Faults
 
-__all__ = ["FAULTS", "Faults", "parse_faults"]
-
-FAULTS = {
-    "drop": "a share: drop:1% or drop:0.01",
-    "flip": "a share: flip:0.1%",
-    "insert": "a share: insert:0.1%",
-    "silent": "a duration: silent:5s",
-    "unplug": "a duration: unplug:5s",
-    "stall": "a duration below 1 s: stall:200ms",
-    "garbage": "nothing",
-}
-
-_SECOND = 1_000_000_000
-_UNITS = {"ms": 1e-3, "s": 1.0, "": 1.0, "min": 60.0}
+__all__ = ["FAULTS", "Fault", "Faults", "parse_faults"]
 
 
-@dataclass(slots=True)
-class Faults:
-    """Faults of one line, and how far they have got; a line needs one of its own.
+class Fault(NamedTuple):
+    """One word of the list.
 
     Attributes:
-        drop: Probability that a byte is lost.
-        flip: Probability that a bit of a byte is inverted.
-        insert: Probability that a random byte comes before a byte.
-        silent_s: Seconds from the first byte until nothing arrives any more; None = never.
-        unplug_s: Seconds from the first byte until the port is dead; None = never.
-        stall_s: Seconds that bytes are held back once a second; 0 = never.
-        garbage: Whether every byte is random.
-        seed: Seed of everything random.
-
-    Raises:
-        ValueError: A number is out of range.
+        example: How it is written.
+        takes: What its value is.
+        what: What it does.
+        inside: Whether it is a fault of the device, not of the line.
     """
 
-    drop: float = 0.0
-    flip: float = 0.0
-    insert: float = 0.0
-    silent_s: float | None = None
-    unplug_s: float | None = None
-    stall_s: float = 0.0
-    garbage: bool = False
-    seed: int = 0
-    _fate: np.random.Generator = field(init=False, repr=False)
-    _detail: np.random.Generator = field(init=False, repr=False)
-    _first: int | None = field(init=False, default=None)
-    _held: bytearray = field(init=False, default_factory=bytearray, repr=False)
+    example: str
+    takes: Literal["nothing", "a share", "a duration", "a number of bytes"]
+    what: str
+    inside: bool = False
 
-    def __post_init__(self) -> None:
-        if min(self.drop, self.flip, self.insert) < 0.0 or self.drop + self.flip + self.insert > 1.0:
-            raise ValueError("drop, flip and insert are shares from 0 to 100 %, together no more than 100 %")
-        if not 0.0 <= self.stall_s < 1.0:
-            raise ValueError("a stall lasts less than the second after which it comes again")
-        self._fate = np.random.default_rng([self.seed, 1])
-        self._detail = np.random.default_rng([self.seed, 2])
 
-    @property
-    def holding(self) -> bool:
-        """Whether bytes are held back: `apply` must be called again soon, with or without new bytes."""
-        return bool(self._held)
+FAULTS = {
+    fault.example.partition(":")[0]: fault
+    for fault in (
+        Fault("drop:1%", "a share", "this share of the bytes is lost"),
+        Fault("flip:0.1%", "a share", "one bit is inverted in this share of the bytes"),
+        Fault("insert:0.1%", "a share", "a random byte is inserted before this share of the bytes"),
+        Fault("burst:0.01%", "a share", "64 bytes become random; the share is that of the first bytes"),
+        Fault("duplicate:0.01%", "a share", "64 bytes come a second time; the share is as for burst"),
+        Fault(
+            "babble:1000",
+            "a number of bytes",
+            "so many random bytes a second are added, also while the device is silent",
+        ),
+        Fault("garbage", "nothing", "every byte is random, as at a wrong baud rate"),
+        Fault("late:300ms", "a duration", "every byte arrives so much later"),
+        Fault(
+            "stall:200ms", "a duration", "once a second the bytes are held back so long; then they come all at once"
+        ),
+        Fault("silent:5s", "a duration", "from then on nothing arrives, though the port stays open"),
+        Fault("unplug:5s", "a duration", "from then on the port is dead"),
+        Fault(
+            "replug:5s",
+            "a duration",
+            "the port dies; 1 s later it is back with another name, and the device boots",
+        ),
+        Fault("reboot:5s", "a duration", "the device restarts by itself, once", inside=True),
+        Fault(
+            "freeze:5s",
+            "a duration",
+            "the device sends nothing and obeys nothing until it loses its power",
+            inside=True,
+        ),
+        Fault(
+            "protect:5s",
+            "a duration",
+            "the device stops to protect itself, and health reports an error",
+            inside=True,
+        ),
+        Fault(
+            "wrong-answer:20%",
+            "a share",
+            "instead of this share of the responses the device repeats the one before",
+            inside=True,
+        ),
+    )
+}
+"""Every fault by its name."""
 
-    def apply(self, data: bytes, now: int) -> bytes:
-        """What arrives at the host by `now` when the device has just sent `data`.
-
-        Args:
-            data: The device's bytes, in any chunks, possibly none.
-            now: Monotonic nanoseconds.
-        """
-        if data and self._first is None:
-            self._first = now
-        if self._first is None:
-            return b""
-        since = now - self._first
-        if self.unplugged(now) or (self.silent_s is not None and since >= self.silent_s * _SECOND):
-            self._held.clear()
-            return b""
-        data = self._damaged(data)
-        if self.stall_s:
-            self._held += data
-            if since % _SECOND >= _SECOND - self.stall_s * _SECOND:
-                return b""
-            data = bytes(self._held)
-            self._held.clear()
-        return data
-
-    def unplugged(self, now: int) -> bool:
-        """Whether the port is dead by `now`."""
-        if self.unplug_s is None or self._first is None:
-            return False
-        return now - self._first >= self.unplug_s * _SECOND
-
-    def _damaged(self, data: bytes) -> bytes:
-        if self.garbage:
-            return (self._fate.random(len(data)) * 256.0).astype(np.uint8).tobytes()
-        total = self.drop + self.flip + self.insert
-        if not data or not total:
-            return data
-        fate = self._fate.random(len(data))
-        hit = np.flatnonzero(fate < total)
-        if not hit.size:
-            return data
-        parts, done = [], 0
-        for at in hit.tolist():
-            parts.append(data[done:at])
-            done = at + 1
-            if fate[at] < self.drop:
-                continue
-            if fate[at] < self.drop + self.flip:
-                parts.append(bytes([data[at] ^ (1 << int(self._detail.integers(8)))]))
-            else:
-                parts.append(bytes([int(self._detail.integers(256)), data[at]]))
-        parts.append(data[done:])
-        return b"".join(parts)
+_UNITS: dict[str, dict[str, float]] = {
+    "a share": {"%": 0.01, "": 1.0},
+    "a duration": {"ms": 1e-3, "s": 1.0, "min": 60.0, "": 1.0},
+    "a number of bytes": {"": 1.0},
+}
 
 
 def parse_faults(text: str, *, seed: int = 0) -> Faults:
@@ -149,40 +113,33 @@ def parse_faults(text: str, *, seed: int = 0) -> Faults:
     Raises:
         ValueError: The text makes no sense; says why, and which faults there are.
     """
-    found: dict[str, float | bool] = {}
+    line: dict[str, float | bool] = {}
+    device: dict[str, float | bool] = {}
     for word in filter(None, (part.strip() for part in text.split(","))):
         name, _, value = word.partition(":")
         if name not in FAULTS:
             raise ValueError(f"no fault is called {name!r}; there are {', '.join(FAULTS)}")
-        if name in found or f"{name}_s" in found:
+        found = device if FAULTS[name].inside else line
+        field = name.replace("-", "_") + ("_s" if FAULTS[name].takes == "a duration" else "")
+        if field in found:
             raise ValueError(f"the fault {name!r} is given twice")
-        if name == "garbage":
-            if value:
-                raise _unreadable(word, name)
-            found[name] = True
-        elif name in ("drop", "flip", "insert"):
-            found[name] = _share(word, name, value)
-        else:
-            found[f"{name}_s"] = _duration(word, name, value)
+        found[field] = _value(word, name, value)
     try:
-        return Faults(seed=seed, **found)  # type: ignore[arg-type]
+        return Faults(seed=seed, device=DeviceFaults(**device), **line)  # type: ignore[arg-type]
     except ValueError as error:
         raise ValueError(f"{text!r}: {error}") from None
 
 
-def _share(word: str, name: str, value: str) -> float:
-    match = re.fullmatch(r"(\d+\.?\d*|\.\d+)(%?)", value.strip())
-    if match is None:
-        raise _unreadable(word, name)
-    return float(match[1]) / (100.0 if match[2] else 1.0)
-
-
-def _duration(word: str, name: str, value: str) -> float:
-    match = re.fullmatch(r"(\d+\.?\d*|\.\d+)(ms|s|min|)", value.strip())
-    if match is None:
-        raise _unreadable(word, name)
-    return float(match[1]) * _UNITS[match[2]]
-
-
-def _unreadable(word: str, name: str) -> ValueError:
-    return ValueError(f"{word!r} cannot be read: {name} takes {FAULTS[name]}; the faults are {', '.join(FAULTS)}")
+def _value(word: str, name: str, text: str) -> float | bool:
+    """The value behind the colon; True for a fault that takes none."""
+    fault = FAULTS[name]
+    if fault.takes == "nothing" and not text:
+        return True
+    units = _UNITS.get(fault.takes, {})
+    match = re.fullmatch(r"(\d+\.?\d*|\.\d+)([a-z%]*)", text.strip())
+    if match is None or match[2] not in units:
+        raise ValueError(
+            f"{word!r} cannot be read: {name} takes {fault.takes}, as in {fault.example}; "
+            f"the faults are {', '.join(FAULTS)}"
+        )
+    return float(match[1]) * units[match[2]]

@@ -1,179 +1,32 @@
-"""Serving a simulated device: in memory, on a pseudo-terminal, over TCP.
+"""Serving a simulated device on a pseudo-terminal or over TCP.
 
-`MemoryLine` has no clock: the caller passes the time, thousands of revolutions per second if it wants.
 `PtyServer` and `TcpServer` run the device at true pace in a daemon thread of their own, so that any program
-can open it: ours, another process, another vendor's driver. There is no asyncio here. The thread waits in
-`select` until the host writes or the device has something to send; while it streams, at most `tick`.
+can open it: ours, another process, another vendor's driver. `MemoryLine`, which both are built on, has no clock and
+no thread.
 
 The line loses bytes as a real one does. What the terminal's or socket's buffer cannot take is lost, as on
 a UART, and is counted in `lost`. While no TCP client is connected the bytes go nowhere. `unplug` is the
-cable pulled out: the client's port dies. An exception of the simulated device is kept and raised by
-`close`, so that it does not get lost in a thread.
+cable pulled out: the client's port dies. `replug` puts it in again; as on a real system, the new port may have
+another name. An exception of the simulated device is kept and raised by `close`, so that it does not get lost in a
+thread.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
-import select
 import socket
 import sys
-import threading
-import time
-from abc import ABC, abstractmethod
-from types import TracebackType
-from typing import Self
 
 from lidario.sim.device import SimulatedDevice
 from lidario.sim.faults import Faults
+from lidario.sim.memory import MemoryLine
+from lidario.sim.server import READ, Server
 
 __all__ = ["MemoryLine", "PtyServer", "TcpServer"]
 
-_IDLE_S = 0.05  # how long the thread sleeps at most, so that an unplug that is due is noticed
-_READ = 4096
 
-
-class MemoryLine:
-    """A line without a clock and without a thread, for tests, benchmarks and simulated sources.
-
-    Args:
-        device: The device at the other end.
-        faults: What happens to its bytes on the way.
-    """
-
-    def __init__(self, device: SimulatedDevice, faults: Faults | None = None) -> None:
-        self.device = device
-        self._faults = faults
-
-    def write(self, data: bytes, now: int) -> None:
-        """The host's bytes arrive at the device at `now`."""
-        self.device.receive(data, now)
-
-    def read(self, now: int) -> bytes:
-        """What has arrived at the host since the last call."""
-        data = self.device.transmit(now)
-        return data if self._faults is None else self._faults.apply(data, now)
-
-    def wakeup(self, now: int) -> int | None:
-        """When `read` will next return something; None while nothing is under way."""
-        return self.device.wakeup(now)
-
-    def unplugged(self, now: int) -> bool:
-        """Whether the faults have unplugged the line by `now`."""
-        return self._faults is not None and self._faults.unplugged(now)
-
-
-class _Server(ABC):
-    """The thread that runs the device; subclasses know the file descriptors.
-
-    Attributes:
-        device: The device; hold `lock` while touching it.
-        lock: Taken by the thread whenever it is inside of the device.
-        lost: Bytes that the client's buffer could not take.
-    """
-
-    def __init__(self, device: SimulatedDevice, tick: float, faults: Faults | None, chunk: int | None) -> None:
-        if tick <= 0.0 or (chunk is not None and chunk <= 0):
-            raise ValueError("tick and chunk must be positive")
-        self.device = device
-        self.lock: threading.Lock = threading.Lock()
-        self.lost: int = 0
-        self._tick = tick
-        self._faults = faults
-        self._chunk = chunk
-        self._error: BaseException | None = None
-        self._ending = threading.Event()
-        self._waker, self._woken = socket.socketpair()
-        self._thread = threading.Thread(target=self._run, name="simulated device", daemon=True)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def unplug(self) -> None:
-        """Pull the cable out: the client's port dies, and nothing can be opened any more."""
-        self._ending.set()
-        with contextlib.suppress(OSError):
-            self._waker.send(b"\0")
-        if self._thread is not threading.current_thread():
-            self._thread.join()
-
-    def close(self) -> None:
-        """Stop serving and wait for the thread; harmless when done before.
-
-        Raises:
-            RuntimeError: The simulated device raised an exception, which is the cause.
-        """
-        self.unplug()
-        error, self._error = self._error, None
-        if error is not None:
-            raise RuntimeError("the simulated device failed") from error
-
-    @property
-    def unplugged(self) -> bool:
-        """Whether the line is dead: `unplug`, `close`, or a fault did it."""
-        return not self._thread.is_alive()
-
-    def _run(self) -> None:
-        try:
-            while not self._ending.is_set() and self._turn():
-                pass
-        except Exception as error:
-            self._error = error
-        finally:
-            self._shut()
-            self._waker.close()
-            self._woken.close()
-
-    def _turn(self) -> bool:
-        """Wait, then carry bytes both ways; False when a fault has unplugged the line."""
-        now = time.monotonic_ns()
-        if self._faults is not None and self._faults.unplugged(now):
-            return False
-        with self.lock:
-            wakeup = self.device.wakeup(now)
-        wait = _IDLE_S if wakeup is None else min(max(self._tick, (wakeup - now) * 1e-9), _IDLE_S)
-        if self._faults is not None and self._faults.holding:
-            wait = self._tick
-        readable, _, _ = select.select([self._woken, *self._sources()], [], [], wait)
-        if self._woken in readable:
-            return False
-        received = self._receive(readable)
-        with self.lock:
-            now = time.monotonic_ns()
-            if received:
-                self.device.receive(received, now)
-            data = self.device.transmit(now)
-        if self._faults is not None:
-            data = self._faults.apply(data, now)
-        step = self._chunk or len(data) or 1
-        for at in range(0, len(data), step):
-            piece = data[at : at + step]
-            self.lost += len(piece) - self._send(piece)
-        return True
-
-    @abstractmethod
-    def _sources(self) -> list[int | socket.socket]:
-        """What to wait for besides the clock."""
-
-    @abstractmethod
-    def _receive(self, readable: list[int | socket.socket]) -> bytes:
-        """What the client has written."""
-
-    @abstractmethod
-    def _send(self, data: bytes) -> int:
-        """Hand bytes to the client; returns how many it could take."""
-
-    @abstractmethod
-    def _shut(self) -> None:
-        """Close every file descriptor."""
-
-
-class PtyServer(_Server):
+class PtyServer(Server):
     """A simulated device on a pseudo-terminal (not on Windows); clients may come and go.
 
     Args:
@@ -183,7 +36,7 @@ class PtyServer(_Server):
         chunk: Most bytes written at once, such as the 64 of a USB adapter; None = all there are.
 
     Attributes:
-        path: What to open.
+        path: What to open; another one after `replug`.
 
     Raises:
         OSError: The system has no pseudo-terminals, or none left.
@@ -202,6 +55,7 @@ class PtyServer(_Server):
         import tty
 
         super().__init__(device, tick, faults, chunk)
+        self._link: str | None = None
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
@@ -212,7 +66,7 @@ class PtyServer(_Server):
         return [self._master]
 
     def _receive(self, readable: list[int | socket.socket]) -> bytes:
-        return os.read(self._master, _READ) if self._master in readable else b""
+        return os.read(self._master, READ) if self._master in readable else b""
 
     def _send(self, data: bytes) -> int:
         try:
@@ -220,12 +74,46 @@ class PtyServer(_Server):
         except BlockingIOError:
             return 0
 
+    def link(self, path: str | os.PathLike[str]) -> None:
+        """Keep a symbolic link to the port at `path`, as Linux does in ``/dev/serial/by-id``.
+
+        While the cable is out the link is gone; after `replug` it leads to the new port.
+
+        Raises:
+            OSError: The link cannot be made; `FileExistsError` when something is there already.
+        """
+        with self.lock:
+            os.symlink(self.path, path)
+            self._link = os.fspath(path)
+
+    def _plug_in(self) -> None:
+        import tty
+
+        with self.lock:
+            # The system gives the lowest free number. As long as this one is held, that is not the old one.
+            spare = os.openpty()
+            self._master, self._slave = os.openpty() if os.ttyname(spare[1]) == self.path else spare
+            if self._slave != spare[1]:
+                os.close(spare[0])
+                os.close(spare[1])
+            tty.setraw(self._slave)
+            os.set_blocking(self._master, False)
+            self.path = os.ttyname(self._slave)
+            if self._link is not None:
+                os.symlink(self.path, self._link)
+
     def _shut(self) -> None:
-        os.close(self._master)
-        os.close(self._slave)
+        with self.lock:
+            if self._link is not None:
+                with contextlib.suppress(FileNotFoundError):
+                    os.unlink(self._link)
+            for descriptor in (self._master, self._slave):
+                if descriptor >= 0:
+                    os.close(descriptor)
+            self._master = self._slave = -1
 
 
-class TcpServer(_Server):
+class TcpServer(Server):
     """A simulated device behind a TCP port, as a serial-to-network bridge offers it: one client at a time.
 
     Args:
@@ -281,7 +169,7 @@ class TcpServer(_Server):
         parts: list[bytes] = []
         while client is not None and len(parts) < 64:
             try:
-                part = client.recv(_READ)
+                part = client.recv(READ)
             except BlockingIOError:
                 break
             except OSError:
@@ -320,6 +208,10 @@ class TcpServer(_Server):
         if self._client is not None:
             self._client.close()
             self._client = None
+
+    def _plug_in(self) -> None:
+        self._listener = socket.create_server(self.address, backlog=1)
+        self._listener.setblocking(False)
 
     def _shut(self) -> None:
         self._hang_up()

@@ -8,10 +8,11 @@ from itertools import pairwise
 
 import pytest
 
-from benchmarks import decode, stages
+from benchmarks import decode, stages, vendor
 from benchmarks.contest import late_by, lost_scans
 from benchmarks.report import Result, Setting, spread
 from benchmarks.streams import KINDS, RATES, recording
+from lidario.families.rplidar.simulated.device import make_simulated
 from lidario.wire.formats import BEGINS
 from tests.support.streams import in_one_run
 
@@ -82,3 +83,34 @@ def test_lost_scans_are_told_from_late_ones() -> None:
 def test_spread_is_median_least_and_most() -> None:
     assert spread([3.0, 1.0, 2.0]) == "2.0 (1.0–3.0)"
     assert spread([]) == "–"
+
+
+def test_without_the_vendors_driver_its_table_says_so() -> None:
+    result = vendor.run(Setting(quick=True))
+    assert result.tables[0].rows == []
+    assert "left out" in result.tables[0].notes[0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "wrong"),
+    [
+        ({}, []),
+        ({"info": None}, ["model None", "firmware_version None", "hardware_version None", "serial_number None"]),
+        ({"health": [2, 1]}, ["health [2, 1]"]),
+        ({"started": False}, ["scan not started"]),
+        ({"scans": []}, ["no scan"]),
+        ({"scans": [[3200, 2.0], [1600, 2.0]]}, ["1600 points instead of 3200"]),
+        ({"scans": [[3200, 2.5]]}, ["2.5 m instead of 2.0 m"]),
+    ],
+)
+def test_what_the_vendors_driver_read_is_compared_with_the_device(
+    changes: dict[str, object], wrong: list[str]
+) -> None:
+    device = make_simulated("rplidar-s2")
+    device.receive(bytes.fromhex("a5820501000000 0023"), 0)
+    info = {"model": 0x71, "firmware_version": 0x102, "hardware_version": 18, "serial_number": device.serial.hex()}
+    told = {"info": info, "health": [0, 0], "started": True, "scans": [[700, 1.0], [3210, 2.0]]}
+    of = vendor.Run(device, told | changes)
+    assert of.mode == "DenseBoost"
+    assert of.wrong() == wrong
+    assert vendor.Run(device, {}, "it crashed").wrong() == ["it crashed"]

@@ -19,7 +19,7 @@ def test_everything_a_device_says_of_itself() -> None:
     told = json.loads(ended.stdout)
     assert told["serial"] == serial
     assert told["model_id"] == 0x71
-    assert told["firmware"] == "1.29"
+    assert told["firmware"] == "1.02"
     assert told["health"] == {"status": "ok", "code": 0}
     assert told["scan_frequency"] == 10.0
     dense = next(mode for mode in told["modes"] if mode["name"] == "DenseBoost")

@@ -9,6 +9,7 @@ import socket
 import pytest
 
 from lidario.families.registry import FAMILIES
+from lidario.sim.faults import FAULTS, Faults, parse_faults
 from tests.cli.processes import BOUND, invoke, line_of, run, started
 
 
@@ -16,6 +17,22 @@ def test_the_models_are_listed() -> None:
     listed = invoke("sim", "--list")
     assert listed.exit_code == 0
     assert listed.stdout.splitlines() == [model for family in FAMILIES for model in family.simulated]
+
+
+def test_the_faults_are_listed() -> None:
+    listed = invoke("sim", "--list-faults")
+    assert listed.exit_code == 0
+    words = [line.split()[0] for line in listed.stdout.splitlines()]
+    assert [word.partition(":")[0] for word in words] == list(FAULTS)
+    for word in words:
+        assert parse_faults(word) != Faults()
+
+
+def test_a_fault_that_does_not_exist() -> None:
+    ended = invoke("sim", "--fault", "reboots:5s")
+    assert ended.exit_code == 2
+    assert "reboots" in ended.stderr
+    assert "replug" in ended.stderr
 
 
 def test_one_process_serves_and_another_scans() -> None:
@@ -64,3 +81,16 @@ def test_it_ends_when_a_fault_pulls_the_cable() -> None:
         path = line_of(sim.stdout).strip()
         assert run("scan", path, "-n", "0").returncode == 5
         assert sim.wait(BOUND) == 0
+
+
+def test_after_a_replug_the_new_name_is_told() -> None:
+    with started("sim", "--pty", "--fault", "replug:100ms") as sim:
+        first = line_of(sim.stdout).strip()
+        assert run("scan", first, "-n", "0").returncode == 5
+        second = line_of(sim.stdout).strip()
+        assert second != first
+        assert run("scan", second).returncode == 0
+        sim.send_signal(signal.SIGINT)
+        _, said = sim.communicate(timeout=BOUND)
+    assert sim.returncode == 0
+    assert "plugged in again" in said

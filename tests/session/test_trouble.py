@@ -214,7 +214,7 @@ async def test_a_mistake_of_ours_ends_the_stream_and_says_so(family: str) -> Non
 
 @driven
 async def test_modes_with_holes_in_their_numbers_are_all_found() -> None:
-    rig = make_rig("rplidar", "rplidar-hq")
+    rig = make_rig("rplidar", "rplidar-holes")
     async with rig.open() as lidar:
         told = {mode.name: mode for mode in await lidar.get_modes()}
         assert len(told) == len(rig.device.profile.modes)
@@ -248,6 +248,16 @@ async def test_awkward_devices_do_what_they_can(model: str, mode: str | None) ->
             with pytest.raises(Unsupported, match="0x8E"):
                 await lidar.scan(strange[0].name)
             assert len(await take(lidar, 1)) == 1
+
+
+@driven
+async def test_time_stamps_between_the_packets_cost_nothing() -> None:
+    rig = make_rig("ydlidar", "ydlidar-4ros-stamps", world=make_world("circle"))
+    async with rig.open() as lidar:
+        scans = await take(lidar, 3)
+        assert (lidar.stats.lost_packets, lidar.stats.skipped_bytes) == (0, 0)
+    assert [each.lost_packets for each in scans] == [0, 0, 0]
+    np.testing.assert_allclose(scans[-1].ranges, 2.0, atol=0.002)
 
 
 @driven

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from itertools import pairwise
 
 import numpy as np
@@ -9,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidario.sim.faults import Faults, parse_faults
+from lidario.sim.device_faults import DeviceFaults
+from lidario.sim.faults import FAULTS, Fault, Faults, parse_faults
 
 SECOND = 1_000_000_000
 ZEROS = bytes(100_000)
@@ -27,12 +29,26 @@ COUNTING = bytes(i % 251 for i in range(20_000))
         ("unplug:1.5", Faults(unplug_s=1.5)),
         ("stall:200ms,garbage", Faults(stall_s=0.2, garbage=True)),
         ("silent:2min", Faults(silent_s=120.0)),
+        ("burst:0.01%,duplicate:1%,babble:1000", Faults(burst=0.0001, duplicate=0.01, babble=1000.0)),
+        ("late:300ms,replug:5s", Faults(late_s=0.3, replug_s=5.0)),
     ],
 )
 def test_grammar(text: str, expected: Faults) -> None:
     found = parse_faults(text)
-    names = ("drop", "flip", "insert", "silent_s", "unplug_s", "stall_s", "garbage")
+    names = [each.name for each in fields(Faults) if each.init]
+    assert len(names) == 14
     assert [getattr(found, name) for name in names] == [getattr(expected, name) for name in names]
+
+
+def test_grammar_of_device_faults() -> None:
+    found = parse_faults("reboot:5s,freeze:1min,protect:2,wrong-answer:20%").device
+    assert found == DeviceFaults(reboot_s=5.0, freeze_s=60.0, protect_s=2.0, wrong_answer=0.2)
+    assert parse_faults("replug:3s").device == DeviceFaults(replug_s=3.0)
+
+
+@pytest.mark.parametrize("fault", FAULTS.values(), ids=list(FAULTS))
+def test_every_example_can_be_read(fault: Fault) -> None:
+    assert parse_faults(fault.example) != Faults()
 
 
 @pytest.mark.parametrize(
@@ -51,6 +67,12 @@ def test_grammar(text: str, expected: Faults) -> None:
         ("garbage:1", "nothing"),
         ("drop:1%,drop:2%", "twice"),
         ("silent:1s,silent:2s", "twice"),
+        ("reboot:1s,reboot:2s", "twice"),
+        ("babble:1%", "number of bytes"),
+        ("babble", "number of bytes"),
+        ("wrong-answer:120%", "100 %"),
+        ("wrong_answer:1%", "'wrong_answer'"),
+        ("freeze:10%", "duration"),
     ],
 )
 def test_what_cannot_be_read_says_why(text: str, cause: str) -> None:
@@ -60,7 +82,7 @@ def test_what_cannot_be_read_says_why(text: str, cause: str) -> None:
 
 @pytest.mark.parametrize("text", ["dorp:1%", "drop:many"])
 def test_what_cannot_be_read_names_the_faults(text: str) -> None:
-    with pytest.raises(ValueError, match="drop, flip, insert, silent, unplug, stall, garbage"):
+    with pytest.raises(ValueError, match=r"drop, flip, insert, burst, .*, wrong-answer"):
         parse_faults(text)
 
 
@@ -93,17 +115,113 @@ def test_insert_loses_nothing() -> None:
 
 
 @given(
-    st.sampled_from(["drop:5%,flip:5%,insert:5%", "garbage", "drop:50%", "insert:30%"]),
+    st.sampled_from(
+        [
+            "drop:5%,flip:5%,insert:5%",
+            "garbage",
+            "drop:50%",
+            "insert:30%",
+            "burst:1%",
+            "duplicate:2%",
+            "burst:1%,duplicate:2%,drop:2%,flip:2%,insert:2%",
+            "babble:5000,burst:1%,late:10ms",
+        ]
+    ),
     st.lists(st.integers(0, 400), max_size=12),
     st.integers(0, 5),
 )
 def test_chunks_make_no_difference(text: str, cuts: list[int], seed: int) -> None:
     data = COUNTING[:400]
-    whole = parse_faults(text, seed=seed).apply(data, 0)
-    faults = parse_faults(text, seed=seed)
+    one, faults = parse_faults(text, seed=seed), parse_faults(text, seed=seed)
+    whole = one.apply(b"", 0) + one.apply(data, SECOND) + one.apply(b"", 2 * SECOND)
     edges = [0, *sorted(cuts), len(data)]
-    pieces = [faults.apply(data[a:b], 0) for a, b in pairwise(edges)]
+    pieces = [faults.apply(b"", 0)]
+    pieces += [faults.apply(data[a:b], SECOND) for a, b in pairwise(edges)]
+    pieces.append(faults.apply(b"", 2 * SECOND))
     assert b"".join(pieces) == whole
+
+
+def test_a_burst_makes_64_bytes_random() -> None:
+    got = parse_faults("burst:0.01%", seed=3).apply(ZEROS, 0)
+    assert len(got) == len(ZEROS)
+    hit = np.flatnonzero(np.frombuffer(got, np.uint8))
+    bursts = np.split(hit, np.flatnonzero(np.diff(hit) > 64) + 1)
+    assert 3 <= len(bursts) <= 25
+    for burst in bursts:
+        # The first and the last byte may be 0 by chance; two bursts may meet.
+        assert 50 <= np.ptp(burst) + 1 <= 128
+        assert burst.size >= 50
+
+
+def test_a_repetition_gives_the_64_bytes_before_again() -> None:
+    got = parse_faults("duplicate:0.01%", seed=1).apply(COUNTING, 0)
+    extra = len(got) - len(COUNTING)
+    assert extra > 0
+    assert extra % 64 == 0
+    at = next(k for k, (a, b) in enumerate(zip(got, COUNTING, strict=False)) if a != b)
+    assert got[:at] == COUNTING[:at]
+    assert got[at : at + 64] == COUNTING[at - 64 : at]
+    assert got[at + 64 : at + 128] == COUNTING[at : at + 64]
+
+
+def test_babble_comes_from_a_silent_device() -> None:
+    faults = parse_faults("babble:1000")
+    assert faults.wakeup(100 * SECOND) == 100 * SECOND + SECOND // 1000
+    assert len(faults.apply(b"", 101 * SECOND)) == 1000
+    assert faults.apply(b"", 101 * SECOND) == b""
+    got = faults.apply(b"abc", 102 * SECOND)
+    assert len(got) == 1003
+    assert got.endswith(b"abc")
+    assert faults.wakeup(102 * SECOND) == 102 * SECOND + SECOND // 1000
+
+
+def test_late_bytes_come_later_and_all_of_them() -> None:
+    faults = parse_faults("late:300ms")
+    assert faults.wakeup(0) is None
+    assert faults.apply(b"ab", 0) == b""
+    assert faults.apply(b"c", SECOND // 10) == b""
+    assert faults.wakeup(SECOND // 10) == SECOND * 3 // 10
+    assert faults.apply(b"", SECOND * 3 // 10) == b"ab"
+    assert faults.wakeup(SECOND * 3 // 10) == SECOND * 4 // 10
+    assert faults.apply(b"d", SECOND * 8 // 10) == b"c"
+    assert faults.holding
+    assert faults.apply(b"", 2 * SECOND) == b"d"
+
+
+def test_a_replug_pulls_the_cable_for_a_second() -> None:
+    faults = parse_faults("replug:2s")
+    assert faults.back_at(0) is None
+    assert faults.apply(b"a", 100 * SECOND) == b"a"
+    assert faults.back_at(100 * SECOND) == 103 * SECOND
+    assert faults.wakeup(101 * SECOND) == 102 * SECOND
+    assert [faults.unplugged(at * SECOND) for at in (101, 102, 103)] == [False, True, False]
+    assert not faults.unplugged(102 * SECOND - 1)
+    assert faults.unplugged(103 * SECOND - 1)
+    assert [faults.cable(at * SECOND) for at in (101, 102, 103)] == [0, 1, 1]
+    assert faults.apply(b"b", 102 * SECOND) == b""
+    assert faults.apply(b"c", 103 * SECOND) == b"c"
+
+
+@pytest.mark.parametrize("unplug", ["2500ms", "4s"])
+def test_after_an_unplug_nothing_is_plugged_in_again(unplug: str) -> None:
+    faults = parse_faults(f"replug:2s,unplug:{unplug}")
+    faults.begin(0)
+    assert faults.back_at(2 * SECOND) == 3 * SECOND
+    assert faults.back_at(4 * SECOND) is None
+    assert faults.unplugged(4 * SECOND)
+
+
+def test_what_comes_by_itself_is_foretold() -> None:
+    assert parse_faults("drop:1%").wakeup(0) is None
+    stall = parse_faults("stall:200ms")
+    stall.apply(b"a", 0)
+    assert stall.wakeup(SECOND // 2) is None
+    stall.apply(b"b", SECOND * 9 // 10)
+    assert stall.wakeup(SECOND * 9 // 10) == SECOND
+    unplug = parse_faults("unplug:2s")
+    assert unplug.wakeup(0) is None
+    unplug.begin(SECOND)
+    assert unplug.wakeup(SECOND) == 3 * SECOND
 
 
 def test_the_seed_decides() -> None:

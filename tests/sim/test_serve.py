@@ -12,6 +12,8 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
 
 import pytest
 
@@ -106,8 +108,43 @@ def test_memory_line_with_faults() -> None:
     line.write(b"ab", 0)
     assert line.read(10_000) == b"A"
     assert line.read(2_000_000_000) == b""
-    assert not line.unplugged(2_000_009_999)
-    assert line.unplugged(2_000_010_000)
+    assert not line.unplugged(1_999_999_999)
+    assert line.unplugged(2_000_000_000)
+
+
+def test_memory_line_wakes_up_for_what_the_faults_do() -> None:
+    """An idle device sends nothing, and the line has something to tell all the same."""
+    line = MemoryLine(Parrot(), parse_faults("late:1s,unplug:3s"))
+    line.write(b"a", 0)
+    assert line.wakeup(0) == 10_000
+    assert line.read(10_000) == b""
+    assert line.wakeup(10_000) == 1_000_010_000
+    assert line.read(1_000_010_000) == b"A"
+    assert line.wakeup(1_000_010_000) == 3_000_000_000
+    assert line.unplugged(3_000_000_000)
+
+
+def test_a_memory_line_dies_in_a_replug_and_a_new_one_works() -> None:
+    device, faults = Parrot(), parse_faults("replug:2s")
+    old = MemoryLine(device, faults)
+    old.write(b"a", 0)
+    assert old.read(10_000) == b"A"
+    assert not old.unplugged(10_000)
+    assert old.wakeup(10_000) == 2_000_000_000
+    assert old.unplugged(2_000_000_000)
+    new = MemoryLine(device, faults)
+    assert new.unplugged(2_999_999_999)
+    new.write(b"lost", 2_999_999_999)
+    new.write(b"b", 3_000_000_000)
+    assert new.read(4_000_000_000) == b"B"
+    assert not new.unplugged(4_000_000_000)
+    assert old.unplugged(4_000_000_000)
+
+
+@pytest.mark.parametrize("text", ["reboot:1s", "freeze:1s", "protect:1s", "wrong-answer:1%"])
+def test_a_device_without_faults_of_its_own(text: str) -> None:
+    with pytest.raises(ValueError, match="Parrot offers no faults"):
+        MemoryLine(Parrot(), parse_faults(text))
 
 
 class TestPty:
@@ -189,6 +226,80 @@ class TestPty:
         assert isinstance(caught.value.__cause__, ZeroDivisionError)
         server.close()
 
+    def test_replug_gives_the_port_another_name(self) -> None:
+        with PtyServer(Parrot()) as server:
+            first = server.path
+            with opened(first) as port:
+                os.write(port, b"a")
+                assert read_exactly(port, 1) == b"A"
+                server.replug(0.05)
+                with pytest.raises(OSError, match=r"."):
+                    os.write(port, b"b")
+            assert server.plugged.wait(BOUND)
+            assert server.path != first
+            assert not server.unplugged
+            with opened(server.path) as port:
+                os.write(port, b"c")
+                assert read_exactly(port, 1) == b"C"
+
+    def test_replug_as_often_as_one_likes_costs_no_descriptors(self) -> None:
+        with PtyServer(Parrot()) as server:
+            before = len(os.listdir("/proc/self/fd"))
+            names = [server.path]
+            for _ in range(5):
+                server.replug(0.0)
+                assert server.plugged.wait(BOUND)
+                names.append(server.path)
+            assert all(a != b for a, b in pairwise(names))
+            assert len(os.listdir("/proc/self/fd")) == before
+
+    def test_a_link_leads_to_the_new_port(self, tmp_path: Path) -> None:
+        link = tmp_path / "by-id"
+        with PtyServer(Parrot()) as server:
+            server.link(link)
+            server.replug(0.3)
+            assert not link.is_symlink()
+            assert server.plugged.wait(BOUND)
+            assert os.readlink(link) == server.path
+            with opened(str(link)) as port:
+                os.write(port, b"a")
+                assert read_exactly(port, 1) == b"A"
+        assert not link.is_symlink()
+
+    def test_a_replug_of_a_link_that_is_taken(self, tmp_path: Path) -> None:
+        (tmp_path / "by-id").touch()
+        with PtyServer(Parrot()) as server, pytest.raises(FileExistsError):
+            server.link(tmp_path / "by-id")
+        assert (tmp_path / "by-id").exists()
+
+    def test_a_fault_replugs_it(self) -> None:
+        with PtyServer(Parrot(), faults=parse_faults("replug:50ms")) as server:
+            first = server.path
+            with opened(first) as port:
+                os.write(port, b"#")
+                eventually(lambda: not server.plugged.is_set())
+            assert server.plugged.wait(BOUND)
+            assert server.path != first
+            with opened(server.path) as port:
+                assert len(read_exactly(port, 100)) == 100
+
+    def test_a_replug_with_an_unplug_behind_it_ends(self) -> None:
+        faults = parse_faults("replug:10ms,unplug:100ms")
+        with PtyServer(Parrot(), faults=faults) as server, opened(server.path) as port:
+            os.write(port, b"#")
+            eventually(lambda: server.unplugged)
+
+    def test_close_while_the_cable_is_out(self) -> None:
+        server = PtyServer(Parrot())
+        server.replug(600.0)
+        server.close()
+        assert server.unplugged
+        assert not server.plugged.is_set()
+        with pytest.raises(ValueError, match="unplugged"):
+            server.replug()
+        with PtyServer(Parrot()) as other, pytest.raises(ValueError, match="negative"):
+            other.replug(-1.0)
+
     @pytest.mark.parametrize("wrong", [{"tick": 0.0}, {"chunk": 0}])
     def test_misuse_is_refused(self, wrong: dict[str, int]) -> None:
         with pytest.raises(ValueError, match="positive"):
@@ -250,6 +361,20 @@ class TestTcp:
         with TcpServer(Flood()) as server, socket.create_connection(server.address) as client:
             client.sendall(b"#")
             eventually(lambda: server.lost > 0)
+
+    def test_replug_hangs_up_and_listens_again_at_the_same_address(self) -> None:
+        with TcpServer(Parrot()) as server:
+            with socket.create_connection(server.address, timeout=BOUND) as client:
+                client.sendall(b"a")
+                assert client.recv(1) == b"A"
+                server.replug(0.3)
+                assert client.recv(1) == b""
+                with pytest.raises(ConnectionRefusedError):
+                    socket.create_connection(server.address, timeout=BOUND)
+            assert server.plugged.wait(BOUND)
+            with socket.create_connection(server.address, timeout=BOUND) as client:
+                client.sendall(b"b")
+                assert client.recv(1) == b"B"
 
     def test_a_port_in_use_is_an_error(self) -> None:
         with TcpServer(Parrot()) as server, pytest.raises(OSError, match=r"."):

@@ -22,6 +22,7 @@ SIMULATED = (
     "rplidar-hq",
     "rplidar-ultra",
     "rplidar-ultradense",
+    "rplidar-holes",
     "rplidar-zero-us",
     "rplidar-unknown-answer",
     "rplidar-no-modes",

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["FAMILY"]
 
-SIMULATED: Final = ("ydlidar-4ros", "ydlidar-4ros-92", "ydlidar-4ros-slow")
+SIMULATED: Final = ("ydlidar-4ros", "ydlidar-4ros-92", "ydlidar-4ros-slow", "ydlidar-4ros-stamps")
 """The names of `simulated.PROFILES`, repeated here so that users of a real device do not load the simulated
 one."""
 

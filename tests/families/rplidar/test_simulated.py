@@ -9,7 +9,7 @@ from operator import xor
 import numpy as np
 import pytest
 
-from lidario.families.rplidar.simulated.device import PROFILES, SimulatedRplidar, make_simulated
+from lidario.families.rplidar.simulated.device import PROFILES, Profile, SimulatedRplidar, make_simulated
 from lidario.sim.world import World, make_world
 from tests.reference import rplidar
 
@@ -23,6 +23,7 @@ MOTOR_600 = bytes.fromhex("a5 a8 02 58 02 55")
 MOTOR_OFF = bytes.fromhex("a5 a8 02 00 00 0f")
 EXPRESS_1 = bytes.fromhex("a5 82 05 01 00 00 00 00 23")
 
+SOLD = [profile.name for profile in PROFILES.values() if profile.kind == "sold"]
 MODES = [(profile.name, mode.id) for profile in PROFILES.values() for mode in profile.modes]
 
 
@@ -141,7 +142,7 @@ class TestAnswers:
         device = make_simulated("rplidar-s2", serial=bytes(range(16)))
         device.receive(GET_INFO, 0)
         answer = device.transmit(SECOND)
-        assert answer == bytes.fromhex("a55a1400000004 71 1d 01 12") + bytes(range(16))
+        assert answer == bytes.fromhex("a55a1400000004 71 02 01 12") + bytes(range(16))
 
     @pytest.mark.parametrize(
         ("model", "major"), [("rplidar-s1", 6), ("rplidar-s2", 7), ("rplidar-s3", 8), ("rplidar-old-firmware", 1)]
@@ -180,16 +181,59 @@ class TestAnswers:
             (0x05, (), struct.pack("<H", 1200)),
             (0x71, (7,), b""),  # no such mode
             (0x71, (), b""),  # no mode given
-            (0x79, (), b""),  # no such entry
         ],
     )
     def test_conf(self, bench: Bench, kind: int, mode: tuple[int, ...], value: bytes) -> None:
         answer = bench.ask(conf(kind, *mode))
         assert answer == b"\xa5\x5a" + struct.pack("<IBI", 4 + len(value), 0x20, kind) + value
 
-    @pytest.mark.parametrize("kind", [0x01, 0x04, 0x05])
-    def test_s1_does_not_tell_its_speeds(self, kind: int) -> None:
-        assert Bench("rplidar-s1").ask(conf(kind)) == bytes.fromhex("a55a0400000020") + struct.pack("<I", kind)
+    @pytest.mark.parametrize(("kind", "value"), [(0x01, "5802 0000"), (0x04, "e001"), (0x05, "b004")])
+    @pytest.mark.parametrize("model", SOLD)
+    def test_devices_that_are_sold_tell_their_speeds(self, model: str, kind: int, value: str) -> None:
+        """The vendor's driver takes a response without a value for one with a value, and crashes."""
+        assert Bench(model).ask(conf(kind))[11:] == bytes.fromhex(value)
+
+    @pytest.mark.parametrize(
+        ("model", "kind"), [("rplidar-s2", 0x79), ("rplidar-s1", 0x81), ("rplidar-holes", 0x01)]
+    )
+    def test_a_conf_type_that_the_firmware_does_not_know(self, model: str, kind: int) -> None:
+        """Silence: the vendor's driver takes any response to 0x79 for the sign of an Ethernet device."""
+        bench = Bench(model)
+        bench.ask(SCAN, 100 * MS)
+        assert bytes.fromhex("0000 0020") not in bench.ask(conf(kind))
+        assert bench.why == "unknown to this firmware"
+        assert bench.device.scanning
+
+    @pytest.mark.parametrize("profile", [each for each in PROFILES.values() if each.name != "rplidar-old-firmware"])
+    def test_mode_numbers_run_from_zero_without_a_hole(self, profile: Profile) -> None:
+        """S-series interface manual: 0 to count - 1; the profiles that break the rule are named for it."""
+        ids = [mode.id for mode in profile.modes]
+        without_a_hole = ids == list(range(len(ids)))
+        assert without_a_hole is (profile.name not in ("rplidar-holes", "rplidar-unknown-answer"))
+
+    @pytest.mark.parametrize(
+        ("model", "mode", "us", "metres"),
+        [
+            ("rplidar-s1", 0, 244, 40),
+            ("rplidar-s1", 1, 108, 40),
+            ("rplidar-s2", 0, 62.5, 30),
+            ("rplidar-s2", 1, 31.25, 30),
+            ("rplidar-s3", 0, 62.5, 16),
+            ("rplidar-s3", 1, 31.25, 40),
+        ],
+    )
+    def test_what_logs_of_real_devices_say_of_their_modes(
+        self, model: str, mode: int, us: float, metres: int
+    ) -> None:
+        bench = Bench(model)
+        assert bench.ask(conf(0x71, mode))[11:] == struct.pack("<I", int(us * 256))
+        assert bench.ask(conf(0x74, mode))[11:] == struct.pack("<I", metres * 256)
+
+    @pytest.mark.parametrize(
+        ("model", "firmware"), [("rplidar-s1", "1c 01"), ("rplidar-s2", "02 01"), ("rplidar-s3", "02 01")]
+    )
+    def test_firmware_of_devices_that_are_sold(self, model: str, firmware: str) -> None:
+        assert Bench(model).ask(GET_INFO)[8:10] == bytes.fromhex(firmware)
 
     def test_awkward_devices(self) -> None:
         assert Bench("rplidar-zero-us").ask(conf(0x71, 1))[11:] == bytes(4)
@@ -336,11 +380,12 @@ class TestStream:
         ("model", "request_", "descriptor"),
         [
             ("rplidar-s2", SCAN, "a55a0500004081"),
-            ("rplidar-express", express(2), "a55a5400004082"),
-            ("rplidar-hq", express(5), "a55a0d03004083"),
-            ("rplidar-ultra", express(3), "a55a8400004084"),
+            ("rplidar-express", express(1), "a55a5400004082"),
+            ("rplidar-hq", express(1), "a55a0d03004083"),
+            ("rplidar-ultra", express(2), "a55a8400004084"),
             ("rplidar-s2", EXPRESS_1, "a55a5400004085"),
-            ("rplidar-ultradense", express(4), "a55aaa00004086"),
+            ("rplidar-ultradense", express(1), "a55aaa00004086"),
+            ("rplidar-holes", express(5), "a55a0d03004083"),
             ("rplidar-unknown-answer", express(6), "a55a540000408e"),
             ("rplidar-old-firmware", express(0), "a55a5400004082"),
             ("rplidar-no-modes", SCAN, "a55a0500004081"),
@@ -378,9 +423,14 @@ class TestStream:
 
     @pytest.mark.parametrize(
         ("model", "mode_id", "samples"),
-        [("rplidar-s2", 1, 3200), ("rplidar-s2", 0, 1600), ("rplidar-s1", 1, 920), ("rplidar-hq", 5, 1000)],
+        [
+            ("rplidar-s2", 1, 3200),
+            ("rplidar-s2", 0, 1600),
+            ("rplidar-s1", 1, 100_000 / 108),
+            ("rplidar-hq", 1, 1000),
+        ],
     )
-    def test_a_turn_takes_what_the_motor_says(self, model: str, mode_id: int, samples: int) -> None:
+    def test_a_turn_takes_what_the_motor_says(self, model: str, mode_id: int, samples: float) -> None:
         bench = Bench(model)
         mode = bench.device.profile.mode(mode_id)
         assert mode is not None
@@ -406,7 +456,7 @@ class TestStream:
 
     @pytest.mark.parametrize(
         ("model", "mode_id"),
-        [("rplidar-s2", 1), ("rplidar-express", 2), ("rplidar-ultra", 3), ("rplidar-ultradense", 4)],
+        [("rplidar-s2", 1), ("rplidar-express", 1), ("rplidar-ultra", 2), ("rplidar-ultradense", 1)],
     )
     def test_only_the_first_packet_of_a_stream_is_new(self, model: str, mode_id: int) -> None:
         bench = Bench(model)

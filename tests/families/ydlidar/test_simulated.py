@@ -1,12 +1,15 @@
 """The simulated 4ROS by itself: its bytes are judged by the scalar reference, never by the host's code."""
 
+from functools import reduce
 from itertools import pairwise
+from operator import xor
 
 import pytest
 
 from lidario.families.ydlidar.simulated.device import PROFILES, Simulated4Ros, make_simulated
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_points, pack_time_stamp
 from lidario.sim.device import SimulatedDevice
+from lidario.sim.serve import MemoryLine
 from lidario.sim.world import make_world
 from tests.reference import ydlidar
 
@@ -20,6 +23,7 @@ SCAN, STOP, FORCED_STOP, RESET = b"\xa5\x60", b"\xa5\x65", b"\xa5\x00", b"\xa5\x
 INFO, HEALTH, HEALTH_92, OFFSET, SPEED = b"\xa5\x90", b"\xa5\x91", b"\xa5\x92", b"\xa5\x93", b"\xa5\x0d"
 FASTER_FINE, SLOWER_FINE, FASTER, SLOWER = b"\xa5\x09", b"\xa5\x0a", b"\xa5\x0b", b"\xa5\x0c"
 PROTECTION = b"\xa5\xd9"
+STAMPED = "ydlidar-4ros-stamps"
 
 
 @pytest.fixture
@@ -60,6 +64,19 @@ def whole(data: bytes) -> list[bytes]:
         except ValueError:
             data = data[: data.rindex(b"\xaa\x55")]
     return []
+
+
+def unstamped(data: bytes) -> tuple[list[int], list[bytes]]:
+    """Times of the stamps in ms, and the packets, of a stream with a time stamp record before each packet."""
+    stamps, packets = [], []
+    while len(data) >= 8 + 10:
+        assert data[:2] == b"\xaa\x66"
+        assert reduce(xor, data[:8]) == 0
+        size = 8 + 10 + 2 * data[8 + 3]
+        stamps.append(int.from_bytes(data[3:7], "little"))
+        packets.append(data[8:size])
+        data = data[size:]
+    return stamps, packets
 
 
 def test_it_is_a_simulated_device(device: Simulated4Ros) -> None:
@@ -247,7 +264,7 @@ def test_a_stop_ends_the_stream_and_the_motor_after_the_packet_under_way(
     assert device.wakeup(BEGIN + 2 * S) is None
 
 
-@pytest.mark.parametrize("request_", [INFO, HEALTH, OFFSET, SPEED, FASTER, SLOWER_FINE, PROTECTION])
+@pytest.mark.parametrize("request_", [INFO, HEALTH, OFFSET, SPEED, FASTER, SLOWER_FINE, PROTECTION, RESET])
 def test_nothing_else_is_heard_while_scanning(device: Simulated4Ros, request_: bytes) -> None:
     device.spin_up_s = 0.2
     device.receive(SCAN, BEGIN)
@@ -309,6 +326,8 @@ def test_a_reset(device: Simulated4Ros) -> None:
     asked(device, PROTECTION, BEGIN - 2 * S)
     asked(device, FASTER, BEGIN - S)
     stream_of(device, 1.0)
+    device.receive(STOP, BEGIN + S - 10 * MS)
+    device.transmit(BEGIN + S - MS)
     device.receive(RESET, BEGIN + S)
     assert not device.scanning
     assert not device.motor_on
@@ -322,15 +341,41 @@ def test_a_reset(device: Simulated4Ros) -> None:
     assert (device.set_speed, device.protected) == (700, False)
 
 
-def test_a_reset_cuts_a_packet_in_two() -> None:
-    cut = 0
-    for phase in range(10):
-        device = make_simulated("ydlidar-4ros")
-        data = stream_of(device, 1.0)
-        device.receive(RESET, BEGIN + S + phase * MS // 5)
-        data += device.transmit(BEGIN + 2 * S)
-        cut += sum(map(len, whole(data))) < len(data)
-    assert cut >= 7
+def test_protection_outlives_the_program_that_switched_it_on() -> None:
+    """It is a state of the device: the next connection finds it on, and only a reset makes it forget."""
+    device = make_simulated("ydlidar-4ros", world=make_world("circle"))
+    device.spin_up_s = 0.0
+    first = MemoryLine(device)
+    first.write(PROTECTION, BEGIN)
+    assert first.read(BEGIN + 10 * MS)[-1] == 0
+    second = MemoryLine(device)
+    second.write(SCAN, BEGIN + S)
+    assert len(second.read(BEGIN + 60 * S)) == pytest.approx(3 * 45_100, rel=0.01)
+    assert (device.scanning, device.lapses) == (False, 1)
+    second.write(RESET, BEGIN + 61 * S)
+    second.read(BEGIN + 63 * S)
+    second.write(SCAN, BEGIN + 63 * S)
+    assert len(second.read(BEGIN + 73 * S)) == pytest.approx(10 * 45_100, rel=0.01)
+
+
+def test_time_stamps_between_the_packets() -> None:
+    plain, stamped = (make_simulated(name, world=make_world("circle")) for name in ("ydlidar-4ros", STAMPED))
+    expected, got = whole(stream_of(plain, 1.0)), stream_of(stamped, 1.0)
+    stamps, packets = unstamped(got)
+    assert packets[: len(expected) - 2] == expected[: len(expected) - 2]
+    assert len(stamps) > 500
+    # In ms; a packet of 40 samples lasts 2 ms.
+    assert all(0 <= later - former <= 3 for former, later in pairwise(stamps))
+    assert stamps[500] - stamps[0] == pytest.approx(sum(each[3] for each in packets[:500]) * 0.05, abs=1.5)
+
+
+def test_the_last_packet_with_a_stamp_leaves_whole() -> None:
+    device = make_simulated(STAMPED, world=make_world("circle"))
+    data = stream_of(device, 1.0)
+    device.receive(STOP, BEGIN + S)
+    data += device.transmit(BEGIN + 2 * S)
+    assert data[: data.rindex(b"\xaa\x66")].count(b"\xaa\x66") > 500
+    assert len(ydlidar.split(data[data.rindex(b"\xaa\x66") + 8 :])) == 1
 
 
 def test_a_fault(device: Simulated4Ros) -> None:
@@ -391,7 +436,8 @@ def test_every_profile_scans() -> None:
     for model in PROFILES:
         device = make_simulated(model)
         device.receive(SCAN, BEGIN)
-        assert whole(device.transmit(BEGIN + 3 * S)[7:])
+        data = device.transmit(BEGIN + 3 * S)[7:]
+        assert unstamped(data)[1] if PROFILES[model].stamps else whole(data)
     with pytest.raises(ValueError, match="no simulated device"):
         make_simulated("ydlidar-x4")
 

@@ -6,7 +6,8 @@ It discards what a real device discards:
   until booting is over (S-series interface manual, STOP and RESET; S1 needs 2 s in the field);
 * a request whose last byte arrives before the response to the one before has left completely is discarded, STOP
   included (the same manual: one request at a time); for a scan the descriptor is the response;
-* a request that is damaged, incomplete after 5 s, or unknown is discarded silently;
+* a request that is damaged, incomplete after 5 s, or unknown is discarded silently, and so is a GET_LIDAR_CONF of
+  a type that the firmware does not know (vendor SDK 2.1.0: any response to type 0x79 means Ethernet);
 * any request that is understood ends the stream under way, a query and MOTOR_SPEED_CTRL included;
 * in Protection Stop (health 2) no scan starts; RESET clears it if the fault has gone;
 * samples are withheld until the motor is up to speed, except after FORCE_SCAN;
@@ -168,6 +169,8 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         given, wanted = len(request.payload), _PAYLOADS.get(request.name, 0)
         if given < wanted or (given > wanted and request.name != "get_lidar_conf"):
             return f"payload of {given} bytes"
+        if request.name == "get_lidar_conf" and self._conf(request) is None:
+            return "unknown to this firmware"
         return ""
 
     def _stop(self, request: Request) -> str:
@@ -177,17 +180,22 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
     def _reset(self, request: Request) -> str:
         now = request.ended
         up = now + int(self.boot_s * 1e9)
-        self._queue.cut(now)
-        self._owed_until = 0
+        self._restart(now, up)
+        settled = now + _SETTLE_AFTER_RESET
+        if up <= settled:
+            self._deaf_until, self._deaf_why = settled, "within 500 ms of reset"
+        else:
+            self._deaf_why = "still booting after reset"
+        return ""
+
+    def _restart(self, now: int, up: int) -> None:
+        self._forget(now)
         self._reader.clear()
         if self.profile.motor_command:
             self._motor.set_rpm(0, now)
         self._recover()
-        self._deaf_until, self._deaf_why = now + _SETTLE_AFTER_RESET, "within 500 ms of reset"
-        if up > self._deaf_until:
-            self._deaf_until, self._deaf_why = up, "still booting after reset"
+        self._deaf_until, self._deaf_why = up, "still booting"
         self._queue.push(self.profile.banner, up)
-        return ""
 
     def _scan(self, request: Request) -> str:
         return self._start(self.profile.standard, request)
@@ -236,8 +244,11 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         return self._respond(_SAMPLERATE, struct.pack("<HH", standard >> 8, express >> 8), request)
 
     def _get_lidar_conf(self, request: Request) -> str:
-        kind, arguments = int.from_bytes(request.payload[:4], "little"), request.payload[4:]
-        return self._respond(_CONF, request.payload[:4] + self.profile.conf(kind, arguments), request)
+        return self._respond(_CONF, request.payload[:4] + (self._conf(request) or b""), request)
+
+    def _conf(self, request: Request) -> bytes | None:
+        """The value that GET_LIDAR_CONF asks for; None where the firmware does not know its type."""
+        return self.profile.conf(int.from_bytes(request.payload[:4], "little"), request.payload[4:])
 
     def _respond(self, kind: int, data: bytes, request: Request) -> str:
         """Send a single response, or noise of the same length when it is to be garbled."""

@@ -1,11 +1,28 @@
-"""Which devices can be simulated: real ones as far as they are documented, and awkward ones.
+"""Which devices can be simulated: those that are sold, one for each other format, and awkward ones.
 
-Rates, baud rates and answer types of S1, S2 and S3 follow the S-series interface manual (figure 3-3 and the
-baud table of the vendor's ROS launch files). The answer type of the S3's DenseBoost is not documented; 0x85 is
-assumed. `rplidar-express`, `-hq`, `-ultra` and `-ultradense` stand for no product: each sends one more
-format, with mode ids that a host must ask for rather than know. The last four are the awkward ones from the
-field: 0 µs a sample (rplidar_ros issue 155), an answer type that no host knows, an empty list of modes, and
-firmware older than 1.24, which has no GET_LIDAR_CONF.
+**Sold**: S1, S2, S3. Where sources differ, the log of a real device counts. The sources of the figures:
+
+==============  =======================================================================================
+model byte      logs of S1M1 (0x61) and S2M1 (0x71); 0x81 for the S3 follows from the naming rule of the
+                vendor's SDK 2.1.0
+firmware        the same logs: S1 1.28, S2 and S3 1.02, all hardware 18
+baud rate       launch files of the vendor's ROS driver
+S1 modes        the log of one device: 244 µs and 108 µs a sample, 40 m in both modes. The S-series
+                interface manual, figure 3-3, prints 4600 and 9200 samples a second, and 16 m for Standard
+S2 modes        rates: figure 3-3 and logs agree. Distances: a log, 30 m in both modes; figure 3-3 prints
+                16 m for Standard
+S3 modes        rates and distances: rplidar_ros issue 150; figure 3-3 does not have the S3. No source has the
+                answer type of its DenseBoost; 0x85 is assumed
+typical mode    logs: DenseBoost
+speeds          S2: a user's report of conf 0x01, 0x04 and 0x05; S1 and S3 are assumed to tell the same
+boot time       S1: users report 2 s; the others: the manual's 500 ms and a little more
+==============  =======================================================================================
+
+**Formats**: `rplidar-express`, `-hq`, `-ultra` and `-ultradense` stand for no product; each sends one more format.
+
+**Awkward**: modes whose numbers have holes and that come without conf 0x01; 0 µs a sample (rplidar_ros issue 155);
+an answer type that nobody knows; an empty list of modes (rplidar_ros issue 168); firmware older than 1.24, which
+has no GET_LIDAR_CONF.
 """
 
 from __future__ import annotations
@@ -13,6 +30,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 __all__ = ["PACKET", "PROFILES", "Mode", "Profile"]
 
@@ -83,11 +101,12 @@ class Profile:
         firmware: Major and minor.
         hardware: Hardware revision.
         baudrate: Bits a second.
+        kind: Whether such a device is ``"sold"``, or stands for a ``"format"``, or is ``"awkward"``.
         modes: Scan modes; EXPRESS_SCAN knows these ids and no others.
         typical: Id of the mode conf 0x7C names.
         listed: Whether GET_LIDAR_CONF tells of the modes.
         has_conf: Whether the firmware has GET_LIDAR_CONF at all.
-        speed_conf: Desired, least and greatest rpm (conf 0x01, 0x04, 0x05); None = they are unsupported.
+        speed_conf: Desired, least and greatest rpm (conf 0x01, 0x04, 0x05); None = the firmware does not know them.
         motor_command: Whether MOTOR_SPEED_CTRL is obeyed; without it the motor always runs.
         boot_s: Silence after RESET.
         banner: What is printed when booting is over; empty for most.
@@ -101,6 +120,7 @@ class Profile:
     baudrate: int
     modes: tuple[Mode, ...]
     typical: int
+    kind: Literal["sold", "format", "awkward"] = "awkward"
     firmware: tuple[int, int] = (1, 29)
     hardware: int = 18
     listed: bool = True
@@ -115,20 +135,23 @@ class Profile:
             if mode.packet[0] * 10 * 1_000_000_000 > mode.period_ns * self.baudrate:
                 raise ValueError(f"{self.name}: {self.baudrate} baud cannot carry mode {mode.name}")
 
-    def conf(self, kind: int, arguments: bytes) -> bytes:
-        """The value of one GET_LIDAR_CONF entry; empty when the device does not know it."""
+    def conf(self, kind: int, arguments: bytes) -> bytes | None:
+        """The value of one GET_LIDAR_CONF entry; empty when there is none for these arguments.
+
+        None when the firmware does not know the entry. To that the device sends no response: the vendor's SDK 2.1.0
+        asks for the MAC address (0x79) to tell Ethernet devices, and takes any response for a yes.
+        """
         if kind in _SPEED_CONFS and self.speed_conf is not None:
             rpm = self.speed_conf[_SPEED_CONFS[kind]]
             return struct.pack("<HH", rpm, 0) if kind == 0x01 else struct.pack("<H", rpm)
         if kind == 0x70:
             return struct.pack("<H", len(self.modes) if self.listed else 0)
-        if not self.listed:
-            return b""
         if kind == 0x7C:
-            return struct.pack("<H", self.typical)
-        mode = self.mode(int.from_bytes(arguments[:2], "little")) if len(arguments) >= 2 else None
-        value = _MODE_CONFS.get(kind)
-        return b"" if mode is None or value is None else value(mode)
+            return struct.pack("<H", self.typical) if self.listed else b""
+        if kind not in _MODE_CONFS:
+            return None
+        mode = self.mode(int.from_bytes(arguments[:2], "little")) if len(arguments) >= 2 and self.listed else None
+        return b"" if mode is None else _MODE_CONFS[kind](mode)
 
     def mode(self, mode_id: int) -> Mode | None:
         """The mode of that id, or None."""
@@ -148,38 +171,44 @@ def _mode(mode_id: int, name: str, answer: int, samples_per_s: float, metres: fl
     return Mode(mode_id, name, answer, _q8(1e6 / samples_per_s), _q8(metres), **more)
 
 
-def _s_series(name: str, model: int, metres: float) -> Profile:
-    modes = (_mode(0, "Standard", 0x81, 16000, metres), _mode(1, "DenseBoost", 0x85, 32000, metres))
-    return Profile(name, model, 1_000_000, modes, typical=1)
+def _s_series(name: str, model: int, standard_m: float, dense_m: float) -> Profile:
+    modes = (_mode(0, "Standard", 0x81, 16000, standard_m), _mode(1, "DenseBoost", 0x85, 32000, dense_m))
+    return Profile(name, model, 1_000_000, modes, typical=1, kind="sold", firmware=(1, 2))
 
 
 _BANNER = b"Simulated scanner 1.20, hardware 5, booted, health is good.\r\n"
 
-_ALL = (
-    _s_series("rplidar-s2", 0x71, 30),
+_SOLD = (
+    _s_series("rplidar-s2", 0x71, 30, 30),
     Profile(
         "rplidar-s1",
         0x61,
         256_000,
-        (_mode(0, "Standard", 0x81, 4600, 40), _mode(1, "DenseBoost", 0x85, 9200, 40)),
+        (_mode(0, "Standard", 0x81, 1e6 / 244, 40), _mode(1, "DenseBoost", 0x85, 1e6 / 108, 40)),
         typical=1,
-        speed_conf=None,
+        kind="sold",
+        firmware=(1, 28),
         boot_s=2.0,
     ),
-    _s_series("rplidar-s3", 0x81, 40),
+    _s_series("rplidar-s3", 0x81, 16, 40),
+)
+
+_FORMATS = (
     Profile(
         "rplidar-express",
         0x62,
         256_000,
-        (_mode(0, "Standard", 0x81, 4000, 16), _mode(2, "Express", 0x82, 8000, 16)),
-        typical=2,
+        (_mode(0, "Standard", 0x81, 4000, 16), _mode(1, "Express", 0x82, 8000, 16)),
+        typical=1,
+        kind="format",
     ),
     Profile(
         "rplidar-hq",
         0x72,
         1_000_000,
-        (_mode(0, "Standard", 0x81, 8000, 30), _mode(5, "HQ", 0x83, 10000, 30)),
-        typical=5,
+        (_mode(0, "Standard", 0x81, 8000, 30), _mode(1, "HQ", 0x83, 10000, 30)),
+        typical=1,
+        kind="format",
     ),
     Profile(
         "rplidar-ultra",
@@ -188,16 +217,30 @@ _ALL = (
         (
             _mode(0, "Standard", 0x81, 4000, 25),
             _mode(1, "Express", 0x82, 8000, 16),
-            _mode(3, "Boost", 0x84, 16000, 25),
+            _mode(2, "Boost", 0x84, 16000, 25),
         ),
-        typical=3,
+        typical=2,
+        kind="format",
     ),
     Profile(
         "rplidar-ultradense",
         0x82,
         1_000_000,
-        (_mode(0, "Standard", 0x81, 16000, 40), _mode(4, "UltraDense", 0x86, 32000, 40)),
-        typical=4,
+        (_mode(0, "Standard", 0x81, 16000, 40), _mode(1, "UltraDense", 0x86, 32000, 40)),
+        typical=1,
+        kind="format",
+    ),
+)
+
+_AWKWARD = (
+    Profile(
+        "rplidar-holes",
+        0x72,
+        1_000_000,
+        (_mode(0, "Standard", 0x81, 8000, 30), _mode(5, "HQ", 0x83, 10000, 30)),
+        typical=5,
+        kind="awkward",
+        speed_conf=None,
     ),
     Profile(
         "rplidar-zero-us",
@@ -208,6 +251,7 @@ _ALL = (
             _mode(1, "DenseBoost", 0x85, 32000, 40, reported_us_q8=0),
         ),
         typical=1,
+        kind="awkward",
     ),
     Profile(
         "rplidar-unknown-answer",
@@ -215,6 +259,7 @@ _ALL = (
         1_000_000,
         (_mode(0, "Standard", 0x81, 16000, 40), _mode(6, "Mystery", 0x8E, 32000, 40, layout=0x85)),
         typical=6,
+        kind="awkward",
     ),
     Profile(
         "rplidar-no-modes",
@@ -222,6 +267,7 @@ _ALL = (
         1_000_000,
         (_mode(0, "Standard", 0x81, 16000, 30),),
         typical=0,
+        kind="awkward",
         listed=False,
     ),
     Profile(
@@ -230,6 +276,7 @@ _ALL = (
         115_200,
         (_mode(0, "Express", 0x82, 4000, 12), _mode(0xFF, "Standard", 0x81, 2000, 12)),
         typical=0,
+        kind="awkward",
         firmware=(1, 20),
         hardware=5,
         has_conf=False,
@@ -240,5 +287,5 @@ _ALL = (
     ),
 )
 
-PROFILES: dict[str, Profile] = {profile.name: profile for profile in _ALL}
-"""By name; the first one is what is simulated where no model is named."""
+PROFILES: dict[str, Profile] = {profile.name: profile for profile in (*_SOLD, *_FORMATS, *_AWKWARD)}
+"""By name; the first one is what is simulated where nobody asks for a model."""

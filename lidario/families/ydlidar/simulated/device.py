@@ -2,9 +2,10 @@
 
 It discards what a real device discards (4ROS development manual where not said otherwise):
 
-* while it scans it obeys nothing but STOP, FORCED_STOP (vendor SDK), RESET and SCAN; the last one only renews
-  power-down protection, without a header;
-* with protection on, it stops when 3 s pass without a SCAN;
+* while it scans it obeys nothing but STOP, FORCED_STOP (vendor SDK) and SCAN (manual 4); the last one only renews
+  power-down protection, without a header (manual 3.8);
+* with protection on, it stops when 3 s pass without a SCAN; protection is a state of the device, not of the
+  connection: the next program finds it as the last one left it;
 * the scan header comes at once, the first packet when the motor is up to speed;
 * a request within 5 ms of a stop is discarded, the pause the vendor's SDK keeps; another stop is obeyed;
 * after RESET it is deaf until it has booted; then it sends device information that was not requested (the
@@ -63,7 +64,7 @@ _NAMES = {
     0x93: "get_zero_offset",
     0xD9: "toggle_protection",
 }
-_OBEYED_WHILE_SCANNING = {0x00, 0x60, 0x65, 0x80}
+_OBEYED_WHILE_SCANNING = {0x00, 0x60, 0x65}
 _STOPS = {0x00, 0x65}
 _STEPS = {0x09: 10, 0x0A: -10, 0x0B: 100, 0x0C: -100}  # hundredths of Hz
 
@@ -77,12 +78,14 @@ class Profile:
         model: Model number.
         health_command: The health request that it responds to: 0x91 as in the manual, or 0x92 as in the SDK.
         spin_up_s: Seconds the motor needs from standstill to a stable speed.
+        stamps: Whether a time stamp record stands before each packet, as on some relatives of the 4ROS.
     """
 
     name: str
     model: int = 101
     health_command: int = 0x91
     spin_up_s: float = 1.0
+    stamps: bool = False
 
 
 PROFILES = {
@@ -91,6 +94,7 @@ PROFILES = {
         Profile("ydlidar-4ros"),
         Profile("ydlidar-4ros-92", health_command=0x92),
         Profile("ydlidar-4ros-slow", spin_up_s=2.5),
+        Profile("ydlidar-4ros-stamps", stamps=True),
     )
 }
 
@@ -163,7 +167,7 @@ class Simulated4Ros(Chassis[PointStream]):
         self._motor.set_rpm(self.set_speed * 0.6, now - past)
         self._motor.spin_up_s = spin_up
         self._alive_until = now + _ALIVE_FOR
-        self._stream = PointStream(now - past, self._motor, self.world)
+        self._stream = PointStream(now - past, self._motor, self.world, stamps=self.profile.stamps)
         self._advance(now)
         self._queue.take(now)
 
@@ -252,16 +256,20 @@ class Simulated4Ros(Chassis[PointStream]):
         self._motor.set_rpm(self.set_speed * 0.6, now)
         announced = now + int(self.answer_delay_s * 1e9)
         self._respond_with(SCAN_HEADER, announced, "scan")
-        self._stream = PointStream(max(announced, self._motor.stable_at or 0), self._motor, self.world)
+        origin = max(announced, self._motor.stable_at or 0)
+        self._stream = PointStream(origin, self._motor, self.world, stamps=self.profile.stamps)
 
     def _reset(self, now: int) -> None:
-        self._halt(now)
-        self._queue.cut(now)
-        self._owed_until = 0
+        self._restart(now, now + int(self.boot_s * 1e9))
+        self._deaf_why = "still booting after reset"
+
+    def _restart(self, now: int, up: int) -> None:
+        self._forget(now)
+        self._begun = False
+        self._motor.set_rpm(0.0, now)
         self.set_speed, self.protected = _FACTORY_SPEED, False
         self._recover()
-        up = now + int(self.boot_s * 1e9)
-        self._deaf_until, self._deaf_why = up, "still booting after reset"
+        self._deaf_until, self._deaf_why = up, "still booting"
         self._queue.push(pack_answer(_SETTING, self._info()), up)
 
 

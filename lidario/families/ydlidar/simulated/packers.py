@@ -11,9 +11,10 @@ import struct
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["SCAN_HEADER", "pack_answer", "pack_points", "pack_time_stamp", "start_control"]
+__all__ = ["SCAN_HEADER", "TIME_STAMP_BYTES", "pack_answer", "pack_points", "pack_time_stamp", "start_control"]
 
 SCAN_HEADER = b"\xa5\x5a\x05\x00\x00\x40\x81"
+TIME_STAMP_BYTES = 8
 _LONGEST = 65535
 
 

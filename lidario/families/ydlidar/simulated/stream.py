@@ -7,6 +7,9 @@ numpy, ahead of its time, however short the steps in which the device is asked f
 The first sample past zero stands alone, in a start packet that tells the speed. Packets of 40 follow (by a
 comment in the vendor's SDK; the manual gives no number), and the last one before the next zero is shorter.
 Angles are truncated to 1/64 degree, so none reads as 360.
+
+Some relatives send time stamp records between the packets (vendor SDK 1.2.20); no source tells how often. Where
+they are asked for, one stands before each packet and tells when the first sample of the packet was taken.
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from lidario.families.ydlidar.simulated.packers import pack_points, start_control
+from lidario.families.ydlidar.simulated.packers import TIME_STAMP_BYTES, pack_points, pack_time_stamp, start_control
 from lidario.sim.motor import Motor
 from lidario.sim.world import CheckedWorld, World
 
@@ -46,12 +49,14 @@ class PointStream:
         origin: When the first sample is taken, in nanoseconds.
         motor: Rotates the head; must not change its speed while the stream lasts.
         world: What there is to see.
+        stamps: Whether a time stamp record stands before each packet.
     """
 
-    def __init__(self, origin: int, motor: Motor, world: World | CheckedWorld) -> None:
+    def __init__(self, origin: int, motor: Motor, world: World | CheckedWorld, *, stamps: bool = False) -> None:
         self._origin = origin
         self._motor = motor
         self._world = world
+        self._stamps = stamps
         self._next = 0
         self._at_zero = False
 
@@ -107,4 +112,14 @@ class PointStream:
         """Packets of `samples`, of which the first begins with sample number `first`."""
         data = pack_points(mm.reshape(-1, samples), q6[::samples], q6[samples - 1 :: samples], control=control)
         ready = self._origin + (first + samples) * SAMPLE_NS
-        return Burst(data, ready, 10 + 2 * samples, samples * SAMPLE_NS)
+        size, period = 10 + 2 * samples, samples * SAMPLE_NS
+        if self._stamps:
+            data = self._with_stamps(data, size, ready - period, period)
+            size += TIME_STAMP_BYTES
+        return Burst(data, ready, size, period)
+
+    def _with_stamps(self, packets: bytes, size: int, began: int, period: int) -> bytes:
+        """A time stamp record before each packet; the first sample of the first packet was taken at `began`."""
+        count = len(packets) // size
+        times = [(began + k * period) // 1_000_000 & 0xFFFFFFFF for k in range(count)]
+        return b"".join(pack_time_stamp(time) + packets[k * size : (k + 1) * size] for k, time in enumerate(times))

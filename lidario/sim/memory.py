@@ -1,0 +1,78 @@
+"""A line without a clock and without a thread; the servers of `lidario.sim.serve` are built on it as well.
+
+Here the two kinds of faults meet: device faults happen at their time, between two bytes of the device, and line
+faults change the bytes on their way to the host.
+"""
+
+from __future__ import annotations
+
+from lidario.sim.device import SimulatedDevice
+from lidario.sim.faults import Faults
+
+__all__ = ["MemoryLine"]
+
+
+class MemoryLine:
+    """The line between a host and a simulated device; the caller passes the time.
+
+    Args:
+        device: The device at the other end.
+        faults: What goes wrong with it, and with its bytes on the way.
+
+    Raises:
+        ValueError: The faults are not possible with this device.
+    """
+
+    def __init__(self, device: SimulatedDevice, faults: Faults | None = None) -> None:
+        self.device = device
+        self._faults = faults
+        self._left = bytearray()  # left the device before a device fault and was not read yet
+        self._cable: int | None = None
+        if faults is not None:
+            faults.device.check(device)
+
+    def write(self, data: bytes, now: int) -> None:
+        """The host's bytes arrive at the device at `now`; they are lost while the cable is out."""
+        if self._faults is None:
+            self.device.receive(data, now)
+            return
+        self._faults.begin(now)
+        self._let_faults_happen(now)
+        if not self._faults.unplugged(now):
+            self.device.receive(data, now)
+
+    def read(self, now: int) -> bytes:
+        """What has arrived at the host since the last call."""
+        if self._faults is None:
+            return self.device.transmit(now)
+        self._let_faults_happen(now)
+        data = bytes(self._left) + self.device.transmit(now)
+        self._left.clear()
+        return self._faults.apply(data, now)
+
+    def wakeup(self, now: int) -> int | None:
+        """When `read` or `unplugged` will next have something to tell; None while nothing is under way."""
+        if self._faults is None:
+            return self.device.wakeup(now)
+        if self._left:
+            return now
+        times = (self.device.wakeup(now), self._faults.wakeup(now), self._faults.device.next_at)
+        return max(now, min(known)) if (known := [each for each in times if each is not None]) else None
+
+    def unplugged(self, now: int) -> bool:
+        """Whether this line is dead by `now`; after a replug it stays so, and a new line works."""
+        if self._faults is None:
+            return False
+        cable = self._faults.cable(now)
+        if self._cable is None:
+            self._cable = cable
+        return cable != self._cable or self._faults.unplugged(now)
+
+    def _let_faults_happen(self, now: int) -> None:
+        assert self._faults is not None
+        faults = self._faults.device
+        while (at := faults.next_at) is not None and at <= now:
+            self._left += self.device.transmit(at)
+            faults.strike(self.device)
+            if self._faults.unplugged(at):
+                self._left.clear()

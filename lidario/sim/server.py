@@ -1,0 +1,184 @@
+"""The thread in which a simulated device runs, at true pace.
+
+There is no asyncio here. The thread sleeps in `select` until the host writes or the device has something to send;
+while it streams, at most `tick`. What a port is, only the subclasses in `lidario.sim.serve` know.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import socket
+import threading
+import time
+from abc import ABC, abstractmethod
+from types import TracebackType
+from typing import Self
+
+from lidario.sim.device import SimulatedDevice
+from lidario.sim.device_faults import REPLUG_GAP_S, CanFail
+from lidario.sim.faults import Faults
+from lidario.sim.memory import MemoryLine
+
+__all__ = ["READ", "Server"]
+
+_IDLE_S = 0.05  # how long the thread sleeps at most, so that an unplug that is due is noticed
+READ = 4096
+"""Most bytes read from the client at once."""
+
+
+class Server(ABC):
+    """The thread that runs the device; subclasses know the file descriptors.
+
+    Attributes:
+        device: The device; hold `lock` while touching it.
+        lock: Taken by the thread whenever it is inside of the device.
+        lost: Bytes that the client's buffer could not take.
+        plugged: Set while the port can be opened: cleared by `replug`, and set again when the new port is there.
+    """
+
+    def __init__(self, device: SimulatedDevice, tick: float, faults: Faults | None, chunk: int | None) -> None:
+        if tick <= 0.0 or (chunk is not None and chunk <= 0):
+            raise ValueError("tick and chunk must be positive")
+        self.device = device
+        self.lock: threading.Lock = threading.Lock()
+        self.lost: int = 0
+        self._tick = tick
+        self._faults = faults
+        self._line = MemoryLine(device, faults)
+        self._chunk = chunk
+        self.plugged: threading.Event = threading.Event()
+        self.plugged.set()
+        self._pulled = threading.Event()
+        self._gap_wanted: float | None = None
+        self._error: BaseException | None = None
+        self._ending = threading.Event()
+        self._waker, self._woken = socket.socketpair()
+        self._thread = threading.Thread(target=self._run, name="simulated device", daemon=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def unplug(self) -> None:
+        """Pull the cable out: the client's port dies, and nothing can be opened any more."""
+        self._ending.set()
+        with contextlib.suppress(OSError):
+            self._waker.send(b"\0")
+        if self._thread is not threading.current_thread():
+            self._thread.join()
+
+    def replug(self, gap_s: float = REPLUG_GAP_S) -> None:
+        """Pull the cable out, and put it in again after `gap_s` seconds.
+
+        Returns when the client's port is dead; wait for `plugged` to open the new one. The device is without
+        power meanwhile, and boots afterwards, if it offers that (`CanFail`).
+
+        Raises:
+            ValueError: The line is dead for good, or the gap is negative.
+        """
+        if gap_s < 0.0 or self.unplugged:
+            raise ValueError("the gap is negative" if gap_s < 0.0 else "an unplugged device cannot be plugged in")
+        self._pulled.clear()
+        self._gap_wanted = gap_s
+        with contextlib.suppress(OSError):  # it has just died
+            self._waker.send(b"\0")
+        while not self._pulled.wait(_IDLE_S) and not self.unplugged:
+            pass
+
+    def close(self) -> None:
+        """Stop serving and wait for the thread; harmless when done before.
+
+        Raises:
+            RuntimeError: The simulated device raised an exception, which is the cause.
+        """
+        self.unplug()
+        error, self._error = self._error, None
+        if error is not None:
+            raise RuntimeError("the simulated device failed") from error
+
+    @property
+    def unplugged(self) -> bool:
+        """Whether the line is dead: `unplug`, `close`, or a fault did it."""
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        try:
+            while not self._ending.is_set() and self._turn():
+                pass
+        except Exception as error:
+            self._error = error
+        finally:
+            self.plugged.clear()
+            self._shut()
+            self._waker.close()
+            self._woken.close()
+
+    def _turn(self) -> bool:
+        """Wait, then carry bytes both ways; False when the line is dead for good."""
+        now = time.monotonic_ns()
+        if self._gap_wanted is not None:
+            gap_s, self._gap_wanted = self._gap_wanted, None
+            with self.lock:
+                if isinstance(self.device, CanFail):
+                    self.device.reboot(now, off_s=gap_s)
+            return self._stay_out(now + round(gap_s * 1e9))
+        if self._faults is not None and self._faults.unplugged(now):
+            back = self._faults.back_at(now)
+            return back is not None and self._stay_out(back)
+        with self.lock:
+            wakeup = self._line.wakeup(now)
+        wait = _IDLE_S if wakeup is None else min(max(self._tick, (wakeup - now) * 1e-9), _IDLE_S)
+        readable, _, _ = select.select([self._woken, *self._sources()], [], [], wait)
+        if self._woken in readable:
+            self._woken.recv(READ)
+            return not self._ending.is_set()
+        received = self._receive(readable)
+        with self.lock:
+            now = time.monotonic_ns()
+            if received:
+                self._line.write(received, now)
+            data = self._line.read(now)
+        step = self._chunk or len(data) or 1
+        for at in range(0, len(data), step):
+            piece = data[at : at + step]
+            self.lost += len(piece) - self._send(piece)
+        return True
+
+    def _stay_out(self, until: int) -> bool:
+        """Be unplugged until then; False when the server is closed meanwhile."""
+        self.plugged.clear()
+        self._shut()
+        self._pulled.set()
+        while (left := until - time.monotonic_ns()) > 0 and not self._ending.is_set():
+            if select.select([self._woken], [], [], left * 1e-9)[0]:
+                self._woken.recv(READ)
+        if self._ending.is_set():
+            return False
+        self._plug_in()
+        self.plugged.set()
+        return True
+
+    @abstractmethod
+    def _sources(self) -> list[int | socket.socket]:
+        """What to wait for besides the clock."""
+
+    @abstractmethod
+    def _receive(self, readable: list[int | socket.socket]) -> bytes:
+        """What the client has written."""
+
+    @abstractmethod
+    def _send(self, data: bytes) -> int:
+        """Hand bytes to the client; returns how many it could take."""
+
+    @abstractmethod
+    def _shut(self) -> None:
+        """Close every file descriptor; harmless when done before."""
+
+    @abstractmethod
+    def _plug_in(self) -> None:
+        """Offer a port again."""
