@@ -80,6 +80,7 @@ class Inbox:
         # Reentrant: the garbage collector may call `close` in the midst of a read.
         self._lock = threading.RLock()
         self._closed = False
+        self._shared = True
         self._chunks: list[bytes] = []
         self._arrivals: list[tuple[int, int]] = []
 
@@ -95,14 +96,22 @@ class Inbox:
         arrivals = self._arrivals
         return arrivals[0][1] if arrivals else 0
 
-    def read(self) -> None:
+    def share(self, shared: bool) -> None:
+        """Say whether reads of the other thread are welcome; one in progress has ended when this returns."""
+        with self._lock:
+            self._shared = shared
+
+    def read(self, *, guest: bool = False) -> None:
         """Read all there is, and keep it with the time.
+
+        Args:
+            guest: Whether the reader is the other thread: then only while the inbox is shared.
 
         Raises:
             OSError: The terminal is dead, or was hung up: it is readable, and has nothing to read.
         """
         with self._lock:
-            if not self._closed:
+            if not self._closed and (self._shared or not guest):
                 self._keep(self._read_all())
 
     def take(self) -> tuple[list[bytes], list[tuple[int, int]]]:

@@ -205,11 +205,14 @@ class Reader:
     def _guard_until_removed(self, schedule: Schedule | None) -> None:
         """Have the thread read beside the loop while there is a schedule; None for no longer."""
         guard, self._guard = self._guard, None
-        if guard is not None:
+        if guard is not None and not self._port.is_forked:
             guard.remove()
+            # What the thread has read is in the inbox now; a response that comes next must not lie there unseen.
+            self._inbox.share(False)
         if schedule is not None and self._real_time and not self._stopped:
             # A system that allows no more threads: the loop polls more often instead.
             with suppress(RuntimeError):
+                self._inbox.share(True)
                 self._guard = _Guard(self, self._loop, self._inbox, schedule.interval)
 
 

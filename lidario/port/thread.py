@@ -75,7 +75,7 @@ class Watched:
             unread = max(interval - margin, LEAST_SHARE * interval)
             if now - last >= RECENT_SHARE * unread:
                 try:
-                    self.inbox.read()
+                    self.inbox.read(guest=True)
                 except OSError:
                     # The loop reads the same error, and ends the port.
                     self._on_error()
@@ -135,7 +135,7 @@ class ReadingThread:
     def remove(self, watched: Watched) -> None:
         """Read this port no more; ends the thread with the last one. Ignored where it is not there.
 
-        The thread may still read it once: `Inbox.close` is what waits for that.
+        The thread may still try to read it once: `Inbox.share` is what keeps it from that.
         """
         with self._lock:
             if watched not in self._ports:

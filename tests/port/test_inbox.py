@@ -108,6 +108,18 @@ def test_a_terminal_is_read_as_os_read_does() -> None:
             raise OSError
 
 
+def test_a_guest_reads_only_while_the_inbox_is_shared() -> None:
+    inbox = Script(b"one", b"two", b"three").inbox()
+    inbox.read(guest=True)
+    inbox.share(False)
+    inbox.read(guest=True)
+    assert inbox.take()[0] == [b"one"]
+    inbox.read()
+    inbox.share(True)
+    inbox.read(guest=True)
+    assert inbox.take()[0] == [b"two", b"three"]
+
+
 def test_a_closed_inbox_reads_nothing_and_waits_for_the_read_in_progress() -> None:
     reading, go_on = threading.Event(), threading.Event()
 

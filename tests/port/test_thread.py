@@ -119,6 +119,18 @@ def test_ports_that_are_due_soon_are_read_together() -> None:
     assert clock.reads == [100.04, 100.04]
 
 
+def test_a_port_that_was_removed_meanwhile_is_not_read() -> None:
+    """The thread has just looked up its ports; a byte that it took now would be seen by nobody."""
+    clock = Clock()
+    watched = clock.watched(0.04)
+    clock.run(watched, 0.1)
+    watched.inbox.share(False)
+    clock.reads.clear()
+    clock.now += 0.04
+    watched.serve(clock.now, 0.0)
+    assert clock.reads == []
+
+
 def test_an_error_is_told_and_tried_again() -> None:
     clock = Clock()
     watched = clock.watched(0.04)
@@ -161,6 +173,15 @@ def threads() -> list[threading.Thread]:
     return [each for each in threading.enumerate() if each.name == NAME]
 
 
+def block_until_read(port: Port, size: int) -> None:
+    """Block the event loop until the thread has read that many bytes."""
+    inbox = port._line._reader._inbox  # type: ignore[union-attr]
+    deadline = time.monotonic() + PATIENCE_S
+    while inbox.size < size:
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
+
+
 async def test_all_ports_share_one_thread_that_ends_with_the_last() -> None:
     with terminal_pair() as one, terminal_pair() as two, terminal_pair() as three:
         ports = [await open_serial(path, 1_000_000) for _, _, path in (one, two, three)]
@@ -173,7 +194,8 @@ async def test_all_ports_share_one_thread_that_ends_with_the_last() -> None:
         assert thread.daemon
         for number, (master, _, _) in enumerate((one, two, three)):
             os.write(master, bytes([number]) * 4)
-        time.sleep(0.3)  # noqa: ASYNC251 - a program that blocks its loop
+        for port in ports:
+            block_until_read(port, 4)
         for number, (port, sink) in enumerate(zip(ports, sinks, strict=True)):
             assert threads() == [thread]
             port.set_polling(0.0, None)
@@ -194,11 +216,12 @@ async def test_each_read_has_its_own_time_while_the_loop_is_blocked() -> None:
         seen: list[tuple[bytes, int]] = []
         port.add_tap(lambda direction, data, now: seen.append((data, now)))
         port.set_polling(0.005, Steady())
-        written = []
+        written, read = [], []
         for number in range(5):
-            os.write(master, bytes([number]))
             written.append(time.monotonic_ns())
-            time.sleep(0.1)  # noqa: ASYNC251 - a program that blocks its loop
+            os.write(master, bytes([number]))
+            block_until_read(port, number + 1)
+            read.append(time.monotonic_ns())
         assert seen == []
         port.poll()
         assert sink.chunks == [b"\0\1\2\3\4"]
@@ -206,8 +229,8 @@ async def test_each_read_has_its_own_time_while_the_loop_is_blocked() -> None:
         assert [count for count, _ in arrivals] == [1, 2, 3, 4, 5]
         # The taps are shown the same.
         assert seen == [(bytes([number]), at) for number, (_, at) in enumerate(arrivals)]
-        for at, (_, read) in zip(written, arrivals, strict=True):
-            assert 0 <= read - at < 0.1e9
+        for before, (_, at), after in zip(written, arrivals, read, strict=True):
+            assert before <= at <= after
         await port.close()
 
 
@@ -222,12 +245,13 @@ async def test_beyond_a_mebibyte_the_port_tells_what_it_dropped(monkeypatch: pyt
             sent += os.write(master, bytes(1000))
             time.sleep(0.03)  # noqa: ASYNC251 - a program that blocks its loop
         port.poll()
-        assert port.overflow_bytes + len(sink.data) == sent
-        assert 5000 <= len(sink.data) <= 6000
+        assert 0 < len(sink.data) <= 6000
         # What comes next is kept.
         os.write(master, b"next")
-        port.poll()
-        assert sink.data.endswith(b"next")
+        while not sink.data.endswith(b"next"):
+            assert time.monotonic() < deadline
+            port.poll()
+        assert port.overflow_bytes + len(sink.data) == sent + 4
         await port.close()
 
 
