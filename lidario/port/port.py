@@ -117,6 +117,9 @@ class Line(ABC):
     def poll(self) -> None:  # noqa: B027 - only where polled
         """As `Port.poll`."""
 
+    def show_pending(self) -> None:  # noqa: B027 - only where a thread reads
+        """Show the taps what was read and not shown yet, so that they see everything in the order of time."""
+
     @property
     def overflow_bytes(self) -> int:
         """As `Port.overflow_bytes`."""
@@ -208,7 +211,9 @@ class Port(asyncio.Protocol):
             line.write_without_loop(data)
         else:
             line.write(data)
-        self.show("out", data, self.now())
+        if self._taps:
+            line.show_pending()
+            self.show("out", data, self.now())
 
     def set_baudrate(self, baudrate: int) -> None:
         """Change the speed of the line; bytes received at the old speed and not read yet are thrown away.

@@ -141,9 +141,13 @@ class Reader:
             self._lose(error)
             return
         if self._port.is_tapped:
-            held, arrivals = self._inbox.peek()
-            shown, self._shown = self._shown, len(held)
-            self._show(held, arrivals, shown)
+            self.show_pending()
+
+    def show_pending(self) -> None:
+        """Show the taps what was read, here or in the thread, and not shown yet."""
+        held, arrivals = self._inbox.peek()
+        shown, self._shown = self._shown, len(held)
+        self._show(held, arrivals, shown)
 
     def _show(self, held: list[bytes], arrivals: list[tuple[int, int]], shown: int) -> None:
         if self._port.is_tapped:

@@ -143,6 +143,10 @@ class _SerialLine(Line):
         if self._reader is not None:
             self._reader.poll()
 
+    def show_pending(self) -> None:
+        if self._reader is not None:
+            self._reader.show_pending()
+
     @property
     def overflow_bytes(self) -> int:
         return 0 if self._reader is None else self._reader.overflow_bytes

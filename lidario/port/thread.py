@@ -36,7 +36,7 @@ LEAST_SHARE = 0.25
 """Share of the interval below which ports are not read closer, however late the thread is."""
 JOIN_S = 0.1
 """Longest time for which ending the thread is waited for. It takes less than a tenth of a millisecond."""
-_FORGET = 0.98
+_FORGET = 0.95
 """Share of the greatest lateness that is remembered after another wake-up."""
 _ON_TIME_S = 0.002
 """Lateness that is normal."""

@@ -234,6 +234,27 @@ async def test_each_read_has_its_own_time_while_the_loop_is_blocked() -> None:
         await port.close()
 
 
+async def test_taps_see_what_the_thread_read_before_what_is_written_later() -> None:
+    with terminal_pair() as (master, _, path):
+        port = await open_serial(path, 1_000_000)
+        seen: list[tuple[str, bytes, int]] = []
+        port.add_tap(lambda direction, data, now: seen.append((direction, data, now)))
+        port.set_polling(0.005, Steady())
+        os.write(master, b"before")
+        block_until_read(port, 6)
+        port.write(b"request")
+        os.write(master, b"after")
+        block_until_read(port, 11)
+        port.poll()
+        assert [(direction, data) for direction, data, _ in seen] == [
+            ("in", b"before"),
+            ("out", b"request"),
+            ("in", b"after"),
+        ]
+        assert [now for *_, now in seen] == sorted(now for *_, now in seen)
+        await port.close()
+
+
 async def test_beyond_a_mebibyte_the_port_tells_what_it_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.port.inbox.INBOX_BYTES", 6000)
     with terminal_pair() as (master, _, path):
