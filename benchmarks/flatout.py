@@ -16,7 +16,7 @@ from typing import Any
 from benchmarks.contest import Entry, take_part
 from benchmarks.processes import Player
 from benchmarks.report import Result, Setting, Table, median, ratio, spread
-from benchmarks.streams import RATES, recording
+from benchmarks.streams import LIVE, RATES, recording
 
 __all__ = ["run"]
 
@@ -35,7 +35,7 @@ def run(setting: Setting) -> Result:
     found: dict[str, dict[str, dict[str, list[dict[str, Any]]]]] = {}
     absent: dict[str, str] = {}
     for speed, pace in list(_SPEEDS.items())[: 1 if setting.quick else None]:
-        found[pace] = {rate: {} for rate in RATES}
+        found[pace] = {rate: {} for rate in LIVE}
         for rate, rivals in _ENTRIES.items():
             entries = [Entry(name.removesuffix("-4ros"), name) for name in rivals] if setting.peers else []
             with Player(rate, every=_EVERY_S, speed=speed) as player:

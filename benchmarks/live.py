@@ -13,7 +13,7 @@ from typing import Any
 from benchmarks.contest import entries, lost_scans, take_part
 from benchmarks.processes import Player
 from benchmarks.report import Result, Setting, Table, median, ratio, spread
-from benchmarks.streams import RATES
+from benchmarks.streams import LIVE, RATES
 
 __all__ = ["run"]
 
@@ -26,7 +26,7 @@ def run(setting: Setting) -> Result:
     rounds, window_s = (1, 0.3) if setting.quick else (3, 2.0)
     found: dict[str, dict[str, list[dict[str, Any]]]] = {}
     absent = {f"{_SLOW_TO_OPEN}, 4ROS": "left out of a quick run"} if setting.quick else {}
-    for rate in RATES:
+    for rate in LIVE:
         found[rate] = {}
         with Player(rate) as player:
             for number in range(rounds):

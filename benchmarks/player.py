@@ -4,7 +4,8 @@ The dialogue before a stream is held by the simulated device, which is as strict
 replayed from a recording, so that playing costs next to nothing beside the reading that is measured. Bytes are
 delivered as a USB adapter does, 64 at a time, each delivery when its last byte has left the device; or, for many
 devices at once, all there is every few milliseconds; or, to see how fast a reader is, faster than true. What the
-terminal cannot take is lost, and counted.
+terminal cannot take is lost, and counted. A pseudo-terminal takes 20 KiB; with ``--holds`` it takes no more than
+the kernel does behind a real adapter.
 
 It is told what to do by its arguments, prints one line of JSON when all devices stand ready, and answers each
 line on its standard input by a report: when the last byte of each turn was written, on the clock that all
@@ -15,10 +16,12 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import fcntl
 import json
 import os
 import resource
 import select
+import struct
 import sys
 import termios
 import time
@@ -36,10 +39,11 @@ _READ = 4096
 class _Played:
     """One device on one pseudo-terminal."""
 
-    def __init__(self, rate: Rate, delivery: int, every_ns: int, speed: int) -> None:
+    def __init__(self, rate: Rate, delivery: int, every_ns: int, speed: int, holds: int) -> None:
         self._rate = rate
         self._flat_out = not speed
         self._delivery = delivery
+        self._holds = holds
         self._every_ns = every_ns
         self._recording: Recording = recording(rate.kind)
         self._bytes_per_s = len(self._recording.loop) * speed
@@ -161,6 +165,13 @@ class _Played:
         return piece
 
     def _write(self, data: bytes) -> None:
+        if self._holds:
+            # What stands in the terminal's own buffer, of which the kernel keeps one byte free; what is still on
+            # its way there takes microseconds.
+            (unread,) = struct.unpack("i", fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4)))
+            room = max(0, self._holds - 1 - unread)
+            self.lost += len(data) - len(data[:room])
+            data = data[:room]
         try:
             self.lost += len(data) - os.write(self.master, data)
         except BlockingIOError:
@@ -191,10 +202,13 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--delivery", type=int, default=64, help="bytes written at once")
     parser.add_argument("--every", type=float, default=0.0, help="seconds: write all there is that often instead")
     parser.add_argument("--speed", type=int, default=1, help="times the true pace; 0: as fast as it is read")
+    parser.add_argument(
+        "--holds", type=int, default=0, help="most bytes that lie unread; 0: what the terminal takes"
+    )
     options = parser.parse_args(arguments)
     every_ns = round(options.every * 1e9)
     rate = RATES[options.rate]
-    played = [_Played(rate, options.delivery, every_ns, options.speed) for _ in range(options.count)]
+    played = [_Played(rate, options.delivery, every_ns, options.speed, options.holds) for _ in range(options.count)]
     print(json.dumps([each.path for each in played]), flush=True)
     by_handle = {each.master: each for each in played}
     handles = [0, *by_handle]

@@ -27,10 +27,18 @@ class Player:
     """
 
     def __init__(
-        self, rate: str, count: int = 1, *, delivery: int = 64, every: float = 0.0, speed: int = 1
+        self,
+        rate: str,
+        count: int = 1,
+        *,
+        delivery: int = 64,
+        every: float = 0.0,
+        speed: int = 1,
+        holds: int = 0,
     ) -> None:
         command = [sys.executable, "-m", "benchmarks.player", rate, "--count", str(count)]
         command += ["--delivery", str(delivery), "--every", str(every), "--speed", str(speed)]
+        command += ["--holds", str(holds)]
         self._process = subprocess.Popen(
             command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
         )

@@ -14,7 +14,7 @@ import time
 from benchmarks.contest import Entry, read_live
 from benchmarks.processes import ROOT, Failed, Player
 from benchmarks.report import Result, Setting, Table, ratio, spread
-from benchmarks.streams import RATES
+from benchmarks.streams import LIVE
 
 __all__ = ["run"]
 
@@ -38,7 +38,7 @@ def run(setting: Setting) -> Result:
             if name not in failed:
                 _time_process(name, arguments, processes, failed)
     opened: dict[str, list[float]] = {}
-    for rate in list(RATES)[: 1 if setting.quick else None]:
+    for rate in list(LIVE)[: 1 if setting.quick else None]:
         setting.say(f"start: {rate}")
         rivals = [Entry("pyrplidarsdk (C++)", "pyrplidarsdk")] if setting.peers and rate != "4ROS" else []
         with Player(rate) as player:

@@ -32,7 +32,7 @@ from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS, StreamFormat
 from lidario.wire.link import Link
 
-__all__ = ["KINDS", "RATES", "Kind", "Rate", "Recording", "capture", "recording"]
+__all__ = ["KINDS", "LIVE", "RATES", "Kind", "Rate", "Recording", "capture", "recording"]
 
 _STEP_NS = 10_000_000
 _NAMES = {0x81: "nodes", 0x82: "express", 0x83: "HQ", 0x84: "ultra", 0x85: "dense", 0x86: "ultra-dense"}
@@ -143,11 +143,14 @@ def _kinds() -> dict[str, Kind]:
 
 def _rates() -> dict[str, Rate]:
     rates = [Rate("4ROS", _4ros_kind("4ROS points"), 512_000, 20_000)]
-    sold = PROFILES["rplidar-s2"]
-    for mode, samples in zip(sold.modes, (16_000, 32_000), strict=True):
-        # The rivals cannot all be told a mode: each takes what the device recommends, or a plain scan.
-        kind = _rplidar_kind(f"S2 {mode.name}", replace(sold, typical=mode.id), mode)
-        rates.append(Rate(kind.name, kind, sold.baudrate, samples))
+    for name in ("S3", "S2"):
+        sold = PROFILES[f"rplidar-{name.lower()}"]
+        for mode, samples in zip(sold.modes, (16_000, 32_000), strict=True):
+            if name == "S3" and samples < 32_000:
+                continue  # the same line as the S2's
+            # The rivals cannot all be told a mode: each takes what the device recommends, or a plain scan.
+            kind = _rplidar_kind(f"{name} {mode.name}", replace(sold, typical=mode.id), mode)
+            rates.append(Rate(kind.name, kind, sold.baudrate, samples))
     return {rate.name: rate for rate in reversed(rates)}
 
 
@@ -155,7 +158,10 @@ KINDS = _kinds()
 """One stream of each of the seven formats."""
 
 RATES = _rates()
-"""The three devices that are played live: S2 DenseBoost, S2 Standard, 4ROS."""
+"""The devices that are played."""
+
+LIVE = ("S2 DenseBoost", "S2 Standard", "4ROS")
+"""Those that everybody reads live."""
 
 
 @cache

@@ -94,9 +94,39 @@ def live(data: dict[str, Any], folder: Path) -> None:
     _finish(figure, folder, "live")
 
 
+def blocked(data: dict[str, Any], folder: Path) -> None:
+    """Bytes lost against the length of the block, a panel for each kind of block, a line for each reader."""
+    found = data["found"]
+    kinds = list(dict.fromkeys(each["kind"] for each in found))
+    figure, panels = plt.subplots(1, len(kinds), figsize=(10, 3.6), sharey=True, squeeze=False)
+    for axes, kind in zip(panels[0], kinds, strict=True):
+        lines: dict[tuple[str, str], list[tuple[int, float]]] = {}
+        for each in found:
+            if each["kind"] == kind:
+                point = (each["block_ms"], 100 * each["lost_share"])
+                lines.setdefault((each["device"], each["reader"]), []).append(point)
+        colours: dict[str, str] = {}
+        for (device, reader), points in lines.items():
+            colour = colours.setdefault(device, f"C{len(colours)}")
+            ours = reader == "lidario"
+            style = {"linestyle": "-", "marker": "o"} if ours else {"linestyle": ":", "marker": "x"}
+            axes.plot(*zip(*points, strict=True), color=colour, markersize=4, label=f"{reader}, {device}", **style)
+        axes.set_xscale("log")
+        ticks = sorted({each["block_ms"] for each in found})
+        axes.set_xticks(ticks, [str(each) for each in ticks], fontsize=8)
+        axes.minorticks_off()
+        axes.set_title(f"blocked by: {kind}", fontsize=9)
+        axes.set_xlabel("length of a block, ms")
+        axes.set_ylim(bottom=-1)
+        axes.grid(True, alpha=0.3)
+    panels[0][0].set_ylabel("bytes lost, % of all")
+    panels[0][0].legend(fontsize=7)
+    _finish(figure, folder, "blocked")
+
+
 def main(results: Path, folder: Path) -> None:
     found = json.loads(results.read_text())["benchmarks"]
-    for name, plot in (("decode", chunks), ("scale", lidars), ("live", live)):
+    for name, plot in (("decode", chunks), ("scale", lidars), ("live", live), ("blocked", blocked)):
         if name in found:
             plot(found[name], folder)
 

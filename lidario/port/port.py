@@ -45,13 +45,13 @@ Tap = Callable[[str, bytes, int], None]
 class Schedule(Protocol):
     """Says when received bytes are needed; all times are seconds of the event loop's clock."""
 
-    def rest(self, now: float, late: float) -> float:
-        """For how many seconds no poll is needed; 0 to poll as usual.
+    @property
+    def interval(self) -> float:
+        """Longest time in seconds for which the line may stay unread, so that the kernel's buffer never fills."""
+        ...
 
-        Args:
-            now: The time.
-            late: How long after its due time this poll came.
-        """
+    def rest(self, now: float) -> float:
+        """For how many seconds nobody needs the bytes; 0 to poll as usual."""
         ...
 
     def hold(self, now: float) -> float:
@@ -117,6 +117,14 @@ class Line(ABC):
     def poll(self) -> None:  # noqa: B027 - only where polled
         """As `Port.poll`."""
 
+    def show_pending(self) -> None:  # noqa: B027 - only where a thread reads
+        """Show the taps what was read and not shown yet, so that they see everything in the order of time."""
+
+    @property
+    def overflow_bytes(self) -> int:
+        """As `Port.overflow_bytes`."""
+        return 0
+
 
 class Port(asyncio.Protocol):
     """One open line; made by `open_serial`, `open_tcp`, `open_simulated` or `connect_in_memory`.
@@ -160,6 +168,16 @@ class Port(asyncio.Protocol):
         """Whether this process is a child of the one that opened the port: then the port is the parent's."""
         return os.getpid() != self._pid
 
+    @property
+    def is_tapped(self) -> bool:
+        """Whether anybody sees the chunks."""
+        return bool(self._taps)
+
+    @property
+    def overflow_bytes(self) -> int:
+        """Bytes that were received and dropped because the event loop was blocked until the buffer was full."""
+        return 0 if self._line is None else self._line.overflow_bytes
+
     def add_tap(self, tap: Tap) -> None:
         """Have `tap` called with every chunk in either direction, after the taps that are there.
 
@@ -193,7 +211,9 @@ class Port(asyncio.Protocol):
             line.write_without_loop(data)
         else:
             line.write(data)
-        self.show("out", data, self.now())
+        if self._taps:
+            line.show_pending()
+            self.show("out", data, self.now())
 
     def set_baudrate(self, baudrate: int) -> None:
         """Change the speed of the line; bytes received at the old speed and not read yet are thrown away.
@@ -211,7 +231,11 @@ class Port(asyncio.Protocol):
         Being woken for each of a thousand deliveries a second costs more than decoding what they carry. The line is
         polled after `schedule.rest` seconds, or every `latency` seconds where that is 0. What was read is held
         until the first poll at or after the time that `schedule.hold` names, then handed over by one call of
-        `Receiver.data_received`; at most half a second and 32 KiB are held.
+        `Receiver.data_received`; on a loop that is free at most half a second and 32 KiB are held.
+
+        While there is a schedule, a thread reads the line too whenever it was unread for `schedule.interval`. So a
+        loop that is blocked loses nothing: up to 1 MiB is kept until it is free, with the time of each read. What
+        comes beyond that is counted in `overflow_bytes`.
 
         Args:
             latency: Seconds between two polls; 0 to be woken for each delivery.

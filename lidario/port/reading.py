@@ -2,21 +2,23 @@
 
 Being woken for each delivery of an adapter, a thousand a second, costs more than decoding what they carry. While a
 stream runs, the terminal is polled instead, at the times that a `Schedule` names, and what was read is held until
-it is needed. Linux keeps 4 KiB of a terminal's input, 48 ms of the fastest stream; the schedule must not let that
-fill.
+it is needed. Linux keeps 4 KiB of a terminal's input, 61 ms of the fastest stream, and drops what comes then. So
+between two polls, and while the program keeps the event loop busy, `lidario.port.thread` reads the terminal.
 
-Where each delivery does matter, the event loop wakes the reader when the terminal is readable. In both cases all
-there is is read by one call.
+Where each delivery does matter, the event loop wakes the reader when the terminal is readable.
 """
 
 from __future__ import annotations
 
 import asyncio
-import os
-import select
+import time
+import weakref
 from collections.abc import Callable
+from contextlib import suppress
 
+from lidario.port.inbox import Inbox
 from lidario.port.port import Port, Schedule
+from lidario.port.thread import ReadingThread, Watched, reading_thread
 
 __all__ = ["Reader"]
 
@@ -24,13 +26,14 @@ HOLD_S = 0.5
 """Longest time for which bytes are held; below the 0.9 s after which the session takes silence for a failure."""
 HOLD_BYTES = 32 * 1024
 """Most bytes that are held: what `Link` takes in one piece."""
-_READ_SIZE = 65536
 _TIMER_S = 0.001
 """How late timers may be: the loop waits in whole milliseconds, rounded up."""
+_SAME_CLOCK_NS = 1_000_000_000
+"""Two readings of one clock are less than this apart."""
 
 
 class Reader:
-    """Reads one terminal on the event loop; not on Windows.
+    """Reads one terminal; not on Windows.
 
     Args:
         loop: The event loop.
@@ -52,9 +55,16 @@ class Reader:
         self._stopped = False
         self._watching = False
         self._timer: asyncio.TimerHandle | None = None
-        self._due = 0.0
-        self._held: list[bytes] = []
-        self._arrivals: list[tuple[int, int]] = []
+        # The thread knows the system's clock only: it is of no use to a loop with another one.
+        self._real_time = abs(port.now() - time.monotonic_ns()) < _SAME_CLOCK_NS
+        self._inbox = Inbox(handle, time.monotonic_ns if self._real_time else port.now)
+        self._shown = 0
+        self._guard: _Guard | None = None
+
+    @property
+    def overflow_bytes(self) -> int:
+        """Bytes that were read and dropped, because the program did not take them for too long."""
+        return self._inbox.overflow
 
     def start(self) -> None:
         """Begin to read; ignored when `stop` was called before."""
@@ -68,12 +78,20 @@ class Reader:
         self._stopped = True
         self._stop_timer()
         self._watch(False)
+        self.release()
+
+    def release(self) -> None:
+        """Read no more in the thread, and in no other one: from now on the descriptor may be closed."""
+        self._guard_until_removed(None)
+        if not self._port.is_forked:
+            self._inbox.close()
 
     def set_polling(self, latency: float, schedule: Schedule | None) -> None:
         """As `Port.set_polling`."""
         self._latency = latency
         self._schedule = schedule
         self._stop_timer()
+        self._guard_until_removed(schedule)
         self.hand_over()
         self._wait()
 
@@ -84,24 +102,23 @@ class Reader:
 
     def hand_over(self) -> None:
         """Hand everything that is held to the port, as one piece."""
-        if not self._held:
-            return
-        held, self._held = self._held, []
-        arrivals, self._arrivals = self._arrivals, []
-        data = held[0] if len(held) == 1 else b"".join(held)
-        self._port.hand_over(data, arrivals.pop()[1], arrivals)
+        held, arrivals = self._inbox.take()
+        shown, self._shown = self._shown, 0
+        if held:
+            self._show(held, arrivals, shown)
+            data = held[0] if len(held) == 1 else b"".join(held)
+            self._port.hand_over(data, arrivals.pop()[1], arrivals)
 
     def _tick(self) -> None:
         """A poll is due."""
         if self._port.is_forked:
             return
         self._timer = None
-        late = max(0.0, self._port.now() * 1e-9 - self._due)
         try:
             self._read()
             self._hand_over_if_due()
         finally:
-            self._wait(late)
+            self._wait()
 
     def _readable(self) -> None:
         """The event loop says that there is something to read."""
@@ -115,32 +132,30 @@ class Reader:
                 self._wait()
 
     def _read(self) -> None:
-        """Read all there is. A terminal that is readable and yet has nothing to read was hung up."""
+        """Read all there is, and show what was read since the last time to the taps."""
         if self._stopped:
             return
         try:
-            data = os.read(self._handle, _READ_SIZE)
-            if not data and _is_readable(self._handle):
-                # Bytes that came between the two calls, or the end.
-                data = os.read(self._handle, _READ_SIZE)
-                if not data:
-                    raise OSError("the line was hung up")
-        except BlockingIOError:
-            return
+            self._inbox.read()
         except OSError as error:
             self._lose(error)
             return
-        if data:
-            now = self._port.now()
-            self._port.show("in", data, now)
-            before = self._arrivals[-1][0] if self._arrivals else 0
-            self._held.append(data)
-            self._arrivals.append((before + len(data), now))
+        if self._port.is_tapped:
+            self.show_pending()
+
+    def show_pending(self) -> None:
+        """Show the taps what was read, here or in the thread, and not shown yet."""
+        held, arrivals = self._inbox.peek()
+        shown, self._shown = self._shown, len(held)
+        self._show(held, arrivals, shown)
+
+    def _show(self, held: list[bytes], arrivals: list[tuple[int, int]], shown: int) -> None:
+        if self._port.is_tapped:
+            for data, (_, now) in zip(held[shown:], arrivals[shown:], strict=True):
+                self._port.show("in", data, now)
 
     def _hand_over_if_due(self) -> None:
-        if not self._held:
-            return
-        if self._schedule is not None and self._arrivals[-1][0] < HOLD_BYTES:
+        if self._schedule is not None and self._inbox.size < HOLD_BYTES:
             now = self._port.now() * 1e-9
             if now < self._held_until() and now < self._schedule.hold(now):
                 return
@@ -148,24 +163,28 @@ class Reader:
 
     def _held_until(self) -> float:
         """When what is held must be handed over; a timer may come that little early."""
-        return self._arrivals[0][1] * 1e-9 + HOLD_S - _TIMER_S
+        return self._inbox.first_ns * 1e-9 + HOLD_S - _TIMER_S
 
-    def _wait(self, late: float = 0.0) -> None:
+    def _wait(self) -> None:
         """Wait for the next poll, or be woken by the next delivery where none of them may wait."""
         if not self._running or self._timer is not None:
             return
         now = self._port.now() * 1e-9
-        pause = 0.0 if self._schedule is None else self._schedule.rest(now, late)
+        pause = 0.0 if self._schedule is None else self._schedule.rest(now)
+        if pause > 0 and self._schedule is not None:
+            if self._guard is None:
+                pause = min(pause, self._schedule.interval)
+            else:
+                self._guard.interval, self._guard.expected = self._schedule.interval, now + pause
         if pause <= 0:
             pause = max(self._latency - _TIMER_S, self._latency / 2)
         if pause <= 0:
             self._watch(True)
             self.hand_over()
             return
-        if self._held:
+        if self._inbox.size:
             pause = max(0.0, min(pause, self._held_until() + _TIMER_S - now))
         self._watch(False)
-        self._due = now + pause
         self._timer = self._loop.call_later(pause, self._tick)
 
     def _watch(self, on: bool) -> None:
@@ -180,10 +199,62 @@ class Reader:
             self._timer.cancel()
             self._timer = None
 
+    def thread_failed(self) -> None:
+        """The thread could not read: end the port, if it is so."""
+        if self._guard is not None:
+            self._guard.told = False
+        if not self._port.is_forked:
+            self._read()
 
-def _is_readable(handle: int) -> bool:
-    if hasattr(select, "poll"):  # select() itself refuses file descriptors beyond 1023
-        poll = select.poll()
-        poll.register(handle, select.POLLIN)
-        return bool(poll.poll(0))
-    return bool(select.select([handle], [], [], 0)[0])
+    def _guard_until_removed(self, schedule: Schedule | None) -> None:
+        """Have the thread read beside the loop while there is a schedule; None for no longer."""
+        guard, self._guard = self._guard, None
+        if guard is not None and not self._port.is_forked:
+            guard.remove()
+            # What the thread has read is in the inbox now; a response that comes next must not lie there unseen.
+            self._inbox.share(False)
+        if schedule is not None and self._real_time and not self._stopped:
+            # A system that allows no more threads: the loop polls more often instead.
+            with suppress(RuntimeError):
+                self._inbox.share(True)
+                self._guard = _Guard(self, self._loop, self._inbox, schedule.interval)
+
+
+class _Guard(Watched):
+    """A port that the thread reads for a `Reader`.
+
+    It does not keep the reader: one that is thrown away without being stopped must not be read for ever.
+
+    Attributes:
+        told: Whether the loop was told of an error, and has not looked at it yet.
+    """
+
+    def __init__(self, reader: Reader, loop: asyncio.AbstractEventLoop, inbox: Inbox, interval: float) -> None:
+        super().__init__(inbox, interval, self._fail)
+        self.told = False
+        self._loop = loop
+        self._failed = weakref.WeakMethod(reader.thread_failed)
+        self._thread: ReadingThread = reading_thread()
+        self._thread.add(self)
+        self._finalizer = weakref.finalize(reader, _forget, weakref.ref(self))
+        self._finalizer.atexit = False
+
+    def remove(self) -> None:
+        """Have it read no more."""
+        self._finalizer.detach()
+        self._thread.remove(self)
+
+    def _fail(self) -> None:
+        failed = self._failed()
+        if failed is not None and not self.told:
+            self.told = True
+            with suppress(RuntimeError):  # the loop was closed
+                self._loop.call_soon_threadsafe(failed)
+
+
+def _forget(reference: weakref.ref[_Guard]) -> None:
+    """The reader was thrown away, and its terminal will be closed."""
+    guard = reference()
+    if guard is not None:
+        guard.inbox.close()
+        guard.remove()

@@ -1,7 +1,7 @@
 """A serial port: opening it for nobody else beside, reading, writing and closing.
 
 pyserial configures the port and pyserial-asyncio, used through its public names alone, writes what the operating
-system does not take at once. Its habits end here. It reads a kilobyte at a time; `_Reader` reads instead, all there
+system does not take at once. Its habits end here. It reads a kilobyte at a time; `Reader` reads instead, all there
 is. It calls `connection_lost` before the port is closed; here the port is closed first. When it closes, it waits on
 the event loop until the last byte has left the adapter (`tcdrain`), and closing in the kernel waits for up to 30 s
 likewise; `_SerialLine.close` waits asynchronously and for a bounded time, then throws away what is left.
@@ -143,6 +143,14 @@ class _SerialLine(Line):
         if self._reader is not None:
             self._reader.poll()
 
+    def show_pending(self) -> None:
+        if self._reader is not None:
+            self._reader.show_pending()
+
+    @property
+    def overflow_bytes(self) -> int:
+        return 0 if self._reader is None else self._reader.overflow_bytes
+
     def write(self, data: bytes) -> None:
         if _POSIX and not self._transport.get_write_buffer_size():
             try:
@@ -178,6 +186,8 @@ class _SerialLine(Line):
 
     def close_without_loop(self) -> None:
         self._closing = True
+        if self._reader is not None:
+            self._reader.release()
         if not self._device.is_open:
             return
         self._discard_output()

@@ -23,6 +23,7 @@ import anyio
 from lidario.errors import InternalError, LidarError, ResponseTimeout
 from lidario.families.base import Device, Script, Timing
 from lidario.port.port import Port, Schedule, Tap
+from lidario.revolution.together import join_runs
 from lidario.session.stopper import CLOCK_S, PATIENCE_S, Stopper
 from lidario.session.twin import twin_of
 from lidario.wire.envelope import Request
@@ -112,6 +113,11 @@ class Dialogue:
         """All bytes that came in so far."""
         return self._link.stats.bytes_received
 
+    @property
+    def overflow_bytes(self) -> int:
+        """As `Port.overflow_bytes`; they are no part of `bytes_received`."""
+        return self._port.overflow_bytes
+
     def deliver_to(self, callback: Callable[[Packets], None] | None) -> None:
         """Call `callback` with each run of packets, those that came since the descriptor first; None for nobody."""
         self._on_packets = callback
@@ -142,7 +148,7 @@ class Dialogue:
         """As `Receiver`. A mistake of ours ends the dialogue: it must not leave readers waiting."""
         try:
             self._link.receive_data(data, now, arrivals)
-            for event in self._link.events_received():
+            for event in join_runs(self._link.events_received()):
                 self._handle(event)
         except Exception as error:
             if self.fatal is None:

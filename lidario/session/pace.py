@@ -17,16 +17,16 @@ from lidario.model import Scan
 
 __all__ = ["Pace"]
 
+BITS_A_BYTE = 10
+"""On a serial line with one start and one stop bit."""
 BUFFER_BYTES = 4096
 """Size of a terminal's receive buffer on Linux."""
-BUFFER_SHARE = 0.55
-"""Share of the buffer that may fill between two polls, as planned. The rest is reserve for polls that come late."""
-LEAST_SHARE = 0.125
-"""Share of the buffer below which polls are not planned closer, however late polls have come."""
-LATENESS_FACTOR = 1.5
-"""Safety factor on the observed lateness of polls."""
-LONGEST_REST_S = 0.05
-"""Longest time between two polls, however slowly bytes come: an unplugged line should be noticed soon."""
+BUFFER_SHARE = 0.7
+"""Share of the buffer that may fill between two reads, as planned. The rest is reserve for reads that come late."""
+LONGEST_INTERVAL_S = 0.1
+"""Longest time between two reads, however slowly bytes come: an unplugged line should be noticed soon."""
+UNKNOWN_BUFFER_S = 0.03
+"""Time in which the buffer may fill where not even the speed of the line is known."""
 LONGEST_HOLD_S = 0.25
 """Longest time for which bytes may stay unparsed. It must stay below the watchdog's timeout, `SILENCE_S`."""
 EAGER_S = 0.003
@@ -37,8 +37,6 @@ _FOLLOW = 0.25
 """Share of a deviation by which the predicted period follows; more would copy the noise of a single stamp."""
 _JUST_BEFORE_S = 1e-5
 """Much less than a packet takes, and more than the resolution of a clock."""
-_FORGET = 0.95
-"""Share of the greatest lateness that is remembered after another revolution."""
 _LEAST_INTERVAL = 0.8
 """Share of a revolution's time that must have passed since the scan before."""
 _NOISE = 0.03
@@ -57,12 +55,13 @@ class Pace:
 
     Attributes:
         due: When the revolution in progress is expected to be complete; 0 when nothing is known.
+        interval: Longest time for which the port may stay unread, so that the kernel's buffer never fills.
     """
 
     def __init__(self, stream: Stream, baudrate: int, latency: float, received: int = 0) -> None:
         self.due: float = 0.0
         packet_s = stream.format.samples * stream.sample_ns * 1e-9
-        wire_s = stream.format.longest * 10 / baudrate if baudrate else 0.0
+        wire_s = stream.format.longest * BITS_A_BYTE / baudrate if baudrate else 0.0
         # After the packet that crosses the seam one more must arrive; where in it the crossing lies is chance.
         self._eager = latency < EAGER_S
         self._behind_s = wire_s + (1.0 if self._eager else 1.75) * packet_s
@@ -70,8 +69,9 @@ class Pace:
         self._unsteady = 0.0
         self._received = received
         self._last = math.inf
-        self._buffer_s = 0.0
-        self._late = 0.0
+        # No stream is faster than its line.
+        self._least_buffer_s = BUFFER_BYTES * BITS_A_BYTE / baudrate if baudrate else UNKNOWN_BUFFER_S
+        self.interval: float = BUFFER_SHARE * self._least_buffer_s
 
     def turned(self, scan: Scan, received: int, now: float) -> None:
         """Take note of a scan that has just come, when `received` bytes had come altogether."""
@@ -91,26 +91,16 @@ class Pace:
             self._period += _FOLLOW * deviation
             expected = self._period
             self._unsteady = max(abs(deviation), self._unsteady / 2)
-        self._buffer_s = BUFFER_BYTES * expected / size if size else 0.0
-        self._late *= _FORGET
+        # After a blocked loop all that came meanwhile counts for the first of many scans.
+        buffer_s = max(BUFFER_BYTES * expected / size if size else 0.0, self._least_buffer_s)
+        self.interval = min(BUFFER_SHARE * buffer_s, LONGEST_INTERVAL_S)
         early_s = GUARD_S + self._unsteady if self._eager else 0.0
         whole = scan.stamp_ns * 1e-9 + 2 * expected + self._behind_s
         self.due = min(whole, now + expected) - early_s
 
-    def rest(self, now: float, late: float) -> float:
-        """Seconds for which no poll is needed; 0 when the revolution may be complete.
-
-        Args:
-            now: The time.
-            late: How late this poll came. In a program that blocks its loop, polls are planned closer.
-        """
-        self._late = max(self._late, late)
-        left = self.due - now
-        if left <= 0 or not self._buffer_s:
-            return 0.0
-        # On a very late loop keep a minimum interval: polling all the time would only make the loop later.
-        cautious = max(self._buffer_s - LATENESS_FACTOR * self._late, LEAST_SHARE * self._buffer_s)
-        return left / math.ceil(left / min(BUFFER_SHARE * self._buffer_s, cautious, LONGEST_REST_S))
+    def rest(self, now: float) -> float:
+        """Seconds for which nobody needs the bytes; 0 when the revolution may be complete."""
+        return max(0.0, min(self.due - now, LONGEST_HOLD_S))
 
     def hold(self, now: float) -> float:
         """Until when bytes need not be parsed: slightly before the next poll, so that this poll parses them."""

@@ -13,9 +13,8 @@ from lidario.session.pace import (
     BUFFER_BYTES,
     BUFFER_SHARE,
     GUARD_S,
-    LEAST_SHARE,
     LONGEST_HOLD_S,
-    LONGEST_REST_S,
+    LONGEST_INTERVAL_S,
     Pace,
 )
 from tests.support.streams import CASES, stream_of
@@ -46,13 +45,13 @@ def turning(pace: Pace, *starts: float, size: int = TURN_BYTES, received: int = 
 
 
 def test_before_the_first_scan_nothing_is_known() -> None:
-    assert pace().rest(5.0, 0.0) == 0
+    assert pace().rest(5.0) == 0
     assert pace().hold(5.0) <= 0
     unknown = pace()
     unknown.turned(SCAN, TURN_BYTES, 0.1)
-    assert unknown.rest(0.1, 0.0) == 0
+    assert unknown.rest(0.1) == 0
     unknown.turned(replace(SCAN, rpm=float("nan")), 2 * TURN_BYTES, 0.2)
-    assert unknown.rest(0.2, 0.0) == 0
+    assert unknown.rest(0.2) == 0
 
 
 @pytest.mark.parametrize("latency", [0.0, 0.005])
@@ -62,7 +61,7 @@ def test_a_device_that_tells_its_rate_wrong_is_not_believed(times: int, latency:
     wrong = pace(latency)
     for number in range(1, 20):
         wrong.turned(replace(SCAN, stamp_ns=round(number * 1e8 / times)), number * TURN_BYTES, number * 0.1 / times)
-        assert wrong.rest(number * 0.1 / times, 0.0) == 0
+        assert wrong.rest(number * 0.1 / times) == 0
         assert wrong.hold(number * 0.1 / times) < 0
 
 
@@ -70,7 +69,7 @@ def test_several_scans_at_once_are_not_several_turns() -> None:
     late = turning(pace(), 0.0, 0.1, 0.2)
     for number in (3, 4):
         late.turned(replace(SCAN, stamp_ns=number * 10**8), 5 * TURN_BYTES, 0.55)
-    assert late.rest(0.55, 0.0) == 0
+    assert late.rest(0.55) == 0
 
 
 def test_a_stamp_that_is_too_late_makes_no_scan_late() -> None:
@@ -118,40 +117,33 @@ def test_what_came_before_the_stream_is_not_counted() -> None:
     fresh = turning(pace(), 0.0)
     later = Pace(stream_of(DENSE, sample_ns=31_250.0), 1_000_000, 0.005, 10**9)
     turning(later, 0.0, received=10**9)
-    assert later.rest(0.1, 0.0) == fresh.rest(0.1, 0.0) > 0.01
+    assert later.rest(0.1) == fresh.rest(0.1) > 0.01
 
 
-@given(st.integers(100, 20_000), st.floats(0.0, 0.2))
-def test_the_buffer_never_fills_while_one_rests(size: int, late: float) -> None:
+@given(st.integers(100, 20_000))
+def test_the_buffer_never_fills_while_a_port_is_unread(size: int) -> None:
     even = turning(pace(), 0.0, 0.1, 0.2, size=size)
-    rest = even.rest(0.2, late)
-    assert 0 <= rest <= LONGEST_REST_S
-    bytes_a_second = size / 0.1
-    assert rest * bytes_a_second <= BUFFER_SHARE * BUFFER_BYTES + 1
-    if rest * bytes_a_second > LEAST_SHARE * BUFFER_BYTES:
-        # As late as it was, and half as late again.
-        assert (rest + 1.5 * late) * bytes_a_second <= BUFFER_BYTES + 1
+    assert 0 < even.interval <= LONGEST_INTERVAL_S
+    # Nothing is faster than the line.
+    bytes_a_second = min(size / 0.1, 100_000)
+    assert even.interval * bytes_a_second <= BUFFER_SHARE * BUFFER_BYTES + 1
 
 
-def test_looks_are_evenly_spaced_up_to_the_end_of_the_turn() -> None:
-    even, now = turning(pace(), 0.0, 0.1, 0.2), 0.3
-    looks = []
-    while rest := even.rest(now, 0.0):
-        now += rest
-        looks.append(rest)
-    assert now == pytest.approx(even.due)
-    assert len(looks) == 4
-    assert max(looks) - min(looks) < 1e-9
-    assert even.rest(now, 0.0) == 0
+def test_before_the_first_scan_the_line_is_taken_to_be_full() -> None:
+    assert pace().interval == pytest.approx(BUFFER_SHARE * BUFFER_BYTES / 100_000)
+    assert 0.01 < Pace(stream_of(DENSE, sample_ns=31_250.0), 0, 0.005).interval < 0.03
 
 
-def test_a_program_that_was_late_is_forgiven_in_time() -> None:
+def test_the_bytes_of_many_revolutions_at_once_do_not_look_like_a_faster_line() -> None:
+    late = turning(pace(), 0.0, 0.1, 0.2)
+    late.turned(replace(SCAN, stamp_ns=300_000_000), 23 * TURN_BYTES, 2.2)
+    assert late.interval >= BUFFER_SHARE * BUFFER_BYTES / 100_000
+
+
+def test_nobody_needs_the_bytes_up_to_the_end_of_the_revolution() -> None:
     even = turning(pace(), 0.0, 0.1, 0.2)
-    at_ease = even.rest(0.3, 0.0)
-    assert even.rest(0.3, 0.03) < at_ease
-    assert even.rest(0.3, 0.0) < at_ease
-    turning(even, *(0.3 + np.arange(60) * 0.1), received=3 * TURN_BYTES)
-    assert even.rest(6.3, 0.0) == pytest.approx(at_ease, rel=0.2)
+    assert even.rest(0.3) == pytest.approx(even.due - 0.3)
+    assert even.rest(even.due) == 0
 
 
 def test_what_lies_uncut_does_not_look_like_silence() -> None:

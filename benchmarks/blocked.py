@@ -1,0 +1,132 @@
+"""A program that blocks its event loop: what is lost, and what of it is told.
+
+Robot programs do: an OpenCV call, a planner, a model. The device is played by another process, on a pseudo-terminal
+that holds 4 KiB as the kernel does behind a real adapter; what comes while it is full is lost. The program reads
+for a while, then blocks several times: asleep, computing in Python, and in C code that keeps the interpreter lock.
+
+Bytes are lost when the line could not take them, revolutions when they were played and did not come. For lidario
+the table says also what its counters tell, and how far the time between two scans' stamps is off at most. Beside it
+stands the vendor's C++ driver, which has a thread of its own; its Python wrapper hands out only the latest scan, so
+revolutions that ended while the program was blocked do not come.
+"""
+
+from __future__ import annotations
+
+import sys
+from itertools import pairwise
+from statistics import median as middle
+from typing import Any
+
+from benchmarks.blocking import KINDS
+from benchmarks.contest import lost_scans
+from benchmarks.processes import Failed, Player, run_json
+from benchmarks.report import Result, Setting, Table
+from benchmarks.streams import RATES
+
+__all__ = ["BLOCKS_MS", "HOLDS", "run"]
+
+BLOCKS_MS = (20, 50, 100, 200, 500, 1000, 2000)
+HOLDS = 4096
+"""Bytes that the line holds for a program that does not read."""
+_DEVICES = ("S2 DenseBoost", "S3 DenseBoost", "4ROS")
+_BLOCKED_S = 1.0
+"""Blocks are repeated until the program was blocked for so long altogether, but at most `_MOST` times."""
+_MOST = 5
+_PAUSE_S = 0.3
+_TIMEOUT_S = 40.0
+_PEER = "pyrplidarsdk"
+
+
+def run(setting: Setting) -> Result:
+    """Every device, reader, kind and length of block, one after the other."""
+    devices, blocks_ms = (_DEVICES[:1], (100, 500)) if setting.quick else (_DEVICES, BLOCKS_MS)
+    found: list[dict[str, Any]] = []
+    absent: dict[str, str] = {}
+    for device in devices:
+        with Player(device, holds=HOLDS) as player:
+            readers = ["lidario"]
+            if setting.peers is not None and device != "4ROS" and not setting.quick:
+                readers.append(_PEER)
+            for kind in KINDS:
+                setting.say(f"blocked: {device}, {kind}")
+                for block_ms in blocks_ms:
+                    for reader in readers:
+                        try:
+                            got, played = _read(setting, reader, device, player, kind, block_ms)
+                        except Failed as failed:
+                            absent[f"{reader}, {device}, {kind}, {block_ms} ms"] = str(failed)
+                            continue
+                        about = {"device": device, "kind": kind, "block_ms": block_ms, "reader": reader}
+                        found.append(about | _figures(got, played))
+    tables = [_table(device, [each for each in found if each["device"] == device]) for device in devices]
+    tables[-1].notes += [f"absent: {who}: {why}" for who, why in absent.items()]
+    return Result("blocked", tables, {"found": found, "absent": absent, "holds": HOLDS})
+
+
+def _read(
+    setting: Setting, reader: str, device: str, player: Player, kind: str, block_ms: int
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    rate = RATES[device]
+    count = min(_MOST, max(1, round(_BLOCKED_S * 1000 / block_ms)))
+    blocks = {"kind": kind, "block_s": block_ms / 1000, "count": count, "pause_s": _PAUSE_S}
+    task: dict[str, Any] = {"path": player.paths[0], "baudrate": rate.baudrate, "blocks": blocks}
+    try:
+        if reader == "lidario":
+            command = [sys.executable, "-m", "benchmarks.blocked_reader"]
+            got = run_json(command, timeout=_TIMEOUT_S, given=task | {"family": rate.kind.family})
+        else:
+            if setting.peers is None:
+                raise Failed("left out")
+            why = setting.peers.why_absent(reader)
+            if why:
+                raise Failed(why)
+            task |= {"contestant": reader, "mode": rate.kind.mode.id}
+            environment = setting.peers.environment(reader)
+            got = run_json(
+                setting.peers.command("blocked"), timeout=_TIMEOUT_S, environment=environment, given=task
+            )
+    finally:
+        report = player.report()
+    return got, report
+
+
+def _figures(got: dict[str, Any], played: dict[str, Any]) -> dict[str, Any]:
+    stats = got.get("stats")
+    figures = {
+        "lost_bytes": played["lost_bytes"][0],
+        "lost_share": played["lost_bytes"][0] / played["written_bytes"][0],
+        "scans": len(got["arrivals"]),
+        "lost_scans": lost_scans(got["arrivals"], played["turns"][0]),
+        "player_late_ms": played["late_ms"],
+    }
+    if stats is not None:
+        periods = [(later - before) / 1e6 for before, later in pairwise(got["stamps"])]
+        figures["told"] = {name: stats[name] for name in ("lost_packets", "broken_scans", "dropped_scans")}
+        # A revolution that is missing is no error of the stamps around it.
+        typical = middle(periods)
+        figures["stamps_off_ms"] = max(abs(each - typical * max(1, round(each / typical))) for each in periods)
+    return figures
+
+
+def _table(device: str, found: list[dict[str, Any]]) -> Table:
+    columns = ["blocked by", "ms", "reader", "bytes lost", "of all", "scans", "revolutions lost"]
+    columns += ["told: packets lost", "broken", "dropped", "stamps off, ms"]
+    table = Table(f"blocked: {device}, a line that holds {HOLDS} bytes", columns)
+    for each in found:
+        told = each.get("told")
+        table.rows.append(
+            [
+                each["kind"],
+                f"{each['block_ms']}",
+                each["reader"],
+                f"{each['lost_bytes']}",
+                f"{100 * each['lost_share']:.1f} %",
+                f"{each['scans']}",
+                f"{each['lost_scans']}",
+                *(("–",) * 3 if told is None else (f"{value}" for value in told.values())),
+                f"{each['stamps_off_ms']:.1f}" if told is not None else "–",
+            ]
+        )
+    late = max((each["player_late_ms"] for each in found), default=0.0)
+    table.notes.append(f"the player was late by at most {late:.1f} ms")
+    return table

@@ -1,0 +1,173 @@
+"""What was read from one terminal and was not handed over yet.
+
+Two threads read into an `Inbox`: the event loop's, and `lidario.port.thread`, which reads while the loop is busy.
+A lock makes reading and storing one step, so that the bytes stay in order, and closing waits for a read in
+progress, so that no descriptor is read that was closed and may have been reused.
+
+The inbox is bounded. What does not fit is still read and is counted, since nothing tells what the kernel drops.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import select
+import threading
+from collections.abc import Callable
+
+__all__ = ["INBOX_BYTES", "Inbox", "make_read"]
+
+INBOX_BYTES = 1024 * 1024
+"""Most bytes that are kept: 15 s of the fastest stream."""
+_READ_SIZE = 4096
+_FULL_READ = 4095
+"""A read of a terminal returns at most this much on Linux; then there may be more."""
+_MOST_READS = 64
+"""Reads in a row at most, so that a line that never runs dry cannot keep the reader."""
+
+Read = Callable[[int], bytes]
+
+
+def make_read() -> Read:
+    """A function that reads a non-blocking descriptor without giving up the interpreter lock.
+
+    `os.read` gives the lock up, and in a program that computes it gets it back 5 ms later, the switch interval of
+    the interpreter. So with `os.read` ten ports cannot be read within 50 ms, and each time stamp is 5 ms late. A
+    read that does not block takes a few microseconds, for which the lock is kept. Where ctypes is missing,
+    `os.read` is used.
+    """
+    try:
+        function = ctypes.PyDLL(None, use_errno=True).read
+    except (AttributeError, OSError, TypeError):  # pragma: no cover - no C library to be found, as on Windows
+        return lambda handle: os.read(handle, _READ_SIZE)
+    function.argtypes = (ctypes.c_int, ctypes.c_void_p, ctypes.c_size_t)
+    function.restype = ctypes.c_ssize_t
+    buffer = ctypes.create_string_buffer(_READ_SIZE)
+    view = memoryview(buffer)
+    address = ctypes.addressof(buffer)
+
+    def read(handle: int) -> bytes:
+        count = function(handle, address, _READ_SIZE)
+        if count < 0:
+            number = ctypes.get_errno()
+            # OSError makes it a BlockingIOError where nothing is there.
+            raise OSError(number, os.strerror(number))
+        return bytes(view[:count])
+
+    return read
+
+
+class Inbox:
+    """Reads a terminal and keeps what came, from whichever thread.
+
+    Args:
+        handle: File descriptor of the terminal, non-blocking.
+        clock: The time in nanoseconds.
+        read: Reads a descriptor, as `make_read` makes it; by default one of its own.
+
+    Attributes:
+        last_ns: When it was read last, whether or not anything was there.
+        overflow: Bytes that were read and dropped because the inbox was full.
+    """
+
+    def __init__(self, handle: int, clock: Callable[[], int], read: Read | None = None) -> None:
+        self.last_ns: int = clock()
+        self.overflow: int = 0
+        self._handle = handle
+        self._clock = clock
+        # Its buffer is used under the lock of this inbox alone.
+        self._read = read or make_read()
+        # Reentrant: the garbage collector may call `close` in the midst of a read.
+        self._lock = threading.RLock()
+        self._closed = False
+        self._shared = True
+        self._chunks: list[bytes] = []
+        self._arrivals: list[tuple[int, int]] = []
+
+    @property
+    def size(self) -> int:
+        """Bytes kept."""
+        arrivals = self._arrivals
+        return arrivals[-1][0] if arrivals else 0
+
+    @property
+    def first_ns(self) -> int:
+        """When the first bytes that are kept were read; 0 when there are none."""
+        arrivals = self._arrivals
+        return arrivals[0][1] if arrivals else 0
+
+    def share(self, shared: bool) -> None:
+        """Say whether reads of the other thread are welcome; one in progress has ended when this returns."""
+        with self._lock:
+            self._shared = shared
+
+    def read(self, *, guest: bool = False) -> None:
+        """Read all there is, and keep it with the time.
+
+        Args:
+            guest: Whether the reader is the other thread: then only while the inbox is shared.
+
+        Raises:
+            OSError: The terminal is dead, or was hung up: it is readable, and has nothing to read.
+        """
+        with self._lock:
+            if not self._closed and (self._shared or not guest):
+                self._keep(self._read_all())
+
+    def take(self) -> tuple[list[bytes], list[tuple[int, int]]]:
+        """What was kept: the chunks, and how many bytes had come by when; it is kept no more."""
+        with self._lock:
+            chunks, self._chunks = self._chunks, []
+            arrivals, self._arrivals = self._arrivals, []
+            return chunks, arrivals
+
+    def peek(self) -> tuple[list[bytes], list[tuple[int, int]]]:
+        """As `take`, but it stays."""
+        with self._lock:
+            return self._chunks.copy(), self._arrivals.copy()
+
+    def close(self) -> None:
+        """Read no more; a read in progress in another thread has ended when this returns. What was kept stays."""
+        with self._lock:
+            self._closed = True
+
+    def _read_all(self) -> bytes:
+        pieces: list[bytes] = []
+        try:
+            data = self._read(self._handle)
+            if not data and _is_readable(self._handle):
+                # Bytes that came between the two calls, or the end.
+                data = self._read(self._handle)
+                if not data:
+                    raise OSError("the line was hung up")
+            while len(data) >= _FULL_READ and len(pieces) < _MOST_READS:
+                # All that waited gets one time, or else the last of it would seem to have come late.
+                pieces.append(data)
+                data = self._read(self._handle)
+        except BlockingIOError:
+            data = b""
+        except OSError:
+            if not pieces:
+                raise
+            data = b""
+        return b"".join((*pieces, data)) if pieces else data
+
+    def _keep(self, data: bytes) -> None:
+        now = self._clock()
+        self.last_ns = now
+        if not data:
+            return
+        size = self.size + len(data)
+        if size > INBOX_BYTES:
+            self.overflow += len(data)
+            return
+        self._chunks.append(data)
+        self._arrivals.append((size, now))
+
+
+def _is_readable(handle: int) -> bool:
+    if hasattr(select, "poll"):  # select() itself refuses file descriptors beyond 1023
+        poll = select.poll()
+        poll.register(handle, select.POLLIN)
+        return bool(poll.poll(0))
+    return bool(select.select([handle], [], [], 0)[0])

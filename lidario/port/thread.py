@@ -1,0 +1,208 @@
+"""A thread that reads serial ports while the program keeps its event loop busy.
+
+The kernel keeps 4 KiB of a terminal's input, 61 ms of the fastest stream, and drops what comes then. A program that
+computes for longer on its event loop would lose bytes. So while a stream runs, this thread reads each port that
+nobody has read for `Watched.interval`. It only moves bytes into the port's `Inbox` and notes when they came. The
+event loop takes them from there when it needs them, at the end of a revolution, and reads what came since. On a
+loop that is free no thread wakes the other one; a loop that is late finds everything in the inbox.
+
+One thread reads all ports of the process. It starts with the first stream and ends with the last. It is a daemon
+thread, so it never keeps a program from ending. A forked child has no such thread and starts its own when it opens
+a port of its own.
+
+C code that keeps the interpreter lock for longer stops this thread too.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+
+from lidario.port.inbox import Inbox
+
+__all__ = ["ReadingThread", "Watched", "reading_thread"]
+
+RECENT_SHARE = 0.5
+"""Share of the interval: a port that the loop has read that recently is not read again now."""
+TOGETHER_SHARE = 0.15
+"""Share of the interval by which a port is read early, to read several at one wake-up."""
+LATENESS_FACTOR = 2.0
+"""Safety factor on the observed lateness of the thread: as long as it is late, ports are read more often."""
+LEAST_SHARE = 0.25
+"""Share of the interval below which ports are not read closer, however late the thread is."""
+JOIN_S = 0.1
+"""Longest time for which ending the thread is waited for. It takes less than a tenth of a millisecond."""
+_FORGET = 0.95
+"""Share of the greatest lateness that is remembered after another wake-up."""
+_ON_TIME_S = 0.002
+"""Lateness that is normal."""
+
+
+class Watched:
+    """One port that the thread reads.
+
+    Args:
+        inbox: Where the bytes go.
+        interval: Seconds for which the port may stay unread.
+        on_error: Called in the thread each time the port cannot be read; it must not block or raise.
+
+    Attributes:
+        interval: May be changed at any time, from any thread.
+        expected: When the loop will read the port, in seconds of the monotonic clock; 0 when that is not known.
+    """
+
+    def __init__(self, inbox: Inbox, interval: float, on_error: Callable[[], None]) -> None:
+        self.interval: float = interval
+        self.expected: float = 0.0
+        self.inbox: Inbox = inbox
+        self._on_error = on_error
+        self._next_at = 0.0
+
+    def serve(self, now: float, margin: float) -> float:
+        """Read the port if it is due; return when to come back, in seconds of the monotonic clock.
+
+        Args:
+            now: The time.
+            margin: Seconds by which to be earlier than the interval allows.
+        """
+        interval = self.interval
+        if now >= self._next_at - TOGETHER_SHARE * interval:
+            last = self.inbox.last_ns * 1e-9
+            unread = max(interval - margin, LEAST_SHARE * interval)
+            if now - last >= RECENT_SHARE * unread:
+                try:
+                    self.inbox.read(guest=True)
+                except OSError:
+                    # The loop reads the same error, and ends the port.
+                    self._on_error()
+                    self._next_at = now + interval
+                    return self._next_at
+                last = self.inbox.last_ns * 1e-9
+            ahead = self.expected - last
+            # Even steps up to the loop's own read: stamps then have the same small error in each revolution. Behind
+            # the last step it is seen whether the loop was in time.
+            self._next_at = last + (ahead / math.ceil(ahead / unread) if ahead > unread else unread)
+        return self._next_at
+
+
+class ReadingThread:
+    """The thread, and the ports that it reads.
+
+    Args:
+        clock: The time in seconds.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        # Reentrant: the garbage collector may call `remove` in the midst of `add`.
+        self._lock = threading.RLock()
+        self._ports: list[Watched] = []
+        self._thread: threading.Thread | None = None
+        self._late = 0.0
+        # Released to wake the thread; a lock wakes it more cheaply and more exactly than an Event or a pipe.
+        self._sleep = threading.Lock()
+        self._sleep.acquire()
+        self._woken = False
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the thread exists."""
+        return self._thread is not None
+
+    def add(self, watched: Watched) -> None:
+        """Read this port from now on; starts the thread where it does not run.
+
+        Raises:
+            RuntimeError: The system allows no more threads.
+        """
+        with self._lock:
+            self._ports.append(watched)
+            if self._thread is not None:
+                self._wake()
+                return
+            thread = threading.Thread(target=self._run, name="lidario: read ports", daemon=True)
+            try:
+                thread.start()
+            except RuntimeError:
+                self._ports.clear()
+                raise
+            self._thread = thread
+
+    def remove(self, watched: Watched) -> None:
+        """Read this port no more; ends the thread with the last one. Ignored where it is not there.
+
+        The thread may still try to read it once: `Inbox.share` is what keeps it from that.
+        """
+        with self._lock:
+            if watched not in self._ports:
+                return
+            self._ports.remove(watched)
+            if self._ports:
+                return
+            self._wake()
+            thread = self._thread
+        # The garbage collector may call this in the thread itself.
+        if thread is not None and thread is not threading.current_thread():
+            thread.join(JOIN_S)
+
+    def _wake(self) -> None:
+        if not self._woken:
+            self._woken = True
+            self._sleep.release()
+
+    def _run(self) -> None:
+        while True:
+            until = self.serve()
+            if until is None:
+                return
+            if self._sleep.acquire(timeout=max(0.0, until - self._clock())):
+                with self._lock:
+                    self._woken = False
+            else:
+                self.note_lateness(self._clock() - until)
+
+    def serve(self) -> float | None:
+        """Read the ports that are due; return when the next one is, or None when none is left.
+
+        Then the thread must end: the next `add` starts another one.
+        """
+        margin = LATENESS_FACTOR * self._late if self._late > _ON_TIME_S else 0.0
+        now = self._clock()
+        dues = [watched.serve(now, margin) for watched in self._ports.copy()]
+        if dues:
+            return min(dues)
+        with self._lock:
+            if self._ports:
+                return now
+            self._thread = None
+            if self._woken:
+                self._woken = False
+                self._sleep.acquire()
+            return None
+
+    def note_lateness(self, late: float) -> None:
+        """Take note of how late the thread woke up, in seconds."""
+        self._late = max(late, _FORGET * self._late)
+
+
+class _Process:
+    """The thread of this process."""
+
+    thread = ReadingThread()
+
+
+def reading_thread() -> ReadingThread:
+    """The one thread of this process; in a forked child, one that knows no port."""
+    return _Process.thread
+
+
+def _forget_parent() -> None:
+    _Process.thread = ReadingThread()
+
+
+with suppress(AttributeError):  # not on Windows
+    os.register_at_fork(after_in_child=_forget_parent)

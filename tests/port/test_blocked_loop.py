@@ -1,0 +1,124 @@
+"""A program that blocks its event loop loses nothing: neither bytes nor revolutions, and stamps stay right."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from lidario.model import Scan
+from lidario.session.opening import open_lidar
+from tests.support.devices import FAMILIES
+from tests.support.ports import PATIENCE_S
+
+ROOT = Path(__file__).resolve().parents[2]
+BLOCK_S = 0.6
+"""Longer than a pseudo-terminal's 20 KiB last, at either family's rate."""
+BLOCKS = 3
+TURN_S = {"rplidar": 0.1, "ydlidar": 1 / 7}
+DEVICE = """
+import sys
+from lidario.sim.serve import PtyServer
+from tests.support.devices import make_rig
+
+with PtyServer(make_rig(sys.argv[1]).device, chunk=64) as server:
+    print(server.path, flush=True)
+    sys.stdin.readline()
+    print(server.lost, flush=True)
+"""
+
+
+class Device:
+    """A device played by another process: what blocks this one does not block it."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        self._process = process
+        self.path = self._line()
+
+    def _line(self) -> str:
+        assert self._process.stdout is not None
+        return self._process.stdout.readline().strip()
+
+    def lost(self) -> int:
+        """End it, and return how many bytes the terminal could not take."""
+        assert self._process.stdin is not None
+        self._process.stdin.write("\n")
+        self._process.stdin.flush()
+        return int(self._line())
+
+
+@contextmanager
+def played(family: str) -> Iterator[Device]:
+    with subprocess.Popen(
+        [sys.executable, "-c", DEVICE, family],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+        env={"PYTHONPATH": str(ROOT)},
+    ) as process:
+        yield Device(process)
+
+
+def sleep(seconds: float) -> None:
+    time.sleep(seconds)
+
+
+def compute(seconds: float) -> None:
+    until = time.perf_counter() + seconds
+    while time.perf_counter() < until:
+        sum(range(200))
+
+
+@pytest.mark.parametrize("block", [sleep, compute])
+@pytest.mark.parametrize("family", FAMILIES)
+async def test_a_blocked_loop_loses_nothing(family: str, block: object) -> None:
+    assert callable(block)
+    scans: list[Scan] = []
+    with played(family) as device:
+        async with open_lidar(device.path, family=family) as lidar:
+            stream = lidar.scans(depth=100)
+            while len(scans) < 3:
+                scans.append(await anext(stream))
+            for _ in range(BLOCKS):
+                block(BLOCK_S)
+                # Up to a revolution that was measured after the block.
+                unblocked = time.monotonic_ns()
+                async with asyncio.timeout(PATIENCE_S):
+                    while scans[-1].stamp_ns < unblocked:
+                        scans.append(await anext(stream))
+            stats = lidar.stats
+        assert device.lost() == 0
+    assert (stats.lost_packets, stats.broken_scans, stats.skipped_bytes, stats.dropped_scans) == (0, 0, 0, 0)
+    assert [scan.seq for scan in scans] == list(range(scans[0].seq, scans[0].seq + len(scans)))
+    turn_s = TURN_S[family]
+    assert len(scans) >= BLOCKS * BLOCK_S / turn_s
+    periods = sorted((b.stamp_ns - a.stamp_ns) * 1e-9 / turn_s for a, b in pairwise(scans))
+    # A busy machine may bend one or the other stamp.
+    uneven = [period for period in periods if abs(period - 1) > 0.02]
+    assert len(uneven) <= len(periods) // 10, periods
+    assert 0.5 < periods[0] <= periods[-1] < 1.5
+
+
+async def test_a_reader_that_keeps_one_scan_is_told_what_it_missed() -> None:
+    with played("rplidar") as device:
+        async with open_lidar(device.path, family="rplidar") as lidar, lidar.scans() as stream:
+            first = await anext(stream)
+            await asyncio.sleep(0)
+            compute(1.0)
+            missed = 0
+            for _ in range(3):
+                missed += (scan := await anext(stream)).dropped_before
+            stats = lidar.stats
+        assert device.lost() == 0
+    assert missed >= 5
+    assert scan.seq == first.seq + missed + 3
+    assert stats.dropped_scans == missed
+    assert (stats.lost_packets, stats.broken_scans) == (0, 0)

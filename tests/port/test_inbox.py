@@ -1,0 +1,144 @@
+"""Bytes that were read and not handed over yet: all there is, in order, bounded, with the time of each read."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from lidario.port.inbox import INBOX_BYTES, Inbox, make_read
+from tests.support.ports import terminal_pair
+
+FULL = 4095
+
+
+class Script:
+    """A terminal that returns what the test wrote down, then nothing more."""
+
+    def __init__(self, *reads: bytes | Exception) -> None:
+        self.reads = list(reads)
+        self.now = 0
+
+    def read(self, handle: int) -> bytes:
+        self.now += 5
+        if not self.reads:
+            raise BlockingIOError
+        result = self.reads.pop(0)
+        if isinstance(result, Exception):
+            raise result
+        return result
+
+    def inbox(self) -> Inbox:
+        return Inbox(-1, lambda: self.now, self.read)
+
+
+@pytest.fixture
+def pipe() -> Iterator[tuple[int, int]]:
+    ends = os.pipe()
+    os.set_blocking(ends[0], False)
+    yield ends
+    for end in ends:
+        os.close(end)
+
+
+def test_each_read_is_kept_with_its_time() -> None:
+    script = Script(b"one", BlockingIOError(), b"three")
+    inbox = script.inbox()
+    for _ in range(3):
+        inbox.read()
+    assert (inbox.size, inbox.first_ns, inbox.last_ns) == (8, 5, 15)
+    assert inbox.peek() == inbox.take() == ([b"one", b"three"], [(3, 5), (8, 15)])
+    assert (inbox.size, inbox.first_ns) == (0, 0)
+    assert inbox.take() == ([], [])
+
+
+def test_what_waited_together_gets_one_time() -> None:
+    """A read returns 4095 bytes at most: the rest of what waited has not come later."""
+    inbox = Script(bytes(FULL), bytes(FULL), b"rest", b"not yet").inbox()
+    inbox.read()
+    chunks, arrivals = inbox.take()
+    assert [len(chunk) for chunk in chunks] == [2 * FULL + 4]
+    assert arrivals == [(2 * FULL + 4, 15)]
+
+
+def test_bytes_before_an_error_are_kept() -> None:
+    inbox = Script(bytes(FULL), OSError("unplugged"), OSError("unplugged")).inbox()
+    inbox.read()
+    assert inbox.size == FULL
+    with pytest.raises(OSError, match="unplugged"):
+        inbox.read()
+
+
+def test_beyond_a_mebibyte_bytes_are_dropped_and_counted() -> None:
+    piece = bytes(1000)
+    inbox = Script(*[piece] * 1100).inbox()
+    for _ in range(1100):
+        inbox.read()
+    kept = INBOX_BYTES // 1000 * 1000
+    assert (inbox.size, inbox.overflow) == (kept, 1_100_000 - kept)
+    chunks, arrivals = inbox.take()
+    assert sum(map(len, chunks)) == arrivals[-1][0] == kept
+
+
+@pytest.mark.parametrize("read", [make_read(), None], ids=["one reader", "its own"])
+def test_a_real_descriptor_is_read_dry(pipe: tuple[int, int], read: Callable[[int], bytes] | None) -> None:
+    inbox = Inbox(pipe[0], lambda: 7, read)
+    inbox.read()
+    assert inbox.size == 0
+    sent = os.urandom(20_000)
+    os.write(pipe[1], sent)
+    inbox.read()
+    assert inbox.take() == ([sent], [(20_000, 7)])
+
+
+def test_a_terminal_is_read_as_os_read_does() -> None:
+    with terminal_pair() as (master, slave, _):
+        os.set_blocking(slave, False)
+        read = make_read()
+        with pytest.raises(BlockingIOError):
+            read(slave)
+        os.write(master, b"\x00\xa5\xff")
+        assert read(slave) == b"\x00\xa5\xff"
+        os.close(master)
+        with pytest.raises(OSError, match=r"Input/output error|^$"):
+            # Either is the end of the line.
+            assert read(slave) == b""
+            raise OSError
+
+
+def test_a_guest_reads_only_while_the_inbox_is_shared() -> None:
+    inbox = Script(b"one", b"two", b"three").inbox()
+    inbox.read(guest=True)
+    inbox.share(False)
+    inbox.read(guest=True)
+    assert inbox.take()[0] == [b"one"]
+    inbox.read()
+    inbox.share(True)
+    inbox.read(guest=True)
+    assert inbox.take()[0] == [b"two", b"three"]
+
+
+def test_a_closed_inbox_reads_nothing_and_waits_for_the_read_in_progress() -> None:
+    reading, go_on = threading.Event(), threading.Event()
+
+    def slow(handle: int) -> bytes:
+        reading.set()
+        assert go_on.wait(20)
+        return b"slow"
+
+    inbox = Inbox(-1, lambda: 1, slow)
+    thread = threading.Thread(target=inbox.read)
+    thread.start()
+    assert reading.wait(20)
+    closing = threading.Thread(target=inbox.close)
+    closing.start()
+    closing.join(0.05)
+    assert closing.is_alive()
+    go_on.set()
+    closing.join(20)
+    thread.join(20)
+    assert inbox.take()[0] == [b"slow"]
+    inbox.read()
+    assert inbox.size == 0

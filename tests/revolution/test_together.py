@@ -1,0 +1,52 @@
+"""Runs of packets that were read together are one run."""
+
+from itertools import pairwise
+
+import pytest
+
+from lidario.revolution.together import join_runs
+from lidario.wire.events import Descriptor, Event, Packets, Response
+from tests.support.streams import CASES, Case, cut_up, named, open_stream
+
+RESPONSE = Response(1, b"", 0)
+
+
+def events_of(case: Case, chunk: int, every: int) -> list[Event]:
+    """The events of its stream in chunks, as many of which arrive at the same time."""
+    link = open_stream(case)
+    for number, piece in enumerate(cut_up(case.raw, chunk)):
+        link.receive_data(piece, number // every)
+    return list(link.events_received())
+
+
+@pytest.mark.parametrize("case", CASES, ids=named)
+@pytest.mark.parametrize("every", [1, 3, 10**6])
+def test_they_are_joined_with_the_time_of_each_read(case: Case, every: int) -> None:
+    events = events_of(case, 1000, every)
+    (whole,) = join_runs(events)
+    assert isinstance(whole, Packets)
+    runs = [event for event in events if isinstance(event, Packets)]
+    assert whole.data == b"".join(run.data for run in runs)
+    assert whole.count == sum(run.count for run in runs) == whole.arrivals[-1][0]
+    assert sum(block.size * block.packets for block in whole.blocks) == len(whole.data)
+    times = [at for _, at in whole.arrivals]
+    assert times == sorted({at for run in runs for _, at in run.arrivals})
+    assert all(one[0] < other[0] for one, other in pairwise(whole.arrivals))
+    # How many of them had come by then.
+    came = 0
+    expected: dict[int, int] = {}
+    for run in runs:
+        for count, at in run.arrivals:
+            expected[at] = came + count
+        came += run.count
+    assert {at: count for count, at in whole.arrivals} == expected
+
+
+def test_what_stands_between_them_keeps_its_place() -> None:
+    run = next(event for event in events_of(CASES[0], 1000, 1) if isinstance(event, Packets))
+    descriptor = Descriptor(0, 0, continuous=True)
+    events: list[Event] = [RESPONSE, descriptor, run, run, RESPONSE, run]
+    joined = join_runs(events)
+    assert [type(event) for event in joined] == [Response, Descriptor, Packets, Response, Packets]
+    assert joined[-1] is run
+    assert join_runs([]) == []
