@@ -279,13 +279,29 @@ class ScanMode:
 class Stats:
     """Counters of one session since it was opened; a snapshot.
 
+    Two sums close at any time, whatever was damaged or lost: each received byte is counted in exactly one of
+    `packet_bytes`, `record_bytes`, `skipped_bytes`, `response_bytes`, `stray_bytes`, `drained_bytes`,
+    `discarded_bytes` and `buffered`; each packet in exactly one of `scan_packets`, `discarded_packets` and
+    `unfinished_packets`.
+
     Attributes:
         bytes_received: All bytes that came in.
         packets: Intact measurement packets.
+        packet_bytes: Their bytes.
         lost_packets: Packets known to be missing, from the jump in the angle.
+        scan_packets: Packets of the scans that were delivered.
+        discarded_packets: Packets of revolutions that were not delivered: broken ones, the parts of a revolution at
+            the beginning and the end of a stream, and what nobody had asked for.
+        unfinished_packets: Packets of the revolution in the making.
+        records: Known records between packets that carry no measurement.
+        record_bytes: Their bytes.
         skipped_bytes: Bytes of a stream that belong to no packet.
         skipped_stretches: Stretches of such bytes.
+        response_bytes: Responses that were waited for, and what announces a stream.
         stray_bytes: Bytes outside a stream that are no response.
+        drained_bytes: Bytes thrown away after a STOP: what the device had still to send.
+        discarded_bytes: Bytes that were received but thrown away unparsed, because the program was too slow.
+        buffered: Bytes received that belong to nothing complete yet.
         late_responses: Responses to an earlier question, thrown away.
         scans: Full revolutions.
         broken_scans: Revolutions thrown away because more than a turn of them was missing.
@@ -296,10 +312,20 @@ class Stats:
 
     bytes_received: int = 0
     packets: int = 0
+    packet_bytes: int = 0
     lost_packets: int = 0
+    scan_packets: int = 0
+    discarded_packets: int = 0
+    unfinished_packets: int = 0
+    records: int = 0
+    record_bytes: int = 0
     skipped_bytes: int = 0
     skipped_stretches: int = 0
+    response_bytes: int = 0
     stray_bytes: int = 0
+    drained_bytes: int = 0
+    discarded_bytes: int = 0
+    buffered: int = 0
     late_responses: int = 0
     scans: int = 0
     broken_scans: int = 0

@@ -35,17 +35,35 @@ _ENDLESS_REVOLUTIONS = 2
 
 @dataclass(slots=True)
 class AssemblerStats:
-    """Running totals; they only grow.
+    """Running totals. All but `unfinished_packets` only grow.
+
+    Every packet that was added is counted in exactly one of the fields that end in ``_packets``, but for
+    `lost_packets`. A packet at the seam is counted with the revolution that it begins in.
 
     Attributes:
         scans: Revolutions delivered.
         broken_scans: Revolutions thrown away.
         lost_packets: Packets missing, also those of revolutions not delivered.
+        scan_packets: Packets of revolutions delivered.
+        discarded_packets: Packets of revolutions not delivered: broken ones, and the parts of one at the beginning
+            and the end of each stream.
+        unfinished_packets: Packets of the revolution in the making.
     """
 
     scans: int = 0
     broken_scans: int = 0
     lost_packets: int = 0
+    scan_packets: int = 0
+    discarded_packets: int = 0
+    unfinished_packets: int = 0
+
+    def finish(self, packets: int, *, delivered: bool) -> None:
+        """Count packets of a revolution that has ended."""
+        self.unfinished_packets -= packets
+        if delivered:
+            self.scan_packets += packets
+        else:
+            self.discarded_packets += packets
 
 
 class Assembler:
@@ -87,12 +105,19 @@ class Assembler:
         for split in splits:
             if split.packet > begin:
                 self._keep(self._part(event, begin, split.packet, offsets))
+            held = self.stats.unfinished_packets
             scan = self._end(split, event.data[offsets[split.packet] : offsets[split.packet + 1]])
+            self.stats.finish(held, delivered=scan is not None)
             if scan is not None:
                 scans.append(scan)
             begin = split.packet
         self._keep(self._part(event, begin, event.count, offsets))
         return scans
+
+    def end(self) -> None:
+        """The stream has ended: discard the revolution in the making. Harmless when done before."""
+        self.stats.finish(self.stats.unfinished_packets, delivered=False)
+        self._partial = PartialRevolution(whole=False)
 
     def _part(self, packets: Packets, begin: int, end: int, offsets: Sequence[int]) -> Packets:
         """The packets from number `begin` to before number `end`."""
@@ -115,9 +140,11 @@ class Assembler:
         """Add packets to the revolution in the making."""
         runs = self._partial.runs
         runs.append(packets)
+        self.stats.unfinished_packets += packets.count
         if packets.arrivals[-1][1] - runs[0].arrivals[0][1] > self._endless_ns:
             # It will never end as it should; without a bound it would be kept for ever.
             self.stats.broken_scans += self._partial.whole
+            self.stats.finish(self.stats.unfinished_packets, delivered=False)
             self._partial = PartialRevolution(whole=False)
 
     def _end(self, split: Split, following: bytes) -> Scan | None:
