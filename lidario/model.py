@@ -38,10 +38,13 @@ class Scan:
         wall_stamp_ns: The same instant in nanoseconds since the Unix epoch.
         time_increment_ns: Time from one sample to the next.
         duration_ns: Time from the first sample to the end of the turn.
-        rpm: Measured speed: turns a minute, from the interval between the starts of the last two scans.
-        seq: Number of the scan since the session was opened, 0 for the first.
+        rpm: Measured speed: turns a minute, from the time between the beginnings of this revolution and the one
+            before. Where that one was not seen, from the samples of this one; NaN where some of these are missing too.
+        seq: Number of the revolution since the session was opened, 0 for the first. It jumps by the revolutions that
+            are missing in between. Revolutions that pass while a query interrupts the stream have no number.
         dropped_before: Scans this reader missed since the one before, because it was slow.
-        lost_packets: Packets of this turn that were damaged or lost on the wire; their samples are absent.
+        lost_packets: Packets of this revolution that were damaged or lost on the wire; their samples are absent. Of
+            a revolution that was lost as a whole `seq` tells.
         mode: Name of the scan mode.
         max_range: Farthest distance of the scan mode in metres; 0 when the device does not say. It describes the
             mode and filters nothing: returns from beyond are in the arrays.
@@ -288,7 +291,8 @@ class Stats:
         bytes_received: All bytes that came in.
         packets: Intact measurement packets.
         packet_bytes: Their bytes.
-        lost_packets: Packets known to be missing, from the jump in the angle.
+        lost_packets: Packets known to be missing: from the jump in the angle, and from the time where whole
+            revolutions are missing.
         scan_packets: Packets of the scans that were delivered.
         discarded_packets: Packets of revolutions that were not delivered: broken ones, the parts of a revolution at
             the beginning and the end of a stream, and what nobody had asked for.
@@ -304,7 +308,9 @@ class Stats:
         buffered: Bytes received that belong to nothing complete yet.
         late_responses: Responses to an earlier question, thrown away.
         scans: Full revolutions.
-        broken_scans: Revolutions thrown away because more than a turn of them was missing.
+        broken_scans: Revolutions thrown away because so much of them was missing that they could not be told apart.
+        missed_scans: Revolutions missing between the scans, by which `Scan.seq` jumps: broken ones, and those of
+            which nothing came. What passes while the stream is interrupted is not counted.
         dropped_scans: Scans that slow readers missed, summed over all readers.
         interruptions: Times a stream was stopped for a query and started again.
         keepalives: Keepalive requests sent.
@@ -329,6 +335,7 @@ class Stats:
     late_responses: int = 0
     scans: int = 0
     broken_scans: int = 0
+    missed_scans: int = 0
     dropped_scans: int = 0
     interruptions: int = 0
     keepalives: int = 0

@@ -99,6 +99,7 @@ class Lidar:
             late_responses=link.late_responses,
             scans=assembled.scans,
             broken_scans=assembled.broken_scans,
+            missed_scans=assembled.missed_scans,
             dropped_scans=self._scanner.hub.dropped,
             interruptions=totals.interruptions,
             keepalives=totals.keepalives,
