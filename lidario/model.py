@@ -38,10 +38,10 @@ class Scan:
         wall_stamp_ns: The same instant in nanoseconds since the Unix epoch.
         time_increment_ns: Time from one sample to the next.
         duration_ns: Time from the first sample to the end of the turn.
-        rpm: Measured speed: turns a minute, from the time between the beginnings of this revolution and the one
-            before. Where that one was not seen, from the samples of this one; NaN where some of these are missing too.
-        seq: Number of the revolution since the session was opened, 0 for the first. It jumps by the revolutions that
-            are missing in between. Revolutions that pass while a query interrupts the stream have no number.
+        rpm: Measured speed: turns a minute, from the time between the beginnings of this revolution and the
+            one before. Where that one was not seen, from the samples of this one; NaN where some are missing too.
+        seq: Number of the revolution since the session was opened, 0 for the first. It jumps by the revolutions
+            that are missing in between. Those that pass while a query interrupts the stream have no number.
         dropped_before: Scans this reader missed since the one before, because it was slow.
         lost_packets: Packets of this revolution that were damaged or lost on the wire; their samples are absent. Of
             a revolution that was lost as a whole `seq` tells.

@@ -34,8 +34,12 @@ _BROKEN_SHARE = 0.9
 _ENDLESS_REVOLUTIONS = 2
 """Slowest revolutions' time after which a revolution that has not ended is given up."""
 
-_FIRST_PACKETS = 1.5
-"""Packets' arcs behind the seam within which a revolution begins; farther on, its beginning was lost."""
+_FIRST_PACKETS = 0.9
+_FIRST_SHARE = 0.01
+"""Packets' arcs behind the seam, or share of 360 degrees, within which a revolution begins; farther on, its
+beginning was lost."""
+_WHOLE = 0.99
+"""Share of a revolution that samples without a gap must be, for their time to tell the speed."""
 _BEFORE_SEAM = 1 / 12
 """Part of 360 degrees by which a heading may tremble back behind the seam."""
 
@@ -233,6 +237,10 @@ class Assembler:
         ordinary_ns = self._last_spanned_ns or spanned_ns
         broken = ended.last_ns - start_ns > spanned_ns + _BROKEN_SHARE * ordinary_ns
         broken |= not _known(packets, samples, ended.last_ns - start_ns, sample_ns)
+        if samples is not None and samples.certain:
+            # More than one revolution by its angles: they went back by so little that it looked like jitter.
+            within = len(arrays) + (samples.lost - samples.lost_behind) * samples.ends[-1] / len(samples.ends)
+            broken |= within > _UNEVEN * samples.revolution_samples
         revolution_ns = self._passed(ended, packets, samples, start_ns, sample_ns, spanned_ns, broken)
         if not ended.whole:
             return None
@@ -240,8 +248,14 @@ class Assembler:
             self.stats.break_scan()
             return None
         self._last_spanned_ns = spanned_ns
-        # Where the revolution before was not seen, a whole one tells its speed by itself.
-        interval_ns = spanned_ns if math.isnan(revolution_ns) and not lost else revolution_ns
+        if math.isnan(revolution_ns) and not lost:
+            # The revolution before was not seen: what this one holds tells its speed.
+            complete = (
+                samples is None
+                or not samples.certain
+                or spanned_ns > _WHOLE * samples.revolution_samples * sample_ns
+            )
+            revolution_ns = spanned_ns if complete else math.nan
         seq = self.stats.scans + self.stats.missed_scans
         self.stats.scans += 1
         return _build(
@@ -251,7 +265,7 @@ class Assembler:
             wall_ns=start_ns + self._wall_offset_ns,
             spanned_ns=spanned_ns,
             sample_ns=sample_ns,
-            interval_ns=interval_ns,
+            interval_ns=revolution_ns,
             seq=seq,
             lost=lost,
         )
@@ -288,7 +302,9 @@ class Assembler:
             over=0.0 if ended.carried is not None else self._over(packets, samples),
             revolution_ns=samples.revolution_samples * sample_ns if samples.certain else 0.0,
             revolution_packets=samples.revolution_packets,
-            packet_ns=packet_ns,
+            packet_ns=sample_ns * samples.revolution_samples / samples.revolution_packets
+            if samples.certain
+            else packet_ns,
             packets=packets.count,
             lost=samples.lost,
             broken=broken and ended.whole,
@@ -304,7 +320,8 @@ class Assembler:
         first = Packets(packets.data[: blocks[0].size], blocks, ((1, 0),))
         heading = int(wire.headings(first)[0]) & HEADING_MASK
         over = (heading - (self._seam.angle or 0)) % wire.full_turn / wire.full_turn
-        return over if over * samples.revolution_packets > _FIRST_PACKETS and over < 1 - _BEFORE_SEAM else 0.0
+        behind = over * samples.revolution_packets
+        return over if behind > _FIRST_PACKETS and _FIRST_SHARE < over < 1 - _BEFORE_SEAM else 0.0
 
 
 def _known(packets: Packets | None, samples: Samples | None, elapsed_ns: int, sample_ns: float) -> bool:

@@ -85,9 +85,12 @@ class RevolutionCount:
             return Passed(0, _lost_by_time(last, elapsed), math.nan)
         share = 1 + here.over - last.over
         extra = elapsed / last.revolution_ns - share
-        unseen = self._unseen(extra, last.lost > 0 or last.broken)
+        unseen = self._unseen(extra, last.lost > 0)
+        lost = round(unseen * last.revolution_packets)
+        if last.broken and unseen:
+            lost = _lost_by_time(last, elapsed)
         near = not unseen and abs(extra) < NOISE and elapsed > 0
-        return Passed(unseen, round(unseen * last.revolution_packets), elapsed / share if near else math.nan)
+        return Passed(unseen, lost, elapsed / share if near else math.nan)
 
     def _unseen(self, extra: float, gap: bool) -> int:
         if not self._late and abs(extra) < NOISE:

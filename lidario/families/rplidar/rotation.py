@@ -157,7 +157,7 @@ class Rotation:
         if spans.max() > 1.5 * self._typical or spans.min() < self._typical / 2:
             ordinary = spans[np.abs(spans - self._typical) <= self._typical / 2]
         if len(ordinary):
-            self._typical = _middle(ordinary)
+            self._typical = self._middle(ordinary)
             self._strange = 0
         else:
             # A few strange spans are gaps; many, or some again and again, are another speed.
@@ -166,6 +166,15 @@ class Rotation:
                 self._certain, self._strange, self._remembered = False, 0, np.empty(0)
                 return self._learn_first(spans)
         return self._typical
+
+    def _middle(self, spans: NDArray[np.float64]) -> float:
+        middle = len(spans) // 2
+        median = float(np.partition(spans, middle)[middle])
+        if self._jitter <= 0.5:
+            return median
+        # The arc of a node is a few units: one of 7.2 is 7 or 8, and the median 7.
+        near = spans[np.abs(spans - median) <= median / 2]
+        return float(near.mean()) if len(near) else median
 
     def _learn_first(self, spans: NDArray[np.float64]) -> float:
         """The same, as long as nothing is certain: from all spans seen so far."""
@@ -178,17 +187,12 @@ class Rotation:
                     short /= parts
                     break
         ordinary = seen[np.abs(seen - short) <= short / 2]
-        self._typical = _middle(ordinary) if len(ordinary) else short
+        self._typical = self._middle(ordinary) if len(ordinary) else short
         agreeing = np.count_nonzero(_alike(ordinary, self._typical)) if self._jitter <= 0.5 else len(ordinary)
         # Where most spans are gaps of any length, some agree by chance; but not most of the short ones.
         self._certain = bool(agreeing >= CERTAIN_SPANS and 2 * agreeing > len(ordinary))
         self._remembered = seen[-REMEMBERED_SPANS:]
         return self._typical
-
-
-def _middle(spans: NDArray[np.float64]) -> float:
-    middle = len(spans) // 2
-    return float(np.partition(spans, middle)[middle])
 
 
 def _alike(spans: NDArray[np.float64], arc: float) -> NDArray[np.bool_]:

@@ -84,6 +84,7 @@ class PointCloudDecoder:
             ends=ends,
             lost=int(missing.sum()),
             unbroken=int(gaps[0]) + 1 if len(gaps) else len(counts),
+            lost_behind=int(missing[-1]) if len(gaps) else 0,
             # The start packet holds one sample, the last packet of a revolution what is left.
             revolution_packets=1.0 + math.ceil((samples_a_turn - 1) / counts.max()) if step else 0.0,
             revolution_samples=samples_a_turn,
