@@ -38,10 +38,13 @@ class Scan:
         wall_stamp_ns: The same instant in nanoseconds since the Unix epoch.
         time_increment_ns: Time from one sample to the next.
         duration_ns: Time from the first sample to the end of the revolution.
-        rpm: Measured speed: revolutions a minute, from the interval between the starts of the last two scans.
-        seq: Number of the scan since the session was opened, 0 for the first.
+        rpm: Measured speed: revolutions a minute, from the time between the beginnings of this revolution and the
+            one before. Where that one was not seen, from the samples of this one; NaN where some are missing too.
+        seq: Number of the revolution since the session was opened, 0 for the first. It jumps by the revolutions
+            that are missing in between. Those that pass while a query interrupts the stream have no number.
         dropped_before: Scans this reader missed since the one before, because it was slow.
-        lost_packets: Packets of this revolution that were damaged or lost on the wire; their samples are absent.
+        lost_packets: Packets of this revolution that were damaged or lost on the wire; their samples are absent. Of
+            a revolution that was lost as a whole `seq` tells.
         mode: Name of the scan mode.
         max_range: Farthest distance of the scan mode in metres; 0 when the device does not say. It describes the
             mode and filters nothing: returns from beyond are in the arrays.
@@ -279,16 +282,35 @@ class ScanMode:
 class Stats:
     """Counters of one session since it was opened; a snapshot.
 
+    Two sums close at any time, whatever was damaged or lost: each received byte is counted in exactly one of
+    `packet_bytes`, `record_bytes`, `skipped_bytes`, `response_bytes`, `stray_bytes`, `drained_bytes`,
+    `discarded_bytes` and `buffered`; each packet in exactly one of `scan_packets`, `discarded_packets` and
+    `unfinished_packets`.
+
     Attributes:
         bytes_received: All bytes that came in.
         packets: Intact measurement packets.
-        lost_packets: Packets known to be missing, from the jump in the angle.
+        packet_bytes: Their bytes.
+        lost_packets: Packets known to be missing: from the jump in the angle, and from the time where whole
+            revolutions are missing.
+        scan_packets: Packets of the scans that were delivered.
+        discarded_packets: Packets of revolutions that were not delivered: broken ones, the parts of a revolution at
+            the beginning and the end of a stream, and what nobody had asked for.
+        unfinished_packets: Packets of the revolution in the making.
+        records: Known records between packets that carry no measurement.
+        record_bytes: Their bytes.
         skipped_bytes: Bytes of a stream that belong to no packet.
         skipped_stretches: Stretches of such bytes.
+        response_bytes: Responses that were waited for, and what announces a stream.
         stray_bytes: Bytes outside a stream that are no response.
-        late_responses: Responses that came too late, thrown away.
+        drained_bytes: Bytes thrown away after a STOP: what the device had still to send.
+        discarded_bytes: Bytes that were received but thrown away unparsed, because the program was too slow.
+        buffered: Bytes received that belong to nothing complete yet.
+        late_responses: Responses to an earlier question, thrown away.
         scans: Full revolutions.
-        broken_scans: Revolutions thrown away: the stream began anew, or parts of two may have met in a gap.
+        broken_scans: Revolutions thrown away because so much of them was missing that they could not be told apart.
+        missed_scans: Revolutions missing between the scans, by which `Scan.seq` jumps: broken ones, and those of
+            which nothing came. What passes while the stream is interrupted is not counted.
         dropped_scans: Scans that slow readers missed, summed over all readers.
         interruptions: Times a stream was stopped for a query and started again.
         keepalives: Keepalive requests sent.
@@ -296,13 +318,24 @@ class Stats:
 
     bytes_received: int = 0
     packets: int = 0
+    packet_bytes: int = 0
     lost_packets: int = 0
+    scan_packets: int = 0
+    discarded_packets: int = 0
+    unfinished_packets: int = 0
+    records: int = 0
+    record_bytes: int = 0
     skipped_bytes: int = 0
     skipped_stretches: int = 0
+    response_bytes: int = 0
     stray_bytes: int = 0
+    drained_bytes: int = 0
+    discarded_bytes: int = 0
+    buffered: int = 0
     late_responses: int = 0
     scans: int = 0
     broken_scans: int = 0
+    missed_scans: int = 0
     dropped_scans: int = 0
     interruptions: int = 0
     keepalives: int = 0

@@ -29,6 +29,7 @@ if sys.platform != "win32":
     pass
 
 from tests.support.leaks import leaves_no_task, leaves_nothing
+from tests.support.ledger import ledgers_made
 
 NEVER_MIND = (HealthCheck.too_slow, HealthCheck.data_too_large)
 
@@ -103,6 +104,14 @@ def _obeyed(request: pytest.FixtureRequest) -> Iterator[None]:
         all_obeyed(devices)
     elif any(mark.name == "discards" for mark in request.node.own_markers):
         assert some_discarded(devices), "the marker discards is not needed: no request was discarded"
+
+
+@pytest.fixture(autouse=True)
+def _ledger() -> Iterator[None]:
+    """Every byte and packet that a link or a session of the test received is counted in exactly one place."""
+    with ledgers_made() as ledgers:
+        yield
+    ledgers.assert_closed()
 
 
 @pytest.fixture

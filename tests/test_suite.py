@@ -8,16 +8,22 @@ import re
 import subprocess
 import sys
 import threading
+from asyncio import timeout
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
+from lidario.errors import DeviceLost, LidarError
 from lidario.families.rplidar import commands
+from lidario.session.opening import open_lidar
 from lidario.sim.device import Received
 from tests.support import leaks
 from tests.support.devices import make_rig
 from tests.support.discards import all_obeyed, devices_made, some_discarded
 from tests.support.leaks import leaves_no_task, leaves_nothing
+from tests.support.ledger import BYTES, PACKETS, assert_stats_close, ledgers_made
+from tests.support.loop import driven
 
 ROOT = Path(__file__).parent.parent
 PATIENCE_S = 60.0
@@ -27,6 +33,7 @@ import os
 
 import pytest
 
+from lidario.wire.link import Link
 from tests.support.devices import make_rig
 
 
@@ -67,6 +74,12 @@ def test_leaves_a_file() -> None:
     os.open(os.devnull, os.O_RDONLY)
 
 
+def test_takes_one_counter_out() -> None:
+    link = Link()
+    link.receive_data(b"noise", 0)
+    link.stats.stray_bytes = 0
+
+
 async def test_leaves_a_task() -> None:
     asyncio.get_running_loop().task = asyncio.create_task(asyncio.sleep(60))
 """
@@ -76,6 +89,7 @@ CAUGHT = {
     "test_leaves_a_task",
     "test_makes_a_device_discard",
     "test_needs_no_marker",
+    "test_takes_one_counter_out",
 }
 if not Path(leaks.FOLDER).is_dir():
     CAUGHT.remove("test_leaves_a_file")  # the system does not tell
@@ -155,6 +169,39 @@ def test_which_discarded_requests_are_mistakes(name: str, why: str, mistake: boo
     device.log.append(Received(0, name, b"", obeyed=False, why=why))
     assert some_discarded([device]) is mistake
     device.log.clear()
+
+
+FAULTS = ("", "&fault=flip:0.1%", "&fault=drop:1%", "&fault=insert:0.1%", "&fault=stall:200ms", "&fault=unplug:4s")
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault[7:] or "none")
+@pytest.mark.parametrize("source", ["sim://rplidar-s2?via=memory", "sim://ydlidar-4ros?via=memory"])
+@driven
+async def test_the_ledger_of_a_session_closes_under_every_fault(source: str, fault: str) -> None:
+    """While it streams, in a query, and when it has ended; each of its counters is needed for that."""
+    with ledgers_made() as ledgers, suppress(DeviceLost):
+        async with open_lidar(source + fault + "&seed=3") as lidar:
+            with suppress(LidarError, TimeoutError):
+                async with timeout(5.0), lidar.scans() as stream:
+                    async for _ in stream:
+                        assert_stats_close(lidar.stats)
+                        if lidar.stats.scans == 2:
+                            await lidar.get_health()
+    assert len(ledgers.sessions) == 1
+    ledgers.assert_closed()
+    ((_, link, assembled),) = ledgers.sessions
+    counted: list[tuple[object, str]] = [
+        (link.stats, name) for name in (*BYTES, "unread_packets") if getattr(link.stats, name)
+    ]
+    counted += [(assembled, name) for name in PACKETS if getattr(assembled, name)]
+    assert len(counted) >= 3
+    for counters, name in counted:
+        right = getattr(counters, name)
+        setattr(counters, name, 0)
+        with pytest.raises(AssertionError, match="accounted for"):
+            ledgers.assert_closed()
+        setattr(counters, name, right)
+    ledgers.assert_closed()
 
 
 def test_the_suite_watches_every_test(tmp_path: Path) -> None:

@@ -45,6 +45,10 @@ class Samples:
         lost: Packets missing between these ones and before the one that follows.
         unbroken: Leading packets before the first gap.
         lost_behind: How many of the lost ones stood behind the last packet.
+        revolution_packets: How many packets a whole revolution has at the present speed; 0 when that is not known.
+        revolution_samples: The same, samples.
+        certain: Whether the angle that a packet covers is known for sure. Where it is not, as when nearly all
+            packets are missing, neither the angles nor `lost` can be relied on.
     """
 
     angle_deg: NDArray[np.float32]
@@ -55,6 +59,9 @@ class Samples:
     lost: int
     unbroken: int
     lost_behind: int = 0
+    revolution_packets: float = 0.0
+    revolution_samples: float = 0.0
+    certain: bool = True
 
 
 class Decoder(Protocol):

@@ -57,6 +57,7 @@ class PartialRevolution:
         carried: Samples from the packet that crossed the seam at its beginning, if any.
         carried_ns: Arrival of that packet.
         lost_behind_carried: Packets missing right behind that packet.
+        carried_packets: Packets that a whole revolution has, as far as was known when that packet was decoded.
         runs: The packets since, as they were reported.
     """
 
@@ -64,6 +65,7 @@ class PartialRevolution:
     carried: SampleArrays | None = None
     carried_ns: int = 0
     lost_behind_carried: int = 0
+    carried_packets: float = 0.0
     runs: list[Packets] = field(default_factory=list)
 
     def packets(self) -> Packets | None:
@@ -80,6 +82,20 @@ class PartialRevolution:
         blocks: list[Block] = []
         join_blocks(blocks, [block for run in runs for block in run.blocks])
         return Packets(b"".join([run.data for run in runs]), tuple(blocks), tuple(arrivals))
+
+    def revoke_carried(self, revolution_packets: float) -> int:
+        """Drop the carried samples if their packet was stretched over a gap; return the packets missing there.
+
+        The first packet of a stream may be judged by a gap behind it. When the revolution has ended it is known how
+        many packets one really has.
+        """
+        if self.carried is None or not self.carried_packets:
+            return 0
+        missing = round(revolution_packets / self.carried_packets) - 1
+        if missing < 1:
+            return 0
+        self.carried = None
+        return missing
 
     @property
     def last_ns(self) -> int:

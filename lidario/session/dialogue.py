@@ -125,6 +125,7 @@ class Dialogue:
         if callback is not None:
             for packets in early:
                 callback(packets)
+                self.stats.unread_packets -= packets.count
 
     def set_polling(self, latency: float, schedule: Schedule | None) -> None:
         """As `Port.set_polling`."""
@@ -347,8 +348,10 @@ class Dialogue:
 
     def _handle(self, event: Event) -> None:
         if isinstance(event, Packets):
+            self.stats.unread_packets += event.count
             if self._on_packets is not None:
                 self._on_packets(event)
+                self.stats.unread_packets -= event.count
             elif self._link.state is LinkState.STREAMING and len(self._early) < _EARLY_LIMIT:
                 self._early.append(event)
         else:

@@ -104,6 +104,7 @@ class Running:
     def end(self) -> None:
         """Let go of everything; the device is not told. Harmless when done before."""
         self._dialogue.deliver_to(None)
+        self._assembler.end()
         for timer in (self._watchdog, self._keepalive):
             if timer is not None:
                 timer.cancel()

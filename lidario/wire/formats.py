@@ -27,7 +27,16 @@ from numpy.typing import NDArray
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
 
-__all__ = ["BEGINS", "HEADINGS_WORTH_AN_ARRAY", "NO_PACKET", "RESTARTS", "Headings", "StreamFormat", "Stretch"]
+__all__ = [
+    "BEGINS",
+    "HEADINGS_WORTH_AN_ARRAY",
+    "HEADING_MASK",
+    "NO_PACKET",
+    "RESTARTS",
+    "Headings",
+    "StreamFormat",
+    "Stretch",
+]
 
 NO_PACKET = -1
 """Result of `measure` and `other_record`: nothing of the kind can begin here."""
@@ -36,7 +45,10 @@ BEGINS = 1 << 28
 """Flag in a heading: the device marks this packet as the first of a revolution."""
 
 RESTARTS = 1 << 29
-"""Flag in a heading: the stream began anew with this packet; it does not continue the one before."""
+"""Flag in a heading: the device says that the stream began anew with this packet. The angles tell whether it did."""
+
+HEADING_MASK = BEGINS - 1
+"""What is left of a heading without its flags: the angle."""
 
 HEADINGS_WORTH_AN_ARRAY = 24
 """Packets from which their headings are made and compared as an array. Measured: making and comparing a list takes

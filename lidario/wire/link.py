@@ -107,6 +107,14 @@ class Link:
         if arrivals:
             self._arrivals.clear()
 
+    def discard_data(self, size: int) -> None:
+        """Count `size` bytes that were received and are thrown away unparsed, because the host was too slow.
+
+        The bytes around them are parsed as they come: a packet that is cut short is damage like any other.
+        """
+        self.stats.bytes_received += size
+        self.stats.discarded_bytes += size
+
     def events_received(self) -> list[Event]:
         """The events since the last call, oldest first."""
         events, self._events = self._events, []

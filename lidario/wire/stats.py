@@ -16,7 +16,7 @@ class LinkStats:
     """Running totals since the link was made; they only grow.
 
     After every call: ``bytes_received == packet_bytes + record_bytes + skipped_bytes + response_bytes + stray_bytes
-    + drained_bytes + Link.buffered``.
+    + drained_bytes + discarded_bytes + Link.buffered``.
 
     Attributes:
         bytes_received: All bytes that came in.
@@ -29,6 +29,9 @@ class LinkStats:
         response_bytes: Responses to a pending request, with their descriptors, and the descriptors of streams.
         stray_bytes: Bytes outside a stream that are no response.
         drained_bytes: Bytes thrown away after a STOP.
+        discarded_bytes: Bytes that were received but thrown away unparsed, because the host was too slow.
+        unread_packets: Of `packets`, those that nobody has taken: what came before its reader, or behind it; those
+            that are taken late leave this count again.
         late_responses: Responses nobody waits for: those of an abandoned request, and those that match the pending
             request in type and size but begin with the echo of another one. The bytes of the second kind are stray.
     """
@@ -43,4 +46,6 @@ class LinkStats:
     response_bytes: int = 0
     stray_bytes: int = 0
     drained_bytes: int = 0
+    discarded_bytes: int = 0
+    unread_packets: int = 0
     late_responses: int = 0

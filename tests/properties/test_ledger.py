@@ -11,6 +11,7 @@ from lidario.families.rplidar import commands as rplidar
 from lidario.families.ydlidar import commands as ydlidar
 from lidario.wire.link import Link
 from tests.support.harm import LURES, messes
+from tests.support.ledger import assert_link_closes
 from tests.support.streams import KINDS, Case, named
 
 INFO = b"\xa5\x5a\x14\0\0\0\x04" + bytes(20)
@@ -30,19 +31,6 @@ ACTIONS: dict[str, Callable[[Link, Case], None]] = {
 }
 
 
-def assert_balanced(link: Link) -> None:
-    stats = link.stats
-    assert stats.bytes_received == (
-        stats.packet_bytes
-        + stats.record_bytes
-        + stats.skipped_bytes
-        + stats.response_bytes
-        + stats.stray_bytes
-        + stats.drained_bytes
-        + link.buffered
-    )
-
-
 @pytest.mark.parametrize("case", KINDS, ids=named)
 @given(st.data())
 def test_every_byte_is_counted_once(case: Case, data: st.DataObject) -> None:
@@ -59,12 +47,12 @@ def test_every_byte_is_counted_once(case: Case, data: st.DataObject) -> None:
                 ACTIONS[step](link, case)
             except LocalProtocolError:
                 continue
-            assert_balanced(link)
+            assert_link_closes(link)
         else:
             chunk = data.draw(st.integers(1, 1000), "chunk")
             for at in range(0, len(step), chunk):
                 link.receive_data(step[at : at + chunk], 0)
-                assert_balanced(link)
+                assert_link_closes(link)
 
 
 @pytest.mark.parametrize("case", KINDS, ids=named)
@@ -75,7 +63,7 @@ def test_each_kind_of_bytes_has_its_place(case: Case) -> None:
             ACTIONS[step](link, case)
         else:
             link.receive_data(step, 0)
-        assert_balanced(link)
+        assert_link_closes(link)
     stats = link.stats
     assert stats.stray_bytes == len(INFO) + len(HEALTH)
     assert stats.response_bytes == len(INFO) + len(case.descriptor)

@@ -184,7 +184,7 @@ async def test_a_rotor_that_stands_still_is_noticed(family: str) -> None:
         await anext(stream)
         running = lidar._scanner._running
         assert running is not None
-        running._assembler.add = lambda event: []  # type: ignore[method-assign]
+        running._assembler._seam.splits = lambda headings: []  # type: ignore[method-assign]
         with pytest.raises(StreamFailed, match="no full revolution"):
             while True:
                 await anext(stream)
@@ -203,7 +203,7 @@ async def test_a_mistake_of_ours_ends_the_stream_and_says_so(family: str) -> Non
         await anext(stream)
         running = lidar._scanner._running
         assert running is not None
-        running._assembler.add = blunder  # type: ignore[method-assign]
+        running._assembler._seam.splits = blunder  # type: ignore[assignment, method-assign]
         with pytest.raises(InternalError, match=r"IndexError\('a bug'\).*report") as caught:
             while True:
                 await anext(stream)

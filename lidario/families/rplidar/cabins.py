@@ -171,13 +171,16 @@ class _UltraDenseTables:
 _ultra_dense_tables = cache(_UltraDenseTables)
 
 
-def ultra_dense_cabins(cabins: NDArray[np.uint16], last_q2: int) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
+def ultra_dense_cabins(
+    cabins: NDArray[np.uint16], last_q2: int, missing: NDArray[np.intp] | None = None
+) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
     """0x86: distances in 1/4 mm and intensities, both flat, (packets * 64,).
 
     Args:
         cabins: (packets, 80), five bytes for two samples: the lower 16 bits of each sample in its word, the upper
             4 in the byte of the pair.
-        last_q2: Distance of the sample before the first.
+        last_q2: Distance of the sample before the first; 0 when that is missing.
+        missing: (packets,), packets missing behind each; None when none is. Nothing is smoothed across a gap.
     """
     tables = _ultra_dense_tables()
     words, upper = _pairs(cabins)
@@ -185,7 +188,10 @@ def ultra_dense_cabins(cabins: NDArray[np.uint16], last_q2: int) -> tuple[NDArra
     intensity |= _UPPER_NIBBLES.take(upper, axis=0)
     words = words.reshape(-1)
     distance = tables.distance.take(words)
-    return _smoothed(distance, words & 3 == 0, last_q2), intensity.reshape(-1)
+    fine = words & 3 == 0
+    if missing is not None:
+        fine.reshape(len(cabins), -1)[1:, 0] &= missing[:-1] == 0
+    return _smoothed(distance, fine, last_q2), intensity.reshape(-1)
 
 
 def _smoothed(raw: NDArray[np.int32], fine: NDArray[np.bool_], last: int) -> NDArray[np.int32]:

@@ -135,6 +135,9 @@ class CapsuleDecoder(ABC):
             lost=arcs.lost,
             unbroken=arcs.unbroken,
             lost_behind=arcs.lost_behind,
+            revolution_packets=FULL_TURN_Q6 / arcs.typical if arcs.typical else 0.0,
+            revolution_samples=FULL_TURN_Q6 / arcs.typical * self.samples if arcs.typical else 0.0,
+            certain=arcs.certain,
         )
 
     @abstractmethod
@@ -211,8 +214,11 @@ class UltraDenseDecoder(CapsuleDecoder):
         self._last_q2 = 0
 
     def _payload(self, capsules: Capsules, distance: Floats, angle: Floats) -> Bytes:  # noqa: ARG002
-        distance_q2, intensity = ultra_dense_cabins(np.ascontiguousarray(capsules.words[:, 5:]), self._last_q2)
-        self._last_q2 = int(distance_q2[-1])
+        distance_q2, intensity = ultra_dense_cabins(
+            np.ascontiguousarray(capsules.words[:, 5:]), self._last_q2, capsules.missing
+        )
+        missing_behind = capsules.missing is not None and capsules.missing[-1] > 0
+        self._last_q2 = 0 if missing_behind else int(distance_q2[-1])
         distance[...] = distance_q2.reshape(distance.shape)
         distance /= 4.0
         return intensity
@@ -231,7 +237,12 @@ class HqDecoder:
         rows = np.frombuffer(packets.data, HQ)
         nodes = rows["nodes"]
         after = None if following is None else int(np.frombuffer(following, HQ)["nodes"]["angle"][0, 0])
-        arcs = self._rotation.arcs(nodes["angle"][:, 0].astype(np.int32), after)
+        first = nodes["angle"][:, 0].astype(np.int32)
+        # From the first of 96 nodes to the last there are 95 steps.
+        inside = np.multiply(
+            (nodes["angle"][:, -1] - first) % FULL_TURN_Q14, self.samples / (self.samples - 1), dtype=np.float64
+        )
+        arcs = self._rotation.arcs_told(first, after, inside)
         size = room + nodes.size
         angle, distance, intensity = _empty(size)
         angle[room:].reshape(nodes.shape)[...] = nodes["angle"]
@@ -248,6 +259,9 @@ class HqDecoder:
             lost=arcs.lost,
             unbroken=arcs.unbroken,
             lost_behind=arcs.lost_behind,
+            revolution_packets=FULL_TURN_Q14 / arcs.typical if arcs.typical else 0.0,
+            revolution_samples=FULL_TURN_Q14 / arcs.typical * self.samples if arcs.typical else 0.0,
+            certain=arcs.certain,
         )
 
     @staticmethod
@@ -291,6 +305,9 @@ class NodeDecoder:
             lost=arcs.lost,
             unbroken=arcs.unbroken,
             lost_behind=arcs.lost_behind,
+            revolution_packets=FULL_TURN_Q6 / arcs.typical if arcs.typical else 0.0,
+            revolution_samples=FULL_TURN_Q6 / arcs.typical if arcs.typical else 0.0,
+            certain=arcs.certain,
         )
 
 

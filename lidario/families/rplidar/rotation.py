@@ -4,6 +4,10 @@ A packet states where it begins but not where it ends: that is where the next on
 between two packets by the samples of one is right only when the second really followed the first. After a loss
 the vendor's SDK stretches the samples over the whole gap. Here the arc of an ordinary packet is known from the
 neighbours, so the number of missing packets is too, and each packet gets its own share of the arc.
+
+What is ordinary has to be learned first, and the first spans of a stream may be gaps. So all spans are kept until
+enough of them agree; only then is the arc certain, and judges those that come. Where packets hold the angle of each
+sample, the arc is known from the inside, and nothing needs to be learned.
 """
 
 from __future__ import annotations
@@ -21,6 +25,12 @@ STRANGE_SPANS: Final = 4
 """Spans in a row, all unlike what was ordinary so far, after which they are the ordinary ones."""
 TRUSTED_GAP: Final = 8
 """Missing packets up to which the arc over the gap says more than an ordinary arc."""
+CERTAIN_SPANS: Final = 6
+"""Spans that must agree before the ordinary arc is certain; the fewest packets a revolution of any mode has."""
+REMEMBERED_SPANS: Final = 64
+"""Spans kept until then."""
+LIKENESS: Final = 0.2
+"""Two arcs within this share of each other are one: ordinary ones scatter by less, half a gap is farther off."""
 
 
 class Arcs(NamedTuple):
@@ -29,10 +39,14 @@ class Arcs(NamedTuple):
     Attributes:
         arc: Rotation during the packet, in heading units: whole numbers where nothing is missing.
         missing: Packets missing behind it, an array; None when none is.
+        typical: The arc of an ordinary packet, in heading units; 0 when nothing is known.
+        certain: Whether enough arcs agree to be sure of that.
     """
 
     arc: NDArray[np.int32] | NDArray[np.float64]
     missing: NDArray[np.intp] | None
+    typical: float
+    certain: bool
 
     @property
     def lost(self) -> int:
@@ -65,45 +79,66 @@ class Rotation:
         self._retreat = int(full_turn * RETREAT_TURNS)
         self._jitter = jitter
         self._typical = 0.0
+        self._certain = False
+        self._remembered = np.empty(0)
         self._strange = 0
         self._last_arc = 0.0
 
     def arcs(self, headings: NDArray[np.int32], following: int | None) -> Arcs:
         """The arc of each packet and the gaps behind them, given where the next packet begins, if known."""
-        spans = np.empty_like(headings)
-        np.subtract(headings[1:], headings[:-1], out=spans[:-1])
-        spans[-1] = 0 if following is None else following - int(headings[-1])
-        np.add(spans, self._full_turn, out=spans, where=spans < -self._retreat)
+        spans = self._spans(headings, following)
         shortest, longest, total = int(spans.min()), int(spans.max()), int(spans.sum())
         ordinary = self._jitter * self._typical < shortest and longest <= (1 + self._jitter) * self._typical
-        if ordinary and following is not None:
+        if ordinary and self._certain and following is not None:
             # The mean is as good as the median where nothing is far from either, and much cheaper.
             self._typical = total / len(spans)
             self._strange = 0
             self._last_arc = float(spans[-1])
-            return Arcs(spans, None)
+            return Arcs(spans, None, self._typical, certain=True)
+        return self._among_gaps(self._signed(spans), following is not None)
+
+    def arcs_told(self, headings: NDArray[np.int32], following: int | None, inside: NDArray[np.float64]) -> Arcs:
+        """As `arcs`, where the packets themselves tell how far the rotor turned during each, `inside`."""
+        self._typical = float(np.median(inside))
+        spans = self._signed(self._spans(headings, following))
+        if self._typical <= 0:
+            return Arcs(inside, None, 0.0, certain=False)
+        missing = np.ceil(spans / self._typical - 1 - self._jitter).astype(np.intp)
+        if following is None:
+            missing[-1] = 0
+        _forgive_falls(missing, spans)
+        np.maximum(missing, 0, out=missing)
+        return Arcs(inside, missing if missing.any() else None, self._typical, certain=True)
+
+    def _spans(self, headings: NDArray[np.int32], following: int | None) -> NDArray[np.int32]:
+        """How far ahead of each heading the next one is; the last is 0 where none follows."""
+        spans = np.empty_like(headings)
+        np.subtract(headings[1:], headings[:-1], out=spans[:-1])
+        spans[-1] = 0 if following is None else following - int(headings[-1])
+        np.add(spans, self._full_turn, out=spans, where=spans < -self._retreat)
+        return spans
+
+    def _signed(self, spans: NDArray[np.int32]) -> NDArray[np.float64]:
+        """The same, where almost a full turn ahead is a little behind."""
         rough = spans.astype(np.float64)
         np.subtract(rough, self._full_turn, out=rough, where=rough >= self._full_turn - self._retreat)
-        return self._among_gaps(rough, following is not None)
+        return rough
 
     def _among_gaps(self, spans: NDArray[np.float64], followed: bool) -> Arcs:
         """As `arcs`, where spans may hold more than one packet, or less."""
         typical = self._learn(spans if followed else spans[:-1])
         if typical <= 0:
-            return Arcs(np.maximum(spans, 0.0), None)
+            return Arcs(np.maximum(spans, 0.0), None, 0.0, certain=False)
         packets = spans / typical
         missing = np.ceil(packets - 1 - self._jitter).astype(np.intp)
         if not followed:
             missing[-1] = -1
-        # A leap beside a fall is one heading that is out of place, not a gap.
-        falls = spans < 0
-        missing[1:][falls[:-1]] = -1
-        missing[:-1][falls[1:]] = -1
+        _forgive_falls(missing, spans)
         arc = np.where(missing == 0, spans, typical)
         for gap in np.flatnonzero((missing > 0) & (missing <= TRUSTED_GAP)).tolist():
             arc[gap] = self._before_gap(arc, missing, gap, spans[gap] / (missing[gap] + 1))
         self._last_arc = float(arc[-1])
-        return Arcs(arc, np.maximum(missing, 0))
+        return Arcs(arc, np.maximum(missing, 0), typical, self._certain)
 
     def _before_gap(self, arc: NDArray[np.float64], missing: NDArray[np.intp], gap: int, mean: float) -> float:
         """The arc of the packet before a gap: on the line from the packet before it to the middle of the gap."""
@@ -116,19 +151,56 @@ class Rotation:
         """The arc of an ordinary packet: the median of those that are near the last one known."""
         if not len(spans):
             return self._typical
-        # Gaps only ever lengthen a span, so when nothing is known the short ones tell the truth.
-        short = float(np.partition(spans, len(spans) // 4)[len(spans) // 4])
-        near = self._typical or short
+        if not self._certain:
+            return self._learn_first(spans)
         ordinary = spans
-        if spans.max() > 1.5 * near or spans.min() < near / 2:
-            ordinary = spans[np.abs(spans - near) <= near / 2]
+        if spans.max() > 1.5 * self._typical or spans.min() < self._typical / 2:
+            ordinary = spans[np.abs(spans - self._typical) <= self._typical / 2]
         if len(ordinary):
-            middle = len(ordinary) // 2
-            self._typical = float(np.partition(ordinary, middle)[middle])
+            self._typical = self._middle(ordinary)
             self._strange = 0
         else:
             # A few strange spans are gaps; many, or some again and again, are another speed.
             self._strange += len(spans)
             if self._strange >= STRANGE_SPANS:
-                self._typical = short
+                self._certain, self._strange, self._remembered = False, 0, np.empty(0)
+                return self._learn_first(spans)
         return self._typical
+
+    def _middle(self, spans: NDArray[np.float64]) -> float:
+        middle = len(spans) // 2
+        median = float(np.partition(spans, middle)[middle])
+        if self._jitter <= 0.5:
+            return median
+        # The arc of a node is a few units: one of 7.2 is 7 or 8, and the median 7.
+        near = spans[np.abs(spans - median) <= median / 2]
+        return float(near.mean()) if len(near) else median
+
+    def _learn_first(self, spans: NDArray[np.float64]) -> float:
+        """The same, as long as nothing is certain: from all spans seen so far."""
+        seen = np.concatenate((self._remembered, spans))
+        # Gaps only ever lengthen a span, so the short ones tell the truth.
+        short = float(np.partition(seen, len(seen) // 4)[len(seen) // 4])
+        if self._jitter <= 0.5:  # beyond it, ordinary arcs scatter so much that short ones say nothing
+            for parts in (4, 3, 2):
+                if np.count_nonzero(_alike(seen, short / parts)) >= STRANGE_SPANS:
+                    short /= parts
+                    break
+        ordinary = seen[np.abs(seen - short) <= short / 2]
+        self._typical = self._middle(ordinary) if len(ordinary) else short
+        agreeing = np.count_nonzero(_alike(ordinary, self._typical)) if self._jitter <= 0.5 else len(ordinary)
+        # Where most spans are gaps of any length, some agree by chance; but not most of the short ones.
+        self._certain = bool(agreeing >= CERTAIN_SPANS and 2 * agreeing > len(ordinary))
+        self._remembered = seen[-REMEMBERED_SPANS:]
+        return self._typical
+
+
+def _alike(spans: NDArray[np.float64], arc: float) -> NDArray[np.bool_]:
+    return np.asarray(np.abs(spans - arc) <= LIKENESS * arc)
+
+
+def _forgive_falls(missing: NDArray[np.intp], spans: NDArray[np.float64]) -> None:
+    """A leap beside a fall is one heading that is out of place, not a gap."""
+    falls = spans < 0
+    missing[1:][falls[:-1]] = -1
+    missing[:-1][falls[1:]] = -1

@@ -41,6 +41,8 @@ HEADER_WORDS: Final = HEADER_SIZE // 2
 ORDER: Final = np.arange(MOST_SAMPLES, dtype=np.float32)
 SLACK_SAMPLES: Final = 3.0
 """Missing samples below which a jump is taken for unsteadiness of the rotor, where no start packet is due."""
+_STEADY: Final = 2.0
+"""Times the mean step that a packet's own step may be; a rotor does not change its speed within a revolution."""
 BACKWARD_Q6: Final = 2 << 6
 """How far a packet may begin before the end of the one before, without a revolution being missing."""
 
@@ -72,6 +74,8 @@ class PointCloudDecoder:
 
         missing = self._missing(first, way, counts, starts, following)
         gaps = missing.nonzero()[0]
+        step = _step(way, counts)
+        samples_a_turn = FULL_TURN_Q6 / step if step else 0.0
         return Samples(
             angle_deg=angle,
             distance_mm=distance,
@@ -80,6 +84,11 @@ class PointCloudDecoder:
             ends=ends,
             lost=int(missing.sum()),
             unbroken=int(gaps[0]) + 1 if len(gaps) else len(counts),
+            lost_behind=int(missing[-1]) if len(gaps) else 0,
+            # The start packet holds one sample, the last packet of a revolution what is left.
+            revolution_packets=1.0 + math.ceil((samples_a_turn - 1) / counts.max()) if step else 0.0,
+            revolution_samples=samples_a_turn,
+            certain=step > 0,
         )
 
     def _missing(
@@ -89,14 +98,17 @@ class PointCloudDecoder:
         marked = starts.nonzero()[0]
         if len(marked):
             self._seam = int(first[marked[0]])
+        step = _step(way, counts)
+        if int(way.max()) > _STEADY * step * (int(counts.max()) - 1):
+            # A damaged angle must not look like packets lost behind it.
+            usual = step * (counts - 1)
+            way = np.where(way > _STEADY * usual, np.rint(usual), way).astype(np.int32)
         tails = first + way
         jumps = np.empty_like(first)
         np.subtract(first[1:], tails[:-1], out=jumps[:-1])
         jumps[-1] = 0 if following is None else _heading(following) - tails[-1]
         jumps %= FULL_TURN_Q6
         jumps[jumps > FULL_TURN_Q6 - BACKWARD_Q6] = 0
-        steps = int(counts.sum()) - len(counts)
-        step = int(way.sum()) / steps if steps else 0.0
         # Nothing is missing in a jump of one step; half a step more is the least that can mean something.
         gaps = (jumps > 1.5 * step).nonzero()[0].tolist() if step else ()
         missing = np.zeros(len(first) if gaps else 0, np.intp)
@@ -150,6 +162,19 @@ def _fill(
         grid += (first[these, None] * steps).astype(np.float32)
         grid /= 64.0 * steps
         at, packet = until, packet + count
+
+
+def _step(way: Ints, counts: Ints) -> float:
+    """The angle from one sample to the next; 0 when no packet has two of them."""
+    steps = int(counts.sum()) - len(counts)
+    if not steps:
+        return 0.0
+    mean = int(way.sum()) / steps
+    if int(way.max()) <= _STEADY * mean * (int(counts.max()) - 1):
+        return mean
+    # A damaged angle that the check value let pass; the others tell the truth.
+    several = counts > 1
+    return float(np.median(way[several] / (counts[several] - 1)))
 
 
 def _beam_deg(first: int, way: int, samples: int) -> NDArray[np.float64]:

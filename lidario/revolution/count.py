@@ -1,0 +1,114 @@
+"""How many revolutions passed from one beginning to the next, and how long one takes, by the time.
+
+Angles repeat with each revolution: whether one or five have passed unseen, only the time can tell. The time between
+two beginnings is divided by what one revolution takes, which the step of the angle and the time of a sample tell.
+What is above one are revolutions of which no packet came.
+
+Time stamps may be late, never early, as after a blocked event loop; then what seems missing comes back when the
+stamps are right again. So where the angles show no gap, a revolution is counted only when the stamps stay late.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+__all__ = ["NOISE", "Beginning", "Passed", "RevolutionCount"]
+
+NOISE: Final = 0.35
+"""Revolutions by which the time between two beginnings may be off, by late stamps and an uneven rotor."""
+PATIENCE: Final = 2
+"""Revolutions for which stamps must stay late, where no packet is known to be missing."""
+
+
+@dataclass(slots=True)
+class Beginning:
+    """What is known of a revolution when it has ended.
+
+    Attributes:
+        start_ns: When its first sample was measured.
+        over: Share of the revolution that was over by then: 0, unless its beginning was lost.
+        revolution_ns: What a whole revolution takes at its speed; 0 when that is not known.
+        revolution_packets: How many packets a whole revolution has; 0 when that is not known.
+        packet_ns: What a packet takes on average; 0 when that is not known.
+        packets: How many came.
+        lost: How many are known to be missing in it or right behind it.
+        broken: Whether parts of several revolutions may have met in it, so that `lost` is not all.
+    """
+
+    start_ns: int
+    over: float
+    revolution_ns: float
+    revolution_packets: float
+    packet_ns: float
+    packets: int
+    lost: int
+    broken: bool
+
+
+class Passed(NamedTuple):
+    """What lay between two beginnings.
+
+    Attributes:
+        unseen: Whole revolutions of which nothing came.
+        lost: Packets that are missing beyond those that the angles told.
+        revolution_ns: What the one between them took; NaN where they were not next to each other.
+    """
+
+    unseen: int
+    lost: int
+    revolution_ns: float
+
+
+class RevolutionCount:
+    """Follows the beginnings of revolutions through one stream."""
+
+    def __init__(self) -> None:
+        self._last: Beginning | None = None
+        self._late = 0.0
+        self._waited = 0
+
+    def restart(self) -> None:
+        """The stream began anew: nothing is known of the revolution before."""
+        self._last = None
+        self._late = 0.0
+
+    def follow(self, here: Beginning) -> Passed:
+        """Tell what passed since the beginning before; it is one revolution on by the angles."""
+        last, self._last = self._last, here
+        if last is None:
+            return Passed(0, 0, math.nan)
+        elapsed = here.start_ns - last.start_ns
+        if not last.revolution_ns:
+            # Too little came of it to know its speed, and so how much the angles hide.
+            return Passed(0, _lost_by_time(last, elapsed), math.nan)
+        share = 1 + here.over - last.over
+        extra = elapsed / last.revolution_ns - share
+        unseen = self._unseen(extra, last.lost > 0)
+        lost = round(unseen * last.revolution_packets)
+        if last.broken and unseen:
+            lost = _lost_by_time(last, elapsed)
+        near = not unseen and abs(extra) < NOISE and elapsed > 0
+        return Passed(unseen, lost, elapsed / share if near else math.nan)
+
+    def _unseen(self, extra: float, gap: bool) -> int:
+        if not self._late and abs(extra) < NOISE:
+            return 0
+        self._late += extra
+        self._waited += 1
+        if abs(self._late) < 1 - NOISE:
+            self._late, self._waited = 0.0, 0
+        if self._late <= 0:
+            return 0
+        if not gap and self._waited <= PATIENCE:
+            return 0
+        unseen = int(self._late + NOISE)
+        self._late, self._waited = 0.0, 0
+        return unseen
+
+
+def _lost_by_time(last: Beginning, elapsed: int) -> int:
+    if not last.packet_ns or not last.broken:
+        return 0
+    return max(0, round(elapsed / last.packet_ns) - last.packets - last.lost)
