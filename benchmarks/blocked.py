@@ -34,6 +34,10 @@ _BLOCKED_S = 1.0
 _MOST = 5
 _PAUSE_S = 0.3
 _TIMEOUT_S = 40.0
+_LATE_MS = 15.0
+_ATTEMPTS = 4
+"""A player that the machine kept waiting sends at once what it should have sent meanwhile. No device does, and the
+line loses part of it whoever reads. Then it is measured again, so many times at most."""
 _PEER = "pyrplidarsdk"
 
 
@@ -52,15 +56,30 @@ def run(setting: Setting) -> Result:
                 for block_ms in blocks_ms:
                     for reader in readers:
                         try:
-                            got, played = _read(setting, reader, device, player, kind, block_ms)
+                            figures = _measure(setting, reader, device, player, kind, block_ms)
                         except Failed as failed:
                             absent[f"{reader}, {device}, {kind}, {block_ms} ms"] = str(failed)
                             continue
                         about = {"device": device, "kind": kind, "block_ms": block_ms, "reader": reader}
-                        found.append(about | _figures(got, played))
+                        found.append(about | figures)
     tables = [_table(device, [each for each in found if each["device"] == device]) for device in devices]
     tables[-1].notes += [f"absent: {who}: {why}" for who, why in absent.items()]
     return Result("blocked", tables, {"found": found, "absent": absent, "holds": HOLDS})
+
+
+def _measure(
+    setting: Setting, reader: str, device: str, player: Player, kind: str, block_ms: int
+) -> dict[str, Any]:
+    """The figures of one cell: of the first attempt at which the player was in time, or of its best one."""
+    best: dict[str, Any] | None = None
+    for _ in range(1 if setting.quick else _ATTEMPTS):
+        figures = _figures(*_read(setting, reader, device, player, kind, block_ms))
+        if best is None or figures["player_late_ms"] < best["player_late_ms"]:
+            best = figures
+        if best["player_late_ms"] <= _LATE_MS:
+            break
+    assert best is not None
+    return best
 
 
 def _read(

@@ -117,10 +117,11 @@ def blocked(data: dict[str, Any], folder: Path) -> None:
         axes.minorticks_off()
         axes.set_title(f"blocked by: {kind}", fontsize=9)
         axes.set_xlabel("length of a block, ms")
-        axes.set_ylim(bottom=-1)
         axes.grid(True, alpha=0.3)
+    # Only now: it would fix the scale that all share.
+    panels[0][0].set_ylim(-2, 100)
     panels[0][0].set_ylabel("bytes lost, % of all")
-    panels[0][0].legend(fontsize=7)
+    panels[0][0].legend(fontsize=7, loc="upper left")
     _finish(figure, folder, "blocked")
 
 

@@ -70,6 +70,7 @@ class Dialogue:
         self._loop = asyncio.get_running_loop()
         self._on_packets: Callable[[Packets], None] | None = None
         self._early: list[Packets] = []
+        self._overflow = port.overflow_bytes
         self._patience = math.inf
         # What the operation in progress waits for, and the response it waits for, if it is one.
         self._waiter: asyncio.Future[bytes] | None = None
@@ -113,11 +114,6 @@ class Dialogue:
         """All bytes that came in so far."""
         return self._link.stats.bytes_received
 
-    @property
-    def overflow_bytes(self) -> int:
-        """As `Port.overflow_bytes`; they are no part of `bytes_received`."""
-        return self._port.overflow_bytes
-
     def deliver_to(self, callback: Callable[[Packets], None] | None) -> None:
         """Call `callback` with each run of packets, those that came since the descriptor first; None for nobody."""
         self._on_packets = callback
@@ -148,6 +144,11 @@ class Dialogue:
     def data_received(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]] = ()) -> None:
         """As `Receiver`. A mistake of ours ends the dialogue: it must not leave readers waiting."""
         try:
+            overflow = self._port.overflow_bytes
+            if overflow != self._overflow:
+                # They came before `data`: the port keeps what comes first.
+                self._link.discard_data(overflow - self._overflow)
+                self._overflow = overflow
             self._link.receive_data(data, now, arrivals)
             for event in join_runs(self._link.events_received()):
                 self._handle(event)

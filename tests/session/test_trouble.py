@@ -18,6 +18,7 @@ from lidario import (
     Unsupported,
     open_lidar,
 )
+from lidario.port.port import Port
 from lidario.sim.world import make_world
 from tests.support.devices import Rig, both_families, left_still, make_rig, names, take
 from tests.support.loop import DrivenLoop, driven
@@ -306,3 +307,23 @@ async def test_a_device_that_does_not_stop_is_reported(family: str) -> None:
         rig.device.wakeup = lambda now: now + 5_000_000
         with pytest.raises(StreamFailed, match="goes on sending after 3 STOP requests"):
             await lidar.stop()
+
+
+@both_families
+@driven
+async def test_bytes_that_a_full_port_dropped_are_told(family: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = make_rig(family)
+    dropped = 0
+    monkeypatch.setattr(Port, "overflow_bytes", property(lambda self: dropped))
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        before = lidar.stats
+        assert before.discarded_bytes == 0
+        dropped = 5000
+        await anext(stream)
+        dropped = 5100
+        await anext(stream)
+        after = lidar.stats
+    assert after.discarded_bytes == 5100
+    ordinary = 3 * (before.bytes_received // max(before.scans, 1))
+    assert 5100 < after.bytes_received - before.bytes_received < 5100 + ordinary
