@@ -154,6 +154,14 @@ class Device(ABC):
     def identify(self) -> Script[DeviceInfo]:
         """Ask what the device is; the other scripts rely on it having been asked once."""
 
+    def complete_probe(self) -> bytes:
+        """What to write after an identifying request that had no response.
+
+        A device of another family, on a line whose speed does not matter, may take that request for the beginning
+        of a longer one, and would hear nothing until that is complete. Default: nothing.
+        """
+        return b""
+
     @abstractmethod
     def health(self) -> Script[Health]:
         """Ask how the device is."""

@@ -20,10 +20,10 @@ _LEAST_ROUNDS = 2
 """A single question may be swallowed by half a request that a killed program left behind."""
 
 
-async def introduce(dialogue: Dialogue, device: Device, patience: float) -> DeviceInfo:
+async def introduce(dialogue: Dialogue, device: Device, patience: float, *, quiet: bool = False) -> DeviceInfo:
     """Stop whatever the device is doing and ask what it is, again and again for `patience` seconds.
 
-    With no patience at all it is asked once.
+    With no patience at all it is asked once. Where the line is known to be `quiet`, its silence is not waited for.
 
     Raises:
         ResponseTimeout: It does not respond.
@@ -35,7 +35,10 @@ async def introduce(dialogue: Dialogue, device: Device, patience: float) -> Devi
     while True:
         rounds -= 1
         began = loop.time()
-        await dialogue.quieten()
+        if quiet:
+            await dialogue.ask(device.stop())
+        else:
+            await dialogue.quieten()
         try:
             return await dialogue.run(device.identify())
         except ResponseTimeout:

@@ -101,6 +101,10 @@ class Device4Ros(Device):
             serial="".join(str(digit) if digit < 10 else f"[{digit:02x}]" for digit in serial),
         )
 
+    def complete_probe(self) -> bytes:
+        """As `Device.complete_probe`."""
+        return commands.COMPLETE_INFO
+
     def health(self) -> Script[Health]:
         """As `Device.health`; raises RemoteProtocolError for a status that is not defined."""
         status, code = struct.unpack("<BH", (yield from self._ask_health()))
