@@ -11,13 +11,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Final, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.errors import Unsupported
-from lidario.model import DeviceInfo, Health, SampleRate, ScanMode
+from lidario.errors import RemoteProtocolError, Unsupported
+from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.events import Packets
 from lidario.wire.formats import StreamFormat
@@ -25,10 +25,49 @@ from lidario.wire.formats import StreamFormat
 if TYPE_CHECKING:
     from lidario.sim.device import SimulatedDevice
 
-__all__ = ["Decoder", "Device", "Family", "Keepalive", "Samples", "Script", "Stream", "Timing"]
+__all__ = [
+    "Decoder",
+    "Device",
+    "Family",
+    "Keepalive",
+    "Samples",
+    "Script",
+    "Stream",
+    "Timing",
+    "agreed",
+    "health_of",
+]
 
 T = TypeVar("T")
 Script: TypeAlias = Generator[Request, bytes, T]
+
+STATUSES: Final = (HealthStatus.OK, HealthStatus.WARNING, HealthStatus.ERROR)
+"""Health by its number, the same in every family so far."""
+MOST_DIFFERENT: Final = 5
+
+
+def agreed(request: Request) -> Script[bytes]:
+    """Ask until two responses are equal: responses carry no checksum, and one flipped bit makes another device.
+
+    Raises:
+        RemoteProtocolError: Five responses were all different.
+    """
+    seen: set[bytes] = set()
+    for _ in range(MOST_DIFFERENT):
+        payload = yield request
+        if payload in seen:
+            return payload
+        seen.add(payload)
+    raise RemoteProtocolError(
+        f"{MOST_DIFFERENT} responses to {request.name} were all different: the line damages what it carries"
+    )
+
+
+def health_of(status: int, code: int) -> Health:
+    """Health by its number; a warning where no document defines the number: only an error is known to be one."""
+    if status < len(STATUSES):
+        return Health(STATUSES[status], code)
+    return Health(HealthStatus.WARNING, code, f"it reports health status {status}, which is not defined")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,7 +175,13 @@ class Timing:
 
 
 class Device(ABC):
-    """One device of a family: what it is, as far as asked, and how to talk to it. No I/O."""
+    """One device of a family: what it is, as far as asked, and how to talk to it. No I/O.
+
+    Attributes:
+        can_keep_spinning: Whether the motor can go on when the laser is stopped.
+    """
+
+    can_keep_spinning: bool = True
 
     @abstractmethod
     def stop(self) -> Request:

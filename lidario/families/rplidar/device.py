@@ -13,14 +13,14 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Final
 
-from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout, Unsupported
+from lidario.errors import InvalidValue, ResponseTimeout, Unsupported
 from lidario.families.arguments import finite
-from lidario.families.base import Device, Script, Stream
+from lidario.families.base import Device, Script, Stream, agreed, health_of
 from lidario.families.rplidar import commands
 from lidario.families.rplidar.commands import Conf
 from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.formats import FORMATS
-from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, ScanMode
+from lidario.model import DeviceInfo, Health, SampleRate, ScanMode
 from lidario.wire.envelope import Request
 
 __all__ = ["RplidarDevice"]
@@ -42,7 +42,6 @@ SLOWEST_TURN_S: Final = 1.0
 NODE_TYPE: Final = 0x81
 EXPRESS_TYPE: Final = 0x82
 UNIDENTIFIED: Final = 0
-STATUSES: Final = (HealthStatus.OK, HealthStatus.WARNING, HealthStatus.ERROR)
 
 
 class RplidarDevice(Device):
@@ -75,8 +74,8 @@ class RplidarDevice(Device):
         return commands.RESET
 
     def identify(self) -> Script[DeviceInfo]:
-        """As `Device.identify`."""
-        model, minor, major, hardware, serial = struct.unpack("<BBBB16s", (yield commands.GET_INFO))
+        """As `Device.identify`; asked until two responses are equal."""
+        model, minor, major, hardware, serial = struct.unpack("<BBBB16s", (yield from agreed(commands.GET_INFO)))
         self._major, self._firmware = model >> 4, (major, minor)
         return DeviceInfo(
             family="rplidar",
@@ -88,11 +87,9 @@ class RplidarDevice(Device):
         )
 
     def health(self) -> Script[Health]:
-        """As `Device.health`; raises RemoteProtocolError for a status that is not defined."""
+        """As `Device.health`; a status that is not defined is a warning."""
         status, code = struct.unpack("<BH", (yield commands.GET_HEALTH))
-        if status >= len(STATUSES):
-            raise RemoteProtocolError(f"the device reports health status {status}, and only 0, 1 and 2 are defined")
-        return Health(STATUSES[status], code)
+        return health_of(status, code)
 
     def sample_rate(self) -> Script[SampleRate]:
         """As `Device.sample_rate`."""

@@ -48,8 +48,8 @@ INFO_TIMEOUT_S: Final = 1.0
 HEALTH_TIMEOUT_S: Final = 0.5
 SETTING_TIMEOUT_S: Final = 2.0
 SCAN_TIMEOUT_S: Final = 2.0
-SCAN_SIZE: Final = 5
-"""What the scan header claims as its length; the manual says to ignore it."""
+LARGEST: Final = 0x3FFF_FFFF
+"""The scan header's length is to be ignored (manual 3.1): every value is right that its 30 bits can hold."""
 
 
 class Answer(IntEnum):
@@ -93,7 +93,7 @@ TOGGLE_PROTECTION: Final = _setting("TOGGLE_PROTECTION", 0xD9, 1)
 _SCAN: Final = Request(
     "SCAN",
     encode_request(0x60),
-    Expected(0x81, SCAN_SIZE, continuous=True),
+    Expected(0x81, 0, LARGEST, continuous=True),
     SCAN_TIMEOUT_S,
     # Only the first SCAN has a header as its response (manual 3.8): once packets flow, asking again would wait in
     # vain.

@@ -69,7 +69,17 @@ STANDARD = ScanMode(0, "Standard", 62.5, 16.0, 0x81)
 def test_identify() -> None:
     found, sent = drive(RplidarDevice().identify(), {b"\xa5\x50": info()})
     assert found == DeviceInfo("rplidar", "RPLIDAR S2M1", S2, "1.29", 18, "A0A1A2A3A4A5A6A7A8A9AAABACADAEAF")
-    assert [request.data for request in sent] == [b"\xa5\x50"]
+    # Twice: responses carry no checksum.
+    assert [request.data for request in sent] == [b"\xa5\x50"] * 2
+
+
+def test_an_identity_that_is_never_the_same_is_refused() -> None:
+    script = RplidarDevice().identify()
+    next(script)
+    with pytest.raises(RemoteProtocolError, match="all different"):
+        for number in range(9):
+            script.send(bytes((number,)) * 20)
+    assert number == 4
 
 
 @pytest.mark.parametrize(
@@ -103,9 +113,10 @@ def test_health(payload: bytes, health: Health) -> None:
 
 
 @pytest.mark.parametrize("status", [3, 128, 255])
-def test_an_undefined_status_is_no_health(status: int) -> None:
-    with pytest.raises(RemoteProtocolError, match=f"health status {status}"):
-        drive(RplidarDevice().health(), {b"\xa5\x52": bytes((status, 0, 0))})
+def test_an_undefined_status_is_a_warning(status: int) -> None:
+    health, _ = drive(RplidarDevice().health(), {b"\xa5\x52": bytes((status, 1, 0))})
+    assert (health.status, health.code, health.ok) == (HealthStatus.WARNING, 1, True)
+    assert f"health status {status}" in health.note
 
 
 def test_sample_rate() -> None:
