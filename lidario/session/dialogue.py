@@ -346,7 +346,8 @@ class Dialogue:
             elif self._link.state is LinkState.STREAMING and len(self._early) < _EARLY_LIMIT:
                 self._early.append(event)
         else:
-            self._wake(_For.RESPONSE, event.payload if isinstance(event, Response) else b"")
+            # Of a stream, the script is told what its descriptor announces.
+            self._wake(_For.RESPONSE, event.payload if isinstance(event, Response) else bytes((event.type,)))
 
     async def _until_it_listens(self) -> None:
         """Wait until the device accepts a request."""

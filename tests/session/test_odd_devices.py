@@ -8,6 +8,8 @@ from collections.abc import Callable
 import pytest
 
 from lidario import HealthStatus, Unsupported
+from lidario.families.rplidar.simulated.device import Profile, SimulatedRplidar
+from lidario.families.rplidar.simulated.requests import Request
 from tests.support.devices import Rig, both_families, left_still, make_rig, names, take
 from tests.support.loop import driven
 
@@ -133,3 +135,33 @@ def change_info(rig: Rig, change: Callable[[bytes], bytes], patch: pytest.Monkey
     else:
         info = rig.device._info
         patch.setattr(rig.device, "_info", lambda: change(info()))
+
+
+@pytest.mark.parametrize("foretold", [0x81, 0x82, 0x83, 0x84, 0x86])
+def test_the_descriptor_decides_which_format_is_decoded(foretold: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = make_rig("rplidar")
+    tell = type(rig.device.profile).conf
+
+    def mistaken(profile: Profile, kind: int, arguments: bytes) -> bytes:
+        told = tell(profile, kind, arguments)
+        return bytes((foretold,)) if kind == 0x75 and told == b"\x85" else told
+
+    monkeypatch.setattr(type(rig.device.profile), "conf", mistaken)
+    # SCAN is what a mode of plain nodes is started by; the device sends its own format all the same.
+    monkeypatch.setitem(type(rig.device)._HANDLERS, "scan", lambda device, request: start_dense(device, request))
+
+    @driven
+    async def main() -> None:
+        async with rig.open() as lidar:
+            scans = await take(lidar, 3)
+            assert all(scan.lost_packets == 0 and 3000 < len(scan.ranges) < 3400 for scan in scans)
+            assert scans[0].intensities is None
+            assert lidar.stats.skipped_bytes == lidar.stats.stray_bytes == 0
+
+    main()
+
+
+def start_dense(device: SimulatedRplidar, request: Request) -> str:
+    dense = device.profile.mode(1)
+    assert dense is not None
+    return device._start(dense, request)

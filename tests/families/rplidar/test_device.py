@@ -361,3 +361,22 @@ def test_what_the_family_cannot_do_says_so() -> None:
             script()
     with pytest.raises(Unsupported):
         device.power_down_protection(True)
+
+
+def test_a_device_silent_about_its_modes_is_not_asked_for_a_minute() -> None:
+    count = conf(Conf.MODE_COUNT, b"\x10\0")
+    for told in (
+        {},
+        {key: value for mode in range(16) for key, value in conf(Conf.ANSWER_TYPE, b"\x81", mode).items()},
+    ):
+        answers = {**count, **told}
+        modes, sent = drive(identified().modes(), answers)
+        assert modes
+        assert sum(each.timeout * each.attempts for each in sent if answers.get(each.data) is None) <= 6.0
+
+
+def test_mode_names_are_utf_8() -> None:
+    name = "H\N{LATIN SMALL LETTER O WITH DIAERESIS}he \N{CJK UNIFIED IDEOGRAPH-5BC6}"
+    answers = {**LISTED, **conf(Conf.MODE_COUNT, b"\x01\0"), **conf(Conf.MODE_NAME, name.encode() + b"\0", 0)}
+    (mode,), _ = drive(identified().modes(), answers)
+    assert mode.name == name
