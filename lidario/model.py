@@ -207,10 +207,12 @@ class Health:
     Attributes:
         status: ``ERROR`` means the device protects itself and will not scan.
         code: The device's error code; the vendors do not publish what the codes mean.
+        note: What is unusual about the response, or its absence, for people; mostly empty.
     """
 
     status: HealthStatus
     code: int
+    note: str = ""
 
     @property
     def ok(self) -> bool:

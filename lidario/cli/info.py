@@ -65,6 +65,7 @@ def _facts(told: _Told) -> Table:
 
     device, health = told.info, told.health
     code = f" (code {health.code})" if health.code else ""
+    code += f": {health.note}" if health.note else ""
     table = Table.grid(padding=(0, 2))
     table.add_column(style="bold")
     table.add_column(overflow="fold")

@@ -1,7 +1,7 @@
 """The one face that every family of devices shows to the session.
 
 A family speaks in scripts: generators that yield a `Request` and are resumed with the payload of its response
-(empty bytes where there is none), so that a whole conversation is written down in order and yet does no I/O.
+(empty bytes where there is none, the answer type where a stream begins), so that a whole conversation is written down in order and yet does no I/O.
 The session runs them, keeps the timing each request demands, and throws `ResponseTimeout` into a script whose
 request had no response, which a script may catch to fall back on something else.
 """
@@ -11,13 +11,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Final, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.errors import Unsupported
-from lidario.model import DeviceInfo, Health, SampleRate, ScanMode
+from lidario.errors import RemoteProtocolError, Unsupported
+from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.events import Packets
 from lidario.wire.formats import StreamFormat
@@ -25,10 +25,49 @@ from lidario.wire.formats import StreamFormat
 if TYPE_CHECKING:
     from lidario.sim.device import SimulatedDevice
 
-__all__ = ["Decoder", "Device", "Family", "Keepalive", "Samples", "Script", "Stream", "Timing"]
+__all__ = [
+    "Decoder",
+    "Device",
+    "Family",
+    "Keepalive",
+    "Samples",
+    "Script",
+    "Stream",
+    "Timing",
+    "agreed",
+    "health_of",
+]
 
 T = TypeVar("T")
 Script: TypeAlias = Generator[Request, bytes, T]
+
+STATUSES: Final = (HealthStatus.OK, HealthStatus.WARNING, HealthStatus.ERROR)
+"""Health by its number, the same in every family so far."""
+MOST_DIFFERENT: Final = 5
+
+
+def agreed(request: Request) -> Script[bytes]:
+    """Ask until two responses are equal: responses carry no checksum, and one flipped bit makes another device.
+
+    Raises:
+        RemoteProtocolError: Five responses were all different.
+    """
+    seen: set[bytes] = set()
+    for _ in range(MOST_DIFFERENT):
+        payload = yield request
+        if payload in seen:
+            return payload
+        seen.add(payload)
+    raise RemoteProtocolError(
+        f"{MOST_DIFFERENT} responses to {request.name} were all different: the line damages what it carries"
+    )
+
+
+def health_of(status: int, code: int) -> Health:
+    """Health by its number; a warning where no document defines the number: only an error is known to be one."""
+    if status < len(STATUSES):
+        return Health(STATUSES[status], code)
+    return Health(HealthStatus.WARNING, code, f"it reports health status {status}, which is not defined")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,7 +182,13 @@ class Timing:
 
 
 class Device(ABC):
-    """One device of a family: what it is, as far as asked, and how to talk to it. No I/O."""
+    """One device of a family: what it is, as far as asked, and how to talk to it. No I/O.
+
+    Attributes:
+        can_keep_spinning: Whether the motor can go on when the laser is stopped.
+    """
+
+    can_keep_spinning: bool = True
 
     @abstractmethod
     def stop(self) -> Request:
@@ -160,6 +205,14 @@ class Device(ABC):
     @abstractmethod
     def identify(self) -> Script[DeviceInfo]:
         """Ask what the device is; the other scripts rely on it having been asked once."""
+
+    def complete_probe(self) -> bytes:
+        """What to write after an identifying request that had no response.
+
+        A device of another family, on a line whose speed does not matter, may take that request for the beginning
+        of a longer one, and would hear nothing until that is complete. Default: nothing.
+        """
+        return b""
 
     @abstractmethod
     def health(self) -> Script[Health]:

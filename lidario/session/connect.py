@@ -1,8 +1,25 @@
-"""From a source to a device that has introduced itself."""
+"""From a source to a device that has introduced itself.
+
+Where family and speed are known, the device is asked at once, for as long as a half request that a killed program
+left may keep it from hearing. Otherwise the line is first listened to (`lidario.session.listening`): a device that
+streams is recognised by that. What remains unknown is found by asking, in rounds:
+
+- The first round waits shortly at each speed, since a healthy device responds within milliseconds. It is made
+  where nothing was heard, so nothing has to fall quiet before the question, and where one family would have to wait
+  for another.
+- Each later round asks with patience, until one has begun after the longest time for which a device does not hear:
+  it holds half a request, or it boots.
+
+At one speed the families are asked in the order of the registry. Speeds are ordered by rank, each family's
+likeliest first, so that a family with one speed does not wait for all speeds of another.
+"""
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import NamedTuple
 
 import anyio
@@ -16,6 +33,7 @@ from lidario.port.serial import open_serial
 from lidario.port.tcp import open_tcp
 from lidario.session.dialogue import Dialogue
 from lidario.session.handshake import introduce
+from lidario.session.listening import listen
 from lidario.session.silence import ReceivedInSilence
 from lidario.source import Source
 
@@ -46,13 +64,22 @@ class _Try(NamedTuple):
     baudrate: int
 
 
-async def connect(source: Source, family: str | None = None, baudrate: int | None = None) -> Connection:
+QUICK_S = 0.04
+"""How long the first round waits for a response: a healthy device needs a few milliseconds, an adapter up to 16."""
+
+
+async def connect(
+    source: Source, family: str | None = None, baudrate: int | None = None, *, patient: bool = True
+) -> Connection:
     """Open a port and find out which device is at its other end.
+
+    Cancelling it leaves the port closed, and a device that was written to still.
 
     Args:
         source: A serial port, network address or simulator; not ``auto`` or ``id``.
         family: Name of the family, if it is known; it need not be probed then.
         baudrate: Speed of the line, if it is known; likewise.
+        patient: Whether to go on asking a device that may be booting, or may hold half a request: for 5 to 7 s.
 
     Raises:
         ConnectFailed: It could not be opened, or nothing responds; the text says what was tried and what came back.
@@ -75,17 +102,19 @@ async def connect(source: Source, family: str | None = None, baudrate: int | Non
         port = await open_tcp(source.text, *source.host_and_port, baudrate=speed or 0)
         tries = [_Try(each, 0) for each in families]
     else:
-        tries = [_Try(each, speed or baud) for each in families for baud in ((speed,) if speed else each.baudrates)]
+        tries = [_Try(each, speed) for each in families] if speed else _by_likelihood(families)
         port = await open_serial(source.address, tries[0].baudrate)
-    patient = len(tries) == 1
     received = ReceivedInSilence()
     port.add_tap(received.see)
     try:
-        for attempt in tries:
-            connection = await _try(port, attempt, patient=patient)
-            if connection is not None:
-                return connection
+        connection, tries = await _find(port, tries, patient=patient)
+        if connection is not None:
+            return connection
         port.close_soon()
+    except BaseException:
+        if not port.is_closing:
+            port.close_soon()
+        raise
     finally:
         port.remove_tap(received.see)
         if port.is_closing:
@@ -94,25 +123,80 @@ async def connect(source: Source, family: str | None = None, baudrate: int | Non
     raise _nothing_responds(source, tries, received)
 
 
-async def _try(port: Port, attempt: _Try, *, patient: bool) -> Connection | None:
-    """Ask one family's question at one speed; None when there is no response."""
+def _by_likelihood(families: Sequence[Family]) -> list[_Try]:
+    """Every speed of every family: the likeliest of each family first, then the second of each, and so on."""
+    ranks = zip_longest(*([_Try(family, speed) for speed in family.baudrates] for family in families))
+    return [each for rank in ranks for each in rank if each is not None]
+
+
+async def _find(port: Port, tries: list[_Try], *, patient: bool) -> tuple[Connection | None, list[_Try]]:
+    """The device, or None, and what was tried."""
+    if len(tries) == 1:
+        return await _try_known(port, tries[0]), tries
+    speeds = list(dict.fromkeys(each.baudrate for each in tries))
+    families = list(dict.fromkeys(each.family for each in tries))
+    heard = await listen(port, speeds, families)
+    if heard.stream is not None:
+        known = _Try(*heard.stream)
+        return await _try_known(port, known), [known]
+    loop = asyncio.get_running_loop()
+    deadline = loop.time() + max(each.timing.forget_s for each in families)
+    # One that is waited for shortly may be late. Then at another speed it is noise, but not at the same.
+    quick = heard.silent and len(families) > 1 and len(speeds) == len(tries)
+    while True:
+        began = loop.time()
+        for each in tries:
+            connection = await _try(port, each, quick=quick)
+            if connection is not None:
+                return connection, tries
+        if (not patient and not quick) or began >= deadline:
+            return None, tries
+        quick = False
+
+
+async def _try_known(port: Port, known: _Try) -> Connection | None:
+    """Ask the one family at the one speed that it can be, with patience; None when there is no response."""
+    family = known.family
+    device = family.device()
+    if known.baudrate and known.baudrate != port.baudrate:
+        port.set_baudrate(known.baudrate)
+    dialogue = Dialogue(port, device, family.timing)
+    try:
+        info = await introduce(dialogue, device, family.timing.forget_s)
+    except ResponseTimeout:
+        # It may hear us although its responses do not reach us.
+        dialogue.stop_device()
+        port.attach(None)
+        return None
+    except BaseException:
+        await dialogue.close()
+        raise
+    return Connection(port, family, device, dialogue, info)
+
+
+async def _try(port: Port, attempt: _Try, *, quick: bool) -> Connection | None:
+    """Ask one family's question once at one speed; None when there is no response.
+
+    Args:
+        port: The line.
+        attempt: Whom to ask, and how fast.
+        quick: Nothing streams: ask without waiting for silence, and wait shortly.
+    """
     family = attempt.family
+    if attempt.baudrate and attempt.baudrate != port.baudrate:
+        try:
+            port.set_baudrate(attempt.baudrate)
+        except ConnectFailed:
+            return None  # the adapter cannot do it; its device runs at another speed
     device = family.device()
     dialogue = Dialogue(port, device, family.timing)
     try:
-        if attempt.baudrate and attempt.baudrate != port.baudrate:
-            port.set_baudrate(attempt.baudrate)
-        if patient:
-            info = await introduce(dialogue, device, family.timing.forget_s)
-        else:
-            dialogue.hurry(family.timing.probe_s)
-            info = await introduce(dialogue, device, patience=0)
-            dialogue.hurry(None)
+        dialogue.hurry(QUICK_S if quick else family.timing.probe_s)
+        info = await introduce(dialogue, device, patience=0, quiet=quick)
+        dialogue.hurry(None)
     except ResponseTimeout:
-        if patient:
-            # It may hear us although its responses do not reach us.
-            dialogue.stop_device()
         port.attach(None)
+        port.write(device.complete_probe())
         return None
     except BaseException:
         await dialogue.close()

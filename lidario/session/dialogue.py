@@ -190,7 +190,7 @@ class Dialogue:
         self._wake_with(error)
 
     def hurry(self, patience: float | None) -> None:
-        """Wait at most `patience` seconds for each response, while probing; None for as long as is usual."""
+        """While probing, ask once and wait at most `patience` seconds; None for as long as is usual."""
         self._patience = math.inf if patience is None else patience
 
     async def ask(self, request: Request) -> bytes:
@@ -205,7 +205,7 @@ class Dialogue:
         """
         noise = self.stats.stray_bytes
         timeout = min(request.timeout, self._patience)
-        for _ in range(request.attempts):
+        for _ in range(request.attempts if self._patience == math.inf else 1):
             await self._until_it_listens()
             self.write((request,))
             if request.expects is None:
@@ -356,7 +356,8 @@ class Dialogue:
             elif self._link.state is LinkState.STREAMING and len(self._early) < _EARLY_LIMIT:
                 self._early.append(event)
         else:
-            self._wake(_For.RESPONSE, event.payload if isinstance(event, Response) else b"")
+            # Of a stream, the script is told what its descriptor announces.
+            self._wake(_For.RESPONSE, event.payload if isinstance(event, Response) else bytes((event.type,)))
 
     async def _until_it_listens(self) -> None:
         """Wait until the device accepts a request."""

@@ -6,6 +6,7 @@ can reset other people's machines. Families share adapters, so only the protocol
 
 from __future__ import annotations
 
+import asyncio
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -86,14 +87,20 @@ def list_serial_ports() -> list[PortInfo]:
 
 
 async def list_lidars(paths: tuple[str, ...] = ()) -> list[Found]:
-    """Ask what stands behind the ports named, or behind every port with a known adapter.
+    """Ask what stands behind the ports named, or behind every port with a known adapter; all at the same time.
 
-    A device that streams is stopped by this.
+    A device that streams is stopped by this. Where no port has a lidar, all are asked again, with the patience that
+    a lidar needs that boots: for 7 s.
     """
     named = {path: PortInfo(path, "", "", "") for path in paths}
     # Off the loop: it reads a few files of each port.
     ports = list(named.values()) or [port for port in await run_in_thread(list_serial_ports) if port.adapter]
-    return [await _ask(port) for port in ports]
+    found: list[Found] = []
+    for patient in (False, True):
+        found = await asyncio.gather(*(_ask(port, patient=patient) for port in ports))
+        if any(each.info is not None for each in found):
+            break
+    return found
 
 
 async def find_source(source: Source) -> Source:
@@ -119,9 +126,9 @@ async def find_source(source: Source) -> Source:
     raise _none(source, found, others)
 
 
-async def _ask(port: PortInfo) -> Found:
+async def _ask(port: PortInfo, *, patient: bool) -> Found:
     try:
-        connection = await connect(Source(port.path, "serial", port.path))
+        connection = await connect(Source(port.path, "serial", port.path), patient=patient)
     except LidarError as error:
         return Found(port, None, 0, str(error))
     await connection.dialogue.close()

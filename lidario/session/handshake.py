@@ -8,22 +8,25 @@ asked, whose response is recognised by type and length. A device that reports an
 from __future__ import annotations
 
 import asyncio
+import logging
 
 from lidario.errors import DeviceFault, ResponseTimeout
 from lidario.families.base import Device, Timing
-from lidario.model import DeviceInfo, Health
+from lidario.model import DeviceInfo, Health, HealthStatus
 from lidario.session.dialogue import Dialogue
 
 __all__ = ["healthy", "introduce", "restart"]
+
+_log = logging.getLogger("lidario")
 
 _LEAST_ROUNDS = 2
 """A single question may be swallowed by half a request that a killed program left behind."""
 
 
-async def introduce(dialogue: Dialogue, device: Device, patience: float) -> DeviceInfo:
+async def introduce(dialogue: Dialogue, device: Device, patience: float, *, quiet: bool = False) -> DeviceInfo:
     """Stop whatever the device is doing and ask what it is, again and again for `patience` seconds.
 
-    With no patience at all it is asked once.
+    With no patience at all it is asked once. Where the line is known to be `quiet`, its silence is not waited for.
 
     Raises:
         ResponseTimeout: It does not respond.
@@ -35,7 +38,10 @@ async def introduce(dialogue: Dialogue, device: Device, patience: float) -> Devi
     while True:
         rounds -= 1
         began = loop.time()
-        await dialogue.quieten()
+        if quiet:
+            await dialogue.ask(device.stop())
+        else:
+            await dialogue.quieten()
         try:
             return await dialogue.run(device.identify())
         except ResponseTimeout:
@@ -46,15 +52,18 @@ async def introduce(dialogue: Dialogue, device: Device, patience: float) -> Devi
 async def healthy(dialogue: Dialogue, device: Device, timing: Timing) -> Health:
     """Ask how the device is, and reset it if it has stopped to protect itself.
 
+    A device that has said what it is, but not how it is, or in a way that nobody can read, may scan all the same:
+    that is a warning, and logged.
+
     Raises:
         DeviceFault: It still reports an error after the reset.
-        ResponseTimeout: It does not respond, or not again after the reset.
+        ResponseTimeout: It does not respond any more after the reset.
     """
-    health = await dialogue.run(device.health())
+    health = await _health(dialogue, device)
     if health.ok:
         return health
     await restart(dialogue, device, timing)
-    again = await dialogue.run(device.health())
+    again = await _health(dialogue, device)
     if again.ok:
         return again
     raise DeviceFault(
@@ -62,6 +71,16 @@ async def healthy(dialogue: Dialogue, device: Device, timing: Timing) -> Health:
         "also after a reset. Check that the rotor turns freely and that the supply gives 5 V under load",
         again,
     )
+
+
+async def _health(dialogue: Dialogue, device: Device) -> Health:
+    try:
+        health = await dialogue.run(device.health())
+    except ResponseTimeout as error:
+        health = Health(HealthStatus.WARNING, 0, f"it does not tell its health: {error}")
+    if health.note:
+        _log.warning("health of the device: %s", health.note)
+    return health
 
 
 async def restart(dialogue: Dialogue, device: Device, timing: Timing) -> None:

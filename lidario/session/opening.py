@@ -7,7 +7,7 @@ from collections.abc import Generator
 from types import TracebackType
 from typing import TYPE_CHECKING, NoReturn
 
-from lidario.errors import LocalProtocolError
+from lidario.errors import LocalProtocolError, Unsupported
 from lidario.families.registry import check_source
 from lidario.session.connect import connect
 from lidario.session.discovery import find_source
@@ -69,6 +69,10 @@ class OpenLidar:
         source = await find_source(self._source)
         connection = await connect(source, self._family, self._baudrate)
         try:
+            if self._keep_spinning and not connection.device.can_keep_spinning:
+                raise Unsupported(
+                    f"keep_spinning: the motor of a {connection.info.model} stops with its laser. Open it without"
+                )
             health = await healthy(connection.dialogue, connection.device, connection.family.timing)
             return Lidar(connection, health, source.text, self._latency, self._keep_spinning)
         except BaseException:
@@ -103,6 +107,8 @@ def open_lidar(
         ConnectFailed: No such port, no permission, busy, silent, or ambiguous; each says which, and the cure.
         DeviceFault: The device reports an error that a reset did not cure.
         DeviceLost: The port died meanwhile.
+        RemoteProtocolError: It says each time that it is another device: the line damages what it carries.
+        Unsupported: `keep_spinning` on a device whose motor stops with its laser.
     """
     where = as_source(source)
     check_source(where, family)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from lidario.families.registry import FAMILIES
-from lidario.wire.formats import StreamFormat
+from lidario.session.listening import KEPT, family_of_stream
 
 __all__ = ["ReceivedInSilence"]
 
-_LIMIT = 4096
 _MOSTLY = 0.9
 
 
@@ -26,7 +24,7 @@ class ReceivedInSilence:
         """As `lidario.port.port.Tap`."""
         if direction == "in":
             self.total += len(data)
-            self._kept += data[: _LIMIT - len(self._kept)]
+            self._kept += data[: KEPT - len(self._kept)]
 
     def describe(self) -> str:
         """In words: nothing, zeros, packets of some family, or garbage."""
@@ -34,21 +32,7 @@ class ReceivedInSilence:
             return "nothing came back"
         if self._kept.count(0) >= _MOSTLY * len(self._kept):
             return f"{self.total} bytes came back, nearly all zero, as from a line that floats or a wrong baud rate"
-        for family in FAMILIES:
-            for kind in family.formats:
-                if _packets(self._kept, kind()) > 1:
-                    return (
-                        f"{self.total} bytes came back, {family.title} packets among them: "
-                        "it streams, but does not obey"
-                    )
+        family = family_of_stream(self._kept)
+        if family is not None:
+            return f"{self.total} bytes came back, {family.title} packets among them: it streams, but does not obey"
         return f"{self.total} bytes of garbage came back, as at a wrong baud rate"
-
-
-def _packets(data: bytearray, stream_format: StreamFormat) -> int:
-    at = count = 0
-    while True:
-        stretch = stream_format.next_stretch(data, at)
-        if stretch.end == at:
-            return count
-        count += sum(block.packets for block in stretch.packets)
-        at = stretch.end

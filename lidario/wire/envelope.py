@@ -83,6 +83,7 @@ class Request:
         ends_stream: True when the device leaves its stream on this request (STOP, RESET).
         in_stream: True when it may be sent while packets flow and changes nothing about them.
         stream: The format of the packets that follow the descriptor, a fresh one for each start.
+        others: Formats that the descriptor may announce instead, where only it tells for certain.
     """
 
     name: str
@@ -94,6 +95,21 @@ class Request:
     ends_stream: bool = False
     in_stream: bool = False
     stream: StreamFormat | None = None
+    others: tuple[StreamFormat, ...] = ()
+
+    def admits(self, descriptor: Descriptor) -> bool:
+        """Whether `descriptor` announces the response to this request."""
+        expected = self.expects is not None and self.expects.admits(descriptor)
+        return expected or (
+            descriptor.continuous and self.announced_by(descriptor.type, descriptor.size) is not None
+        )
+
+    def announced_by(self, answer_type: int, size: int) -> StreamFormat | None:
+        """Which of the other formats a descriptor of this type and length announces."""
+        for each in self.others:
+            if each.answer_type == answer_type and each.shortest == size:
+                return each
+        return None
 
 
 def xor_bytes(data: bytes | bytearray) -> int:

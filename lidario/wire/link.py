@@ -192,7 +192,7 @@ class Link:
             if len(buffer) < DESCRIPTOR_SIZE:
                 return
             descriptor = parse_descriptor(buffer.peek(DESCRIPTOR_SIZE))
-            if descriptor is None or not request.expects.admits(descriptor):
+            if descriptor is None or not request.admits(descriptor):
                 self._stray(1)
             elif descriptor.continuous:
                 self._enter_stream(request, descriptor)
@@ -226,7 +226,7 @@ class Link:
             return
         self._end_waiting()
         self._events.append(descriptor)
-        self._format = request.stream
+        self._format = request.announced_by(descriptor.type, descriptor.size) or request.stream
         self.state = LinkState.STREAMING
 
     def _end_waiting(self) -> None:

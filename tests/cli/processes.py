@@ -26,6 +26,7 @@ from lidario.cli.output import Writer, emit
 from lidario.families.registry import family_of_simulated
 from lidario.sim.serve import PtyServer
 from tests.support.loop import DrivenLoop
+from tests.support.speeds import SpeedPtyServer
 
 __all__ = ["BOUND", "ROOT", "invoke", "invoke_driven", "line_of", "run", "served", "started", "until"]
 
@@ -78,7 +79,7 @@ def served(model: str) -> Iterator[PtyServer]:
     """A simulated device on a pseudo-terminal, in this process; its rotor needs no time to speed up."""
     device = family_of_simulated(model).simulate(model, world=None, serial=None, seed=0)
     device.spin_up_s = 0.0  # type: ignore[attr-defined]
-    with PtyServer(device) as server:
+    with SpeedPtyServer(device) as server:
         yield server
 
 

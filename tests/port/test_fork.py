@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from lidario.sim.serve import PtyServer
 from tests.support.devices import make_rig, names
 from tests.support.ports import PATIENCE_S
+from tests.support.speeds import SpeedPtyServer
 
 ROOT = Path(__file__).parent.parent.parent
 
@@ -61,7 +61,7 @@ loop.close()
 def test_the_exit_of_a_forked_child_stops_nothing(program: str) -> None:
     rig = make_rig("rplidar")
     with (
-        PtyServer(rig.device) as server,
+        SpeedPtyServer(rig.device) as server,
         subprocess.Popen(
             [sys.executable, "-W", "ignore", "-c", program, server.path],
             stdin=subprocess.PIPE,

@@ -16,10 +16,11 @@ from lidario import ConnectFailed, DeviceLost, Lidar, open_lidar
 from lidario.sim.serve import PtyServer, TcpServer
 from tests.support.devices import FAMILIES, Rig, left_still, make_rig
 from tests.support.ports import PATIENCE_S
+from tests.support.speeds import SpeedPtyServer
 
 
 def served(rig: Rig) -> PtyServer:
-    return PtyServer(rig.device, chunk=64)
+    return SpeedPtyServer(rig.device, chunk=64)
 
 
 def quiet(server: PtyServer, rig: Rig) -> bool:
@@ -61,7 +62,7 @@ async def test_scans_over_tcp(family: str) -> None:
 async def test_an_unplugged_lidar_ends_the_stream_at_once(family: str) -> None:
     rig = make_rig(family)
     with served(rig) as server:
-        async with open_lidar(f"serial://{server.path}?family={family}&baud=512000") as lidar:
+        async with open_lidar(f"serial://{server.path}?family={family}&baud={rig.device.baudrate}") as lidar:
             stream = lidar.scans()
             await anext(stream)
             server.unplug()

@@ -14,9 +14,10 @@ import uvloop
 
 from lidario import ConnectFailed, open_lidar
 from lidario.port.tcp import open_tcp
-from lidario.sim.serve import PtyServer, TcpServer
+from lidario.sim.serve import TcpServer
 from tests.support.devices import make_rig
 from tests.support.ports import PATIENCE_S, Sink, open_files
+from tests.support.speeds import SpeedPtyServer
 
 both_loops = pytest.mark.parametrize("library", [asyncio, uvloop], ids=["asyncio", "uvloop"])
 
@@ -65,7 +66,7 @@ def test_a_session_over_tcp_and_one_on_a_terminal(library: ModuleType) -> None:
             async with asyncio.timeout(PATIENCE_S), open_lidar("tcp://{}:{}".format(*server.address)) as lidar:
                 assert len(await lidar.scan()) > 1000
         rig = make_rig("rplidar")
-        with PtyServer(rig.device) as terminal:
+        with SpeedPtyServer(rig.device) as terminal:
             async with asyncio.timeout(PATIENCE_S), open_lidar(terminal.path) as lidar:
                 assert len(await lidar.scan()) > 1000
 

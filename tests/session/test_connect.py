@@ -9,14 +9,39 @@ import pytest
 from lidario import ConnectFailed, Lidar, list_lidars, open_lidar
 from lidario.families.rplidar.simulated.packers import pack_dense
 from lidario.model import Scan
+from lidario.port.port import Port
+from lidario.port.simulated import connect_in_memory
 from lidario.session.discovery import PortInfo
 from lidario.session.silence import ReceivedInSilence
-from lidario.sim.serve import PtyServer
+from lidario.sim.device import Received
 from tests.support.devices import make_rig
 from tests.support.loop import driven
+from tests.support.speeds import SpeedPtyServer
 from tests.support.terminals import WaitingPtyServer, babbling
 
 PATIENCE_S = 60.0
+
+
+class Babbler:
+    """A simulated device that sends the same bytes after every request, at whatever speed."""
+
+    baudrate = 1_000_000
+
+    def __init__(self, babble: bytes) -> None:
+        self.log: list[Received] = []
+        self.scanning = self.motor_on = False
+        self._babble = babble
+        self._due = b""
+
+    def receive(self, data: bytes, now: int) -> None:
+        self._due += self._babble
+
+    def transmit(self, now: int) -> bytes:
+        data, self._due = self._due, b""
+        return data
+
+    def wakeup(self, now: int) -> int | None:
+        return now if self._due else None
 
 
 async def test_both_families_are_found_and_stream_side_by_side(soak: float) -> None:
@@ -48,7 +73,7 @@ async def test_both_families_are_found_and_stream_side_by_side(soak: float) -> N
 
 async def test_auto_takes_the_only_lidar_that_answers(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = make_rig("ydlidar")
-    with PtyServer(rig.device) as server, babbling(b"") as silent:
+    with SpeedPtyServer(rig.device) as server, babbling(b"") as silent:
         ports = [PortInfo(server.path, "", "CP2102", ""), PortInfo(silent, "", "CP2102", "")]
         monkeypatch.setattr("lidario.session.discovery.list_serial_ports", lambda: ports)
         async with open_lidar() as lidar:
@@ -63,7 +88,7 @@ async def test_auto_takes_the_only_lidar_that_answers(monkeypatch: pytest.Monkey
 
 async def test_auto_does_not_choose_among_several(monkeypatch: pytest.MonkeyPatch) -> None:
     one, two = make_rig("rplidar", seed=1), make_rig("rplidar", seed=2)
-    with PtyServer(one.device) as first, PtyServer(two.device) as second:
+    with SpeedPtyServer(one.device) as first, SpeedPtyServer(two.device) as second:
         ports = [PortInfo(server.path, "", "CP2102", "") for server in (first, second)]
         monkeypatch.setattr("lidario.session.discovery.list_serial_ports", lambda: ports)
         with pytest.raises(ConnectFailed, match=r"2 lidars respond(.|\n)*S2M1") as caught:
@@ -73,7 +98,7 @@ async def test_auto_does_not_choose_among_several(monkeypatch: pytest.MonkeyPatc
 
 async def test_auto_does_not_write_to_strange_adapters(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = make_rig("rplidar")
-    with PtyServer(rig.device) as server:
+    with SpeedPtyServer(rig.device) as server:
         port = PortInfo(server.path, "", "", "somebody's Arduino")
         monkeypatch.setattr("lidario.session.discovery.list_serial_ports", lambda: [port])
         with pytest.raises(ConnectFailed, match=server.path) as caught:
@@ -92,13 +117,21 @@ async def test_auto_does_not_write_to_strange_adapters(monkeypatch: pytest.Monke
     ],
     ids=["silence", "zeros", "garbage", "packets"],
 )
-async def test_what_came_back_is_said(babble: bytes, verdict: str) -> None:
-    with babbling(babble) as path:
+def test_what_came_back_is_said(babble: bytes, verdict: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def open_babbler(path: str, _: int) -> Port:
+        return connect_in_memory(Babbler(babble), name=path)
+
+    monkeypatch.setattr("lidario.session.connect.open_serial", open_babbler)
+
+    @driven
+    async def main() -> None:
         with pytest.raises(ConnectFailed, match=verdict) as caught:
-            await open_lidar(path)
-        assert "1000000, 256000, 115200, 460800 or 512000 baud" in str(caught.value)
+            await open_lidar("/dev/babbler")
+        assert "1000000, 512000, 256000, 115200 or 460800 baud" in str(caught.value)
         assert "powered" in str(caught.value)
         assert caught.value.reason == "silent"
+
+    main()
 
 
 @driven

@@ -11,7 +11,7 @@ import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from lidario.sim.serve import PtyServer
+from tests.support.speeds import SpeedPtyServer
 
 __all__ = ["WaitingPtyServer", "babbling"]
 
@@ -19,7 +19,7 @@ PATIENCE_S = 30.0
 _TURN_S = 0.02
 
 
-class WaitingPtyServer(PtyServer):
+class WaitingPtyServer(SpeedPtyServer):
     """A simulated device that waits while the terminal's buffer is full.
 
     A real device does not wait: what the buffer cannot take is lost, after about 60 ms without a reader. On a busy

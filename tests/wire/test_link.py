@@ -5,7 +5,7 @@ import pytest
 from lidario.errors import LocalProtocolError
 from lidario.families.rplidar import commands
 from lidario.families.rplidar.commands import Conf, get_lidar_conf
-from lidario.families.rplidar.formats import DenseFormat
+from lidario.families.rplidar.formats import DenseFormat, ExpressFormat
 from lidario.families.rplidar.simulated.packers import pack_dense
 from lidario.families.ydlidar import commands as other
 from lidario.families.ydlidar.formats import PointCloud
@@ -253,10 +253,18 @@ def test_a_stream_begins_right_behind_its_descriptor(size: int | None) -> None:
     assert (link.stats.packets, link.stats.stray_bytes, link.stats.skipped_bytes) == (12, 2, 0)
 
 
-def test_the_descriptor_of_another_stream_is_not_taken() -> None:
+@pytest.mark.parametrize("descriptor", ["A55A5400004087", "A55A5500004082", "A55A5400000082", "A55A8400004085"])
+def test_the_descriptor_of_an_unknown_stream_is_not_taken(descriptor: str) -> None:
     link = waiting(commands.express_scan(1, DenseFormat()))
-    assert receive(link, bytes.fromhex("A55A5400004082") + PACKETS[0]) == []
+    assert receive(link, bytes.fromhex(descriptor) + PACKETS[0]) == []
     assert link.state is LinkState.AWAIT_RESPONSE
+
+
+def test_the_descriptor_of_another_known_stream_decides_the_format() -> None:
+    link = waiting(commands.express_scan(1, ExpressFormat()))
+    assert receive(link, DENSE + b"".join(PACKETS))[0] == Descriptor(0x85, 84, continuous=True)
+    assert link.state is LinkState.STREAMING
+    assert link.stats.packets == len(PACKETS)
 
 
 def test_while_it_streams_a_descriptor_is_noise() -> None:

@@ -15,6 +15,7 @@ import struct
 from enum import IntEnum
 from typing import Final
 
+from lidario.families.rplidar.formats import FORMATS
 from lidario.wire.envelope import Expected, Request, encode_request
 from lidario.wire.formats import StreamFormat
 
@@ -110,4 +111,6 @@ def express_scan(mode: int, stream: StreamFormat) -> Request:
 
 def _start(name: str, data: bytes, stream: StreamFormat) -> Request:
     announced = Expected(stream.answer_type, stream.shortest, continuous=True)
-    return Request(name, data, expects=announced, timeout=SCAN_TIMEOUT_S, stream=stream)
+    # The descriptor decides what follows; the configuration, type 0x75, only foretells it.
+    others = tuple(kind() for answer, kind in FORMATS.items() if answer != stream.answer_type)
+    return Request(name, data, expects=announced, timeout=SCAN_TIMEOUT_S, stream=stream, others=others)

@@ -9,18 +9,17 @@ always asked for, never assumed, where the firmware can be asked.
 from __future__ import annotations
 
 import struct
-from contextlib import suppress
 from dataclasses import replace
 from typing import Final
 
-from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout, Unsupported
+from lidario.errors import InvalidValue, ResponseTimeout, Unsupported
 from lidario.families.arguments import finite
-from lidario.families.base import Device, Script, Stream
+from lidario.families.base import Device, Script, Stream, agreed, health_of
 from lidario.families.rplidar import commands
 from lidario.families.rplidar.commands import Conf
 from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.formats import FORMATS
-from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, ScanMode
+from lidario.model import DeviceInfo, Health, SampleRate, ScanMode
 from lidario.wire.envelope import Request
 
 __all__ = ["RplidarDevice"]
@@ -36,13 +35,14 @@ LEGACY_SAMPLE_US: Final = 476.0
 LEGACY_MAX_DISTANCE: Final = 16.0
 MODE_LIMIT: Final = 16
 """Mode numbers that are tried; devices have two to five modes, numbered from 0."""
+MOST_SILENCES: Final = 4
+"""Questions about modes without a response, after which no more are asked. Each takes 1 s."""
 DEFAULT_RPM: Final = 600
 SPIN_UP_S: Final = 5.0
 SLOWEST_TURN_S: Final = 1.0
 NODE_TYPE: Final = 0x81
 EXPRESS_TYPE: Final = 0x82
 UNIDENTIFIED: Final = 0
-STATUSES: Final = (HealthStatus.OK, HealthStatus.WARNING, HealthStatus.ERROR)
 
 
 class RplidarDevice(Device):
@@ -52,6 +52,7 @@ class RplidarDevice(Device):
         self._major = 0
         self._firmware: tuple[int, int] = (0, 0)
         self._rpm: int | None = None
+        self._silences = 0
 
     @property
     def _has_motor_control(self) -> bool:
@@ -75,8 +76,8 @@ class RplidarDevice(Device):
         return commands.RESET
 
     def identify(self) -> Script[DeviceInfo]:
-        """As `Device.identify`."""
-        model, minor, major, hardware, serial = struct.unpack("<BBBB16s", (yield commands.GET_INFO))
+        """As `Device.identify`; asked until two responses are equal."""
+        model, minor, major, hardware, serial = struct.unpack("<BBBB16s", (yield from agreed(commands.GET_INFO)))
         self._major, self._firmware = model >> 4, (major, minor)
         return DeviceInfo(
             family="rplidar",
@@ -88,11 +89,9 @@ class RplidarDevice(Device):
         )
 
     def health(self) -> Script[Health]:
-        """As `Device.health`; raises RemoteProtocolError for a status that is not defined."""
+        """As `Device.health`; a status that is not defined is a warning."""
         status, code = struct.unpack("<BH", (yield commands.GET_HEALTH))
-        if status >= len(STATUSES):
-            raise RemoteProtocolError(f"the device reports health status {status}, and only 0, 1 and 2 are defined")
-        return Health(STATUSES[status], code)
+        return health_of(status, code)
 
     def sample_rate(self) -> Script[SampleRate]:
         """As `Device.sample_rate`."""
@@ -102,12 +101,22 @@ class RplidarDevice(Device):
         return SampleRate(float(standard), float(express))
 
     def modes(self) -> Script[tuple[ScanMode, ...]]:
-        """As `Device.modes`: the device's own list, or what old firmware is known to do."""
+        """As `Device.modes`: the device's own list, or what old firmware is known to do.
+
+        A device that is silent about its modes is asked four times in vain, which takes 4 s, and then no more.
+        """
+        self._silences = 0
+        try:
+            return (yield from self._modes())
+        finally:
+            self._silences = 0
+
+    def _modes(self) -> Script[tuple[ScanMode, ...]]:
         found: list[ScanMode] = []
         if self._has_conf:
             count = yield from self._ask("<H", Conf.MODE_COUNT)
             for mode in range(MODE_LIMIT):
-                if len(found) >= (count or 0):
+                if len(found) >= (count or 0) or self._silences >= MOST_SILENCES:
                     break
                 told = yield from self._mode(mode)
                 # Numbers may have holes: a mode that the device tells nothing of is none.
@@ -121,7 +130,7 @@ class RplidarDevice(Device):
         return tuple(replace(mode, typical=mode.id == typical) for mode in found)
 
     def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
-        """As `Device.start`.
+        """As `Device.start`; the descriptor decides which format is decoded, not what the mode's list foretold.
 
         Raises:
             Unsupported: The mode's answer type is not one of the six, or a forced scan was asked for in a mode
@@ -139,10 +148,14 @@ class RplidarDevice(Device):
             yield commands.motor_speed((yield from self._wanted_rpm()))
         stream = FORMATS[mode.answer_type]()
         if mode.answer_type == NODE_TYPE:
-            yield commands.scan(stream, force=force)
+            request = commands.scan(stream, force=force)
         else:
             # Firmware that cannot list its modes knows them by no number: there 0 is the express scan (SDK).
-            yield commands.express_scan(mode.id if self._has_conf else 0, stream)
+            request = commands.express_scan(mode.id if self._has_conf else 0, stream)
+        announced = yield request
+        if announced and announced[0] != mode.answer_type:
+            mode = replace(mode, answer_type=announced[0])
+            stream = next(each for each in request.others if each.answer_type == mode.answer_type)
         return Stream(
             format=stream,
             decoder=DECODERS[mode.answer_type](),
@@ -196,29 +209,33 @@ class RplidarDevice(Device):
 
     def _ask(self, layout: str, kind: Conf, mode: int | None = None) -> Script[int | None]:
         """One configuration value, or None when the device does not have or tell it."""
-        if not self._has_conf:
-            return None
-        try:
-            value = (yield commands.get_lidar_conf(kind, mode))[4:]
-        except ResponseTimeout:
-            return None
+        value = yield from self._ask_bytes(kind, mode)
         if len(value) < struct.calcsize(layout):
             return None
         return int(struct.unpack_from(layout, value)[0])
 
+    def _ask_bytes(self, kind: Conf, mode: int | None) -> Script[bytes]:
+        if not self._has_conf or self._silences >= MOST_SILENCES:
+            return b""
+        try:
+            return (yield commands.get_lidar_conf(kind, mode))[4:]
+        except ResponseTimeout:
+            self._silences += 1
+            return b""
+
     def _mode(self, mode: int) -> Script[ScanMode]:
-        name = b""
-        with suppress(ResponseTimeout):
-            name = (yield commands.get_lidar_conf(Conf.MODE_NAME, mode))[4:]
+        answer = yield from self._ask("<B", Conf.ANSWER_TYPE, mode)
+        if not answer:
+            return ScanMode(mode, "", 0.0, 0.0, 0)
+        name = yield from self._ask_bytes(Conf.MODE_NAME, mode)
         sample_q8 = yield from self._ask("<I", Conf.SAMPLE_DURATION, mode)
         distance_q8 = yield from self._ask("<I", Conf.MAX_DISTANCE, mode)
-        answer = yield from self._ask("<B", Conf.ANSWER_TYPE, mode)
         return ScanMode(
             id=mode,
             name=_text(name) or f"mode {mode}",
             sample_us=(sample_q8 or 0) / 256,
             max_distance=(distance_q8 or 0) / 256,
-            answer_type=answer or 0,
+            answer_type=answer,
         )
 
     def _legacy_modes(self) -> Script[tuple[ScanMode, ...]]:
@@ -251,4 +268,4 @@ def _model_name(model: int) -> str:
 
 def _text(raw: bytes) -> str:
     """A name from the device, without what could disturb a terminal."""
-    return "".join(c for c in raw.split(b"\0")[0].decode("ascii", "replace") if c.isprintable()).strip()
+    return "".join(c for c in raw.split(b"\0")[0].decode("utf-8", "replace") if c.isprintable()).strip()

@@ -24,6 +24,7 @@ from lidario.wire.envelope import Expected, Request, encode_request
 from lidario.wire.formats import StreamFormat
 
 __all__ = [
+    "COMPLETE_INFO",
     "FORCED_STOP",
     "GET_HEALTH",
     "GET_HEALTH_92",
@@ -47,8 +48,8 @@ INFO_TIMEOUT_S: Final = 1.0
 HEALTH_TIMEOUT_S: Final = 0.5
 SETTING_TIMEOUT_S: Final = 2.0
 SCAN_TIMEOUT_S: Final = 2.0
-SCAN_SIZE: Final = 5
-"""What the scan header claims as its length; the manual says to ignore it."""
+LARGEST: Final = 0x3FFF_FFFF
+"""The scan header's length is to be ignored (manual 3.1): every value is right that its 30 bits can hold."""
 
 
 class Answer(IntEnum):
@@ -76,6 +77,9 @@ RESET: Final = Request("RESET", encode_request(0x80), settle=STOP_SETTLE_S, ends
 GET_INFO: Final = Request("GET_INFO", encode_request(0x90), Expected(Answer.SETTING, 20), INFO_TIMEOUT_S)
 GET_HEALTH: Final = _health("GET_HEALTH", 0x91)
 GET_HEALTH_92: Final = _health("GET_HEALTH (as A5 92)", 0x92)
+COMPLETE_INFO: Final = bytes((0, 0xA5 ^ 0x90))
+"""Two bytes that no 4ROS reads, since no request begins so. In the dialect where a request with bit 7 set has a
+length and a checksum, they make A5 90 a whole request with an empty payload, which is refused."""
 GET_ZERO_OFFSET: Final = _setting("GET_ZERO_OFFSET", 0x93, 4, attempts=2)
 
 GET_SPEED: Final = _setting("GET_SPEED", 0x0D, 4, attempts=2)
@@ -89,7 +93,7 @@ TOGGLE_PROTECTION: Final = _setting("TOGGLE_PROTECTION", 0xD9, 1)
 _SCAN: Final = Request(
     "SCAN",
     encode_request(0x60),
-    Expected(0x81, SCAN_SIZE, continuous=True),
+    Expected(0x81, 0, LARGEST, continuous=True),
     SCAN_TIMEOUT_S,
     # Only the first SCAN has a header as its response (manual 3.8): once packets flow, asking again would wait in
     # vain.

@@ -23,11 +23,11 @@ from typing import Final
 
 from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.arguments import finite
-from lidario.families.base import Device, Keepalive, Script, Stream
+from lidario.families.base import Device, Keepalive, Script, Stream, agreed, health_of
 from lidario.families.ydlidar import commands
 from lidario.families.ydlidar.decode import PointCloudDecoder
 from lidario.families.ydlidar.formats import PointCloud
-from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
+from lidario.model import DeviceInfo, Health, ScanMode
 from lidario.wire.envelope import Request
 
 __all__ = ["Device4Ros"]
@@ -59,11 +59,12 @@ SLOWEST_TURN_S: Final = 0.5
 """One revolution at the lowest speed that a start packet can tell, 3 Hz, and half as long again."""
 KEEPALIVE_S: Final = 1.0
 """The manual demands less than 3 s; the SDK repeats every second."""
-STATUSES: Final = (HealthStatus.OK, HealthStatus.WARNING, HealthStatus.ERROR)
 
 
 class Device4Ros(Device):
     """A 4ROS, or one of the TG models that speak the same way."""
+
+    can_keep_spinning = False
 
     def __init__(self) -> None:
         self._model: int | None = None
@@ -89,8 +90,8 @@ class Device4Ros(Device):
         return commands.RESET
 
     def identify(self) -> Script[DeviceInfo]:
-        """As `Device.identify`."""
-        model, minor, major, hardware, serial = struct.unpack("<BBBB16s", (yield commands.GET_INFO))
+        """As `Device.identify`; asked until two responses are equal."""
+        model, minor, major, hardware, serial = struct.unpack("<BBBB16s", (yield from agreed(commands.GET_INFO)))
         self._model = model
         return DeviceInfo(
             family="ydlidar",
@@ -101,12 +102,14 @@ class Device4Ros(Device):
             serial="".join(str(digit) if digit < 10 else f"[{digit:02x}]" for digit in serial),
         )
 
+    def complete_probe(self) -> bytes:
+        """As `Device.complete_probe`."""
+        return commands.COMPLETE_INFO
+
     def health(self) -> Script[Health]:
-        """As `Device.health`; raises RemoteProtocolError for a status that is not defined."""
+        """As `Device.health`; a status that is not defined is a warning."""
         status, code = struct.unpack("<BH", (yield from self._ask_health()))
-        if status >= len(STATUSES):
-            raise RemoteProtocolError(f"the device reports health status {status}, and only 0, 1 and 2 are defined")
-        return Health(STATUSES[status], code)
+        return health_of(status, code)
 
     def modes(self) -> Script[tuple[ScanMode, ...]]:
         """As `Device.modes`: there is one, and the device cannot be asked."""

@@ -69,7 +69,17 @@ STANDARD = ScanMode(0, "Standard", 62.5, 16.0, 0x81)
 def test_identify() -> None:
     found, sent = drive(RplidarDevice().identify(), {b"\xa5\x50": info()})
     assert found == DeviceInfo("rplidar", "RPLIDAR S2M1", S2, "1.29", 18, "A0A1A2A3A4A5A6A7A8A9AAABACADAEAF")
-    assert [request.data for request in sent] == [b"\xa5\x50"]
+    # Twice: responses carry no checksum.
+    assert [request.data for request in sent] == [b"\xa5\x50"] * 2
+
+
+def test_an_identity_that_is_never_the_same_is_refused() -> None:
+    script = RplidarDevice().identify()
+    next(script)
+    with pytest.raises(RemoteProtocolError, match="all different"):
+        for number in range(9):
+            script.send(bytes((number,)) * 20)
+    assert number == 4
 
 
 @pytest.mark.parametrize(
@@ -103,9 +113,10 @@ def test_health(payload: bytes, health: Health) -> None:
 
 
 @pytest.mark.parametrize("status", [3, 128, 255])
-def test_an_undefined_status_is_no_health(status: int) -> None:
-    with pytest.raises(RemoteProtocolError, match=f"health status {status}"):
-        drive(RplidarDevice().health(), {b"\xa5\x52": bytes((status, 0, 0))})
+def test_an_undefined_status_is_a_warning(status: int) -> None:
+    health, _ = drive(RplidarDevice().health(), {b"\xa5\x52": bytes((status, 1, 0))})
+    assert (health.status, health.code, health.ok) == (HealthStatus.WARNING, 1, True)
+    assert f"health status {status}" in health.note
 
 
 def test_sample_rate() -> None:
@@ -350,3 +361,22 @@ def test_what_the_family_cannot_do_says_so() -> None:
             script()
     with pytest.raises(Unsupported):
         device.power_down_protection(True)
+
+
+def test_a_device_silent_about_its_modes_is_not_asked_for_a_minute() -> None:
+    count = conf(Conf.MODE_COUNT, b"\x10\0")
+    for told in (
+        {},
+        {key: value for mode in range(16) for key, value in conf(Conf.ANSWER_TYPE, b"\x81", mode).items()},
+    ):
+        answers = {**count, **told}
+        modes, sent = drive(identified().modes(), answers)
+        assert modes
+        assert sum(each.timeout * each.attempts for each in sent if answers.get(each.data) is None) <= 6.0
+
+
+def test_mode_names_are_utf_8() -> None:
+    name = "H\N{LATIN SMALL LETTER O WITH DIAERESIS}he \N{CJK UNIFIED IDEOGRAPH-5BC6}"
+    answers = {**LISTED, **conf(Conf.MODE_COUNT, b"\x01\0"), **conf(Conf.MODE_NAME, name.encode() + b"\0", 0)}
+    (mode,), _ = drive(identified().modes(), answers)
+    assert mode.name == name

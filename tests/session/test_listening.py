@@ -1,0 +1,257 @@
+"""Opening a port of which nothing is known: listening first, asking in rounds, at speeds that garble each other."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import random
+from typing import Any
+
+import pytest
+
+from lidario import ConnectFailed, list_lidars, open_lidar
+from lidario.families.registry import FAMILIES
+from lidario.port.port import Port
+from lidario.session.discovery import PortInfo
+from lidario.session.listening import LISTEN_S, family_of_stream, listen
+from tests.support.devices import make_rig
+from tests.support.loop import driven
+from tests.support.speeds import misread, serial_in_memory
+
+STREAMING = (
+    ("rplidar-s2", 0),
+    ("rplidar-s2", 1),
+    ("rplidar-s1", 0),
+    ("rplidar-s1", 1),
+    ("rplidar-express", 0),
+    ("rplidar-hq", 0),
+    ("rplidar-ultra", 0),
+    ("rplidar-ultradense", 0),
+    ("ydlidar-4ros", 0),
+)
+QUESTION = {family.name: next(family.device().identify()).data for family in FAMILIES}
+
+
+def now() -> int:
+    return round(asyncio.get_running_loop().time() * 1e9)
+
+
+def make(model: str) -> Any:
+    return make_rig(model.partition("-")[0], model).device
+
+
+def stream(device: Any, mode: int) -> None:
+    """Have it scan, as after a program that was killed."""
+    arguments = (now(),) if device.profile.name.startswith("ydlidar") else (mode, now())
+    device.begin_streaming(*arguments)
+
+
+def speed_of(device: Any) -> int:
+    return int(device.baudrate)
+
+
+@pytest.mark.parametrize(("model", "mode"), STREAMING)
+def test_a_device_that_streams_is_recognised_before_a_byte_is_written(
+    model: str, mode: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = make(model)
+    written = serial_in_memory(monkeypatch, left=device)
+
+    @driven
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        stream(device, mode)
+        began = loop.time()
+        async with open_lidar("left") as lidar:
+            assert loop.time() - began < 0.9
+            assert lidar.info.family == model.partition("-")[0]
+            speeds = [each for family in FAMILIES for each in family.baudrates]
+            assert len(written) > 1
+            assert {speed for speed, _ in written} == {speed_of(device)} <= set(speeds)
+
+    main()
+
+
+@pytest.mark.parametrize("model", ["rplidar-s2", "rplidar-s1", "rplidar-express", "ydlidar-4ros"])
+def test_a_device_at_rest_is_found_at_once(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    device = make(model)
+    serial_in_memory(monkeypatch, rests=device)
+
+    @driven
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        began = loop.time()
+        async with open_lidar("rests") as lidar:
+            assert loop.time() - began < 0.45
+            assert lidar.info.family == model.partition("-")[0]
+
+    main()
+
+
+@pytest.mark.parametrize("boot_s", [0.7, 2.0, 3.1, 4.2])
+@pytest.mark.parametrize("model", ["rplidar-s1", "rplidar-s2", "ydlidar-4ros"])
+def test_a_device_that_boots_is_asked_again(model: str, boot_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    device = make(model)
+    serial_in_memory(monkeypatch, boots=device)
+    found_while_it_boots(device, boot_s, "boots")
+
+
+@pytest.mark.discards("the questions of both families reach a device that boots")
+@pytest.mark.parametrize("boot_s", [0.7, 2.0, 3.1, 4.2])
+@pytest.mark.parametrize("model", ["rplidar-s1", "rplidar-s2", "ydlidar-4ros"])
+def test_so_is_one_whose_speed_does_not_tell_its_family(model: str, boot_s: float) -> None:
+    device = make(model)
+    found_while_it_boots(device, boot_s, device)
+
+
+def found_while_it_boots(device: Any, boot_s: float, source: Any) -> None:
+    """It is found a round and a half after the boot at the latest."""
+    family = device.profile.name.partition("-")[0]
+    device.boot_s = boot_s
+
+    @driven
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        device.receive(b"\xa5\x80" if family == "ydlidar" else b"\xa5\x40", now())
+        began = loop.time()
+        async with open_lidar(source) as lidar:
+            assert lidar.info.family == family
+            assert loop.time() - began < boot_s + 2.2
+
+    main()
+
+
+@pytest.mark.discards("half a request swallows what follows it")
+@pytest.mark.parametrize("shared", [False, True], ids=["by speed", "one speed"])
+@pytest.mark.parametrize("half", [b"\xa5\x82", b"\xa5\x84\xff", b"\xa5\x82\x05\x01"])
+@pytest.mark.parametrize("model", ["rplidar-s1", "rplidar-s2"])
+def test_half_a_request_is_outlived(model: str, half: bytes, shared: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    device = make(model)
+    serial_in_memory(monkeypatch, holds=device)
+
+    @driven
+    async def main() -> None:
+        device.receive(half, now())
+        async with open_lidar(device if shared else "holds") as lidar:
+            assert lidar.info.family == "rplidar"
+
+    main()
+
+
+def test_no_question_reads_as_a_request_at_another_speed() -> None:
+    for asked, heard in itertools.permutations(FAMILIES, 2):
+        device = asked.device()
+        said = [device.stop().data, QUESTION[asked.name], device.complete_probe(), *(r.data for r in device.halt())]
+        for at, read_at in itertools.product(asked.baudrates, (*heard.baudrates, *asked.baudrates)):
+            if at != read_at:
+                assert all(0xA5 not in misread(data, at, read_at) for data in said), (at, read_at)
+
+
+@pytest.mark.parametrize(("model", "mode"), STREAMING)
+def test_a_stream_is_recognised_at_its_own_speed_alone(model: str, mode: int) -> None:
+    device = make(model)
+    arguments = (10**9,) if model.startswith("ydlidar") else (mode, 10**9)
+    device.begin_streaming(*arguments)
+    data = b"".join(device.transmit(10**9 + step * 10**7) for step in range(1, 13))
+    family = family_of_stream(bytearray(data[:4096]))
+    assert family is not None
+    assert family.name == model.partition("-")[0]
+    for speed in {each for family in FAMILIES for each in family.baudrates} - {device.baudrate}:
+        assert family_of_stream(bytearray(misread(data, device.baudrate, speed)[:4096])) is None, speed
+
+
+def test_noise_is_no_stream() -> None:
+    dice = random.Random(7)
+    for _ in range(40):
+        assert family_of_stream(bytearray(dice.randbytes(dice.randrange(4096)))) is None
+    assert family_of_stream(bytearray(4096)) is None
+    assert family_of_stream(bytearray()) is None
+
+
+def test_where_nothing_listens_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    device = make("rplidar-s2")
+    device.mute = True
+    written = serial_in_memory(monkeypatch, mute=device)
+
+    @driven
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        began = loop.time()
+        with pytest.raises(ConnectFailed, match="nothing came back"):
+            await open_lidar("mute")
+        assert 5.0 < loop.time() - began < 8.0
+
+    main()
+    at_each = [
+        next(data for each, data in written if each == speed) for speed in dict.fromkeys(s for s, _ in written)
+    ]
+    assert at_each == [b"\xa5\x25", b"\xa5\x65", b"\xa5\x25", b"\xa5\x25", b"\xa5\x25"]
+
+
+def test_a_speed_the_adapter_cannot_do_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    device = make("rplidar-s1")
+    serial_in_memory(monkeypatch, poor=device)
+    change = Port.set_baudrate
+
+    def refuse(self: Port, baudrate: int) -> None:
+        if baudrate == 512_000:
+            raise ConnectFailed("cannot run at 512000 baud", reason="silent")
+        change(self, baudrate)
+
+    monkeypatch.setattr(Port, "set_baudrate", refuse)
+
+    @driven
+    async def main() -> None:
+        stream(device, 1)
+        async with open_lidar("poor") as lidar:
+            assert lidar.info.family == "rplidar"
+        async with open_lidar("poor") as lidar:
+            assert lidar.info.family == "rplidar"
+
+    main()
+
+
+def test_cancelled_while_it_listens_it_has_written_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    device = make("rplidar-s2")
+    written = serial_in_memory(monkeypatch, rests=device)
+    ports: list[Port] = []
+
+    async def spied(port: Port, *rest: Any) -> Any:
+        ports.append(port)
+        return await listen(port, *rest)
+
+    monkeypatch.setattr("lidario.session.connect.listen", spied)
+
+    @driven
+    async def main() -> None:
+        with pytest.raises(TimeoutError):
+            async with asyncio.timeout(LISTEN_S / 2):
+                await open_lidar("rests")
+        assert not ports[0].is_open
+        assert written == []
+
+    main()
+
+
+def test_ports_are_asked_side_by_side_and_patiently_only_where_none_responds(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    first, second, third, mute = make("rplidar-s2"), make("ydlidar-4ros"), make("rplidar-s1"), make("rplidar-s1")
+    mute.mute = True
+    third.boot_s = 4.0
+    serial_in_memory(monkeypatch, a=first, b=mute, c=second, d=third)
+    known = [PortInfo(path, "", "CP2102", "") for path in "bd"]
+    monkeypatch.setattr("lidario.session.discovery.list_serial_ports", lambda: known)
+
+    @driven
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        began = loop.time()
+        found = await list_lidars(("a", "b", "c"))
+        assert [each.port.path for each in found if each.info] == ["a", "c"]
+        assert loop.time() - began < 2.5
+        third.receive(b"\xa5\x40", now())
+        async with open_lidar("auto") as lidar:
+            assert lidar.info.serial == third.serial.hex().upper()
+
+    main()

@@ -1,0 +1,90 @@
+"""A line that garbles what is sent at one speed and read at another, as a serial line does.
+
+In memory and pseudo-terminals carry bytes, not levels, so nothing there tells that a client uses the wrong speed.
+Here bytes become the levels of the wire and are sampled by the other side's clock.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import fcntl
+import struct
+from typing import Any
+
+import pytest
+
+from lidario.port.port import Port
+from lidario.port.simulated import _MemoryTransport
+from lidario.sim.serve import MemoryLine, PtyServer
+
+__all__ = ["SpeedPtyServer", "misread", "serial_in_memory"]
+
+_TCGETS2 = 0x802C542A
+_SPEED_AT = 40
+
+
+def misread(data: bytes, sent_at: int, read_at: int) -> bytes:
+    """What a receiver at `read_at` baud makes of bytes sent back to back at `sent_at` baud, 8N1."""
+    if sent_at == read_at:
+        return data
+    levels = bytearray(b"\1")
+    for byte in data:
+        levels += bytes((0, *(byte >> bit & 1 for bit in range(8)), 1))
+    bit_time, at, seen = sent_at / read_at, 0.0, bytearray()
+    while (start := levels.find(b"\1\0", int(at)) + 1) > 0:
+        samples = (int(start + (1.5 + bit) * bit_time) for bit in range(8))
+        seen.append(sum((place >= len(levels) or levels[place]) << bit for bit, place in enumerate(samples)))
+        at = start + 9.5 * bit_time
+    return bytes(seen)
+
+
+class _SpeedLine(MemoryLine):
+    """A line in memory whose host has a speed of its own."""
+
+    def __init__(self, device: Any, port: Port, written: list[tuple[int, bytes]]) -> None:
+        super().__init__(device)
+        self._port = port
+        self._written = written
+
+    def write(self, data: bytes, now: int) -> None:
+        self._written.append((self._port.baudrate, data))
+        super().write(misread(data, self._port.baudrate, self.device.baudrate), now)
+
+    def read(self, now: int) -> bytes:
+        return misread(super().read(now), self.device.baudrate, self._port.baudrate)
+
+
+def serial_in_memory(patch: pytest.MonkeyPatch, **devices: Any) -> list[tuple[int, bytes]]:
+    """Have serial ports of these names lead to these devices, on the clock of the loop.
+
+    Returns:
+        Everything that is written to them, with the speed at which it is written; it grows.
+    """
+    written: list[tuple[int, bytes]] = []
+
+    async def open_serial(path: str, baudrate: int) -> Port:
+        port = Port(path, baudrate)
+        line = _SpeedLine(devices[path], port, written)
+        port.connection_made(_MemoryTransport(asyncio.get_running_loop(), port, line))
+        return port
+
+    patch.setattr("lidario.session.connect.open_serial", open_serial)
+    return written
+
+
+class SpeedPtyServer(PtyServer):
+    """A simulated device on a pseudo-terminal that minds the speed its client has set."""
+
+    @property
+    def client_speed(self) -> int:
+        """Bits a second."""
+        state = fcntl.ioctl(self._slave, _TCGETS2, bytes(44))
+        return int(struct.unpack_from("<I", state, _SPEED_AT)[0])
+
+    def _receive(self, readable: list[Any]) -> bytes:
+        return misread(super()._receive(readable), self.client_speed, self.device.baudrate)
+
+    def _send(self, data: bytes) -> int:
+        heard = misread(data, self.device.baudrate, self.client_speed)
+        taken = super()._send(heard)
+        return taken if heard == data else len(data)
