@@ -44,11 +44,13 @@ class Split(NamedTuple):
         packet: The packet, counted in the headings given.
         marked: The device said so, and the packet is the first of the revolution.
         broken: The stream began anew here: what came before is no revolution.
+        moved: The device marks its revolutions elsewhere than was known: what came before is only part of one.
     """
 
     packet: int
     marked: bool
     broken: bool
+    moved: bool = False
 
 
 class Seam:
@@ -170,9 +172,10 @@ class Seam:
             self._last = None
             self._step(index, heading & ~_FLAGS)
             return Split(index, marked=False, broken=True)
-        self.angle = heading & ~_FLAGS
+        before, self.angle = self.angle, heading & ~_FLAGS
+        moved = before is not None and self._retreat < (self.angle - before) % self._full_turn <= self._far
         self._last = 0
         self._armed = False
         # A mark just behind the seam that the headings passed belongs to the revolution they began.
         belated, self._passed_unmarked = self._passed_unmarked, False
-        return None if belated else Split(index, marked=True, broken=False)
+        return None if belated and not moved else Split(index, marked=True, broken=False, moved=moved)

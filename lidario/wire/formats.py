@@ -45,7 +45,7 @@ BEGINS = 1 << 28
 """Flag in a heading: the device marks this packet as the first of a revolution."""
 
 RESTARTS = 1 << 29
-"""Flag in a heading: the device says that the stream began anew with this packet. The angles tell whether it did."""
+"""Flag in a heading: the device says that the stream began anew with this packet. The angles tell if it did."""
 
 HEADING_MASK = BEGINS - 1
 """What is left of a heading without its flags: the angle."""
