@@ -177,6 +177,9 @@ class Assembler:
     def _end(self, split: Split, following: bytes) -> Scan | None:
         """End the revolution in the making before the packet `following`, and begin the next."""
         ended, self._partial = self._partial, PartialRevolution(whole=not split.broken)
+        if split.moved:
+            ended.whole = False
+            self._count.restart()
         arrays, samples, lost = ended.carried, None, ended.lost_behind_carried
         packets = ended.packets()
         if packets is not None:

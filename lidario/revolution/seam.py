@@ -5,6 +5,10 @@ its own. A revolution ends where the headings pass the seam, or at a marked pack
 mark cannot merge two revolutions. The rotor must have been seen on the far side of the seam first: readings that
 tremble around it, or a mark just behind it, do not make a revolution.
 
+A device may mark a packet as the first of a restarted stream. The documents read that mark in two ways: as a fault,
+after which the angles before it mean nothing, or as an ordinary sign once in every revolution. The step from the
+packet before decides: where it fits the steady step, also over a few missing packets, the stream simply goes on.
+
 A few headings are followed one by one. Of many, only those matter that carry a flag or fall back behind the one
 before; these are found as an array, and the rest is passed over.
 """
@@ -12,6 +16,7 @@ before; these are found as an array, and the rest is passed over.
 from __future__ import annotations
 
 from bisect import bisect_left
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +29,12 @@ __all__ = ["Seam", "Split"]
 _FLAGS = BEGINS | RESTARTS
 _UNMARKED_REVOLUTIONS = 2
 """Revolutions without a mark after which none is waited for any more."""
+_RECENT = 8
+"""Headings from which the steady step is known."""
+_WIDEST_GAP = 8
+"""Steps, and at most 90 degrees, that a gap before the mark may have; wider ones would fit any angle by chance."""
+_UNSTEADY = 0.3
+"""Part of a step by which it may be off."""
 
 
 class Split(NamedTuple):
@@ -33,11 +44,13 @@ class Split(NamedTuple):
         packet: The packet, counted in the headings given.
         marked: The device said so, and the packet is the first of the revolution.
         broken: The stream began anew here: what came before is no revolution.
+        moved: The device marks its revolutions elsewhere than was known: what came before is only part of one.
     """
 
     packet: int
     marked: bool
     broken: bool
+    moved: bool = False
 
 
 class Seam:
@@ -57,9 +70,19 @@ class Seam:
         self._armed = False
         self._passed_unmarked = False
         self._unmarked_revolutions = 0
+        self._recent: list[int] = []
+        self._headings: Headings = ()
 
     def splits(self, headings: Headings) -> list[Split]:
         """Where revolutions begin among `headings`, the next ones of the stream."""
+        self._headings = headings
+        found = self._splits(headings)
+        last = headings[-_RECENT:]
+        tail = last.tolist() if isinstance(last, np.ndarray) else list(last)
+        self._recent = tail if len(tail) == _RECENT else (self._recent + tail)[-_RECENT:]
+        return found
+
+    def _splits(self, headings: Headings) -> list[Split]:
         if len(headings) < HEADINGS_WORTH_AN_ARRAY or self.angle is None:
             plain = headings.tolist() if isinstance(headings, np.ndarray) else headings
             return [split for index, heading in enumerate(plain) if (split := self._step(index, heading))]
@@ -130,14 +153,29 @@ class Seam:
         """Whether a reading beyond the near quarter was reached forwards: not by trembling back over the seam."""
         return away <= self._far or (last < self._near and away - last < self._full_turn - self._retreat)
 
+    def _goes_on(self, index: int, heading: int) -> bool:
+        """Whether a heading follows the one before by the steady step, or by a few of them."""
+        here = self._headings[max(0, index - _RECENT) : index]
+        before = [*self._recent, *(here.tolist() if isinstance(here, np.ndarray) else here)][-_RECENT:]
+        angles = [each & ~_FLAGS for each in before]
+        steps = sorted((later - earlier) % self._full_turn for earlier, later in pairwise(angles))
+        steady = steps[len(steps) // 2] if steps else 0
+        step = (heading - angles[-1]) % self._full_turn if steady else 0
+        if not 0 < step <= min(_WIDEST_GAP * steady, self._near) + _UNSTEADY * steady:
+            return False
+        return bool(step >= steady // 2 and abs(step / steady - round(step / steady)) <= _UNSTEADY)
+
     def _flagged(self, index: int, heading: int) -> Split | None:
         if heading & RESTARTS:
+            if self.angle is not None and self._goes_on(index, heading & ~_FLAGS):
+                return self._step(index, heading & ~_FLAGS)
             self._last = None
             self._step(index, heading & ~_FLAGS)
             return Split(index, marked=False, broken=True)
-        self.angle = heading & ~_FLAGS
+        before, self.angle = self.angle, heading & ~_FLAGS
+        moved = before is not None and self._retreat < (self.angle - before) % self._full_turn <= self._far
         self._last = 0
         self._armed = False
         # A mark just behind the seam that the headings passed belongs to the revolution they began.
         belated, self._passed_unmarked = self._passed_unmarked, False
-        return None if belated else Split(index, marked=True, broken=False)
+        return None if belated and not moved else Split(index, marked=True, broken=False, moved=moved)

@@ -45,7 +45,7 @@ BEGINS = 1 << 28
 """Flag in a heading: the device marks this packet as the first of a revolution."""
 
 RESTARTS = 1 << 29
-"""Flag in a heading: the device says that the stream began anew with this packet. The angles tell whether it did."""
+"""Flag in a heading: the device says that the stream began anew with this packet. The angles tell if it did."""
 
 HEADING_MASK = BEGINS - 1
 """What is left of a heading without its flags: the angle."""
@@ -117,6 +117,10 @@ class StreamFormat(ABC):
         """Samples in packets of these sizes. Default: as many in every packet."""
         return self.samples * sum([packets for _, packets in blocks])
 
+    def mend(self, data: bytearray, at: int, size: int) -> bool:  # noqa: ARG002
+        """Repair the damaged packet that is due at `at` in `data`, if its check value tells how. Default: never."""
+        return False
+
     def other_record(self, data: bytearray, at: int) -> int:  # noqa: ARG002
         """Length of the known record at `at` that may stand between packets and is no measurement; as `measure`."""
         return NO_PACKET
@@ -178,6 +182,9 @@ class StreamFormat(ABC):
                     self._in_step = True
                     return place
             elif size > 0 and place == at + self._due:
+                if self.mend(data, place, size):
+                    self._in_step = True
+                    return place
                 # Damaged, but in step: the one behind it is due where this one ends.
                 self._due += size
             place += 1

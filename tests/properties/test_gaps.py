@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.reference import rplidar
 from tests.support.kept import kept_without
 from tests.support.streams import CASES, KINDS, Case, assembled, named
 
@@ -95,22 +96,59 @@ def test_the_open_turn_at_the_end_is_not_delivered(case: Case) -> None:
     assert len(scans) == len(case.turns) - 1
 
 
-@pytest.mark.parametrize("case", RESTARTING, ids=named)
-def test_a_stream_that_begins_anew_gives_up_the_turn(case: Case) -> None:
-    """The S bit: what was measured before does not belong to what comes."""
-    first, last = case.turns[1][0].packet, case.turns[1][-1].packet
+def with_mark(case: Case, number: int) -> bytes:
+    """A golden packet with its S bit set."""
+    packet = bytearray(case.packets[number])
     at = 9 if case.answer_type == 0x86 else 3
-    for number in (first + 2, (first + last) // 2, last - 2):
-        packet = bytearray(case.packets[number])
+    if not packet[at] & 0x80:  # a stream begins with one
         packet[at] |= 0x80
         packet[1] ^= 0x08  # the XOR of the body changes in its upper nibble
-        raw = b"".join([*case.packets[:number], bytes(packet), *case.packets[number + 1 :]])
-        scans, stats, link = assembled(case, raw)
-        assert link.skipped_bytes == 0
-        assert stats.broken_scans == 1
-        turns = (case.turns[0], *case.turns[2:])
-        assert [len(scan) for scan in scans] == [len(turn) for turn in turns]
-        for scan, turn in zip(scans, turns, strict=True):
-            np.testing.assert_allclose(
-                scan.device_distances, [s.distance_mm for s in turn], atol=1 if case.answer_type == 0x86 else 0
-            )
+    return bytes(packet)
+
+
+@pytest.mark.parametrize("case", RESTARTING, ids=named)
+@pytest.mark.parametrize("chunks", [64, 4096, None])
+@pytest.mark.parametrize("place", [0.0, 0.02, 0.5, 0.97, None])
+def test_an_s_bit_in_every_revolution_costs_nothing(case: Case, chunks: int | None, place: float | None) -> None:
+    """The manual's reading, at the seam and elsewhere; and even in every packet."""
+    each = case.turns[1][0].packet - case.turns[0][0].packet
+    first = case.turns[0][0].packet + round((place or 0) * each)
+    marked = set(range(first, len(case.packets), each)) if place is not None else set(range(len(case.packets)))
+    raw = b"".join(with_mark(case, n) if n in marked else packet for n, packet in enumerate(case.packets))
+    scans, stats, link = assembled(case, raw, chunks)
+    assert (stats.broken_scans, stats.lost_packets, stats.missed_scans, link.skipped_bytes) == (0, 0, 0, 0)
+    # In the first few packets nothing tells whether the stream goes on.
+    turns = case.turns if first > 3 or len(scans) == len(case.turns) else case.turns[1:]
+    assert len(scans) == len(turns)
+    for scan, turn in zip(scans, turns, strict=True):
+        np.testing.assert_array_equal(scan.device_distances, [s.distance_mm for s in turn])
+
+
+@pytest.mark.parametrize("case", RESTARTING, ids=named)
+@pytest.mark.parametrize("lost", [1, 3])
+def test_packets_lost_before_an_s_bit_are_lost_and_no_more(case: Case, lost: int) -> None:
+    number = (case.turns[1][0].packet + case.turns[1][-1].packet) // 2
+    # A gap of more than 90 degrees could be any restart.
+    lost = min(lost, (case.turns[1][-1].packet - case.turns[1][0].packet) // 5)
+    raw = b"".join([*case.packets[: number - lost], with_mark(case, number), *case.packets[number + 1 :]])
+    scans, stats, _ = assembled(case, raw)
+    assert (len(scans), stats.broken_scans, stats.lost_packets) == (len(case.turns), 0, lost)
+
+
+@pytest.mark.parametrize("case", RESTARTING, ids=named)
+@pytest.mark.parametrize("ahead", [0.4, 0.55])
+def test_a_stream_that_begins_anew_elsewhere_gives_up_the_turn(case: Case, ahead: float) -> None:
+    """The SDK's reading: what was measured before the S bit does not belong to what comes."""
+    each = case.turns[2][0].packet - case.turns[1][0].packet
+    first = case.turns[1][0].packet + round(0.2 * each)
+    again = first + round(ahead * each)
+    starts = [rplidar.start_q6(case.answer_type, case.packets[n]) for n in (first - 1, first, again)]
+    step = (starts[1] - starts[0]) % 23040
+    passed = (starts[2] - starts[0]) % 23040 / step
+    while passed < min(8.6, 0.26 * 23040 / step):
+        again += 1
+        passed = (rplidar.start_q6(case.answer_type, case.packets[again]) - starts[0]) % 23040 / step
+    raw = b"".join([*case.packets[:first], with_mark(case, again), *case.packets[again + 1 :]])
+    scans, stats, _ = assembled(case, raw)
+    assert stats.broken_scans == 1
+    assert [len(scan) for scan in scans] == [len(turn) for turn in (case.turns[0], *case.turns[2:])]

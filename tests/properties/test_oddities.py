@@ -35,6 +35,8 @@ def test_a_damaged_packet_at_the_seam_merges_no_turns(case: Case, bit: int) -> N
         number = turn[0].packet
         packet = bytearray(case.packets[number])
         packet[bit // 8 % len(packet)] ^= 1 << bit % 8
+        if case.answer_type == 0x83:
+            packet[300] ^= 1  # one flipped bit is repaired
         changed[number] = bytes(packet)
     result = all_but(case, replaced(case, changed), *changed)
     assert result.broken == 0

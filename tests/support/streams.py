@@ -305,7 +305,8 @@ class Received(NamedTuple):
         wire, data, found, at = case.make_format(), bytearray(raw), dict[int, bytes](), 0
         while (stretch := wire.next_stretch(data, at)).end > at:
             for begin, end in pairwise(packet_offsets(stretch.packets)):
-                found[at + begin] = raw[at + begin : at + end]
+                # As the format left them: it may have repaired a bit.
+                found[at + begin] = bytes(data[at + begin : at + end])
             at = stretch.end
         assert b"".join(found.values()) == self.data
         return found

@@ -5,12 +5,15 @@ inverse; bit 0 of the second byte is always 1; then 15 bits of angle in 1/64 deg
 1/4 mm. Two fixed bits let one wrong phase in four pass, and since walls are smooth, wrong phases pass many
 times in a row. So a node is believed only in its context:
 
-* in step, its angle must continue the one before by a small step, and a new-scan mark must stand at 0;
+* in step, its angle must continue the one before by a small step, and a new-scan mark must stand where marks do;
 * out of step, a chain of nodes must pass that test together. Nodes in the old phase that also continue the
   last angle need the shortest chain: a flipped bit costs one node. Another phase (a byte was lost) needs a
   longer chain that continues the last angle. A chain with nothing to continue, as at the beginning of a
   stream, must be the longest;
 * where several phases pass, the one that advances evenly is the rotor: distances read as angles jump, or stand.
+
+The manual does not say at which angle a scan begins. Most devices mark it at 0, where the angles tell as much.
+Where the first mark of a stream stands elsewhere, or two in a row do at one place, revolutions follow those.
 """
 
 from __future__ import annotations
@@ -23,7 +26,14 @@ import numpy as np
 
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
-from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings, StreamFormat, Stretch
+from lidario.wire.formats import (
+    BEGINS,
+    HEADINGS_WORTH_AN_ARRAY,
+    NO_PACKET,
+    Headings,
+    StreamFormat,
+    Stretch,
+)
 
 __all__ = ["NODE", "NodeFormat"]
 
@@ -36,7 +46,7 @@ FORWARD_Q6: Final = 8 << 6
 NEAR_Q6: Final = 30 << 6
 """A chain that begins within this of the last angle continues it."""
 SEAM_Q6: Final = 30 << 6
-"""A new-scan mark further from 0 than this is damage."""
+"""New-scan marks within this of each other stand at the same place."""
 CHAIN_IN_PHASE: Final = 4
 """Nodes in the old phase that must follow each other, the first of them near the last angle."""
 CHAIN_NEARBY: Final = 8
@@ -48,6 +58,20 @@ PHASES_BACK: Final = 4
 """Nodes in the old phase that are tried before another phase is looked for."""
 WORTH_AN_ARRAY: Final = 16
 """Nodes from which they are checked as one array. Measured: 1.2 us a node one by one, 18 us for the array."""
+
+WINDOW: Final = (PHASES_BACK + CHAIN_ALONE) * SIZE
+"""Bytes that must be there to tell whether nodes go on from a place."""
+
+_CHECKED_CHAIN: Final = re.compile(
+    b"(?:[%b][%b][\\x00-\\xb3][\\x00-\\xff]{2}){%d}"
+    % (
+        b"".join(b"\\x%02x" % byte for byte in range(256) if (byte ^ byte >> 1) & 1),
+        b"".join(b"\\x%02x" % byte for byte in range(1, 256, 2)),
+        CHAIN_IN_PHASE,
+    ),
+    re.DOTALL,
+)
+"""Nodes in a row whose check bits hold and whose angles are below 360 degrees: searched for faster than by hand."""
 
 NODE: Final = np.dtype([("quality", "u1"), ("angle", "<u2"), ("distance", "<u2")])
 _HEADS = np.dtype({"names": ("head",), "formats": ("<u4",), "offsets": (0,), "itemsize": SIZE})
@@ -71,6 +95,9 @@ class NodeFormat(StreamFormat):
         super().__init__()
         self._in_step = False
         self._last: int | None = None
+        # Where marks stand, once one was seen, and where the last one did that was not believed.
+        self._mark: int | None = None
+        self._other_mark = -FULL_TURN_Q6
 
     def measure(self, data: bytearray, at: int) -> int:
         """As `StreamFormat.measure`: by the two check bits alone."""
@@ -80,16 +107,24 @@ class NodeFormat(StreamFormat):
         return SIZE if (first ^ first >> 1) & 1 and data[at + 1] & 1 else NO_PACKET
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:  # noqa: ARG002
-        """Whether the node at `at` may stand by itself: an angle below 360 degrees, a scan mark only at 0."""
-        angle = _angle(data, at)
-        return angle < FULL_TURN_Q6 and (not data[at] & 1 or angle < SEAM_Q6 or angle > FULL_TURN_Q6 - SEAM_Q6)
+        """Whether the node at `at` may stand by itself: an angle below 360 degrees."""
+        return _angle(data, at) < FULL_TURN_Q6
 
     def headings(self, packets: Packets) -> Headings:
-        """As `StreamFormat.headings`, in 1/64 degrees."""
+        """As `StreamFormat.headings`, in 1/64 degrees. Only marks far from 0 are told: at 0 the angles do."""
         data = packets.data
         if len(data) < HEADINGS_WORTH_AN_ARRAY * SIZE:
-            return [_angle(data, place) for place in range(0, len(data), SIZE)]
-        return np.frombuffer(data, NODE)["angle"].astype(np.int32) >> 1
+            few = [_angle(data, place) for place in range(0, len(data), SIZE)]
+            for place, first in enumerate(data[::SIZE]):
+                if first & 1 and _apart(few[place], 0) > SEAM_Q6:
+                    few[place] |= BEGINS
+            return few
+        nodes = np.frombuffer(data, NODE)
+        many = nodes["angle"].astype(np.int32) >> 1
+        for place in (nodes["quality"] & 1).nonzero()[0].tolist():
+            if _apart(int(many[place]), 0) > SEAM_Q6:
+                many[place] |= BEGINS
+        return many
 
     def run(self, data: bytearray, at: int) -> Stretch:
         """Nodes from `at` that continue the last accepted angle, and each other."""
@@ -97,6 +132,8 @@ class NodeFormat(StreamFormat):
         done = one_by_one = 0
         while done < count and self._continues(data, at, self._last):
             self._last = _angle(data, at)
+            if data[at] & 1:
+                self._mark = self._last if self._mark is None else self._mark
             at += SIZE
             done += 1
             if done >= one_by_one and count - done >= WORTH_AN_ARRAY:
@@ -115,13 +152,15 @@ class NodeFormat(StreamFormat):
             nodes = self.run(data, at)
             if nodes.packets or len(data) - at < SIZE:
                 return nodes
+            if self._repeats(data, at):
+                return self.run(data, at)
             self._in_step = False
         place = self._find_step(data, at)
         if place is None:
             return Stretch((), at, at)
         if place < 0:
-            # No phase passes here: this byte begins no node.
-            return Stretch((), at, at + 1)
+            # No phase passes here, and none does where no short chain begins within reach.
+            return Stretch((), at, min(self._next_chain(data, at + 1), len(data) - WINDOW + 1))
         self._in_step = True
         self._last = None
         if place > at:
@@ -130,18 +169,28 @@ class NodeFormat(StreamFormat):
 
     def _find_step(self, data: bytearray, at: int) -> int | None:
         """Where nodes go on after `at`: -1 if not within a node's length, None while it cannot be told."""
-        if len(data) - at < (PHASES_BACK + CHAIN_ALONE) * SIZE:
+        if len(data) - at < WINDOW:
             return None
         if self._last is not None:
             for place in range(at, at + PHASES_BACK * SIZE, SIZE):
-                if self._near(data, place) and _chain(data, place, CHAIN_IN_PHASE) is not None:
+                if self._near(data, place) and _chain(data, place, CHAIN_IN_PHASE, self._mark) is not None:
                     return place
             nearby = [p for p in range(at, at + 2 * SIZE) if self._near(data, p)]
-            best = _evenest(data, nearby, CHAIN_NEARBY)
+            best = _evenest(data, nearby, CHAIN_NEARBY, self._mark)
             if best is not None:
                 return best
-        best = _evenest(data, range(at, at + SIZE), CHAIN_ALONE)
+        best = _evenest(data, range(at, at + SIZE), CHAIN_ALONE, self._mark)
         return -1 if best is None else best
+
+    def _next_chain(self, data: bytearray, at: int) -> int:
+        """The first place from `at` on from which `_find_step` can see a chain, found without looking at each."""
+        place = at
+        while (found := _CHECKED_CHAIN.search(data, place)) is not None:
+            place = found.start()
+            if _chain(data, place, CHAIN_IN_PHASE, self._mark) is not None:
+                return max(at, place - (PHASES_BACK - 1) * SIZE)
+            place += 1
+        return len(data)
 
     def _near(self, data: bytearray, place: int) -> bool:
         return self._last is not None and _step(self._last, _angle(data, place)) <= NEAR_Q6
@@ -149,7 +198,23 @@ class NodeFormat(StreamFormat):
     def _continues(self, data: bytearray, at: int, last: int | None) -> bool:
         if self.measure(data, at) != SIZE or not self.intact(data, at, SIZE):
             return False
-        return last is None or _step(last, _angle(data, at)) <= FORWARD_Q6
+        angle = _angle(data, at)
+        if last is not None and _step(last, angle) > FORWARD_Q6:
+            return False
+        return not data[at] & 1 or _fits(angle, self._mark)
+
+    def _repeats(self, data: bytearray, at: int) -> bool:
+        """Whether the node that ended the run is marked where the last one was that was not believed."""
+        angle = _angle(data, at)
+        if not data[at] & 1 or self.measure(data, at) != SIZE or not self.intact(data, at, SIZE):
+            return False
+        if _fits(angle, self._mark) or self._last is None or _step(self._last, angle) > FORWARD_Q6:
+            return False
+        again = _apart(angle, self._other_mark) <= BACKWARD_Q6
+        self._other_mark = angle
+        if again:
+            self._mark = angle
+        return again
 
     @staticmethod
     def _ordinary_rows(data: bytearray, at: int, count: int, last: int) -> int:
@@ -172,23 +237,38 @@ def _angle(data: bytes | bytearray, at: int) -> int:
     return data[at + 1] >> 1 | data[at + 2] << 7
 
 
+def _apart(one: int, other: int) -> int:
+    """Degrees/64 between two angles, the short way."""
+    return min((one - other) % FULL_TURN_Q6, (other - one) % FULL_TURN_Q6)
+
+
+def _fits(angle: int, mark: int | None) -> bool:
+    """Whether a mark may stand at an angle: where the others do, or at 0; anywhere when it is the first."""
+    return mark is None or min(_apart(angle, 0), _apart(angle, mark)) <= SEAM_Q6
+
+
 def _step(earlier: int, later: int) -> int:
     """Degrees/64 from one angle to the next; falling back a little counts as no step."""
     step = (later - earlier) % FULL_TURN_Q6
     return 0 if step >= FULL_TURN_Q6 - BACKWARD_Q6 else step
 
 
-def _chain(data: bytearray, at: int, length: int) -> list[int] | None:
+def _chain(data: bytearray, at: int, length: int, mark: int | None) -> list[int] | None:
     """The steps between `length` nodes from `at`, or None if one of them cannot follow the other."""
     steps: list[int] = []
-    last = -1
+    last, marks = -1, 0
     for place in range(at, at + length * SIZE, SIZE):
         first, second = data[place], data[place + 1]
         if not ((first ^ first >> 1) & second & 1):
             return None
         angle = _angle(data, place)
-        if angle >= FULL_TURN_Q6 or (first & 1 and SEAM_Q6 <= angle <= FULL_TURN_Q6 - SEAM_Q6):
+        if angle >= FULL_TURN_Q6:
             return None
+        if first & 1:
+            marks += 1
+            # No chain is as long as a revolution: where nothing is known of marks, there is one at most.
+            if not _fits(angle, mark) or (mark is None and marks > 1):
+                return None
         if last >= 0:
             step = (angle - last + BACKWARD_Q6) % FULL_TURN_Q6 - BACKWARD_Q6
             if step > FORWARD_Q6:
@@ -198,11 +278,11 @@ def _chain(data: bytearray, at: int, length: int) -> list[int] | None:
     return steps
 
 
-def _evenest(data: bytearray, places: Sequence[int], length: int) -> int | None:
+def _evenest(data: bytearray, places: Sequence[int], length: int, mark: int | None) -> int | None:
     """Of the places where a chain begins, the one whose angle advances most evenly."""
     best: tuple[bool, float, int] | None = None
     for place in places:
-        steps = _chain(data, place, length)
+        steps = _chain(data, place, length, mark)
         if steps is None:
             continue
         total = sum(steps)
