@@ -7,10 +7,12 @@ once, and one sentence for those who installed the library without the command's
 
 from __future__ import annotations
 
+import os
 import sys
 
 __all__ = ["main"]
 
+NO_STDOUT = 2
 NEEDED = ("click", "rich")
 """What the extra `cli` brings and every command needs."""
 MISSING_EXTRA = 2
@@ -18,6 +20,9 @@ MISSING_EXTRA = 2
 
 def main() -> int:
     """Run the command with the arguments of the process; returns the exit code."""
+    if not _standard_streams():
+        sys.stderr.write("error: there is nowhere to write to: stdout is closed\n")
+        return NO_STDOUT
     if sys.argv[1:] == ["--version"]:
         from lidario import __version__
 
@@ -35,6 +40,19 @@ def main() -> int:
         )
         return MISSING_EXTRA
     return cli.run(sys.argv[1:])
+
+
+def _standard_streams() -> bool:
+    """Replace standard streams that are closed; whether stdout was open.
+
+    Otherwise the serial port would be opened in the place of a closed one, and what anybody prints would be sent to
+    the lidar.
+    """
+    is_open = sys.stdout is not None
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115 - for as long as it runs
+    return is_open
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lidario.cli.errors import ExitCode
+from lidario.cli.errors import ExitCode, exit_code_of
 from lidario.cli.output import console, dump, emit, message, progress, rendered
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def devices(ports: tuple[str, ...], as_json: bool) -> int:
     """List the ports and the lidars that respond on them.
 
     Ports that are named are asked, whatever adapter they have. Asking a device that scans stops it. The exit code
-    is 3 when no lidar responds.
+    is 3 when no lidar responds; where ports are named, the one that `lidario scan` ends with on the first of them.
     """
     return show(ports, as_json=as_json)
 
@@ -49,7 +49,10 @@ def show(ports: tuple[str, ...], *, as_json: bool, next_steps: bool = False) -> 
         _print(found, others)
     if next_steps:
         _tell_next([each.port.path for each in responding])
-    return ExitCode.OK if responding else ExitCode.NO_DEVICE
+    if responding:
+        return ExitCode.OK
+    reason = found[0].reason if ports else ""
+    return exit_code_of(reason) if reason else ExitCode.NO_DEVICE
 
 
 def _print(found: list[Found], others: list[PortInfo]) -> None:

@@ -24,6 +24,7 @@ import click
 
 from lidario import (
     ConnectFailed,
+    ConnectReason,
     DeviceFault,
     DeviceLost,
     InvalidValue,
@@ -34,7 +35,7 @@ from lidario import (
     Unsupported,
 )
 
-__all__ = ["ExitCode", "ReaderGone", "Stopped", "exit_code", "report"]
+__all__ = ["ExitCode", "ReaderGone", "Stopped", "exit_code", "exit_code_of", "report"]
 
 _PREFIX = "error: "
 
@@ -68,7 +69,7 @@ class ReaderGone(Exception):
     """The reader of our stdout has closed it, as ``head`` does. This is not an error."""
 
 
-_REASONS = {
+_REASONS: dict[ConnectReason, ExitCode] = {
     "missing": ExitCode.NO_DEVICE,
     "ambiguous": ExitCode.NO_DEVICE,
     "refused": ExitCode.NO_DEVICE,
@@ -92,10 +93,15 @@ _KINDS: tuple[tuple[type[BaseException], ExitCode], ...] = (
 )
 
 
+def exit_code_of(reason: ConnectReason) -> int:
+    """The exit code of a connection that failed for this reason."""
+    return _REASONS.get(reason, ExitCode.UNEXPECTED)
+
+
 def exit_code(error: BaseException) -> int:
     """The exit code that `error` ends the command with."""
     if isinstance(error, ConnectFailed):
-        return _REASONS.get(error.reason, ExitCode.UNEXPECTED)
+        return exit_code_of(error.reason)
     if isinstance(error, click.ClickException):
         return error.exit_code
     if isinstance(error, Stopped):

@@ -67,7 +67,8 @@ class Writer:
             error: Exception | None = None
             try:
                 emit(text)
-            except (OSError, ReaderGone) as caught:
+            except Exception as caught:
+                # Whatever it is: nobody else would end the waiting for this piece.
                 error = caught
             # The loop is closed when the command was ended while this write was blocked.
             with suppress(RuntimeError):

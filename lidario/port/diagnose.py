@@ -81,12 +81,25 @@ def why_not_opened(path: str, error: Exception) -> ConnectFailed:
     if code in _LOCKED or "exclusively lock" in text:
         return busy(path)
     if code in _NOT_SERIAL or "configure port" in text:
-        return ConnectFailed(f"{path} is not a serial port, or cannot be set up as one ({text})", reason="missing")
+        return ConnectFailed(f"{path} {_instead(path, text)}", reason="missing")
     if code in _GONE or "FileNotFoundError" in text or "\0" in path:
         return ConnectFailed(
             f"no such port: {path!r}. Is it plugged in? `lidario devices` lists the ports", reason="missing"
         )
     return ConnectFailed(f"could not open {path!r}: {text}", reason="missing")
+
+
+def _instead(path: str, text: str) -> str:
+    """What a path that is no serial port is instead."""
+    try:
+        mode = os.stat(path).st_mode
+    except OSError:
+        mode = stat.S_IFCHR
+    if stat.S_ISDIR(mode):
+        return "is a directory and not a serial port. `lidario devices` lists the ports"
+    if stat.S_ISREG(mode):
+        return "is a file and not a serial port. `lidario devices` lists the ports"
+    return f"is not a serial port, or cannot be set up as one ({text})"
 
 
 def _errno(error: Exception) -> int | None:

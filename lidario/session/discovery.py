@@ -10,9 +10,9 @@ import asyncio
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
-from lidario.errors import ConnectFailed, LidarError
+from lidario.errors import ConnectFailed, ConnectReason, LidarError
 from lidario.model import DeviceInfo
 from lidario.port.background import run_in_thread
 from lidario.session.connect import connect
@@ -60,12 +60,14 @@ class Found:
         info: What the device says it is; None when none was found.
         baudrate: Speed at which it responded; 0 when none was found.
         error: Why none was found; empty when one was.
+        reason: The same in one word, as in `ConnectFailed`; empty when one was found.
     """
 
     port: PortInfo
     info: DeviceInfo | None
     baudrate: int
     error: str
+    reason: ConnectReason | Literal[""] = ""
 
 
 def list_serial_ports() -> list[PortInfo]:
@@ -130,7 +132,8 @@ async def _ask(port: PortInfo, *, patient: bool) -> Found:
     try:
         connection = await connect(Source(port.path, "serial", port.path), patient=patient)
     except LidarError as error:
-        return Found(port, None, 0, str(error))
+        reason: ConnectReason = error.reason if isinstance(error, ConnectFailed) else "silent"
+        return Found(port, None, 0, str(error), reason)
     await connection.dialogue.close()
     return Found(port, connection.info, connection.port.baudrate, "")
 

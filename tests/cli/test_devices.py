@@ -59,6 +59,18 @@ def test_exit_code_3_when_no_lidar_answers(monkeypatch: pytest.MonkeyPatch, as_j
     assert invoke("devices", *["--json"] * as_json).exit_code == 3
 
 
+@pytest.mark.parametrize(
+    ("reason", "code"), [("missing", 3), ("permission", 4), ("busy", 4), ("silent", 5), ("refused", 3)]
+)
+def test_a_named_port_ends_it_as_it_ends_scan(
+    monkeypatch: pytest.MonkeyPatch, reason: lidario.ConnectReason, code: int
+) -> None:
+    found(monkeypatch, lidario.Found(PORTS[1], None, 0, "it cannot be opened", reason))
+    assert invoke("devices", "/dev/ttyUSB1").exit_code == code
+    # Where none is named, there is no device.
+    assert invoke("devices").exit_code == 3
+
+
 def test_a_named_port_is_asked() -> None:
     with served("rplidar-s2") as server:
         ended = invoke("devices", server.path, "/dev/nosuchport", "--json")

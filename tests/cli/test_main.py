@@ -123,3 +123,23 @@ def test_what_nobody_expected_is_one_line(monkeypatch: pytest.MonkeyPatch) -> No
 
 async def _nothing(paths: tuple[str, ...] = ()) -> list[lidario.Found]:
     return []
+
+
+@pytest.mark.parametrize("closed", [">&-", ">&- 2>&-", ">&- <&-"])
+@pytest.mark.parametrize("arguments", ["scan 'sim://rplidar-s2?via=memory' -n 0", "devices", "--version", "sim"])
+def test_a_closed_stdout_is_said_and_ends_it(arguments: str, closed: str) -> None:
+    ended = subprocess.run(
+        f"{sys.executable} -m lidario {arguments} {closed}",
+        shell=True, cwd=ROOT, capture_output=True, text=True, timeout=BOUND, check=False,
+    )  # fmt: skip
+    assert ended.returncode == 2
+    assert ended.stderr == ("" if "2>" in closed else "error: there is nowhere to write to: stdout is closed\n")
+
+
+def test_a_closed_stderr_hides_messages_alone() -> None:
+    ended = subprocess.run(
+        f"{sys.executable} -m lidario scan 'sim://rplidar-s2?via=memory' --json 2>&- <&-",
+        shell=True, cwd=ROOT, capture_output=True, text=True, timeout=BOUND, check=False,
+    )  # fmt: skip
+    assert ended.returncode == 0
+    assert ended.stdout.count("\n") == 1

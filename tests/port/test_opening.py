@@ -47,9 +47,9 @@ def another_program(command: list[str], stderr: int | None = None) -> Iterator[s
         ("/dev/no-such-port", "no such port"),
         ("/dev/null/port", "no such port"),
         ("/dev/" + "x" * 5000, "no such port"),
-        ("/dev", "not a serial port"),
+        ("/dev", "/dev is a directory and not a serial port"),
         ("/dev/null", "not a serial port"),
-        ("/etc/hostname", "not a serial port"),
+        ("/etc/hostname", "is a file and not a serial port"),
         ("/dev/\udcff", "no such port"),
     ],
 )
