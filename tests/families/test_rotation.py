@@ -39,7 +39,7 @@ def test_a_gap_seen_first_is_not_the_ordinary_step(arc: int, width: int, share: 
 @pytest.mark.parametrize("lost", range(6))
 @pytest.mark.parametrize("name", ["rplidar_32k_82", "rplidar_32k_84", "rplidar_32k_85", "rplidar_32k_86"])
 def test_a_stream_joined_at_a_gap_delivers_no_wrong_point(name: str, lost: int) -> None:
-    """Joined one packet before a gap that lies across the seam: what that packet held behind the seam is unknown."""
+    """Joined one packet before a gap across the seam: what that packet held behind the seam is unknown."""
     case = next(case for case in CASES if case.name == name)
     seam = case.turns[0][0].packet
     gone = set(range(seam - lost // 2, seam - lost // 2 + lost))

@@ -17,6 +17,7 @@ from lidario.model import Scan
 from lidario.session.opening import open_lidar
 from tests.support.devices import FAMILIES
 from tests.support.ports import PATIENCE_S
+from tests.support.starved import unless_starved
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOCK_S = 0.6
@@ -79,6 +80,7 @@ def compute(seconds: float) -> None:
 
 @pytest.mark.parametrize("block", [sleep, compute])
 @pytest.mark.parametrize("family", FAMILIES)
+@unless_starved
 async def test_a_blocked_loop_loses_nothing(family: str, block: object) -> None:
     assert callable(block)
     scans: list[Scan] = []
@@ -107,6 +109,7 @@ async def test_a_blocked_loop_loses_nothing(family: str, block: object) -> None:
     assert 0.5 < periods[0] <= periods[-1] < 1.5
 
 
+@unless_starved
 async def test_a_reader_that_keeps_one_scan_is_told_what_it_missed() -> None:
     with played("rplidar") as device:
         async with open_lidar(device.path, family="rplidar") as lidar, lidar.scans() as stream:

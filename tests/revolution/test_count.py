@@ -1,4 +1,4 @@
-"""Revolutions that are missing: `seq` jumps by them, every lost packet is told, and the speed is right or unknown."""
+"""Revolutions that are missing: `seq` jumps by them, lost packets are told, the speed is right or unknown."""
 
 import math
 from asyncio import timeout
@@ -64,7 +64,7 @@ def hertz(name: str) -> float:
 @pytest.mark.parametrize("revolutions", [0.4, 0.97, 1.0, 1.3, 2.0, 2.6, 5.5, 8.1])
 @pytest.mark.parametrize("place", [2.05, 2.5, 2.9])
 def test_an_outage_is_told_in_full(name: str, revolutions: float, place: float) -> None:
-    """Whatever part of a revolution comes on top of the whole ones: packets by the angle, revolutions by the time."""
+    """Whatever part of a revolution comes on top: packets by the angle, revolutions by the time."""
     packets, clean = packets_of(name), assembled_from(name, packets_of(name))[0]
     each = len(packets) / 2.5 / hertz(name)
     begin = round(place * each)
@@ -118,7 +118,7 @@ def beginning(start: float, lost: int = 0, over: float = 0.0) -> Beginning:
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("lost", [0, 3])
 def test_noise_never_makes_it_jump(seed: int, lost: int) -> None:
-    """Stamps off by up to a third of a revolution, for a thousand of them, a rotor 5 % slower than the samples say."""
+    """Stamps off by up to a third of a revolution, a thousand times, a rotor 5 % slower than the samples say."""
     random, count = np.random.default_rng(seed), RevolutionCount()
     for number in range(1000):
         passed = count.follow(beginning(1.05 * number + random.uniform(0, 0.29), lost))
