@@ -4,9 +4,9 @@ Two reasons are no mistake of the host, and allowed everywhere. A device does no
 learns that by asking. A device that boots gives no sign when it is done, so the host asks what it is until it
 responds; if the host gives up meanwhile, it writes the stop requests all the same.
 
-A device that a thread serves at true pace sees each request when the machine lets that thread run: on a busy machine
-a STOP late and the next request in time, as if the host had not waited. So what is discarded for its time alone
-counts only where the clock is driven; there the same session code is tried at every step.
+A device that a thread serves at true pace sees each request when the machine lets that thread run: on a busy
+machine a STOP late and the next request in time, as if the host had not waited. So what is discarded for its time
+alone counts only where the clock is driven; there the same session code is tried at every step.
 """
 
 from __future__ import annotations
