@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from benchmarks import decode, flatout, latency, live, memory, readme, scale, stages, start
+from benchmarks import damage, decode, flatout, latency, live, memory, readme, scale, stages, start
 from benchmarks.peers import set_up
 from benchmarks.plots import draw
 from benchmarks.processes import ROOT
@@ -27,6 +27,7 @@ _BENCHMARKS: dict[str, Callable[[Setting], Result]] = {
     "scale": scale.run,
     "memory": memory.run,
     "start": start.run,
+    "damage": damage.run,
 }
 _RESULTS = ROOT / "benchmarks" / "results"
 
