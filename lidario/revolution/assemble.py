@@ -177,9 +177,7 @@ class Assembler:
     def _end(self, split: Split, following: bytes) -> Scan | None:
         """End the revolution in the making before the packet `following`, and begin the next."""
         ended, self._partial = self._partial, PartialRevolution(whole=not split.broken)
-        if split.moved:
-            ended.whole = False
-            self._count.restart()
+        self._partial.moved = split.moved
         arrays, samples, lost = ended.carried, None, ended.lost_behind_carried
         packets = ended.packets()
         if packets is not None:
@@ -209,8 +207,9 @@ class Assembler:
             arrays = here.part(room if unknown else 0, crossed)
         if arrays is None or not len(arrays):
             return None
-        if split.broken:
-            if ended.whole:
+        if split.broken or split.moved:
+            # Only the first mark may stand elsewhere by right. A false one moves the seam there and back.
+            if ended.whole and not ended.moved and (split.broken or self._last_spanned_ns):
                 self.stats.break_scan()
             self._count.restart()
             return None
@@ -292,7 +291,8 @@ class Assembler:
         broken: bool,
     ) -> float:
         """Count what is missing since the revolution before; return what one takes, NaN when it was not seen."""
-        if packets is None or samples is None:
+        if packets is None or samples is None or not (ended.whole or self._stream.format.first_seam is not None):
+            # Where only marks tell where revolutions begin, the first part may be longer than one.
             self._count.restart()
             return math.nan
         packet_ns = samples.ends[-1] / len(samples.ends) * sample_ns

@@ -54,6 +54,7 @@ class PartialRevolution:
 
     Attributes:
         whole: Whether it began at the seam, so that it can become a scan.
+        moved: Whether it began at a mark that stood elsewhere than the one before.
         carried: Samples from the packet that crossed the seam at its beginning, if any.
         carried_ns: Arrival of that packet.
         lost_behind_carried: Packets missing right behind that packet.
@@ -62,6 +63,7 @@ class PartialRevolution:
     """
 
     whole: bool
+    moved: bool = False
     carried: SampleArrays | None = None
     carried_ns: int = 0
     lost_behind_carried: int = 0

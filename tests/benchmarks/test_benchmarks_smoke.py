@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import pytest
 
-from benchmarks import decode, stages, vendor
+from benchmarks import damage, decode, stages, vendor
 from benchmarks.contest import late_by, lost_scans
 from benchmarks.report import Result, Setting, spread
 from benchmarks.streams import KINDS, RATES, recording
@@ -114,3 +114,16 @@ def test_what_the_vendors_driver_read_is_compared_with_the_device(
     assert of.mode == "DenseBoost"
     assert of.wrong() == wrong
     assert vendor.Run(device, {}, "it crashed").wrong() == ["it crashed"]
+
+
+@pytest.mark.parametrize("how", damage.DAMAGES)
+@pytest.mark.parametrize("name", KINDS)
+def test_damage_costs_what_it_hits_and_is_told(name: str, how: str) -> None:
+    """Points are right; packets are told within 3 %, for a check value does not see all; revolutions exactly."""
+    found = damage.outcome(KINDS[name], how, seed=1)
+    assert found.missing > 0
+    assert found.told == pytest.approx(found.missing, rel=0.05 if name == "0x81 nodes" else 0.03, abs=4)
+    assert found.told_scans == found.missing_scans
+    # Of nodes, a flipped distance cannot be seen; of packets with eight check bits, one damaged one in 256.
+    assert found.wrong <= (0.003 if name == "0x81 nodes" else 0.0003) * found.points
+    assert found.kept > (0.78 if "flip" in how or "0.8" in how else 0.9) * found.points

@@ -110,3 +110,13 @@ def test_how_many_packets_a_revolution_has(case: Case) -> None:
         assert samples.certain
         assert samples.revolution_packets == pytest.approx(end - begin, abs=1.1)
         assert samples.revolution_samples == pytest.approx(len(case.turns[0]), rel=0.02)
+
+
+def test_a_leap_and_the_fall_behind_it_are_no_gap() -> None:
+    """0x81: bytes that are no nodes may pass for some; behind them the angle is back where it was."""
+    angles = np.arange(3000) * 7 % TURN
+    angles[1500:1505] += 28 * 64
+    nodes = packers.pack_standard(angles, 4000, 40, np.zeros(3000, bool))
+    case = next(case for case in CASES if case.name == "rplidar_32k_81")
+    samples = case.make_decoder().decode(in_one_run(case.make_format(), nodes), None)
+    assert samples.lost <= 1

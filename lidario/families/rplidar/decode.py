@@ -277,7 +277,8 @@ class NodeDecoder:
 
     def __init__(self) -> None:
         # Nodes carry corrected angles, which scatter by most of a step: only a doubled step is a lost node.
-        self._rotation = Rotation(FULL_TURN_Q6, jitter=0.75)
+        # Without a check value, a few bytes may pass for nodes that are up to 30 degrees ahead.
+        self._rotation = Rotation(FULL_TURN_Q6, jitter=0.75, retreat=1 / 12)
 
     def decode(
         self,

@@ -20,7 +20,9 @@ from numpy.typing import NDArray
 __all__ = ["Arcs", "Rotation"]
 
 RETREAT_TURNS: Final = 1 / 36
-"""Headings may fall back by up to this part of 360 degrees; any more is the long way round, forwards."""
+"""How far packets under a check value fall back at most."""
+FALSE_PACKETS: Final = 40
+"""Packets within which a leap and a fall belong together: between them stands what was no packet."""
 STRANGE_SPANS: Final = 4
 """Spans in a row, all unlike what was ordinary so far, after which they are the ordinary ones."""
 TRUSTED_GAP: Final = 8
@@ -72,11 +74,12 @@ class Rotation:
     Args:
         full_turn: 360 degrees in the unit of the headings.
         jitter: Share of an ordinary arc by which headings may scatter before a packet counts as missing.
+        retreat: Part of 360 degrees by which headings may fall back; any more is the long way round, forwards.
     """
 
-    def __init__(self, full_turn: int, jitter: float = 0.5) -> None:
+    def __init__(self, full_turn: int, jitter: float = 0.5, retreat: float = RETREAT_TURNS) -> None:
         self._full_turn = full_turn
-        self._retreat = int(full_turn * RETREAT_TURNS)
+        self._retreat = int(full_turn * retreat)
         self._jitter = jitter
         self._typical = 0.0
         self._certain = False
@@ -134,6 +137,7 @@ class Rotation:
         if not followed:
             missing[-1] = -1
         _forgive_falls(missing, spans)
+        _take_back(missing, spans, typical)
         arc = np.where(missing == 0, spans, typical)
         for gap in np.flatnonzero((missing > 0) & (missing <= TRUSTED_GAP)).tolist():
             arc[gap] = self._before_gap(arc, missing, gap, spans[gap] / (missing[gap] + 1))
@@ -197,6 +201,15 @@ class Rotation:
 
 def _alike(spans: NDArray[np.float64], arc: float) -> NDArray[np.bool_]:
     return np.asarray(np.abs(spans - arc) <= LIKENESS * arc)
+
+
+def _take_back(missing: NDArray[np.intp], spans: NDArray[np.float64], typical: float) -> None:
+    """Where headings leap ahead and soon fall back, only the difference is missing."""
+    for fall in np.flatnonzero(spans < -2 * typical).tolist():
+        leaps = np.flatnonzero(missing[max(0, fall - FALSE_PACKETS) : fall] > 0)
+        if len(leaps):
+            leap = max(0, fall - FALSE_PACKETS) + int(leaps[-1])
+            missing[leap] = max(0, int(missing[leap]) + round(float(spans[fall]) / typical))
 
 
 def _forgive_falls(missing: NDArray[np.intp], spans: NDArray[np.float64]) -> None:

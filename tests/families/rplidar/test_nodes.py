@@ -41,8 +41,8 @@ def test_the_two_check_bits() -> None:
     [
         (0, True, True),
         (29 * 64, True, True),
-        (31 * 64, True, False),
-        (180 * 64, True, False),
+        (31 * 64, True, True),
+        (180 * 64, True, True),
         (331 * 64, True, True),
         (TURN - 1, False, True),
         (TURN, False, False),
