@@ -5,7 +5,7 @@ left may keep it from hearing. Otherwise the line is first listened to (`lidario
 streams is recognised by that. What remains unknown is found by asking, in rounds:
 
 - The first round waits shortly at each speed, since a healthy device responds within milliseconds. It is made
-  where nothing was heard, so nothing has to fall quiet before the question, and where one family would have to wait
+  where nothing was heard, so nothing has to be stopped before the question, and where one family would have to wait
   for another.
 - Each later round asks with patience, until one has begun after the longest time for which a device does not hear:
   it holds half a request, or it boots.
@@ -64,7 +64,7 @@ class _Try(NamedTuple):
     baudrate: int
 
 
-QUICK_S = 0.04
+QUICK_S = 0.05
 """How long the first round waits for a response: a healthy device needs a few milliseconds, an adapter up to 16."""
 
 

@@ -1,8 +1,8 @@
 """Identifying a device, whatever state it was left in.
 
 A device may still be streaming for a program that was killed, may hold half a request, may have stopped to protect
-itself, or may be booting. So STOP is always sent first, then the line must be quiet, and only then a question is
-asked, whose response is recognised by type and length. A device that reports an error is reset once.
+itself, or may be booting. So STOP is sent first, unless the line was just listened to and is quiet. Then a question
+is asked, whose response is recognised by type and length. A device that reports an error is reset once.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _LEAST_ROUNDS = 2
 async def introduce(dialogue: Dialogue, device: Device, patience: float, *, quiet: bool = False) -> DeviceInfo:
     """Stop whatever the device is doing and ask what it is, again and again for `patience` seconds.
 
-    With no patience at all it is asked once. Where the line is known to be `quiet`, its silence is not waited for.
+    With no patience at all it is asked once. Where the line is known to be `quiet`, nothing is stopped before.
 
     Raises:
         ResponseTimeout: It does not respond.
@@ -38,9 +38,7 @@ async def introduce(dialogue: Dialogue, device: Device, patience: float, *, quie
     while True:
         rounds -= 1
         began = loop.time()
-        if quiet:
-            await dialogue.ask(device.stop())
-        else:
+        if not quiet:
             await dialogue.quieten()
         try:
             return await dialogue.run(device.identify())

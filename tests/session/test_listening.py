@@ -185,7 +185,7 @@ def test_where_nothing_listens_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     at_each = [
         next(data for each, data in written if each == speed) for speed in dict.fromkeys(s for s, _ in written)
     ]
-    assert at_each == [b"\xa5\x25", b"\xa5\x65", b"\xa5\x25", b"\xa5\x25", b"\xa5\x25"]
+    assert at_each == [QUESTION[name] for name in ("rplidar", "ydlidar", "rplidar", "rplidar", "rplidar")]
 
 
 def test_a_speed_the_adapter_cannot_do_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
