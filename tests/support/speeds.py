@@ -21,7 +21,7 @@ __all__ = ["SpeedPtyServer", "misread", "serial_in_memory"]
 
 _TCGETS2 = 0x802C542A
 _SPEED_AT = 40
-_ONE_REQUEST = 2
+_REQUEST = 0xA5
 
 
 def misread(data: bytes, sent_at: int, read_at: int) -> bytes:
@@ -77,8 +77,8 @@ class SpeedPtyServer(PtyServer):
     """A simulated device on a pseudo-terminal that minds the speed its client has set.
 
     On a busy machine it may come to its turn late, when the client has changed the speed since it wrote. When
-    the speed has changed and several requests are read together, they are lost, since nobody can tell at which speed
-    each was written.
+    the speed has changed and several requests are read together, they are lost, since nobody can tell at which
+    speed each was written.
     """
 
     _speed = 0
@@ -92,7 +92,7 @@ class SpeedPtyServer(PtyServer):
     def _receive(self, readable: list[Any]) -> bytes:
         speed_before, self._speed = self._speed, self.client_speed
         data = super()._receive(readable)
-        if speed_before not in (0, self._speed) and len(data) > _ONE_REQUEST:
+        if speed_before not in (0, self._speed) and data.count(_REQUEST) > 1:
             return b""
         return misread(data, self._speed, self.device.baudrate)
 

@@ -189,8 +189,8 @@ class Device4Ros(Device):
         """As `Device.power_down_protection`: it can only be toggled, and the response tells the new state.
 
         The manual (3.8) recommends it where lidar and host have separate power supplies, so that the lidar stops
-        when the host has lost its own. Streams started with protection on must be kept alive. Before this was called the
-        state is not known, since it cannot be asked; it is assumed to be off.
+        when the host has lost its own. Streams started with protection on must be kept alive. Before this was
+        called the state is not known, since it cannot be asked; it is assumed to be off.
 
         Raises:
             RemoteProtocolError: The device does not reach the wanted state.
