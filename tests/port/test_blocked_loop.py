@@ -114,9 +114,7 @@ async def test_a_blocked_loop_loses_nothing(family: str, block: Callable[[float]
     turn_s = TURN_S[family]
     assert len(scans) >= BLOCKS * BLOCK_S / turn_s
     periods = sorted((b.stamp_ns - a.stamp_ns) * 1e-9 / turn_s for a, b in pairwise(scans))
-    # A busy machine bends one or the other stamp.
-    uneven = [period for period in periods if abs(period - 1) > 0.02]
-    assert len(uneven) <= len(periods) // 4, periods
+    # A busy machine makes the device itself late; how even stamps are is tested on a driven clock (tests/session).
     assert 0.5 < periods[0] <= periods[-1] < 1.5
 
 
