@@ -300,7 +300,7 @@ class Assembler:
         # A read that was completed only behind a gap dates what came before it too late. What follows is on time.
         behind_ns = samples.lost_behind * packet_ns if self._partial.carried is None else 0.0
         from_end_ns = round(ended.last_ns - spanned_ns + behind_ns)
-        late = start_ns - from_end_ns > NOISE * samples.revolution_samples * sample_ns
+        late = samples.certain and start_ns - from_end_ns > NOISE * samples.revolution_samples * sample_ns
         here = Beginning(
             from_end_ns if late else start_ns,
             over=0.0 if ended.carried is not None or not ended.behind_gap else self._over(packets, samples),
