@@ -2,7 +2,7 @@
 
 - ``--exhaustive`` (`make check`): tests marked ``exhaustive`` go through all that they can, not through a sample;
   property tests try twice as many examples.
-- ``--every-step``: two tasks at once are tried at every step of the event loop, not at every fifth; six minutes.
+- ``--every-step``: two tasks at once are tried at every step of the event loop, not at every eighth; five minutes.
 - ``--soak SECONDS``: how long tests at true pace run.
 - ``--rounds N``: how often tests at true pace act at a random moment; a few times by default, more with
   ``--exhaustive``.
@@ -123,5 +123,5 @@ def soak(request: pytest.FixtureRequest) -> float:
 @pytest.fixture
 def rounds(request: pytest.FixtureRequest) -> int:
     """At how many random moments a test at true pace acts."""
-    usual = 50 if request.config.getoption("--exhaustive") else 6
+    usual = 12 if request.config.getoption("--exhaustive") else 4
     return int(request.config.getoption("--rounds")) or usual

@@ -190,6 +190,7 @@ class Assembler:
                 self._seam.angle if ends_inside else None,
             )
             self.stats.lost_packets += samples.lost
+            self._partial.behind_gap = samples.lost_behind > 0 or not samples.certain
             lost += samples.lost
             here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
             if arrays is not None:
@@ -299,10 +300,10 @@ class Assembler:
         # A read that was completed only behind a gap dates what came before it too late. What follows is on time.
         behind_ns = samples.lost_behind * packet_ns if self._partial.carried is None else 0.0
         from_end_ns = round(ended.last_ns - spanned_ns + behind_ns)
-        late = start_ns - from_end_ns > NOISE * samples.revolution_samples * sample_ns
+        late = samples.certain and start_ns - from_end_ns > NOISE * samples.revolution_samples * sample_ns
         here = Beginning(
             from_end_ns if late else start_ns,
-            over=0.0 if ended.carried is not None else self._over(packets, samples),
+            over=0.0 if ended.carried is not None or not ended.behind_gap else self._over(packets, samples),
             revolution_ns=samples.revolution_samples * sample_ns if samples.certain else 0.0,
             revolution_packets=samples.revolution_packets,
             packet_ns=sample_ns * samples.revolution_samples / samples.revolution_packets

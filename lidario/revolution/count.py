@@ -18,6 +18,8 @@ __all__ = ["NOISE", "Beginning", "Passed", "RevolutionCount"]
 
 NOISE: Final = 0.35
 """Revolutions by which the time between two beginnings may be off, by late stamps and an uneven rotor."""
+ALIKE: Final = 1.5
+"""Times that a revolution may take longer or shorter than the one before, where most of it did not come."""
 PATIENCE: Final = 2
 """Revolutions for which stamps must stay late, where no packet is known to be missing."""
 
@@ -66,6 +68,7 @@ class RevolutionCount:
 
     def __init__(self) -> None:
         self._last: Beginning | None = None
+        self._sure: Beginning | None = None
         self._late = 0.0
         self._waited = 0
 
@@ -77,6 +80,7 @@ class RevolutionCount:
     def follow(self, here: Beginning) -> Passed:
         """Tell what passed since the beginning before; it is one revolution on by the angles."""
         last, self._last = self._last, here
+        self._correct_speed(here)
         if last is None:
             return Passed(0, 0, math.nan)
         elapsed = here.start_ns - last.start_ns
@@ -87,10 +91,23 @@ class RevolutionCount:
         extra = elapsed / last.revolution_ns - share
         unseen = self._unseen(extra, last.lost > 0)
         lost = round(unseen * last.revolution_packets)
-        if last.broken and unseen:
+        if unseen and last.broken:
             lost = _lost_by_time(last, elapsed)
         near = not unseen and abs(extra) < NOISE and elapsed > 0
         return Passed(unseen, lost, elapsed / share if near else math.nan)
+
+    def _correct_speed(self, here: Beginning) -> None:
+        """Where too little came to tell the speed for sure, take the one before: a rotor keeps its speed."""
+        sure = self._sure
+        if here.revolution_ns and not here.broken and here.lost <= here.packets:
+            alike = sure is None or 1 / ALIKE < here.revolution_ns / sure.revolution_ns < ALIKE
+            if alike or (sure is not None and here.packets > sure.revolution_packets / 2):
+                self._sure = here
+                return
+        if sure is not None:
+            here.revolution_ns, here.revolution_packets = sure.revolution_ns, sure.revolution_packets
+        elif here.lost > here.packets:
+            here.revolution_ns = 0.0
 
     def _unseen(self, extra: float, gap: bool) -> int:
         if not self._late and abs(extra) < NOISE:

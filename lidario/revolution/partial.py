@@ -55,6 +55,7 @@ class PartialRevolution:
     Attributes:
         whole: Whether it began at the seam, so that it can become a scan.
         moved: Whether it began at a mark that stood elsewhere than the one before.
+        behind_gap: Whether packets may be missing right before its first one.
         carried: Samples from the packet that crossed the seam at its beginning, if any.
         carried_ns: Arrival of that packet.
         lost_behind_carried: Packets missing right behind that packet.
@@ -64,6 +65,7 @@ class PartialRevolution:
 
     whole: bool
     moved: bool = False
+    behind_gap: bool = True
     carried: SampleArrays | None = None
     carried_ns: int = 0
     lost_behind_carried: int = 0

@@ -16,6 +16,7 @@ before; these are found as an array, and the rest is passed over.
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections import deque
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -70,16 +71,14 @@ class Seam:
         self._armed = False
         self._passed_unmarked = False
         self._unmarked_revolutions = 0
-        self._recent: list[int] = []
+        self._recent: deque[Headings] = deque(maxlen=_RECENT)
         self._headings: Headings = ()
 
     def splits(self, headings: Headings) -> list[Split]:
         """Where revolutions begin among `headings`, the next ones of the stream."""
         self._headings = headings
         found = self._splits(headings)
-        last = headings[-_RECENT:]
-        tail = last.tolist() if isinstance(last, np.ndarray) else list(last)
-        self._recent = tail if len(tail) == _RECENT else (self._recent + tail)[-_RECENT:]
+        self._recent.append(headings)
         return found
 
     def _splits(self, headings: Headings) -> list[Split]:
@@ -155,8 +154,8 @@ class Seam:
 
     def _goes_on(self, index: int, heading: int) -> bool:
         """Whether a heading follows the one before by the steady step, or by a few of them."""
-        here = self._headings[max(0, index - _RECENT) : index]
-        before = [*self._recent, *(here.tolist() if isinstance(here, np.ndarray) else here)][-_RECENT:]
+        latest = [*(part[-_RECENT:] for part in self._recent), self._headings[max(0, index - _RECENT) : index]]
+        before = [int(each) for part in latest for each in part][-_RECENT:]
         angles = [each & ~_FLAGS for each in before]
         steps = sorted((later - earlier) % self._full_turn for earlier, later in pairwise(angles))
         steady = steps[len(steps) // 2] if steps else 0

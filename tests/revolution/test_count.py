@@ -163,7 +163,8 @@ async def test_a_speed_is_never_nonsense(share: str) -> None:
                         break
         stats = lidar.stats
     speeds = [scan.rpm for scan in scans if not math.isnan(scan.rpm)]
-    assert all(580 < rpm < 620 for rpm in speeds), speeds
+    # A single packet dates a revolution by when it happened to be read.
+    assert all(560 < rpm < 640 for rpm in speeds), speeds
     assert stats.missed_scans >= stats.broken_scans
     if share == "5%":
         # 84 bytes arrive whole once in 74 times: 79 packets in 80 are missing, and told.

@@ -26,7 +26,7 @@ from tests.support.devices import FAMILIES, Rig, discarded, left_still, make_rig
 from tests.support.loop import DrivenLoop, run_driven
 
 SAMPLE = 6
-"""Steps tried of each cell in a sample; every fifth with ``--exhaustive``, all of them with ``--every-step``."""
+"""Steps tried of each cell in a sample; every eighth with ``--exhaustive``, all of them with ``--every-step``."""
 LONGEST_S = 20.0
 """No call takes longer: the longest are a speed that is not reached (10 s) and a boot (8 s)."""
 
@@ -240,7 +240,7 @@ def every_step(request: pytest.FixtureRequest) -> bool:
     return bool(request.config.getoption("--every-step"))
 
 
-@pytest.mark.exhaustive("stride", sample=[0], full=[5])
+@pytest.mark.exhaustive("stride", sample=[0], full=[8])
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("b", B, ids=lambda work: work.__name__)
 @pytest.mark.parametrize("a", A, ids=lambda work: work.__name__)

@@ -72,9 +72,10 @@ class PointCloudDecoder:
             beam = _beam_deg(int(first[across]), int(way[across]), samples)
             angle[room + ends[across] - samples : room + ends[across]] = np.where(beam < 360.0, beam, beam - 360.0)
 
-        missing = self._missing(first, way, counts, starts, following)
+        most = int(counts.max())
+        step = _step(way, counts, most, ends[-1])
+        missing = self._missing(first, way, counts, starts, following, step, most)
         gaps = missing.nonzero()[0]
-        step = _step(way, counts)
         samples_a_turn = FULL_TURN_Q6 / step if step else 0.0
         return Samples(
             angle_deg=angle,
@@ -86,20 +87,26 @@ class PointCloudDecoder:
             unbroken=int(gaps[0]) + 1 if len(gaps) else len(counts),
             lost_behind=int(missing[-1]) if len(gaps) else 0,
             # The start packet holds one sample, the last packet of a revolution what is left.
-            revolution_packets=1.0 + math.ceil((samples_a_turn - 1) / counts.max()) if step else 0.0,
+            revolution_packets=1.0 + math.ceil((samples_a_turn - 1) / most) if step else 0.0,
             revolution_samples=samples_a_turn,
             certain=step > 0,
         )
 
     def _missing(
-        self, first: Ints, way: Ints, counts: Ints, starts: NDArray[np.bool_], following: bytes | None
+        self,
+        first: Ints,
+        way: Ints,
+        counts: Ints,
+        starts: NDArray[np.bool_],
+        following: bytes | None,
+        step: float,
+        most: int,
     ) -> NDArray[np.intp]:
         """Packets missing behind each packet, shape (packets,); empty where none is."""
         marked = starts.nonzero()[0]
         if len(marked):
             self._seam = int(first[marked[0]])
-        step = _step(way, counts)
-        if int(way.max()) > _STEADY * step * (int(counts.max()) - 1):
+        if int(way.max()) > _STEADY * step * (most - 1):
             # A damaged angle must not look like packets lost behind it.
             usual = step * (counts - 1)
             way = np.where(way > _STEADY * usual, np.rint(usual), way).astype(np.int32)
@@ -164,13 +171,13 @@ def _fill(
         at, packet = until, packet + count
 
 
-def _step(way: Ints, counts: Ints) -> float:
+def _step(way: Ints, counts: Ints, most: int, samples: int) -> float:
     """The angle from one sample to the next; 0 when no packet has two of them."""
-    steps = int(counts.sum()) - len(counts)
+    steps = samples - len(counts)
     if not steps:
         return 0.0
     mean = int(way.sum()) / steps
-    if int(way.max()) <= _STEADY * mean * (int(counts.max()) - 1):
+    if int(way.max()) <= _STEADY * mean * (most - 1):
         return mean
     # A damaged angle that the check value let pass; the others tell the truth.
     several = counts > 1
