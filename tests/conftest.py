@@ -13,6 +13,7 @@ import inspect
 import os
 import platform
 import re
+import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -60,6 +61,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    # A shell starts background programs with these ignored, and the programs that tests end would inherit that.
+    for number, usual in (
+        (signal.SIGINT, signal.default_int_handler),
+        (getattr(signal, "SIGHUP", 0), signal.SIG_DFL),
+    ):
+        if number and signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, usual)
     profile = "ci" if config.getoption("--exhaustive") else "sample"
     settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", profile))
 
