@@ -133,7 +133,11 @@ class Rotor:
 
 
 def follow_rotor(
-    device_angles: NDArray[np.floating], time_increment_ns: float, duration_ns: float, seam: float = 0.0
+    device_angles: NDArray[np.floating],
+    time_increment_ns: float,
+    duration_ns: float,
+    seam: float = 0.0,
+    lost_packets: int = 0,
 ) -> Rotor:
     """Find out where a revolution begins and how fast the rotor turned.
 
@@ -146,11 +150,14 @@ def follow_rotor(
         time_increment_ns: Time between two samples that have none missing between them.
         duration_ns: Time from the first sample to the end of the revolution, approximately.
         seam: Device angle where revolutions should begin, degrees.
+        lost_packets: Packets known to be missing. With 0, and a duration of as many sample times as there are
+            samples, no gap is looked for.
     """
     if not len(device_angles):
         return Rotor(seam % 360.0, 0.0, float(duration_ns))
     travelled = _travelled(device_angles)
-    complete = abs(duration_ns - len(travelled) * time_increment_ns) <= time_increment_ns
+    # One missing sample must not pass for none: the samples after it would be taken for one step too early.
+    complete = not lost_packets and abs(duration_ns - len(travelled) * time_increment_ns) <= time_increment_ns / 2
     step, numbers = _step(travelled, complete=complete)
     if len(travelled) > 1 and step <= 0:
         return Rotor(seam % 360.0, 0.0, float(duration_ns))

@@ -168,7 +168,9 @@ class Scan:
                 not a range.
         """
         scan = self if self._measured is None else self._measured
-        rotor = follow_rotor(scan.device_angles, scan.time_increment_ns, scan.duration_ns, scan.seam)
+        rotor = follow_rotor(
+            scan.device_angles, scan.time_increment_ns, scan.duration_ns, scan.seam, scan.lost_packets
+        )
         return resample(
             scan.device_angles,
             scan.ranges,

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from lidario.laserscan import BeamOrder, LaserScan, follow_rotor
@@ -269,6 +269,9 @@ def test_every_beam_has_the_time_of_its_samples(hertz: float, beams: int | None,
     check(truth.scan.to_laserscan(beams, order=order), truth)
 
 
+# Exactly one sample lost, and not enough to be seen in the duration.
+@example(6.0, 1000.0, 15.3, False, 0.0, 0.0, [(0.25, 0.0078125)], 0.0, None, 0.0, "counter-clockwise")
+@example(6.0, 1000.0, 15.3, False, 0.0, 0.0, [(0.25, 0.0078125)], -0.006, None, 0.0, "counter-clockwise")
 @given(
     hertz=st.floats(4, 20),
     sample_us=st.sampled_from([500.0, 1000.0]),
