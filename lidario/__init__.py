@@ -34,7 +34,8 @@ if TYPE_CHECKING:
         Unsupported,
     )
     from lidario.laserscan import BeamOrder, LaserScan, NoReturn
-    from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, Scan, ScanMode, Stats
+    from lidario.model import DeviceInfo, Health, HealthStatus, Return, SampleRate, Scan, ScanMode, Stats
+    from lidario.points import Motion, Mount, Points, PoseFunction, Velocity, merge
     from lidario.port.port import Tap
     from lidario.session.discovery import Found, PortInfo, list_lidars, list_serial_ports
     from lidario.session.lidar import Lidar
@@ -64,13 +65,18 @@ __all__ = [
     "Lidar",
     "LidarError",
     "LocalProtocolError",
+    "Motion",
+    "Mount",
     "NoReturn",
     "OpenLidar",
+    "Points",
     "PortInfo",
+    "PoseFunction",
     "ProtocolError",
     "Received",
     "RemoteProtocolError",
     "ResponseTimeout",
+    "Return",
     "SampleRate",
     "Scan",
     "ScanMode",
@@ -81,11 +87,13 @@ __all__ = [
     "StreamFailed",
     "Tap",
     "Unsupported",
+    "Velocity",
     "Wall",
     "WorldLike",
     "__version__",
     "list_lidars",
     "list_serial_ports",
+    "merge",
     "open_lidar",
     "run",
     "simulate",
@@ -94,7 +102,8 @@ __all__ = [
 _HOMES = {
     "session.discovery": ("Found", "PortInfo", "list_lidars", "list_serial_ports"),
     "laserscan": ("BeamOrder", "LaserScan", "NoReturn"),
-    "model": ("DeviceInfo", "Health", "HealthStatus", "SampleRate", "Scan", "ScanMode", "Stats"),
+    "model": ("DeviceInfo", "Health", "HealthStatus", "Return", "SampleRate", "Scan", "ScanMode", "Stats"),
+    "points": ("Motion", "Mount", "Points", "PoseFunction", "Velocity", "merge"),
     "port.port": ("Tap",),
     "session.lidar": ("Lidar",),
     "session.opening": ("OpenLidar", "open_lidar"),

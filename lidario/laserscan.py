@@ -47,7 +47,7 @@ from typing import Literal, SupportsIndex
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BeamOrder", "LaserScan", "NoReturn", "Rotor", "follow_rotor", "resample"]
+__all__ = ["BeamOrder", "LaserScan", "NoReturn", "Rotor", "follow_rotor", "resample", "times_by_angle"]
 
 BeamOrder = Literal["counter-clockwise", "measured"]
 NoReturn = Literal["inf", "nan", "zero"]
@@ -177,9 +177,27 @@ def follow_rotor(
     return Rotor((seam + first) % 360.0, 0.0, period_ns)
 
 
+def times_by_angle(device_angles: NDArray[np.floating], rotor: Rotor) -> NDArray[np.int64]:
+    """When the rotor stood at each angle, nanoseconds after the first sample of the scan; int64, shape (n,).
+
+    Args:
+        device_angles: Degrees clockwise, shape (n,), in the order of measuring; gaps are allowed.
+        rotor: How the rotor turned during the scan.
+    """
+    if not len(device_angles):
+        return np.zeros(0, np.int64)
+    turned = _turned(device_angles, rotor.begin_deg)
+    return np.rint(rotor.begin_ns + turned * (rotor.period_ns / 360.0)).astype(np.int64)
+
+
 def _before(degrees: float, most: float) -> float:
     """The same angle in [-most, 360 - most)."""
     return (degrees + most) % 360.0 - most
+
+
+def _turned(device_angles: NDArray[np.floating], begin_deg: float) -> NDArray[np.float64]:
+    """Angle from the begin of the revolution to each sample, degrees, shape (n,), without jumps at 360."""
+    return _travelled(device_angles) + _before(float(device_angles[0]) - begin_deg, _MOST_BEFORE_SEAM_DEG)
 
 
 def _travelled(device_angles: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -312,7 +330,7 @@ def _places(device_angles: NDArray[np.floating], begin_deg: float, count: int) -
         return np.zeros(0, np.intp)
     inside = (device_angles.astype(np.float64) - begin_deg) % 360.0
     places = np.minimum((inside * (count / 360.0)).astype(np.intp), count - 1)
-    way = _travelled(device_angles) + _before(float(device_angles[0]) - begin_deg, _MOST_BEFORE_SEAM_DEG)
+    way = _turned(device_angles, begin_deg)
     if way[-1] > way[0]:
         # Beyond an end of the grid the angle alone would give the beam at the other end, a revolution off in time.
         places[(way < 0.0) & (way >= -_EDGE_DEG)] = 0

@@ -13,14 +13,30 @@ from enum import Enum
 from typing import SupportsIndex, TypeVar, cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from lidario.laserscan import BeamOrder, LaserScan, NoReturn, follow_rotor, resample
+from lidario.laserscan import BeamOrder, LaserScan, NoReturn, Rotor, follow_rotor, resample, times_by_angle
+from lidario.points import Motion, Mount, Points, place
 
-__all__ = ["DeviceInfo", "Health", "HealthStatus", "SampleRate", "Scan", "ScanMode", "Stats"]
+__all__ = ["DeviceInfo", "Health", "HealthStatus", "Return", "SampleRate", "Scan", "ScanMode", "Stats"]
 
 FloatArray = NDArray[np.float32]
 _ArrayT = TypeVar("_ArrayT", bound=NDArray[np.generic])
+
+
+@dataclass(frozen=True, slots=True)
+class Return:
+    """Where one sample of a scan met something.
+
+    Attributes:
+        range: Metres; NaN where nothing came back.
+        angle: Radians counter-clockwise, as in `Scan.angles`.
+        index: Its place in the arrays of the scan.
+    """
+
+    range: float
+    angle: float
+    index: int
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -70,6 +86,9 @@ class Scan:
     _ranges: FloatArray | None = field(default=None, init=False)
     # What a sorted scan was made from: only samples in the order of measuring tell their times.
     _measured: Scan | None = field(default=None, init=False)
+    _times_ns: NDArray[np.int64] | None = field(default=None, init=False)
+    # Of a selection: the rotor of the scan that it was taken from, which shows more of it.
+    _rotor: Rotor | None = field(default=None, init=False)
 
     def __len__(self) -> int:
         return len(self.device_distances)
@@ -123,7 +142,176 @@ class Scan:
             intensities=None if self.intensities is None else read_only(self.intensities[order]),
         )
         object.__setattr__(made, "_measured", self if self._measured is None else self._measured)
+        object.__setattr__(made, "_times_ns", read_only(self.times_ns[order]))
         return made
+
+    @property
+    def times_ns(self) -> NDArray[np.int64]:
+        """When each sample was measured, on the clock of `stamp_ns`; int64, shape (n,).
+
+        Where no packet is missing, sample ``i`` is at ``stamp_ns + i * time_increment_ns``. Otherwise the angle
+        tells the time, since the rotor turns evenly.
+        """
+        if self._times_ns is None:
+            if self.lost_packets:
+                offsets = times_by_angle(self.device_angles, self._follow_rotor())
+            else:
+                offsets = np.arange(len(self), dtype=np.int64) * self.time_increment_ns
+            object.__setattr__(self, "_times_ns", read_only(offsets + self.stamp_ns))
+        return cast("NDArray[np.int64]", self._times_ns)
+
+    def nearest(self, between: tuple[float, float] | None = None) -> Return | None:
+        """The nearest return, or None where nothing came back.
+
+        ::
+
+            ahead = scan.nearest(between=(-0.3, 0.3))
+            if ahead and ahead.range < 0.5:
+                stop()
+
+        Args:
+            between: Only from the first angle counter-clockwise to the second, radians; ``(-0.3, 0.3)`` is ahead,
+                ``(3.0, -3.0)`` behind. None for all directions.
+
+        Raises:
+            ValueError: `between` is not two finite angles.
+        """
+        ranges = self.ranges if between is None else np.where(self._between(between), self.ranges, np.nan)
+        if not np.any(ranges > 0):
+            return None
+        return self._return(int(np.nanargmin(ranges)))
+
+    def at(self, angle: float, *, within: float = math.radians(1.0)) -> Return | None:
+        """The sample nearest to an angle; its range is NaN where nothing came back.
+
+        Args:
+            angle: Radians counter-clockwise, 0 ahead.
+            within: How far away it may be, radians.
+
+        Returns:
+            None where no sample is near enough, because packets are missing there.
+
+        Raises:
+            ValueError: `angle` is not finite, or `within` is negative or not a number.
+        """
+        if not math.isfinite(angle) or not within >= 0:
+            raise ValueError(f"at() needs a finite angle and a distance of 0 or more, not {angle} and {within}")
+        if not len(self):
+            return None
+        away = np.abs((self.angles.astype(np.float64) - angle + math.pi) % math.tau - math.pi)
+        index = int(np.argmin(away))
+        return self._return(index) if away[index] <= within else None
+
+    def select(
+        self,
+        mask: ArrayLike | None = None,
+        *,
+        between: tuple[float, float] | None = None,
+        range_min: float | None = None,
+        range_max: float | None = None,
+    ) -> Scan:
+        """The same revolution with only some of its samples: those for which everything that is given holds.
+
+        Every sample keeps its time, and `to_laserscan` of the selection has the same grid of times as that of the
+        whole scan. ::
+
+            front = scan.select(between=(-1.57, 1.57), range_max=5.0)
+
+        Args:
+            mask: Which samples, bool, shape (n,): for example ``scan.intensities > 30``.
+            between: From the first angle counter-clockwise to the second, radians.
+            range_min: Metres; nearer returns are left out, and samples without a return.
+            range_max: Metres; farther returns are left out, and samples without a return.
+
+        Raises:
+            ValueError: the mask is not bool or not of shape (n,), or `between` is not two finite angles.
+        """
+        keep = np.ones(len(self), np.bool_)
+        if mask is not None:
+            given = np.asarray(mask)
+            if given.dtype != np.bool_ or given.shape != keep.shape:
+                raise ValueError(
+                    f"the mask must be bool, one value a sample, shape ({len(self)},), not {given.dtype} of shape "
+                    f"{given.shape}"
+                )
+            keep &= given
+        if between is not None:
+            keep &= self._between(between)
+        if range_min is not None:
+            keep &= self.ranges >= range_min
+        if range_max is not None:
+            keep &= self.ranges <= range_max
+        if self._measured is not None:
+            order = np.argsort(self._measured.angles, kind="stable")
+            measured = np.zeros_like(keep)
+            measured[order] = keep
+            return self._measured.select(measured).sorted()
+        return self._selected(keep)
+
+    def points(
+        self, mount: Mount | None = None, *, motion: Motion | None = None, at_ns: int | None = None
+    ) -> Points:
+        """The returns as points in the frame of a robot, each with its time; `lidario.merge` joins several.
+
+        ::
+
+            cloud = scan.points(Mount(x=0.2, yaw=3.14), motion=Velocity(x=0.8, yaw=0.5))
+
+        Args:
+            mount: Where the lidar is on the robot; None for its origin.
+            motion: How the robot moved during the revolution: a `Velocity` in its own frame, or a function of
+                time that gives poses. Each point is moved to where the robot would have seen it at `at_ns`. None
+                for a robot that stood still.
+            at_ns: That instant, on the clock of `stamp_ns`; None for the end of the revolution.
+
+        Raises:
+            ValueError: the pose function did not return an array of shape (n, 3).
+        """
+        hit = self.valid
+        times_ns = self.times_ns[hit]
+        end_ns = self.stamp_ns + self.duration_ns if at_ns is None else at_ns
+        return Points(
+            place(self.xy()[hit], times_ns, mount or Mount(), motion, end_ns),
+            times_ns,
+            None if self.intensities is None else self.intensities[hit],
+            np.zeros(len(times_ns), np.uint8),
+        )
+
+    def _return(self, index: int) -> Return:
+        return Return(float(self.ranges[index]), float(self.angles[index]), index)
+
+    def _between(self, between: tuple[float, float]) -> NDArray[np.bool_]:
+        begin, end = between
+        if not (math.isfinite(begin) and math.isfinite(end)):
+            raise ValueError(f"between must be two finite angles in radians, not {between}")
+        if end - begin >= math.tau:
+            return np.ones(len(self), np.bool_)
+        turned = (self.angles.astype(np.float64) - begin) % math.tau
+        return turned <= (end - begin) % math.tau
+
+    def _selected(self, keep: NDArray[np.bool_]) -> Scan:
+        times_ns = self.times_ns[keep]
+        later_ns = int(times_ns[0]) - self.stamp_ns if len(times_ns) else 0
+        rotor = self._follow_rotor()
+        made = replace(
+            self,
+            device_angles=read_only(self.device_angles[keep]),
+            device_distances=read_only(self.device_distances[keep]),
+            intensities=None if self.intensities is None else read_only(self.intensities[keep]),
+            stamp_ns=self.stamp_ns + later_ns,
+            wall_stamp_ns=self.wall_stamp_ns + later_ns,
+            duration_ns=self.duration_ns - later_ns,
+        )
+        object.__setattr__(made, "_times_ns", read_only(times_ns))
+        object.__setattr__(made, "_rotor", replace(rotor, begin_ns=rotor.begin_ns - later_ns))
+        return made
+
+    def _follow_rotor(self) -> Rotor:
+        if self._rotor is not None:
+            return self._rotor
+        return follow_rotor(
+            self.device_angles, self.time_increment_ns, self.duration_ns, self.seam, self.lost_packets
+        )
 
     def to_laserscan(
         self,
@@ -168,14 +356,11 @@ class Scan:
                 not a range.
         """
         scan = self if self._measured is None else self._measured
-        rotor = follow_rotor(
-            scan.device_angles, scan.time_increment_ns, scan.duration_ns, scan.seam, scan.lost_packets
-        )
         return resample(
             scan.device_angles,
             scan.ranges,
             scan.intensities,
-            rotor,
+            scan._follow_rotor(),  # noqa: SLF001 - another scan
             scan.wall_stamp_ns,
             beams=beams,
             order=order,

@@ -14,7 +14,7 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 VENDORS = sorted(path.name for path in (PACKAGE / "families").iterdir() if (path / "device.py").is_file())
 
 LAYERS = (
-    {"errors", "model", "laserscan", "source"},
+    {"errors", "model", "laserscan", "points", "source"},
     {"wire"},
     {"families", "sim"},
     {"revolution", "simulation"},

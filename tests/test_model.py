@@ -129,3 +129,139 @@ def test_records_are_plain_and_frozen(record: Any) -> None:
 
 def test_counters_begin_at_nothing() -> None:
     assert all(getattr(Stats(), field.name) == 0 for field in fields(Stats))
+
+
+class TestTimes:
+    def test_of_a_whole_revolution(self) -> None:
+        made = scan([0, -90, 180, 90], [1, 2, 0, 4], lost_packets=0)
+        assert made.times_ns.tolist() == [5, 1005, 2005, 3005]
+        assert made.times_ns.dtype == np.int64
+        assert not made.times_ns.flags.writeable
+
+    def test_with_lost_packets_the_angle_tells(self) -> None:
+        numbers = [n for n in range(400) if not 100 <= n < 180 and not 300 <= n < 320]
+        made = scan(
+            [-0.9 * n for n in numbers],
+            [1.0] * len(numbers),
+            time_increment_ns=250_000,
+            duration_ns=100_000_000,
+            lost_packets=2,
+        )
+        np.testing.assert_allclose(made.times_ns - 5, [250_000 * n for n in numbers], atol=20_000)
+
+    def test_of_a_sorted_scan_go_with_the_samples(self) -> None:
+        made = scan([0, -90, 180, 90], [1, 2, 0, 4], lost_packets=0).sorted()
+        assert made.times_ns.tolist() == [2005, 1005, 5, 3005]
+
+    def test_of_an_empty_scan(self) -> None:
+        assert scan([], []).times_ns.tolist() == []
+
+
+class TestNearest:
+    def test_of_all_directions(self) -> None:
+        found = FOUR.nearest()
+        assert found is not None
+        assert found.range == 1.0
+        assert found.angle == pytest.approx(0)
+        assert found.index == 0
+
+    @pytest.mark.parametrize(
+        ("between", "index"),
+        [
+            ((math.radians(-100), math.radians(-80)), 1),
+            ((math.radians(80), math.radians(100)), 3),
+            ((math.radians(30), math.radians(-30)), 1),
+            ((0.0, 0.0), 0),
+            ((-math.pi, math.pi), 0),
+            ((0.1, 0.1 + math.tau), 0),
+            ((math.radians(80), math.radians(-80 + 360)), 1),
+            ((math.radians(80), math.radians(-100 + 360)), 3),
+        ],
+    )
+    def test_between(self, between: tuple[float, float], index: int) -> None:
+        found = FOUR.nearest(between)
+        assert found is not None
+        assert found.index == index
+
+    def test_where_nothing_came_back(self) -> None:
+        assert FOUR.nearest((math.radians(150), math.radians(-150))) is None
+        assert scan([0, 1], [0, 0]).nearest() is None
+        assert scan([], []).nearest() is None
+
+    @pytest.mark.parametrize("between", [(math.nan, 1.0), (0.0, math.inf)])
+    def test_angles_that_are_none(self, between: tuple[float, float]) -> None:
+        with pytest.raises(ValueError, match="two finite angles"):
+            FOUR.nearest(between)
+
+
+class TestAt:
+    @pytest.mark.parametrize(("angle", "index"), [(0.0, 0), (-1.57, 1), (math.pi, 2), (-math.pi, 2), (7.854, 3)])
+    def test_the_nearest_sample(self, angle: float, index: int) -> None:
+        found = FOUR.at(angle)
+        assert found is not None
+        assert found.index == index
+        assert math.isnan(found.range) == (index == 2)
+
+    def test_where_there_is_none(self) -> None:
+        assert FOUR.at(0.5) is None
+        found = FOUR.at(0.5, within=0.6)
+        assert found is not None
+        assert found.index == 0
+        assert scan([], []).at(0) is None
+
+    @pytest.mark.parametrize(("angle", "within"), [(math.nan, 1.0), (0.0, -1.0), (0.0, math.nan)])
+    def test_nonsense(self, angle: float, within: float) -> None:
+        with pytest.raises(ValueError, match="finite angle"):
+            FOUR.at(angle, within=within)
+
+
+class TestSelect:
+    def test_by_mask_angle_and_range(self) -> None:
+        assert FOUR.intensities is not None
+        assert FOUR.select(FOUR.intensities > 15).device_distances.tolist() == [2000, 0, 4000]
+        assert FOUR.select(between=(-1.6, 0.1)).device_distances.tolist() == [1000, 2000]
+        assert FOUR.select(range_max=2).device_distances.tolist() == [1000, 2000]
+        assert FOUR.select(range_min=1.5).device_distances.tolist() == [2000, 4000]
+        assert FOUR.select(FOUR.valid, between=(-1.6, 1.6), range_min=1.5).device_distances.tolist() == [2000, 4000]
+        assert FOUR.select().device_distances.tolist() == [1000, 2000, 0, 4000]
+        assert len(FOUR.select(range_min=100)) == 0
+
+    def test_keeps_the_times(self) -> None:
+        whole = scan([0, -90, 180, 90], [1, 2, 0, 4], lost_packets=0)
+        some = whole.select(whole.ranges > 1.5)
+        assert some.times_ns.tolist() == [1005, 3005]
+        assert some.stamp_ns == 1005
+        assert some.wall_stamp_ns - whole.wall_stamp_ns == 1000
+        assert some.stamp_ns + some.duration_ns == whole.stamp_ns + whole.duration_ns
+        assert some.select(some.ranges > 3).times_ns.tolist() == [3005]
+
+    def test_of_a_sorted_scan_is_the_sorted_selection(self) -> None:
+        mask = FOUR.sorted().ranges < 3
+        some = FOUR.sorted().select(mask)
+        np.testing.assert_array_equal(some.ranges, FOUR.sorted().ranges[mask])
+        np.testing.assert_array_equal(some.times_ns, FOUR.sorted().times_ns[mask])
+
+    @pytest.mark.parametrize("between", [(-0.3, 0.3), (1.0, 1.2), (-3.0, -2.5), (2.9, -2.9)])
+    def test_its_laserscan_is_the_whole_one_with_beams_left_out(self, between: tuple[float, float]) -> None:
+        count = 400
+        whole = scan(
+            [-0.9 * n - 0.45 for n in range(count)],
+            [1 + n / 1000 for n in range(count)],
+            time_increment_ns=250_000,
+            duration_ns=100_000_000,
+            lost_packets=0,
+        )
+        some = whole.select(between=between)
+        assert 10 < len(some) < 120
+        full, part = whole.to_laserscan(count), some.to_laserscan(count)
+        assert part.stamp_ns == full.stamp_ns
+        assert part.time_increment == full.time_increment
+        assert part.angle_min == full.angle_min
+        seen = np.isfinite(part.ranges)
+        assert seen.sum() == len(some)
+        np.testing.assert_array_equal(part.ranges[seen], full.ranges[seen])
+
+    @pytest.mark.parametrize("mask", [[True], [1, 0, 1, 0], [[True] * 4]])
+    def test_a_mask_that_is_none(self, mask: Any) -> None:
+        with pytest.raises(ValueError, match="the mask must be bool"):
+            FOUR.select(mask)

@@ -28,13 +28,18 @@ PUBLIC = [
     "Lidar",
     "LidarError",
     "LocalProtocolError",
+    "Motion",
+    "Mount",
     "NoReturn",
     "OpenLidar",
+    "Points",
     "PortInfo",
+    "PoseFunction",
     "ProtocolError",
     "Received",
     "RemoteProtocolError",
     "ResponseTimeout",
+    "Return",
     "SampleRate",
     "Scan",
     "ScanMode",
@@ -45,16 +50,18 @@ PUBLIC = [
     "StreamFailed",
     "Tap",
     "Unsupported",
+    "Velocity",
     "Wall",
     "WorldLike",
     "__version__",
     "list_lidars",
     "list_serial_ports",
+    "merge",
     "open_lidar",
     "run",
     "simulate",
 ]
-ALIASES = {"BeamOrder", "ConnectReason", "NoReturn", "Tap", "Wall"}
+ALIASES = {"BeamOrder", "ConnectReason", "Motion", "NoReturn", "PoseFunction", "Tap", "Wall"}
 """Type aliases: they carry no docstring at run time."""
 ERRORS = {
     "Busy": lidario.LidarError,

@@ -1,0 +1,161 @@
+"""Points of scans on a robot: mounted, moving, merged; each against the plain formula, a point at a time."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from lidario.model import Scan
+from lidario.points import Motion, Mount, Points, Velocity, merge
+from tests.test_model import FOUR, scan
+
+NEAR = st.floats(-3, 3)
+
+
+def driven(velocity: Velocity, seconds: float, steps: int = 20_000) -> tuple[float, float, float]:
+    """Where a robot is after this time, by many small steps along its own axes (midpoint rule)."""
+    x = y = yaw = 0.0
+    each = seconds / steps
+    for _ in range(steps):
+        middle = yaw + velocity.yaw * each / 2
+        x += (velocity.x * math.cos(middle) - velocity.y * math.sin(middle)) * each
+        y += (velocity.x * math.sin(middle) + velocity.y * math.cos(middle)) * each
+        yaw += velocity.yaw * each
+    return x, y, yaw
+
+
+def expected(made: Scan, mount: Mount, pose: tuple[float, float, float], index: int) -> tuple[float, float]:
+    """One sample in the frame that `pose` is given in."""
+    distance, angle = float(made.ranges[index]), float(made.angles[index])
+    x = mount.x + distance * math.cos(angle + mount.yaw)
+    y = mount.y + distance * math.sin(angle + mount.yaw)
+    return (
+        pose[0] + x * math.cos(pose[2]) - y * math.sin(pose[2]),
+        pose[1] + x * math.sin(pose[2]) + y * math.cos(pose[2]),
+    )
+
+
+def test_samples_without_a_return_are_left_out() -> None:
+    points = FOUR.points()
+    assert len(points) == 3
+    np.testing.assert_allclose(points.xy, [[1, 0], [0, -2], [0, 4]], atol=1e-6)
+    assert points.xy.dtype == np.float32
+    assert points.intensities is not None
+    assert points.intensities.tolist() == [10, 20, 40]
+    assert points.source.tolist() == [0, 0, 0]
+
+
+@given(NEAR, NEAR, st.floats(-7, 7))
+def test_a_mounted_lidar(x: float, y: float, yaw: float) -> None:
+    mount = Mount(x, y, yaw)
+    points = FOUR.points(mount)
+    for row, index in enumerate((0, 1, 3)):
+        assert points.xy[row] == pytest.approx(expected(FOUR, mount, (0, 0, 0), index), abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    "velocity",
+    [
+        Velocity(),
+        Velocity(x=1.5),
+        Velocity(y=-0.7),
+        Velocity(yaw=2.0),
+        Velocity(1.0, 0.5, -3.0),
+        Velocity(1, 0, 1e-9),
+    ],
+)
+@pytest.mark.parametrize("before_ms", [0, 40, 150])
+def test_a_moving_robot(velocity: Velocity, before_ms: int) -> None:
+    made = scan([0, -90, -180, 90], [1, 2, 3, 4], time_increment_ns=25_000_000, lost_packets=0, stamp_ns=10**12)
+    mount = Mount(0.2, -0.1, 0.3)
+    at_ns = made.stamp_ns + before_ms * 1_000_000
+    points = made.points(mount, motion=velocity, at_ns=at_ns)
+    for index in range(4):
+        seconds = (index * 25_000_000 + made.stamp_ns - at_ns) * 1e-9
+        pose = driven(velocity, seconds)
+        assert points.xy[index] == pytest.approx(expected(made, mount, pose, index), abs=1e-4)
+    assert points.times_ns.tolist() == [10**12 + index * 25_000_000 for index in range(4)]
+
+
+def test_the_end_of_the_revolution_is_the_instant_when_none_is_given() -> None:
+    made = scan([0, -90, -180, 90], [1, 2, 3, 4], time_increment_ns=25_000_000, lost_packets=0)
+    end = made.stamp_ns + made.duration_ns
+    velocity = Velocity(x=1.0)
+    np.testing.assert_array_equal(made.points(motion=velocity).xy, made.points(motion=velocity, at_ns=end).xy)
+    # What was measured 100 ms before the end is now 10 cm nearer.
+    assert made.points(motion=velocity).xy[0] == pytest.approx((0.9, 0.0), abs=1e-6)
+
+
+def test_poses_in_a_fixed_frame_and_a_velocity_agree() -> None:
+    velocity = Velocity(0.8, 0.0, 1.2)
+    made = scan([0, -90, -180, 90], [1, 2, 3, 4], time_increment_ns=25_000_000, lost_packets=0)
+
+    def poses(times_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        # The frame is anywhere: 5 m away and turned.
+        found = []
+        for time_ns in times_ns.tolist():
+            x, y, yaw = driven(velocity, (time_ns - made.stamp_ns) * 1e-9, steps=2000)
+            found.append((5 + x * math.cos(2) - y * math.sin(2), -3 + x * math.sin(2) + y * math.cos(2), yaw + 2))
+        return np.array(found)
+
+    by_pose, by_velocity = made.points(motion=poses), made.points(motion=velocity)
+    np.testing.assert_allclose(by_pose.xy, by_velocity.xy, atol=1e-4)
+
+
+@pytest.mark.parametrize("shape", [(4,), (2, 5), (4, 2)])
+def test_a_pose_function_that_returns_something_else(shape: tuple[int, ...]) -> None:
+    wrong: Motion = lambda times_ns: np.zeros(shape)  # noqa: E731 - the mistake a user makes
+    with pytest.raises(ValueError, match=r"shape \(4, 3\)"):
+        FOUR.points(motion=wrong)
+
+
+def test_a_wall_seen_while_driving_is_straight() -> None:
+    """A wall 2 m to the left of a robot that drives and turns; without the motion it is bent."""
+    velocity, period_ns, count = Velocity(1.0, 0.0, 1.5), 100_000_000, 400
+    degrees, metres = [], []
+    for index in range(count):
+        _, y, yaw = driven(velocity, index / count * period_ns * 1e-9, steps=200)
+        degree = -360 * index / count
+        direction = math.radians(degree) + yaw
+        away = (2.0 - y) / math.sin(direction) if abs(math.sin(direction)) > 1e-6 else math.inf
+        degrees.append(degree)
+        metres.append(away if 0 < away < 8 else 0)
+    made = scan(degrees, metres, time_increment_ns=period_ns // count, duration_ns=period_ns, lost_packets=0)
+    at_ns = made.stamp_ns
+    straight = made.points(motion=velocity, at_ns=at_ns).xy[:, 1]
+    assert len(straight) > 100
+    np.testing.assert_allclose(straight, 2.0, atol=2e-3)
+    assert np.ptp(made.points().xy[:, 1]) > 0.1
+
+
+def test_merged() -> None:
+    one, two = FOUR.points(), FOUR.points(Mount(x=10))
+    both = merge(one, two)
+    assert len(both) == 6
+    np.testing.assert_array_equal(both.xy, np.concatenate((one.xy, two.xy)))
+    np.testing.assert_array_equal(both.times_ns, np.concatenate((one.times_ns, two.times_ns)))
+    assert both.source.tolist() == [0, 0, 0, 1, 1, 1]
+    assert both.intensities is not None
+    assert both.intensities.tolist() == [10, 20, 40] * 2
+
+
+def test_merged_with_one_that_sends_no_intensities() -> None:
+    assert merge(FOUR.points(), scan([0], [1]).points()).intensities is None
+
+
+def test_merged_of_none_and_of_too_many() -> None:
+    assert len(merge()) == 0
+    assert merge().xy.shape == (0, 2)
+    empty = scan([], []).points()
+    assert len(merge(*[empty] * 256)) == 0
+    with pytest.raises(ValueError, match="at most 256"):
+        merge(*[empty] * 257)
+
+
+def test_a_cloud_can_be_made_by_hand() -> None:
+    made: dict[str, Any] = {"intensities": None, "source": np.zeros(1, np.uint8)}
+    assert len(Points(np.zeros((1, 2), np.float32), np.zeros(1, np.int64), **made)) == 1
