@@ -16,6 +16,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from lidario.blocking import SyncLidar, SyncScanStream, open_sync
     from lidario.errors import (
         Busy,
         ConnectFailed,
@@ -85,6 +86,8 @@ __all__ = [
     "SimulatedDevice",
     "Stats",
     "StreamFailed",
+    "SyncLidar",
+    "SyncScanStream",
     "Tap",
     "Unsupported",
     "Velocity",
@@ -95,11 +98,13 @@ __all__ = [
     "list_serial_ports",
     "merge",
     "open_lidar",
+    "open_sync",
     "run",
     "simulate",
 ]
 
 _HOMES = {
+    "blocking": ("SyncLidar", "SyncScanStream", "open_sync"),
     "session.discovery": ("Found", "PortInfo", "list_lidars", "list_serial_ports"),
     "laserscan": ("BeamOrder", "LaserScan", "NoReturn"),
     "model": ("DeviceInfo", "Health", "HealthStatus", "Return", "SampleRate", "Scan", "ScanMode", "Stats"),

@@ -20,6 +20,7 @@ LAYERS = (
     {"revolution", "simulation"},
     {"port"},
     {"session"},
+    {"blocking"},
     {"__init__"},
     {"cli", "__main__"},
 )

@@ -48,6 +48,8 @@ PUBLIC = [
     "SimulatedDevice",
     "Stats",
     "StreamFailed",
+    "SyncLidar",
+    "SyncScanStream",
     "Tap",
     "Unsupported",
     "Velocity",
@@ -58,6 +60,7 @@ PUBLIC = [
     "list_serial_ports",
     "merge",
     "open_lidar",
+    "open_sync",
     "run",
     "simulate",
 ]

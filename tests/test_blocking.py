@@ -1,0 +1,296 @@
+"""Sessions without ``await``: the same methods, errors and endings as `Lidar`, and Ctrl-C at any moment."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import inspect
+import os
+import random
+import signal
+import threading
+import time
+from typing import Any
+
+import pytest
+
+import lidario
+from lidario.blocking import SyncLidar, SyncScanStream, open_sync
+from lidario.session.lidar import Lidar
+from lidario.session.stream import ScanStream
+from lidario.sim.serve import PtyServer
+from tests.cli.processes import served
+from tests.support.children import child, is_still, line_of, was_stopped
+from tests.support.devices import both_families, left_still, make_rig
+
+
+def public(of: type) -> set[str]:
+    return {name for name in dir(of) if not name.startswith("_")}
+
+
+def test_nothing_of_lidar_is_missing() -> None:
+    assert public(SyncLidar) == public(Lidar) | {"source", "info", "health"}
+    assert public(SyncScanStream) == (public(ScanStream) | {"close"}) - {"aclose", "release"}
+    for name in public(Lidar):
+        ours, theirs = getattr(SyncLidar, name), getattr(Lidar, name)
+        assert ours.__doc__
+        if inspect.iscoroutinefunction(theirs) and name != "close":
+            assert inspect.signature(ours) == inspect.signature(theirs)
+            assert ours.__doc__ == theirs.__doc__
+            assert not inspect.iscoroutinefunction(ours)
+    asked, answered = inspect.signature(open_sync), inspect.signature(lidario.open_lidar)
+    assert asked.parameters == answered.parameters
+
+
+@both_families
+def test_scans_questions_and_settings(family: str) -> None:
+    rig = make_rig(family)
+    with open_sync(rig.device) as lidar:
+        assert lidar.info == lidar.get_info()
+        assert lidar.health == lidar.get_health()
+        assert lidar.source in repr(lidar)
+        seqs = []
+        for scan in lidar.scans(depth=4):
+            seqs.append(scan.seq)
+            if len(seqs) == 3:
+                break
+        assert seqs == [0, 1, 2]
+        assert lidar.is_scanning
+        assert lidar.mode is not None
+        assert lidar.mode.name == scan.mode
+        assert lidar.measured_scan_frequency == pytest.approx(1 / rig.turn_s, rel=0.05)
+        assert lidar.set_motor_speed(480, verify=False) == pytest.approx(480, rel=0.05)
+        assert lidar.scan().seq > 2
+        lidar.stop()
+        assert "idle" in repr(lidar)
+        assert lidar.stats.scans >= 4
+    assert left_still(rig)
+    lidar.close()
+    assert lidar.stats.scans >= 4
+    with pytest.raises(lidario.SessionClosed, match=r"open_sync\(\) makes a new one"):
+        lidar.get_health()
+    with pytest.raises(lidario.SessionClosed):
+        next(lidar.scans())
+
+
+def test_a_reader_that_computes_gets_the_latest_scan() -> None:
+    rig = make_rig("rplidar")
+    came = threading.Semaphore(0)
+    with open_sync(rig.device) as lidar:
+        before = 0
+
+        def counted(direction: str, data: bytes, now: int) -> None:
+            nonlocal before
+            if lidar.measured_scan_frequency is not None and lidar._lidar.stats.scans > before:
+                before = lidar._lidar.stats.scans
+                came.release()
+
+        with lidar.scans() as scans:
+            first = next(scans)
+            lidar.tap(counted)
+            for _ in range(4):
+                assert came.acquire(timeout=30)
+            lidar.untap(counted)
+            latest = next(scans)
+            assert latest.seq >= first.seq + 3
+            assert scans.dropped == latest.dropped_before > 0
+        assert not lidar.is_scanning
+
+
+def test_errors_are_those_of_the_session() -> None:
+    with pytest.raises(lidario.ConnectFailed, match="no such"):
+        open_sync("/dev/there-is-none")
+    with pytest.raises(lidario.ConnectFailed, match="name a model"):
+        open_sync("sim://")
+    with open_sync(make_rig("ydlidar").device) as lidar:
+        with pytest.raises(lidario.Unsupported):
+            lidar.get_sample_rate()
+        with pytest.raises(lidario.InvalidValue):
+            lidar.scans(depth=0)
+        with pytest.raises(lidario.InvalidValue):
+            lidar.set_scan_frequency(float("nan"))
+
+
+def test_where_a_loop_runs_already() -> None:
+    async def notebook() -> int:
+        with open_sync(make_rig("rplidar").device) as lidar:
+            return len(lidar.scan())
+
+    assert asyncio.run(notebook()) > 1000
+
+
+def test_several_threads_share_it() -> None:
+    rig = make_rig("rplidar")
+    found: list[int] = []
+    with open_sync(rig.device) as lidar:
+
+        def read() -> None:
+            with lidar.scans() as scans:
+                found.append(next(scans).seq)
+                lidar.get_health()
+                found.append(next(scans).seq)
+
+        threads = [threading.Thread(target=read) for _ in range(3)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    assert len(found) == 6
+    assert left_still(rig)
+
+
+def test_closing_ends_what_other_threads_wait_for() -> None:
+    rig = make_rig("rplidar")
+    ended: list[BaseException] = []
+    lidar = open_sync(rig.device)
+    first = threading.Event()
+
+    def read() -> None:
+        try:
+            for _ in lidar.scans():
+                first.set()
+        except lidario.LidarError as error:
+            ended.append(error)
+
+    thread = threading.Thread(target=read)
+    thread.start()
+    assert first.wait(30)
+    lidar.close()
+    thread.join(30)
+    assert not thread.is_alive()
+    assert [type(error) for error in ended] == [lidario.SessionClosed]
+    assert left_still(rig)
+
+
+def test_stopping_ends_a_loop() -> None:
+    with open_sync(make_rig("rplidar").device) as lidar:
+        seen = 0
+        for _ in lidar.scans():
+            seen += 1
+            lidar.stop()
+        assert seen == 1
+
+
+def test_a_tap_cannot_wait_for_its_own_thread() -> None:
+    refused: list[str] = []
+    with open_sync(make_rig("rplidar").device) as lidar:
+
+        def asking(direction: str, data: bytes, now: int) -> None:
+            try:
+                lidar.get_health()
+            except lidario.LocalProtocolError as error:
+                refused.append(str(error))
+
+        lidar.tap(asking)
+        lidar.get_info()
+        lidar.untap(asking)
+    assert "cannot wait for itself" in refused[0]
+
+
+def test_one_that_nobody_holds_is_closed() -> None:
+    rig = make_rig("rplidar")
+    lidar = open_sync(rig.device)
+    next(lidar.scans())
+    del lidar
+    gc.collect()
+    deadline = time.monotonic() + 30
+    while not left_still(rig):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_a_forked_child_is_refused_and_its_exit_stops_nothing() -> None:
+    rig = make_rig("rplidar")
+    with open_sync(rig.device) as lidar:
+        scans = lidar.scans()
+        next(scans)
+        child_pid = os.fork()
+        if not child_pid:
+            try:
+                lidar.get_health()
+            except lidario.LocalProtocolError:
+                lidar.close()
+                os._exit(7)
+            os._exit(1)
+        assert os.waitstatus_to_exitcode(os.waitpid(child_pid, 0)[1]) == 7
+        assert next(scans).seq > 0
+        assert rig.device.scanning
+
+
+@pytest.mark.exhaustive("rounds", sample=[8], full=[60])
+@both_families
+def test_ctrl_c_at_any_moment(family: str, rounds: int, request: pytest.FixtureRequest) -> None:
+    """Opening, reading, asking, closing: the wait ends, and the device is still when the session is closed."""
+    rounds = request.config.getoption("--rounds") or rounds
+    chance = random.Random(family)
+    main = threading.main_thread().ident
+    assert main is not None
+    before = signal.getsignal(signal.SIGINT)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    ended_by_it = 0
+    try:
+        for _ in range(rounds):
+            rig = make_rig(family)
+            timer = threading.Timer(chance.uniform(0.0, 0.9), signal.pthread_kill, (main, signal.SIGINT))
+            threads = set(threading.enumerate())
+            timer.start()
+            try:
+                with open_sync(rig.device) as lidar:
+                    while True:
+                        lidar.scan()
+                        for scan in lidar.scans():
+                            if scan.seq % 3 == 2:
+                                break
+                        lidar.get_health()
+            except KeyboardInterrupt:
+                ended_by_it += 1
+            timer.join()
+            wait_for_threads(threads)
+            log = [each.name for each in rig.device.log]
+            assert not rig.device.scanning, log
+            assert not rig.device.motor_on, log
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert ended_by_it == rounds
+
+
+def wait_for_threads(before: set[threading.Thread]) -> None:
+    deadline = time.monotonic() + 30
+    while left := [thread for thread in threading.enumerate() if thread not in before]:
+        assert time.monotonic() < deadline, left
+        left[0].join(0.1)
+
+
+PROGRAM = """
+import sys
+import lidario
+
+lidar = lidario.open_sync(sys.argv[1])
+for scan in lidar.scans():
+    print(scan.seq, flush=True)
+    {then}
+"""
+
+
+@pytest.mark.parametrize(
+    ("then", "code"),
+    [("if scan.seq > 1: sys.exit(5)", 5), ("if scan.seq > 1: raise OSError('mine')", 1), ("", None)],
+)
+def test_a_program_that_ends_without_closing(then: str, code: int | None) -> None:
+    with served("rplidar-s2") as server:
+        assert isinstance(server, PtyServer)
+        with child(PROGRAM.format(then=then), server.path) as process:
+            for _ in range(2):
+                assert line_of(process).strip().isdecimal()
+            if code is None:
+                process.send_signal(signal.SIGINT)
+            _, said = process.communicate(timeout=30)
+        assert process.returncode == (-signal.SIGINT if code is None else code), said
+        assert was_stopped(server)
+        assert is_still(server)
+
+
+def test_arguments_are_passed_on() -> None:
+    arguments: dict[str, Any] = {"latency": 0.02, "family": "rplidar"}
+    with open_sync(make_rig("rplidar").device, **arguments) as lidar:
+        assert lidar.scan().lost_packets == 0
