@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     )
     from lidario.laserscan import BeamOrder, LaserScan, NoReturn
     from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, Scan, ScanMode, Stats
-    from lidario.port.port import Tap
+    from lidario.port.line import Tap
     from lidario.session.discovery import Found, PortInfo, list_lidars, list_serial_ports
     from lidario.session.lidar import Lidar
     from lidario.session.opening import OpenLidar, open_lidar
@@ -95,7 +95,7 @@ _HOMES = {
     "session.discovery": ("Found", "PortInfo", "list_lidars", "list_serial_ports"),
     "laserscan": ("BeamOrder", "LaserScan", "NoReturn"),
     "model": ("DeviceInfo", "Health", "HealthStatus", "SampleRate", "Scan", "ScanMode", "Stats"),
-    "port.port": ("Tap",),
+    "port.line": ("Tap",),
     "session.lidar": ("Lidar",),
     "session.opening": ("OpenLidar", "open_lidar"),
     "session.run": ("run",),

@@ -18,7 +18,7 @@ from typing import NoReturn, Self
 from lidario.errors import InvalidValue, LocalProtocolError, RemoteProtocolError, SessionClosed
 from lidario.families.base import Device
 from lidario.model import DeviceInfo, Health, SampleRate, Scan, ScanMode, Stats
-from lidario.port.port import Tap
+from lidario.port.line import Tap
 from lidario.session.connect import Connection
 from lidario.session.dialogue import Dialogue
 from lidario.session.handshake import healthy, restart

@@ -13,7 +13,8 @@ import numpy as np
 from lidario.sim.device import Received
 from lidario.sim.line import RequestLog, TransmitQueue
 from lidario.sim.motor import Motor
-from lidario.sim.world import CheckedWorld, World, WorldLike, as_world, make_world
+from lidario.sim.rooms import make_world
+from lidario.sim.world import CheckedWorld, World, WorldLike, as_world
 
 __all__ = ["PROTECTION_STOP", "Chassis"]
 

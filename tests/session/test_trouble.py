@@ -19,7 +19,7 @@ from lidario import (
     open_lidar,
 )
 from lidario.port.port import Port
-from lidario.sim.world import make_world
+from lidario.sim.rooms import make_world
 from tests.support.devices import Rig, both_families, left_still, make_rig, names, take
 from tests.support.loop import DrivenLoop, driven
 

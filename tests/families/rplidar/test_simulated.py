@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from lidario.families.rplidar.simulated.device import PROFILES, Profile, SimulatedRplidar, make_simulated
-from lidario.sim.world import World, make_world
+from lidario.sim.rooms import make_world
+from lidario.sim.world import World
 from tests.reference import rplidar
 
 pytestmark = pytest.mark.discards("what the simulated device discards is tested here")

@@ -9,8 +9,8 @@ import pytest
 from lidario.families.ydlidar.simulated.device import PROFILES, Simulated4Ros, make_simulated
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_points, pack_time_stamp
 from lidario.sim.device import SimulatedDevice
+from lidario.sim.rooms import make_world
 from lidario.sim.serve import MemoryLine
-from lidario.sim.world import make_world
 from tests.reference import ydlidar
 
 pytestmark = pytest.mark.discards("what the simulated device discards is tested here")
