@@ -38,10 +38,10 @@ class Chassis(ABC, Generic[StreamT]):
     Attributes:
         health: Status and error code, as it tells them.
         faults_cleared_by_reset: Whether RESET cures an error.
-        answer_delay_s: Seconds from a request to the beginning of its response; raise it for late responses.
+        response_delay_s: Seconds from a request to the beginning of its response; raise it for late responses.
         boot_s: Seconds of silence after RESET.
-        garble_answers: How many of the next responses to queries are replaced by random bytes.
-        wrong_answers: Share of the responses to queries in whose place the response before is repeated.
+        garble_responses: How many of the next responses to queries are replaced by random bytes.
+        wrong_responses: Share of the responses to queries in whose place the response before is repeated.
         mute: While true nothing leaves the device, and its bytes are lost.
     """
 
@@ -50,10 +50,10 @@ class Chassis(ABC, Generic[StreamT]):
         self._world = make_world(seed=seed) if world is None else as_world(world)
         self.health: tuple[int, int] = (0, 0)
         self.faults_cleared_by_reset = True
-        self.answer_delay_s: float = 0.001
+        self.response_delay_s: float = 0.001
         self.boot_s: float = 1.0
-        self.garble_answers: int = 0
-        self.wrong_answers: float = 0.0
+        self.garble_responses: int = 0
+        self.wrong_responses: float = 0.0
         self._response_before = b""
         self.mute = False
         self._motor = Motor()
@@ -136,12 +136,12 @@ class Chassis(ABC, Generic[StreamT]):
         self._owed_until = 0
 
     def _garbled(self, response: bytes) -> bytes:
-        """A response as it leaves: itself, unless `garble_answers` or `wrong_answers` asks for another."""
+        """A response as it leaves: itself, unless `garble_responses` or `wrong_responses` asks for another."""
         before, self._response_before = self._response_before, response
-        if self.garble_answers:
-            self.garble_answers -= 1
+        if self.garble_responses:
+            self.garble_responses -= 1
             return self._random.bytes(len(response))
-        if self.wrong_answers and self._random.random() < self.wrong_answers:
+        if self.wrong_responses and self._random.random() < self.wrong_responses:
             return before or response
         return response
 
@@ -150,9 +150,9 @@ class Chassis(ABC, Generic[StreamT]):
         self._queue.push(response, ready)
         self._owed_until, self._owed = self._queue.free_at, request
 
-    def _unanswered(self, now: int) -> str:
+    def _outstanding(self, now: int) -> str:
         """Which response has not left completely by `now`, in the words of the log; empty when none."""
-        return f"while {self._owed} is unanswered" if now < self._owed_until else ""
+        return f"while the response to {self._owed} is outstanding" if now < self._owed_until else ""
 
     def _fault(self, error_code: int) -> None:
         self.health = (PROTECTION_STOP, error_code)

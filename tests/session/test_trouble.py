@@ -60,14 +60,14 @@ async def test_a_device_that_never_speeds_up_is_reported(family: str) -> None:
 async def test_garbage_for_an_answer_is_asked_again(family: str) -> None:
     rig = make_rig(family)
     async with rig.open() as lidar:
-        rig.device.garble_answers = 1
+        rig.device.garble_responses = 1
         assert (await lidar.get_info()) == lidar.info
-        rig.device.garble_answers = 1000
+        rig.device.garble_responses = 1000
         with pytest.raises(ResponseTimeout, match="no response to it") as caught:
             await lidar.get_info()
         assert caught.value.noise > 0
         assert isinstance(caught.value, TimeoutError)
-        rig.device.garble_answers = 0
+        rig.device.garble_responses = 0
         assert (await lidar.get_info()) == lidar.info
 
 
@@ -220,7 +220,7 @@ async def test_modes_with_holes_in_their_numbers_are_all_found() -> None:
         told = {mode.name: mode for mode in await lidar.get_modes()}
         assert len(told) == len(rig.device.profile.modes)
         (typical,) = [mode for mode in told.values() if mode.typical]
-        assert typical.answer_type == 0x83
+        assert typical.response_type == 0x83
         scan = await lidar.scan()
         assert scan.mode == typical.name
         assert scan.intensities is not None
@@ -232,7 +232,7 @@ async def test_modes_with_holes_in_their_numbers_are_all_found() -> None:
         ("rplidar-zero-us", "DenseBoost"),
         ("rplidar-no-modes", "Standard"),
         ("rplidar-old-firmware", "Express"),
-        ("rplidar-unknown-answer", None),
+        ("rplidar-unknown-response", None),
     ],
 )
 @driven
@@ -244,7 +244,7 @@ async def test_awkward_devices_do_what_they_can(model: str, mode: str | None) ->
             assert scans[0].mode == mode
         np.testing.assert_allclose(scans[-1].ranges, 2.0, atol=0.005)
         assert scans[-1].time_increment_ns == pytest.approx(scans[-1].duration_ns / len(scans[-1]), rel=0.02)
-        strange = [each for each in await lidar.get_modes() if each.answer_type == 0x8E]
+        strange = [each for each in await lidar.get_modes() if each.response_type == 0x8E]
         if strange:
             with pytest.raises(Unsupported, match="0x8E"):
                 await lidar.scan(strange[0].name)

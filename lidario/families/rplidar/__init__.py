@@ -24,7 +24,7 @@ SIMULATED = (
     "rplidar-ultradense",
     "rplidar-holes",
     "rplidar-zero-us",
-    "rplidar-unknown-answer",
+    "rplidar-unknown-response",
     "rplidar-no-modes",
     "rplidar-old-firmware",
 )
