@@ -73,11 +73,16 @@ def left_still(rig: Rig) -> bool:
 
 
 def discarded(rig: Rig) -> list[tuple[str, str]]:
-    """Requests the strict device did not hear, and why; polls of a device that boots are meant to be lost."""
+    """Requests the strict device discarded, and why.
+
+    Not those that are meant to be lost: questions to a device that boots, and STOP to one in Protection Stop.
+    """
     return [
         (each.name, each.why)
         for each in rig.device.log
-        if not each.obeyed and each.why != "still booting after reset"
+        if not each.obeyed
+        and each.why != "still booting after reset"
+        and (each.name, each.why) != ("stop", PROTECTED)
     ]
 
 
