@@ -108,6 +108,14 @@ class Chassis(ABC, Generic[StreamT]):
     def spin_up_s(self, seconds: float) -> None:
         self._motor.spin_up_s = seconds
 
+    @abstractmethod
+    def receive(self, data: bytes, now: int) -> None:
+        """As `SimulatedDevice.receive`."""
+
+    @abstractmethod
+    def wakeup(self, now: int) -> int | None:
+        """As `SimulatedDevice.wakeup`."""
+
     def transmit(self, now: int) -> bytes:
         """Hand out the bytes whose last bit has left the device by `now`, and forget them."""
         self._advance(now)
@@ -128,6 +136,22 @@ class Chassis(ABC, Generic[StreamT]):
         self._advance(now)
         self._forget(now)
         self._deaf_until, self._deaf_why = _FOREVER, "frozen"
+
+    def _spin_at_once(self, rpm: float, since: int) -> None:
+        """Have the motor turn at that speed since that time, without the time it needs for it."""
+        spin_up, self._motor.spin_up_s = self._motor.spin_up_s, 0.0
+        self._motor.set_rpm(rpm, since)
+        self._motor.spin_up_s = spin_up
+
+    def _end_stream(self, now: int) -> None:
+        """Measure no more; the packets made by now still leave."""
+        if self._stream is not None:
+            self._stream = None
+            self._queue.withdraw(now)
+
+    def _response_at(self, now: int) -> int:
+        """When the response to a request that ends at `now` begins to leave."""
+        return now + int(self.response_delay_s * 1e9)
 
     def _forget(self, now: int) -> None:
         """Drop the stream, the responses and the bytes that have not left."""

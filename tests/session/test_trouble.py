@@ -14,6 +14,7 @@ from lidario import (
     InternalError,
     ResponseTimeout,
     Scan,
+    ScanStream,
     StreamFailed,
     Unsupported,
     open_lidar,
@@ -22,6 +23,13 @@ from lidario.port.port import Port
 from lidario.sim.rooms import make_world
 from tests.support.devices import Rig, both_families, left_still, make_rig, names, take
 from tests.support.loop import DrivenLoop, driven
+
+
+async def until_it_fails(stream: ScanStream, why: str) -> None:
+    """Take scans until the stream fails for that reason."""
+    with pytest.raises(StreamFailed, match=why):
+        while True:
+            await anext(stream)
 
 
 @both_families
@@ -34,9 +42,7 @@ async def test_a_silent_device_ends_the_stream_but_not_the_session(family: str) 
             await anext(stream)
             rig.device.mute = True
             before = loop.time()
-            with pytest.raises(StreamFailed, match="no scan data"):
-                while True:
-                    await anext(stream)
+            await until_it_fails(stream, "no scan data")
             assert loop.time() - before < 1.0 + rig.turn_s
         rig.device.mute = False
         assert len(await take(lidar, 1)) == 1
@@ -167,9 +173,7 @@ async def test_a_stream_that_turns_to_noise_ends_and_leaves_nothing_behind(famil
             await anext(stream)
             clean = rig.device.transmit
             rig.device.transmit = lambda now: random.bytes(len(clean(now)))
-            with pytest.raises(StreamFailed, match="only noise arrives"):
-                while True:
-                    await anext(stream)
+            await until_it_fails(stream, "only noise arrives")
             assert lidar.stats.skipped_bytes > 10_000
             assert lidar._dialogue.buffered < 4096
             rig.device.transmit = clean
@@ -186,9 +190,7 @@ async def test_a_rotor_that_stands_still_is_noticed(family: str) -> None:
         running = lidar._scanner._running
         assert running is not None
         running._assembler._seam.splits = lambda headings: []  # type: ignore[method-assign]
-        with pytest.raises(StreamFailed, match="no full revolution"):
-            while True:
-                await anext(stream)
+        await until_it_fails(stream, "no full revolution")
     assert left_still(rig)
 
 
@@ -290,9 +292,7 @@ async def test_a_device_that_does_not_come_back_from_a_reset(family: str) -> Non
             rig.device.boot_s = 600.0
             with pytest.raises(ResponseTimeout, match="no response to"):
                 await lidar.reset()
-            with pytest.raises(StreamFailed, match="could not be started again"):
-                while True:
-                    await anext(stream)
+            await until_it_fails(stream, "could not be started again")
         assert not lidar.is_scanning
 
 

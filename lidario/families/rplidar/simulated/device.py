@@ -113,9 +113,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
             raise ValueError(f"{self.profile.name} has no scan mode {mode_id}")
         past = 10 * mode.period_ns + self._queue.airtime(mode.packet[0] * 2 // 5)
         if not self.motor_on:
-            spin_up, self._motor.spin_up_s = self._motor.spin_up_s, 0.0
-            self._motor.set_rpm(_DEFAULT_RPM, now - past)
-            self._motor.spin_up_s = spin_up
+            self._spin_at_once(_DEFAULT_RPM, now - past)
         self._stream = MeasurementStream(mode, now - past, self._motor, self.world, first=False)
         self._advance(now)
         self._queue.take(now)
@@ -145,12 +143,6 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
             self._end_stream(request.ended)
             why = self._HANDLERS[request.name](self, request)
         self._log.add(request.ended, request.name, request.data, why)
-
-    def _end_stream(self, now: int) -> None:
-        """Measure no more; the packets made by now still leave."""
-        if self._stream is not None:
-            self._stream = None
-            self._queue.withdraw(now)
 
     def _refusal(self, request: Request) -> str:
         """Why the device discards a request at once; empty when it handles it."""
@@ -215,7 +207,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         now = request.ended
         if not self.motor_on:
             self._motor.set_rpm(_DEFAULT_RPM, now)
-        announced = now + int(self.response_delay_s * 1e9)
+        announced = self._response_at(now)
         self._respond_with(_descriptor(mode.packet[0] | _CONTINUOUS, mode.response_type), announced, request.name)
         stable = self._motor.stable_at
         origin = announced if force or stable is None else max(announced, stable)
@@ -254,7 +246,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
     def _respond(self, kind: int, data: bytes, request: Request) -> str:
         """Send a single response, or noise of the same length when it is to be garbled."""
         response = self._garbled(_descriptor(len(data), kind) + data)
-        self._respond_with(response, request.ended + int(self.response_delay_s * 1e9), request.name)
+        self._respond_with(response, self._response_at(request.ended), request.name)
         return ""
 
     _HANDLERS: ClassVar[dict[str, Callable[[SimulatedRplidar, Request], str]]] = {

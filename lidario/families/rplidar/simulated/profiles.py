@@ -176,6 +176,11 @@ def _s_series(name: str, model: int, standard_m: float, dense_m: float) -> Profi
     return Profile(name, model, 1_000_000, modes, typical=1, kind="sold", firmware=(1, 2))
 
 
+def _of_format(name: str, model: int, baudrate: int, *modes: Mode) -> Profile:
+    """A device that stands for the format of its last mode, which is also the typical one."""
+    return Profile(name, model, baudrate, modes, typical=modes[-1].id, kind="format")
+
+
 _BANNER = b"Simulated scanner 1.20, hardware 5, booted, health is good.\r\n"
 
 _SOLD = (
@@ -194,41 +199,34 @@ _SOLD = (
 )
 
 _FORMATS = (
-    Profile(
+    _of_format(
         "rplidar-express",
         0x62,
         256_000,
-        (_mode(0, "Standard", 0x81, 4000, 16), _mode(1, "Express", 0x82, 8000, 16)),
-        typical=1,
-        kind="format",
+        _mode(0, "Standard", 0x81, 4000, 16),
+        _mode(1, "Express", 0x82, 8000, 16),
     ),
-    Profile(
+    _of_format(
         "rplidar-hq",
         0x72,
         1_000_000,
-        (_mode(0, "Standard", 0x81, 8000, 30), _mode(1, "HQ", 0x83, 10000, 30)),
-        typical=1,
-        kind="format",
+        _mode(0, "Standard", 0x81, 8000, 30),
+        _mode(1, "HQ", 0x83, 10000, 30),
     ),
-    Profile(
+    _of_format(
         "rplidar-ultra",
         0x63,
         256_000,
-        (
-            _mode(0, "Standard", 0x81, 4000, 25),
-            _mode(1, "Express", 0x82, 8000, 16),
-            _mode(2, "Boost", 0x84, 16000, 25),
-        ),
-        typical=2,
-        kind="format",
+        _mode(0, "Standard", 0x81, 4000, 25),
+        _mode(1, "Express", 0x82, 8000, 16),
+        _mode(2, "Boost", 0x84, 16000, 25),
     ),
-    Profile(
+    _of_format(
         "rplidar-ultradense",
         0x82,
         1_000_000,
-        (_mode(0, "Standard", 0x81, 16000, 40), _mode(1, "UltraDense", 0x86, 32000, 40)),
-        typical=1,
-        kind="format",
+        _mode(0, "Standard", 0x81, 16000, 40),
+        _mode(1, "UltraDense", 0x86, 32000, 40),
     ),
 )
 
@@ -239,7 +237,6 @@ _AWKWARD = (
         1_000_000,
         (_mode(0, "Standard", 0x81, 8000, 30), _mode(5, "HQ", 0x83, 10000, 30)),
         typical=5,
-        kind="awkward",
         speed_conf=None,
     ),
     Profile(
@@ -251,7 +248,6 @@ _AWKWARD = (
             _mode(1, "DenseBoost", 0x85, 32000, 40, reported_us_q8=0),
         ),
         typical=1,
-        kind="awkward",
     ),
     Profile(
         "rplidar-unknown-response",
@@ -259,7 +255,6 @@ _AWKWARD = (
         1_000_000,
         (_mode(0, "Standard", 0x81, 16000, 40), _mode(6, "Mystery", 0x8E, 32000, 40, layout=0x85)),
         typical=6,
-        kind="awkward",
     ),
     Profile(
         "rplidar-no-modes",
@@ -267,7 +262,6 @@ _AWKWARD = (
         1_000_000,
         (_mode(0, "Standard", 0x81, 16000, 30),),
         typical=0,
-        kind="awkward",
         listed=False,
     ),
     Profile(
@@ -276,13 +270,11 @@ _AWKWARD = (
         115_200,
         (_mode(0, "Express", 0x82, 4000, 12), _mode(0xFF, "Standard", 0x81, 2000, 12)),
         typical=0,
-        kind="awkward",
         firmware=(1, 20),
         hardware=5,
         has_conf=False,
         speed_conf=None,
         motor_command=False,
-        boot_s=0.6,
         banner=_BANNER,
     ),
 )

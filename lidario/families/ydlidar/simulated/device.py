@@ -163,9 +163,7 @@ class Simulated4Ros(Chassis[PointStream]):
     def begin_streaming(self, now: int) -> None:
         """Be in the middle of a scan, and of a packet, as after a program that was killed."""
         past = 10 * 40 * SAMPLE_NS + self._queue.airtime(90) * 2 // 5
-        spin_up, self._motor.spin_up_s = self._motor.spin_up_s, 0.0
-        self._motor.set_rpm(self.set_speed * 0.6, now - past)
-        self._motor.spin_up_s = spin_up
+        self._spin_at_once(self.set_speed * 0.6, now - past)
         self._alive_until = now + _ALIVE_FOR
         self._stream = PointStream(now - past, self._motor, self.world, stamps=self.profile.stamps)
         self._advance(now)
@@ -192,9 +190,7 @@ class Simulated4Ros(Chassis[PointStream]):
 
     def _halt(self, now: int) -> None:
         """End the scan and stop the motor; the packet that is made still leaves."""
-        if self._stream is not None:
-            self._stream = None
-            self._queue.withdraw(now)
+        self._end_stream(now)
         self._motor.set_rpm(0.0, now)
 
     def _consider(self, command: int, now: int) -> None:
@@ -228,7 +224,7 @@ class Simulated4Ros(Chassis[PointStream]):
             self._scan(now)
         else:
             response = self._garbled(pack_response(*self._reply(command)))
-            self._respond_with(response, now + int(self.response_delay_s * 1e9), _NAMES[command])
+            self._respond_with(response, self._response_at(now), _NAMES[command])
 
     def _reply(self, command: int) -> tuple[int, bytes]:
         """Response type and payload."""
@@ -254,7 +250,7 @@ class Simulated4Ros(Chassis[PointStream]):
         if self._stream is not None:
             return
         self._motor.set_rpm(self.set_speed * 0.6, now)
-        announced = now + int(self.response_delay_s * 1e9)
+        announced = self._response_at(now)
         self._respond_with(SCAN_HEADER, announced, "scan")
         origin = max(announced, self._motor.stable_at or 0)
         self._stream = PointStream(origin, self._motor, self.world, stamps=self.profile.stamps)
