@@ -82,7 +82,7 @@ def read_live(
             why = setting.peers.why_absent(entry.package)
             if why:
                 raise Failed(why)
-            mode = 0 if kind.mode.answer_type == 0x81 else kind.mode.id
+            mode = 0 if kind.mode.response_type == 0x81 else kind.mode.id
             task |= {"contestant": entry.contestant, "mode": mode, "form": _FORMS[rate]}
             environment = setting.peers.environment(entry.package)
             got = run_json(setting.peers.command("live"), timeout=timeout, environment=environment, given=task)

@@ -117,7 +117,7 @@ def _peers(
     raw = capture(kind, seconds)
     path = folder / f"{kind.name}.bin"
     path.write_bytes(raw)
-    mode = 0 if kind.mode.answer_type == 0x81 else 1
+    mode = 0 if kind.mode.response_type == 0x81 else 1
     for name in _PEERS.get(kind.name, ()):
         package = name.removesuffix("-4ros")
         why = setting.peers.why_absent(package) or absent.get(f"{package}, {kind.name}", "")

@@ -7,8 +7,8 @@ devices at once, all there is every few milliseconds; or, to see how fast a read
 terminal cannot take is lost, and counted. A pseudo-terminal takes 20 KiB; with ``--holds`` it takes no more than
 the kernel does behind a real adapter.
 
-It is told what to do by its arguments, prints one line of JSON when all devices stand ready, and answers each
-line on its standard input by a report: when the last byte of each turn was written, on the clock that all
+It is told what to do by its arguments, prints one line of JSON when all devices stand ready, and responds to each
+line on its standard input with a report: when the last byte of each turn was written, on the clock that all
 processes share, and what was lost. A report starts everything afresh. It ends with its standard input.
 """
 

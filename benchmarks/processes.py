@@ -16,7 +16,7 @@ _PATIENCE_S = 20.0
 
 
 class Failed(Exception):
-    """A process ended without an answer; the text says why, on one line."""
+    """A process ended without a response; the text says why, on one line."""
 
 
 class Player:
@@ -42,14 +42,14 @@ class Player:
         self._process = subprocess.Popen(
             command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
         )
-        self.paths: list[str] = self._answer()
+        self.paths: list[str] = self._response()
 
     def report(self) -> dict[str, Any]:
         """What was played since the last report; afterwards all devices are as new."""
         assert self._process.stdin is not None
         self._process.stdin.write("\n")
         self._process.stdin.flush()
-        report: dict[str, Any] = self._answer()
+        report: dict[str, Any] = self._response()
         return report
 
     def close(self) -> None:
@@ -72,7 +72,7 @@ class Player:
     ) -> None:
         self.close()
 
-    def _answer(self) -> Any:
+    def _response(self) -> Any:
         assert self._process.stdout is not None
         line = self._process.stdout.readline()
         if not line:

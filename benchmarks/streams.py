@@ -123,10 +123,10 @@ def _4ros() -> Any:
 
 
 def _rplidar_kind(name: str, profile: Profile, mode: Mode) -> Kind:
-    answer = mode.answer
-    about = ScanMode(mode.id, mode.name, mode.us_q8 / 256, mode.max_distance_q8 / 256, answer)
-    request = rplidar_commands.scan if answer == 0x81 else partial(rplidar_commands.express_scan, mode.id)
-    return Kind(name, "rplidar", about, partial(_rplidar, profile), FORMATS[answer], DECODERS[answer], request)
+    number = mode.response_type
+    about = ScanMode(mode.id, mode.name, mode.us_q8 / 256, mode.max_distance_q8 / 256, number)
+    request = rplidar_commands.scan if number == 0x81 else partial(rplidar_commands.express_scan, mode.id)
+    return Kind(name, "rplidar", about, partial(_rplidar, profile), FORMATS[number], DECODERS[number], request)
 
 
 def _4ros_kind(name: str) -> Kind:
@@ -137,7 +137,9 @@ def _4ros_kind(name: str) -> Kind:
 def _kinds() -> dict[str, Kind]:
     modes = tuple(Mode(each, f"mode {each:#x}", 0x81 + each, 8000, 40 * 256) for each in range(6))
     profile = Profile("bench", 0x71, 4_000_000, modes, typical=4)
-    kinds = [_rplidar_kind(f"{mode.answer:#x} {_NAMES[mode.answer]}", profile, mode) for mode in modes]
+    kinds = [
+        _rplidar_kind(f"{mode.response_type:#x} {_NAMES[mode.response_type]}", profile, mode) for mode in modes
+    ]
     return {kind.name: kind for kind in (*kinds, _4ros_kind("4ROS points"))}
 
 

@@ -17,8 +17,8 @@ from benchmarks.processes import Failed, run_json
 from benchmarks.report import Result, Setting, Table
 from lidario.families.rplidar.simulated.device import PROFILES, SimulatedRplidar
 from lidario.sim.device import Received
+from lidario.sim.rooms import make_world
 from lidario.sim.serve import PtyServer
-from lidario.sim.world import make_world
 
 __all__ = ["Run", "run"]
 

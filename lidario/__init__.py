@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from lidario.laserscan import BeamOrder, LaserScan, NoReturn
     from lidario.model import DeviceInfo, Health, HealthStatus, Return, SampleRate, Scan, ScanMode, Stats
     from lidario.points import Motion, Mount, Points, PoseFunction, Velocity, merge
-    from lidario.port.port import Tap
+    from lidario.port.line import Tap
     from lidario.session.discovery import Found, PortInfo, list_lidars, list_serial_ports
     from lidario.session.lidar import Lidar
     from lidario.session.opening import OpenLidar, open_lidar
@@ -109,7 +109,7 @@ _HOMES = {
     "laserscan": ("BeamOrder", "LaserScan", "NoReturn"),
     "model": ("DeviceInfo", "Health", "HealthStatus", "Return", "SampleRate", "Scan", "ScanMode", "Stats"),
     "points": ("Motion", "Mount", "Points", "PoseFunction", "Velocity", "merge"),
-    "port.port": ("Tap",),
+    "port.line": ("Tap",),
     "session.lidar": ("Lidar",),
     "session.opening": ("OpenLidar", "open_lidar"),
     "session.run": ("run",),

@@ -27,14 +27,14 @@ from concurrent.futures import Future, wait
 from contextlib import suppress
 from functools import update_wrapper
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Concatenate, Final, ParamSpec, Self, TypeVar
 
 import anyio
 from anyio.from_thread import BlockingPortal
 
 from lidario.errors import LidarError, LocalProtocolError, SessionClosed
 from lidario.model import DeviceInfo, Health, Scan, ScanMode, Stats
-from lidario.port.port import Tap
+from lidario.port.line import Tap
 from lidario.session.lidar import Lidar
 from lidario.session.opening import DEFAULT_LATENCY_S, OpenLidar, open_lidar
 from lidario.session.stream import ScanStream
@@ -220,20 +220,20 @@ class SyncLidar:
         except SessionClosed:
             return lidar.stats
 
-    scan = _same(Lidar.scan)
-    stop = _same(Lidar.stop)
-    reset = _same(Lidar.reset)
-    get_info = _same(Lidar.get_info)
-    get_health = _same(Lidar.get_health)
-    get_modes = _same(Lidar.get_modes)
-    get_sample_rate = _same(Lidar.get_sample_rate)
-    get_scan_frequency = _same(Lidar.get_scan_frequency)
-    get_scan_frequency_range = _same(Lidar.get_scan_frequency_range)
-    get_zero_offset = _same(Lidar.get_zero_offset)
-    set_motor_speed = _same(Lidar.set_motor_speed)
-    set_power_down_protection = _same(Lidar.set_power_down_protection)
-    set_scan_frequency = _same(Lidar.set_scan_frequency)
-    set_zero_offset = _same(Lidar.set_zero_offset)
+    scan: Final = _same(Lidar.scan)
+    stop: Final = _same(Lidar.stop)
+    reset: Final = _same(Lidar.reset)
+    get_info: Final = _same(Lidar.get_info)
+    get_health: Final = _same(Lidar.get_health)
+    get_modes: Final = _same(Lidar.get_modes)
+    get_sample_rate: Final = _same(Lidar.get_sample_rate)
+    get_scan_frequency: Final = _same(Lidar.get_scan_frequency)
+    get_scan_frequency_range: Final = _same(Lidar.get_scan_frequency_range)
+    get_zero_offset: Final = _same(Lidar.get_zero_offset)
+    set_motor_speed: Final = _same(Lidar.set_motor_speed)
+    set_power_down_protection: Final = _same(Lidar.set_power_down_protection)
+    set_scan_frequency: Final = _same(Lidar.set_scan_frequency)
+    set_zero_offset: Final = _same(Lidar.set_zero_offset)
 
     def scans(self, mode: str | int | None = None, *, depth: int = 1, force: bool = False) -> SyncScanStream:
         """A stream of full revolutions, for ``for``; several may run side by side, also in several threads.

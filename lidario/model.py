@@ -450,7 +450,7 @@ class ScanMode:
         name: The device's name for it.
         sample_us: Microseconds a sample; 0 when the device does not say.
         max_distance: Farthest distance in metres; 0 when the device does not say.
-        answer_type: Type byte of the stream it sends.
+        response_type: Type byte of the stream it sends.
         typical: Whether the device recommends it.
     """
 
@@ -458,7 +458,7 @@ class ScanMode:
     name: str
     sample_us: float
     max_distance: float
-    answer_type: int
+    response_type: int
     typical: bool = False
 
     @property

@@ -26,7 +26,8 @@ import numpy as np
 from lidario.errors import ConnectFailed, InvalidValue
 from lidario.families.registry import FAMILIES, family_of_simulated
 from lidario.sim.device import SimulatedDevice
-from lidario.sim.world import Wall, WorldLike, as_world, make_world, walls_around
+from lidario.sim.rooms import make_world
+from lidario.sim.world import Wall, WorldLike, as_world, walls_around
 
 __all__ = ["simulate"]
 

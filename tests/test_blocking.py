@@ -49,15 +49,15 @@ def test_scans_questions_and_settings(family: str) -> None:
         assert lidar.info == lidar.get_info()
         assert lidar.health == lidar.get_health()
         assert lidar.source in repr(lidar)
-        seqs = []
+        scans = []
         for scan in lidar.scans(depth=4):
-            seqs.append(scan.seq)
-            if len(seqs) == 3:
+            scans.append(scan)
+            if len(scans) == 3:
                 break
-        assert seqs == [0, 1, 2]
+        assert [scan.seq for scan in scans] == [0, 1, 2]
         assert lidar.is_scanning
         assert lidar.mode is not None
-        assert lidar.mode.name == scan.mode
+        assert lidar.mode.name == scans[0].mode
         assert lidar.measured_scan_frequency == pytest.approx(1 / rig.turn_s, rel=0.05)
         assert lidar.set_motor_speed(480, verify=False) == pytest.approx(480, rel=0.05)
         assert lidar.scan().seq > 2

@@ -34,12 +34,12 @@ def test_distances_are_the_vendors_and_angles_within_a_64th(case: Case) -> None:
     assert count > 5_000
     np.testing.assert_array_equal(samples.distance_mm[:count], truth.distance_mm)
     angle = samples.angle_deg[:count]
-    if case.answer_type == 0x83:
+    if case.response_type == 0x83:
         np.testing.assert_array_equal(angle, truth.angle_deg)
         return
     off = (np.floor(angle * 64).astype(np.int64) - golden_q6(case) + Q6_TURN // 2) % Q6_TURN - Q6_TURN // 2
     # Only a step between samples can be rounded differently: a node states its angle itself.
-    allowed = 0 if case.answer_type == 0x81 and truth.family == "rplidar" else 1
+    allowed = 0 if case.response_type == 0x81 and truth.family == "rplidar" else 1
     assert 0 <= off.min() <= off.max() <= allowed
 
 
@@ -54,7 +54,7 @@ def test_every_figure_is_the_scalar_references(case: Case) -> None:
     assert count == (samples.ends[-2] if case.lookahead else samples.ends[-1])
     np.testing.assert_array_equal(samples.distance_mm[:count], [s.distance_mm for s in reference])
     # The vendor's near-range correction of 0x84 is truncated to 1/65536 degrees, and so is the reference's.
-    allowed = SINGLE_DEG + 1 / 65536 if case.answer_type == 0x84 else SINGLE_DEG
+    allowed = SINGLE_DEG + 1 / 65536 if case.response_type == 0x84 else SINGLE_DEG
     np.testing.assert_allclose(samples.angle_deg[:count], [s.angle_deg for s in reference], rtol=0, atol=allowed)
     qualities = [s.quality for s in reference]
     if samples.intensity is None:
@@ -96,4 +96,4 @@ def test_the_scans_are_the_scalar_references_turns(case: Case, chunks: int | Non
 def _samples_in(case: Case, packet: bytes) -> int:
     if case.truth.family == "ydlidar":
         return packet[3]
-    return {5: 1, 84: 40 if case.answer_type == 0x85 else 32, 781: 96, 132: 96, 170: 64}[len(packet)]
+    return {5: 1, 84: 40 if case.response_type == 0x85 else 32, 781: 96, 132: 96, 170: 64}[len(packet)]

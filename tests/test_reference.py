@@ -22,9 +22,9 @@ def angle_errors(stream: golden.Golden, angles: Sequence[float]) -> NDArray[np.f
 
 def rplidar_stream(name: str) -> tuple[golden.Golden, int, list[bytes], list[rplidar.Sample]]:
     stream = golden.load(name)
-    assert stream.answer_type is not None
-    packets = rplidar.split(stream.answer_type, stream.raw)
-    return stream, stream.answer_type, packets, rplidar.decode(stream.answer_type, packets)
+    assert stream.response_type is not None
+    packets = rplidar.split(stream.response_type, stream.raw)
+    return stream, stream.response_type, packets, rplidar.decode(stream.response_type, packets)
 
 
 def ydlidar_stream(name: str) -> tuple[golden.Golden, list[bytes], list[ydlidar.Sample]]:
@@ -38,11 +38,11 @@ def ydlidar_stream(name: str) -> tuple[golden.Golden, list[bytes], list[ydlidar.
 
 @pytest.mark.parametrize("name", golden.RPLIDAR_NAMES)
 def test_rplidar_sample_count(name: str) -> None:
-    stream, answer_type, packets, samples = rplidar_stream(name)
-    decoded = len(packets) - 1 if answer_type in rplidar.CAPSULE_TYPES else len(packets)
-    assert len(samples) == decoded * rplidar.PACKET_SAMPLES[answer_type] == len(stream.angle_deg)
+    stream, response_type, packets, samples = rplidar_stream(name)
+    decoded = len(packets) - 1 if response_type in rplidar.CAPSULE_TYPES else len(packets)
+    assert len(samples) == decoded * rplidar.PACKET_SAMPLES[response_type] == len(stream.angle_deg)
     assert [(sample.packet, sample.index) for sample in samples] == [
-        (packet, index) for packet in range(decoded) for index in range(rplidar.PACKET_SAMPLES[answer_type])
+        (packet, index) for packet in range(decoded) for index in range(rplidar.PACKET_SAMPLES[response_type])
     ]
 
 
@@ -54,9 +54,9 @@ def test_rplidar_distances_are_exact(name: str) -> None:
 
 @pytest.mark.parametrize("name", golden.RPLIDAR_NAMES)
 def test_rplidar_quality(name: str) -> None:
-    stream, answer_type, _, samples = rplidar_stream(name)
+    stream, response_type, _, samples = rplidar_stream(name)
     assert stream.quality is not None
-    if answer_type in (0x81, 0x83, 0x86):
+    if response_type in (0x81, 0x83, 0x86):
         assert [sample.quality for sample in samples] == stream.quality.tolist()
     else:
         assert all(sample.quality is None for sample in samples)
@@ -66,15 +66,15 @@ def test_rplidar_quality(name: str) -> None:
 @pytest.mark.parametrize("name", golden.RPLIDAR_NAMES)
 def test_rplidar_angles_differ_by_rounding_alone(name: str) -> None:
     """The vendor rounds down up to three times: each step of the beam, then to 1/64°, then to 90°/16384."""
-    stream, answer_type, _, samples = rplidar_stream(name)
+    stream, response_type, _, samples = rplidar_stream(name)
     assert all(0 <= sample.angle_deg < 360 for sample in samples)
     errors = angle_errors(stream, [sample.angle_deg for sample in samples])
-    if answer_type == 0x83:
+    if response_type == 0x83:
         assert not errors.any()
         return
     allowed = GRID_Q14
-    if answer_type in rplidar.CAPSULE_TYPES:
-        allowed += GRID_Q6 + rplidar.PACKET_SAMPLES[answer_type] / 65536
+    if response_type in rplidar.CAPSULE_TYPES:
+        allowed += GRID_Q6 + rplidar.PACKET_SAMPLES[response_type] / 65536
     assert errors.max() <= 1e-9
     assert errors.min() > -allowed
 
@@ -82,18 +82,18 @@ def test_rplidar_angles_differ_by_rounding_alone(name: str) -> None:
 @pytest.mark.parametrize("name", golden.RPLIDAR_NAMES)
 def test_rplidar_angles_are_exact_once_rounded_alike(name: str) -> None:
     """With the vendor's three roundings put on top of the reference not a single angle differs."""
-    stream, answer_type, packets, samples = rplidar_stream(name)
+    stream, response_type, packets, samples = rplidar_stream(name)
     expected = []
     for sample in samples:
-        if answer_type == 0x83:
+        if response_type == 0x83:
             expected.append(round(sample.angle_deg / GRID_Q14))
             continue
-        if answer_type == 0x81:
+        if response_type == 0x81:
             angle_q6 = int(sample.angle_deg * 64)
         else:
-            first_q6 = rplidar.start_q6(answer_type, packets[sample.packet])
-            way_q6 = (rplidar.start_q6(answer_type, packets[sample.packet + 1]) - first_q6) % (360 * 64)
-            step_q16 = (way_q6 << 10) // rplidar.PACKET_SAMPLES[answer_type]
+            first_q6 = rplidar.start_q6(response_type, packets[sample.packet])
+            way_q6 = (rplidar.start_q6(response_type, packets[sample.packet + 1]) - first_q6) % (360 * 64)
+            step_q16 = (way_q6 << 10) // rplidar.PACKET_SAMPLES[response_type]
             correction_q16 = round((sample.raw_deg - sample.angle_deg) % 360 * 65536)
             angle_q6 = ((first_q6 << 10) + sample.index * step_q16 - correction_q16 >> 10) % (360 * 64)
         expected.append((angle_q6 << 8) // 90)
@@ -103,9 +103,9 @@ def test_rplidar_angles_are_exact_once_rounded_alike(name: str) -> None:
 @pytest.mark.parametrize("name", golden.RPLIDAR_NAMES)
 def test_rplidar_revolutions(name: str) -> None:
     """The vendor marks the first sample past 0° in 0x81 and 0x83, in capsules the last one before it."""
-    stream, answer_type, _, samples = rplidar_stream(name)
+    stream, response_type, _, samples = rplidar_stream(name)
     assert stream.start is not None
-    late = 1 if answer_type in rplidar.CAPSULE_TYPES else 0
+    late = 1 if response_type in rplidar.CAPSULE_TYPES else 0
     cuts = [int(index) + late for index in np.flatnonzero(stream.start)]
     assert len(cuts) > 2
     turns = rplidar.revolutions(samples)
@@ -121,44 +121,44 @@ def test_rplidar_beam_only_goes_forward(name: str) -> None:
     assert 0 < steps.min() <= steps.max() < 1
 
 
-@pytest.mark.parametrize("answer_type", rplidar.PACKET_BYTES)
-def test_rplidar_split_refuses_damage(answer_type: int) -> None:
-    raw = golden.load(f"rplidar_9k_{answer_type:x}").raw[: 3 * rplidar.PACKET_BYTES[answer_type]]
-    assert b"".join(rplidar.split(answer_type, raw)) == raw
+@pytest.mark.parametrize("response_type", rplidar.PACKET_BYTES)
+def test_rplidar_split_refuses_damage(response_type: int) -> None:
+    raw = golden.load(f"rplidar_9k_{response_type:x}").raw[: 3 * rplidar.PACKET_BYTES[response_type]]
+    assert b"".join(rplidar.split(response_type, raw)) == raw
     with pytest.raises(ValueError, match="whole number"):
-        rplidar.split(answer_type, raw[:-1])
-    second = rplidar.PACKET_BYTES[answer_type]
+        rplidar.split(response_type, raw[:-1])
+    second = rplidar.PACKET_BYTES[response_type]
     # 0x81 has nothing but its two check bits.
-    places = [(0, 0x01), (1, 0x01)] if answer_type == 0x81 else [(0, 0x10), (2, 0x01), (second - 1, 0x80)]
+    places = [(0, 0x01), (1, 0x01)] if response_type == 0x81 else [(0, 0x10), (2, 0x01), (second - 1, 0x80)]
     for offset, mask in places:
         spoiled = bytearray(raw)
         spoiled[second + offset] ^= mask
         with pytest.raises(ValueError, match="packet 1 "):
-            rplidar.split(answer_type, bytes(spoiled))
+            rplidar.split(response_type, bytes(spoiled))
 
 
-def capsule(answer_type: int, start_q6: int, body: bytes = b"", reset: bool = False) -> bytes:
+def capsule(response_type: int, start_q6: int, body: bytes = b"", reset: bool = False) -> bytes:
     """A capsule with the given bytes behind its start angle, zeros after them."""
-    offset = rplidar.START_OFFSET[answer_type]
+    offset = rplidar.START_OFFSET[response_type]
     head = bytes(offset - 2) + (start_q6 | (0x8000 if reset else 0)).to_bytes(2, "little")
-    rest = (head + body).ljust(rplidar.PACKET_BYTES[answer_type] - 2, b"\0")
+    rest = (head + body).ljust(rplidar.PACKET_BYTES[response_type] - 2, b"\0")
     check = 0
     for byte in rest:
         check ^= byte
     packet = bytes([0xA0 | check & 0x0F, 0x50 | check >> 4]) + rest
-    assert rplidar.split(answer_type, packet) == [packet]
+    assert rplidar.split(response_type, packet) == [packet]
     return packet
 
 
-@pytest.mark.parametrize("answer_type", rplidar.CAPSULE_TYPES)
-def test_capsule_before_a_reset_is_dropped(answer_type: int) -> None:
+@pytest.mark.parametrize("response_type", rplidar.CAPSULE_TYPES)
+def test_capsule_before_a_reset_is_dropped(response_type: int) -> None:
     packets = [
-        capsule(answer_type, 0, reset=True),
-        capsule(answer_type, 640),
-        capsule(answer_type, 0, reset=True),
-        capsule(answer_type, 640),
+        capsule(response_type, 0, reset=True),
+        capsule(response_type, 640),
+        capsule(response_type, 0, reset=True),
+        capsule(response_type, 640),
     ]
-    assert {sample.packet for sample in rplidar.decode(answer_type, packets)} == {0, 2}
+    assert {sample.packet for sample in rplidar.decode(response_type, packets)} == {0, 2}
 
 
 def test_82_offsets_cross_zero_and_are_unsigned() -> None:

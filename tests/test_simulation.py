@@ -11,7 +11,7 @@ import pytest
 
 import lidario
 from lidario.families.registry import FAMILIES
-from lidario.sim.world import make_world
+from lidario.sim.rooms import make_world
 from tests.support.loop import driven
 
 Floats = npt.NDArray[np.float64]

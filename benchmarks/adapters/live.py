@@ -94,8 +94,8 @@ def main(task: dict[str, Any]) -> dict[str, Any]:
 if __name__ == "__main__":
     sys.stdout = sys.stderr  # some contestants talk
     try:
-        answer = main(json.loads(sys.argv[1]))
+        result = main(json.loads(sys.argv[1]))
     except Exception as error:
-        answer = {"failed": f"{type(error).__name__}: {error}"}
-    print(json.dumps(answer), file=_STDOUT, flush=True)
+        result = {"failed": f"{type(error).__name__}: {error}"}
+    print(json.dumps(result), file=_STDOUT, flush=True)
     os._exit(0)  # some contestants have threads that do not end

@@ -97,7 +97,7 @@ def _modes(modes: tuple[ScanMode, ...]) -> Table:
     from rich.table import Table
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold")
-    titles = ("id", "scan mode", "µs/sample", "samples/s", "max. distance", "answer type", "typical")
+    titles = ("id", "scan mode", "µs/sample", "samples/s", "max. distance", "response type", "typical")
     for title in titles:
         table.add_column(title, justify="left" if title in ("scan mode", "typical") else "right")
     for mode in modes:
@@ -107,7 +107,7 @@ def _modes(modes: tuple[ScanMode, ...]) -> Table:
             f"{mode.sample_us:.2f}" if mode.sample_us else "not told",
             f"{mode.samples_per_second:.0f}" if mode.sample_us else "",
             f"{mode.max_distance:g} m" if mode.max_distance else "not told",
-            f"0x{mode.answer_type:02X}",
+            f"0x{mode.response_type:02X}",
             "yes" if mode.typical else "",
         )
     return table

@@ -1,7 +1,7 @@
 """The one face that every family of devices shows to the session.
 
 A family speaks in scripts: generators that yield a `Request` and are resumed with the payload of its response
-(empty bytes where there is none, the answer type where a stream begins), so that a whole conversation is written
+(empty bytes where there is none, the response type where a stream begins), so that a whole conversation is written
 down in order and yet does no I/O. The session runs them, keeps the timing each request demands, and throws
 `ResponseTimeout` into a script whose request had no response, which a script may catch to fall back on something
 else.
@@ -12,7 +12,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Protocol, TypeAlias, TypeVar
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,9 @@ from lidario.wire.events import Packets
 from lidario.wire.formats import StreamFormat
 
 if TYPE_CHECKING:
+    from lidario.sim.chassis import Chassis
     from lidario.sim.device import SimulatedDevice
+    from lidario.sim.world import WorldLike
 
 __all__ = [
     "Decoder",
@@ -264,14 +267,13 @@ class Family:
     """One row of the registry.
 
     Attributes:
-        name: Short name, as in ``family=`` of a source.
+        name: Short name, as in ``family=`` of a source; its folder is called so, too.
         title: Name for people.
         baudrates: Line speeds its models use, the likeliest first.
         timing: How long its devices take.
         device: Makes the object for a newly opened port.
         formats: Every packet format it may send.
         simulated: Names of its simulated models.
-        simulate: Makes a simulated device: ``simulate(model, world=…, serial=…, seed=…)``.
     """
 
     name: str
@@ -281,4 +283,30 @@ class Family:
     device: Callable[[], Device]
     formats: tuple[Callable[[], StreamFormat], ...]
     simulated: tuple[str, ...]
-    simulate: Callable[..., SimulatedDevice]
+
+    def simulate(
+        self,
+        model: str,
+        *,
+        world: WorldLike | None = None,
+        serial: bytes | None = None,
+        seed: int = 0,
+        spin_up: float | None = None,
+    ) -> SimulatedDevice:
+        """Make a simulated device. Its code is loaded here, so that users of a real device do not load it.
+
+        Args:
+            model: One of `simulated`.
+            world: What it sees; None: the furnished room.
+            serial: Its serial number; None: drawn from the seed.
+            seed: Decides everything random.
+            spin_up: Seconds the motor needs from standstill to a stable speed; None: as the model does.
+
+        Raises:
+            ValueError: No model has that name, or the serial number is none of this family.
+        """
+        module = import_module(f"lidario.families.{self.name}.simulated.device")
+        device: Chassis[Any] = module.make_simulated(model, world=world, serial=serial, seed=seed)
+        if spin_up is not None:
+            device.spin_up_s = spin_up
+        return device

@@ -1,9 +1,8 @@
 """An open line to a device, with one interface for serial ports, TCP connections and simulated devices.
 
-A `Port` belongs to the session. What carries its bytes is a `Line`: `lidario.port.serial`, `lidario.port.tcp` and
-`lidario.port.simulated` each have their own. The port shows every chunk to the taps, hands received bytes to one
-`Receiver`, and says what the end of the line means. Exceptions of the operating system and of pyserial are
-translated to `lidario.errors` in this folder and nowhere else.
+A `Port` belongs to the session. What carries its bytes is a `Line` (`lidario.port.line`). The port shows every
+chunk to the taps, hands received bytes to one `Receiver`, and says what the end of the line means. Exceptions of
+the operating system and of pyserial are translated to `lidario.errors` in this folder and nowhere else.
 
 Three orders matter here:
 
@@ -23,13 +22,12 @@ import asyncio
 import logging
 import os
 import time
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Protocol
 
 from lidario.errors import DeviceLost
+from lidario.port.line import Line, Receiver, Schedule, Tap
 
-__all__ = ["Line", "Port", "Receiver", "Schedule", "Tap"]
+__all__ = ["Port"]
 
 _log = logging.getLogger("lidario")
 
@@ -37,93 +35,6 @@ CLOSE_TIMEOUT_S = 1.0
 """Longest time that closing takes; after it the line is aborted. A serial line is done after half of it."""
 LONGEST_WAIT_S = 0.05
 """Longest time that `Port.abandon` waits for the device to listen. The longest silence after a STOP is 10 ms."""
-
-Tap = Callable[[str, bytes, int], None]
-"""Sees every chunk: ``"in"`` or ``"out"``, the bytes, the time in nanoseconds of the event loop's clock."""
-
-
-class Schedule(Protocol):
-    """Says when received bytes are needed; all times are seconds of the event loop's clock."""
-
-    @property
-    def interval(self) -> float:
-        """Longest time in seconds for which the line may stay unread, so that the kernel's buffer never fills."""
-        ...
-
-    def rest(self, now: float) -> float:
-        """For how many seconds nobody needs the bytes; 0 to poll as usual."""
-        ...
-
-    def hold(self, now: float) -> float:
-        """Until when bytes that were read need not be handed over; at most `now` to hand them over at once."""
-        ...
-
-
-class Receiver(Protocol):
-    """Who is told what the port receives."""
-
-    def data_received(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]] = ()) -> None:
-        """Bytes arrived.
-
-        Args:
-            data: The bytes.
-            now: When the last of them was read, in nanoseconds of the event loop's clock.
-            arrivals: Where `data` was collected from several reads, each earlier read: how many bytes of `data`
-                had arrived by then, and when.
-        """
-        ...
-
-    def connection_lost(self, error: DeviceLost | None) -> None:
-        """The port is dead, or closed as asked (None). Called once."""
-        ...
-
-
-class Line(ABC):
-    """What carries the bytes of a `Port`: an asyncio transport, or something that behaves like one.
-
-    It calls `Port.connection_made` first and `Port.connection_lost` last, both once.
-    """
-
-    @abstractmethod
-    def is_closing(self) -> bool:
-        """Whether it is closed, or will be as soon as what is pending is written."""
-
-    @abstractmethod
-    def write(self, data: bytes) -> None:
-        """Write at once what the operating system takes, the rest when it takes more. Never raises."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """Write what is pending, then close."""
-
-    @abstractmethod
-    def abort(self) -> None:
-        """Close without writing what is pending."""
-
-    @abstractmethod
-    def write_without_loop(self, data: bytes) -> None:
-        """Write what the operating system takes, whether or not the event loop still exists. Never raises."""
-
-    @abstractmethod
-    def close_without_loop(self) -> None:
-        """Close after the event loop was closed. Never raises."""
-
-    def set_baudrate(self, baudrate: int) -> None:  # noqa: B027 - most lines have no speed
-        """Change the speed. Raises ConnectFailed where the adapter cannot do it."""
-
-    def set_polling(self, latency: float, schedule: Schedule | None) -> None:  # noqa: B027 - only where polled
-        """As `Port.set_polling`."""
-
-    def poll(self) -> None:  # noqa: B027 - only where polled
-        """As `Port.poll`."""
-
-    def show_pending(self) -> None:  # noqa: B027 - only where a thread reads
-        """Show the taps what was read and not shown yet, so that they see everything in the order of time."""
-
-    @property
-    def overflow_bytes(self) -> int:
-        """As `Port.overflow_bytes`."""
-        return 0
 
 
 class Port(asyncio.Protocol):

@@ -17,7 +17,8 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from lidario.port.inbox import Inbox
-from lidario.port.port import Port, Schedule
+from lidario.port.line import Schedule
+from lidario.port.port import Port
 from lidario.port.thread import ReadingThread, Watched, reading_thread
 
 __all__ = ["Reader"]

@@ -24,7 +24,8 @@ import serial_asyncio
 from lidario.errors import ConnectFailed
 from lidario.port.background import run_in_thread
 from lidario.port.diagnose import busy, held, is_pseudo_terminal, why_not_opened
-from lidario.port.port import Line, Port, Schedule
+from lidario.port.line import Line, Schedule
+from lidario.port.port import Port
 from lidario.port.reading import Reader
 
 __all__ = ["open_serial"]

@@ -16,13 +16,14 @@ import os
 
 from lidario.errors import ConnectFailed, DeviceLost
 from lidario.families.registry import family_of_simulated
-from lidario.port.port import Line, Port
+from lidario.port.line import Line
+from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.tcp import open_tcp
 from lidario.sim.device import SimulatedDevice
 from lidario.sim.faults import Faults, parse_faults
+from lidario.sim.rooms import make_world
 from lidario.sim.serve import MemoryLine, PtyServer, TcpServer
-from lidario.sim.world import make_world
 from lidario.source import Source
 
 __all__ = ["connect_in_memory", "make_device", "open_simulated"]

@@ -15,7 +15,8 @@ import socket
 from typing import Any, cast
 
 from lidario.errors import ConnectFailed
-from lidario.port.port import Line, Port
+from lidario.port.line import Line
+from lidario.port.port import Port
 
 __all__ = ["open_tcp"]
 

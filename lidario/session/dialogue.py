@@ -22,7 +22,8 @@ import anyio
 
 from lidario.errors import InternalError, LidarError, ResponseTimeout
 from lidario.families.base import Device, Script, Timing
-from lidario.port.port import Port, Schedule, Tap
+from lidario.port.line import Schedule, Tap
+from lidario.port.port import Port
 from lidario.revolution.together import join_runs
 from lidario.session.stopper import CLOCK_S, PATIENCE_S, Stopper
 from lidario.session.twin import twin_of

@@ -18,7 +18,7 @@ from typing import NoReturn, Self
 from lidario.errors import InvalidValue, LocalProtocolError, RemoteProtocolError, SessionClosed
 from lidario.families.base import Device
 from lidario.model import DeviceInfo, Health, SampleRate, Scan, ScanMode, Stats
-from lidario.port.port import Tap
+from lidario.port.line import Tap
 from lidario.session.connect import Connection
 from lidario.session.dialogue import Dialogue
 from lidario.session.handshake import healthy, restart
@@ -250,7 +250,12 @@ class Lidar:
         stop requests are written before anything is awaited, or, where the device does not listen at that moment,
         by a timer. Cancelling it ends only the waiting for the port to close; it does not end earlier than the stop
         requests are written, which takes a tenth of a second at most.
+
+        Raises:
+            LocalProtocolError: It was called in another event loop, such as one of another thread. The session goes
+                on: close it in its own loop.
         """
+        self._check_loop()
         self._closed = True
         self._scanner.end(SessionClosed(f"the session on {self.source} was closed"))
         await self._dialogue.close()
@@ -304,7 +309,10 @@ class Lidar:
             raise twin_of(self._dialogue.fatal)
         if self._loop.is_closed():
             raise SessionClosed(f"the event loop in which the session on {self.source} was opened is closed")
-        if _running_loop() not in (None, self._loop):
+        self._check_loop()
+
+    def _check_loop(self) -> None:
+        if not self._loop.is_closed() and _running_loop() not in (None, self._loop):
             raise LocalProtocolError(
                 f"the session on {self.source} belongs to another event loop: "
                 "use asyncio.run_coroutine_threadsafe() from other threads"

@@ -13,7 +13,8 @@ import numpy as np
 from lidario.sim.device import Received
 from lidario.sim.line import RequestLog, TransmitQueue
 from lidario.sim.motor import Motor
-from lidario.sim.world import CheckedWorld, World, WorldLike, as_world, make_world
+from lidario.sim.rooms import make_world
+from lidario.sim.world import CheckedWorld, World, WorldLike, as_world
 
 __all__ = ["PROTECTION_STOP", "Chassis"]
 
@@ -37,10 +38,10 @@ class Chassis(ABC, Generic[StreamT]):
     Attributes:
         health: Status and error code, as it tells them.
         faults_cleared_by_reset: Whether RESET cures an error.
-        answer_delay_s: Seconds from a request to the beginning of its response; raise it for late responses.
+        response_delay_s: Seconds from a request to the beginning of its response; raise it for late responses.
         boot_s: Seconds of silence after RESET.
-        garble_answers: How many of the next responses to queries are replaced by random bytes.
-        wrong_answers: Share of the responses to queries in whose place the response before is repeated.
+        garble_responses: How many of the next responses to queries are replaced by random bytes.
+        wrong_responses: Share of the responses to queries in whose place the response before is repeated.
         mute: While true nothing leaves the device, and its bytes are lost.
     """
 
@@ -49,10 +50,10 @@ class Chassis(ABC, Generic[StreamT]):
         self._world = make_world(seed=seed) if world is None else as_world(world)
         self.health: tuple[int, int] = (0, 0)
         self.faults_cleared_by_reset = True
-        self.answer_delay_s: float = 0.001
+        self.response_delay_s: float = 0.001
         self.boot_s: float = 1.0
-        self.garble_answers: int = 0
-        self.wrong_answers: float = 0.0
+        self.garble_responses: int = 0
+        self.wrong_responses: float = 0.0
         self._response_before = b""
         self.mute = False
         self._motor = Motor()
@@ -107,6 +108,14 @@ class Chassis(ABC, Generic[StreamT]):
     def spin_up_s(self, seconds: float) -> None:
         self._motor.spin_up_s = seconds
 
+    @abstractmethod
+    def receive(self, data: bytes, now: int) -> None:
+        """As `SimulatedDevice.receive`."""
+
+    @abstractmethod
+    def wakeup(self, now: int) -> int | None:
+        """As `SimulatedDevice.wakeup`."""
+
     def transmit(self, now: int) -> bytes:
         """Hand out the bytes whose last bit has left the device by `now`, and forget them."""
         self._advance(now)
@@ -128,6 +137,22 @@ class Chassis(ABC, Generic[StreamT]):
         self._forget(now)
         self._deaf_until, self._deaf_why = _FOREVER, "frozen"
 
+    def _spin_at_once(self, rpm: float, since: int) -> None:
+        """Have the motor turn at that speed since that time, without the time it needs for it."""
+        spin_up, self._motor.spin_up_s = self._motor.spin_up_s, 0.0
+        self._motor.set_rpm(rpm, since)
+        self._motor.spin_up_s = spin_up
+
+    def _end_stream(self, now: int) -> None:
+        """Measure no more; the packets made by now still leave."""
+        if self._stream is not None:
+            self._stream = None
+            self._queue.withdraw(now)
+
+    def _response_at(self, now: int) -> int:
+        """When the response to a request that ends at `now` begins to leave."""
+        return now + int(self.response_delay_s * 1e9)
+
     def _forget(self, now: int) -> None:
         """Drop the stream, the responses and the bytes that have not left."""
         self._stream = None
@@ -135,12 +160,12 @@ class Chassis(ABC, Generic[StreamT]):
         self._owed_until = 0
 
     def _garbled(self, response: bytes) -> bytes:
-        """A response as it leaves: itself, unless `garble_answers` or `wrong_answers` asks for another."""
+        """A response as it leaves: itself, unless `garble_responses` or `wrong_responses` asks for another."""
         before, self._response_before = self._response_before, response
-        if self.garble_answers:
-            self.garble_answers -= 1
+        if self.garble_responses:
+            self.garble_responses -= 1
             return self._random.bytes(len(response))
-        if self.wrong_answers and self._random.random() < self.wrong_answers:
+        if self.wrong_responses and self._random.random() < self.wrong_responses:
             return before or response
         return response
 
@@ -149,9 +174,9 @@ class Chassis(ABC, Generic[StreamT]):
         self._queue.push(response, ready)
         self._owed_until, self._owed = self._queue.free_at, request
 
-    def _unanswered(self, now: int) -> str:
+    def _outstanding(self, now: int) -> str:
         """Which response has not left completely by `now`, in the words of the log; empty when none."""
-        return f"while {self._owed} is unanswered" if now < self._owed_until else ""
+        return f"while the response to {self._owed} is outstanding" if now < self._owed_until else ""
 
     def _fault(self, error_code: int) -> None:
         self.health = (PROTECTION_STOP, error_code)

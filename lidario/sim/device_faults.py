@@ -29,7 +29,7 @@ _SECOND = 1_000_000_000
 class CanFail(Protocol):
     """A simulated device in which device faults can happen; all times are monotonic nanoseconds."""
 
-    wrong_answers: float
+    wrong_responses: float
     """Share of the responses in whose place the device repeats the response before."""
 
     def reboot(self, now: int, *, off_s: float = 0.0) -> None:
@@ -57,7 +57,7 @@ class DeviceFaults:
         protect_s: Seconds until it stops to protect itself; None = never.
         replug_s: Seconds until it loses its power for `REPLUG_GAP_S`; None = never. What happens to the line at
             the same time is a line fault.
-        wrong_answer: Share of the responses in whose place the response before is repeated.
+        wrong_response: Share of the responses in whose place the response before is repeated.
 
     Raises:
         ValueError: The share is not between 0 and 1.
@@ -67,13 +67,13 @@ class DeviceFaults:
     freeze_s: float | None = None
     protect_s: float | None = None
     replug_s: float | None = None
-    wrong_answer: float = 0.0
+    wrong_response: float = 0.0
     _ahead: list[tuple[int, str]] = field(init=False, compare=False, default_factory=list, repr=False)
     _begun: bool = field(init=False, compare=False, default=False, repr=False)
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.wrong_answer <= 1.0:
-            raise ValueError("wrong-answer is a share from 0 to 100 %")
+        if not 0.0 <= self.wrong_response <= 1.0:
+            raise ValueError("wrong-response is a share from 0 to 100 %")
 
     @property
     def next_at(self) -> int | None:
@@ -88,9 +88,9 @@ class DeviceFaults:
         """
         wanted = (self.reboot_s, self.freeze_s, self.protect_s)
         if isinstance(device, CanFail):
-            if self.wrong_answer:
-                device.wrong_answers = self.wrong_answer
-        elif self.wrong_answer or any(each is not None for each in wanted):
+            if self.wrong_response:
+                device.wrong_responses = self.wrong_response
+        elif self.wrong_response or any(each is not None for each in wanted):
             raise ValueError(f"a {type(device).__name__} offers no faults of its own, only faults of the line")
 
     def begin(self, now: int) -> None:

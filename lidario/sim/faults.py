@@ -87,7 +87,7 @@ FAULTS = {
             inside=True,
         ),
         Fault(
-            "wrong-answer:20%",
+            "wrong-response:20%",
             "a share",
             "instead of this share of the responses the device repeats the one before",
             inside=True,

@@ -15,23 +15,35 @@ scanner's frame, x forward and y to the left. A distance of 0 means no return.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from functools import lru_cache
-from itertools import pairwise
+from collections.abc import Iterable
 from typing import Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["CheckedWorld", "Walker", "Wall", "World", "WorldLike", "as_world", "cast", "make_world", "walls_around"]
+__all__ = [
+    "DIRECTIONS",
+    "CheckedWorld",
+    "Floats",
+    "Segment",
+    "Walker",
+    "Wall",
+    "World",
+    "WorldLike",
+    "as_world",
+    "cast",
+    "walls_around",
+]
 
 Floats = npt.NDArray[np.float64]
 Segment = tuple[float, float, float, float]
+"""A wall as (x1, y1, x2, y2) in metres."""
 Wall: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
 """From one point to another, (x, y) in metres."""
 
-_DIRECTIONS = 1 << 15
-_PER_DEGREE = _DIRECTIONS / 360.0
+DIRECTIONS = 1 << 15
+"""Directions in the table of distances."""
+_PER_DEGREE = DIRECTIONS / 360.0
 _TICKS_PER_SECOND = 100
 _NOISE = 1 << 14
 _FARTHEST_M = 1e6  # of a wall's end; the products of much larger coordinates overflow
@@ -47,9 +59,9 @@ def cast(segments: Iterable[Segment]) -> Floats:
     Returns:
         float64 (32768,), millimetres to the nearest wall; 0 where there is none.
     """
-    angles = np.radians((np.arange(_DIRECTIONS) + 0.5) / _PER_DEGREE)
+    angles = np.radians((np.arange(DIRECTIONS) + 0.5) / _PER_DEGREE)
     dx, dy = np.cos(angles), -np.sin(angles)
-    nearest = np.full(_DIRECTIONS, np.inf)
+    nearest = np.full(DIRECTIONS, np.inf)
     for x1, y1, x2, y2 in segments:
         ex, ey = x2 - x1, y2 - y1
         across = dx * ey - dy * ex
@@ -103,7 +115,7 @@ class Walker:
         """Shorten, in place, the beams that meet the person before anything else."""
         ticks = (t * _TICKS_PER_SECOND).astype(np.int64)
         ticks %= len(self._distance)
-        into = (directions - self._from[ticks]) & (_DIRECTIONS - 1)
+        into = (directions - self._from[ticks]) & (DIRECTIONS - 1)
         near = np.flatnonzero(into <= self._span[ticks])
         if not near.size:
             return
@@ -153,8 +165,8 @@ class World:
     def __init__(
         self, static_mm: Floats, *, walker: Walker | None = None, noise_mm: float = 0.0, seed: int = 0
     ) -> None:
-        if static_mm.shape != (_DIRECTIONS,):
-            raise ValueError(f"the table of distances has shape {static_mm.shape}, not ({_DIRECTIONS},)")
+        if static_mm.shape != (DIRECTIONS,):
+            raise ValueError(f"the table of distances has shape {static_mm.shape}, not ({DIRECTIONS},)")
         self._static = static_mm
         self.walker = walker
         self._noise: Floats | None = None
@@ -173,7 +185,7 @@ class World:
         """
         angles = np.atleast_1d(np.asarray(angles_deg_clockwise, dtype=np.float64))
         directions = np.floor(angles * _PER_DEGREE).astype(np.int64)
-        directions &= _DIRECTIONS - 1
+        directions &= DIRECTIONS - 1
         ranges = self._static[directions]
         if self.walker is None and self._noise is None:
             return ranges
@@ -262,98 +274,3 @@ def walls_around(walls: Iterable[Wall]) -> World:
 
 def _kind(thing: object) -> str:
     return f"the class {thing.__name__}" if isinstance(thing, type) else type(thing).__name__
-
-
-def make_world(name: str = "room", *, seed: int = 0) -> World:
-    """Build a world by name.
-
-    Args:
-        name: ``room`` (furnished, an open door, a person who walks), ``corridor`` (long, open at one end),
-            ``circle`` (2 m all round, no noise) or ``empty`` (no returns).
-        seed: Seed of the range noise.
-
-    Raises:
-        ValueError: No world has that name.
-    """
-    try:
-        build = _WORLDS[name]
-    except KeyError:
-        raise ValueError(f"no world is called {name!r}; there are {', '.join(sorted(_WORLDS))}") from None
-    return build(seed)
-
-
-def _path(*points: tuple[float, float]) -> list[Segment]:
-    """The walls along a line of corners."""
-    return [(*a, *b) for a, b in pairwise(points)]
-
-
-def _box(x: float, y: float, width: float, depth: float, turned_deg: float = 0.0) -> list[Segment]:
-    """The four sides of a piece of furniture with its middle at x, y."""
-    c, s = np.cos(np.radians(turned_deg)), np.sin(np.radians(turned_deg))
-    corners = [(-width, -depth), (width, -depth), (width, depth), (-width, depth), (-width, -depth)]
-    return _path(*((float(x + (c * u - s * v) / 2), float(y + (s * u + c * v) / 2)) for u, v in corners))
-
-
-def _column(x: float, y: float, radius: float, sides: int = 12) -> list[Segment]:
-    """A round column or chair leg."""
-    turn = np.linspace(0.0, 2.0 * np.pi, sides + 1)
-    return _path(*zip((x + radius * np.cos(turn)).tolist(), (y + radius * np.sin(turn)).tolist(), strict=True))
-
-
-@lru_cache(maxsize=1)
-def _room_table() -> Floats:
-    """Eight metres by six, with a bay, a niche, furniture, and a door (1.1 m) through which beams escape."""
-    walls = _path(
-        (4.6, -1.7), (4.6, -2.4), (1.2, -2.4), (1.2, -2.8), (-0.6, -2.8), (-0.6, -2.4), (-3.4, -2.4),
-        (-3.4, -0.4), (-3.1, -0.4), (-3.1, 0.5), (-3.4, 0.5), (-3.4, 3.3), (-0.4, 3.6), (1.6, 3.1),
-        (4.6, 3.1), (4.6, -0.6),
-    )  # fmt: skip
-    door_leaf = _path((4.6, -1.7), (5.5, -2.2))
-    furniture: Sequence[list[Segment]] = (
-        _box(-2.2, -1.9, 1.8, 0.8),  # sofa
-        _box(2.9, 2.75, 1.6, 0.45),  # shelf
-        _box(-2.7, 2.5, 0.9, 0.9, 20.0),  # armchair
-        _column(2.6, -1.0, 0.16),  # pillar
-        *(_column(x, y, 0.03, 6) for x in (0.4, 1.5) for y in (1.3, 2.1)),  # the legs of a table
-        _column(3.9, -2.0, 0.2),  # a plant
-    )
-    table = cast([*walls, *door_leaf, *(side for piece in furniture for side in piece)])
-    table.setflags(write=False)
-    return table
-
-
-@lru_cache(maxsize=1)
-def _corridor_table() -> Floats:
-    """Two metres wide, closed 12 m ahead, open behind, with two doorways let into the right wall."""
-    right = _path(
-        (-25.0, -0.9), (2.0, -0.9), (2.0, -1.2), (3.0, -1.2), (3.0, -0.9), (6.5, -0.9), (6.5, -1.2),
-        (7.5, -1.2), (7.5, -0.9), (12.0, -0.9),
-    )  # fmt: skip
-    table = cast([*right, (12.0, -0.9, 12.0, 1.1), (12.0, 1.1, -25.0, 1.1)])
-    table.setflags(write=False)
-    return table
-
-
-def _room(seed: int) -> World:
-    return World(_room_table(), walker=Walker((0.4, 0.1), (1.5, 1.0)), noise_mm=4.0, seed=seed)
-
-
-def _corridor(seed: int) -> World:
-    walker = Walker((5.0, 0.2), (4.0, 0.3), period_s=16.0)
-    return World(_corridor_table(), walker=walker, noise_mm=6.0, seed=seed)
-
-
-def _circle(seed: int) -> World:
-    return World(np.full(_DIRECTIONS, 2000.0), seed=seed)
-
-
-def _empty(seed: int) -> World:
-    return World(np.zeros(_DIRECTIONS), seed=seed)
-
-
-_WORLDS: dict[str, Callable[[int], World]] = {
-    "room": _room,
-    "corridor": _corridor,
-    "circle": _circle,
-    "empty": _empty,
-}

@@ -5,7 +5,7 @@ dialect that carries payloads; the checksum is the XOR of every byte before it (
 "Request packets' format"; the fixed ``22`` printed there for EXPRESS_SCAN is that checksum for mode 0 alone).
 
 A response begins with a descriptor of seven bytes: ``A5 5A``, a little-endian word whose low 30 bits are the
-length of one packet and whose top 2 bits are the send mode (0 once, 1 for ever), and the answer type
+length of one packet and whose top 2 bits are the send mode (0 once, 1 for ever), and the response type
 ("Response descriptors' format"). The manuals of both families describe the same header. A descriptor has no
 checksum and its two magic bytes occur in scan data by chance, so one is believed only when it is exactly the
 response that was requested: `Expected` says which that is.
@@ -46,7 +46,7 @@ class Expected:
     """The response a request asks for; anything else on the line is noise.
 
     Attributes:
-        type: Answer type of the descriptor.
+        type: Response type of the descriptor.
         size: Smallest length that is plausible, in bytes.
         largest: Largest plausible length; 0 means exactly `size`. No claim beyond it is ever waited for.
         continuous: True when a stream is expected.
@@ -104,10 +104,10 @@ class Request:
             descriptor.continuous and self.announced_by(descriptor.type, descriptor.size) is not None
         )
 
-    def announced_by(self, answer_type: int, size: int) -> StreamFormat | None:
+    def announced_by(self, response_type: int, size: int) -> StreamFormat | None:
         """Which of the other formats a descriptor of this type and length announces."""
         for each in self.others:
-            if each.answer_type == answer_type and each.shortest == size:
+            if each.response_type == response_type and each.shortest == size:
                 return each
         return None
 

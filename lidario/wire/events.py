@@ -22,7 +22,7 @@ class Descriptor:
     """The device announced a measurement stream; packets follow until it is stopped.
 
     Attributes:
-        type: Answer type, e.g. 0x85.
+        type: Response type, e.g. 0x85.
         size: Length of one packet in bytes, as the device claims it.
         continuous: True for a stream, False for a single response.
     """
@@ -37,7 +37,7 @@ class Response:
     """The single response to the pending request.
 
     Attributes:
-        type: Answer type, e.g. 0x04.
+        type: Response type, e.g. 0x04.
         payload: The bytes after the descriptor.
         received_ns: Arrival of the read that completed it, in the caller's nanoseconds.
     """

@@ -77,7 +77,7 @@ class StreamFormat(ABC):
 
     Attributes:
         name: The documents' name of the format.
-        answer_type: The type byte of the descriptor that announces it; both families' documents call it so.
+        response_type: The type byte of the descriptor that announces it.
         header: Pattern of the first bytes of a packet.
         shortest: Bytes of the shortest packet; with fewer at hand, nothing can be decided.
         longest: Bytes of the longest packet.
@@ -88,7 +88,7 @@ class StreamFormat(ABC):
     """
 
     name: str
-    answer_type: int
+    response_type: int
     header: re.Pattern[bytes]
     shortest: int
     longest: int

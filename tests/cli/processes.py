@@ -13,8 +13,7 @@ import os
 import select
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
@@ -28,7 +27,7 @@ from lidario.sim.serve import PtyServer
 from tests.support.loop import DrivenLoop
 from tests.support.speeds import SpeedPtyServer
 
-__all__ = ["BOUND", "ROOT", "invoke", "invoke_driven", "line_of", "run", "served", "started", "until"]
+__all__ = ["BOUND", "ROOT", "invoke", "invoke_driven", "line_of", "run", "served", "started"]
 
 BOUND = 60.0
 ROOT = Path(__file__).parents[2]
@@ -88,14 +87,6 @@ def line_of(stream: IO[str] | None) -> str:
     assert stream is not None
     assert select.select([stream], [], [], BOUND)[0], "the process says nothing"
     return stream.readline()
-
-
-def until(condition: Callable[[], object]) -> None:
-    """Wait until `condition` holds."""
-    deadline = time.monotonic() + BOUND
-    while not condition():
-        assert time.monotonic() < deadline, "it never came to be"
-        time.sleep(0.01)
 
 
 async def _write_at_once(writer: Writer, text: str) -> None:

@@ -14,7 +14,8 @@ import pytest
 
 from lidario.sim.device import Received
 from lidario.sim.serve import PtyServer
-from tests.cli.processes import BOUND, invoke, line_of, served, started, until
+from tests.cli.processes import BOUND, invoke, line_of, served, started
+from tests.support.children import until
 
 FIRST, SECOND = "rplidar-s2", "ydlidar-4ros"
 SIGNALS = [

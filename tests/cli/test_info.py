@@ -24,7 +24,7 @@ def test_everything_a_device_says_of_itself() -> None:
     assert told["scan_frequency"] == 10.0
     dense = next(mode for mode in told["modes"] if mode["name"] == "DenseBoost")
     assert (dense["id"], dense["sample_us"], dense["samples_per_second"]) == (1, 31.25, 32000.0)
-    assert (dense["max_distance"], dense["answer_type"], dense["typical"]) == (30.0, 0x85, True)
+    assert (dense["max_distance"], dense["response_type"], dense["typical"]) == (30.0, 0x85, True)
 
 
 def test_for_people() -> None:

@@ -24,7 +24,7 @@ def test_each_row_is_complete(family: Family) -> None:
         device = family.simulate(model, world=None, serial=None, seed=3)
         assert device.baudrate in family.baudrates
         assert not device.scanning
-    types = [kind().answer_type for kind in family.formats]
+    types = [kind().response_type for kind in family.formats]
     assert len(set(types)) == len(types)
 
 

@@ -9,7 +9,7 @@ from tests.support.kept import accepted_by_place, kept, spoil_inside
 from tests.support.streams import CASES, Case, feed, named
 
 SIZE = 781
-HQ = [case for case in CASES if case.answer_type == 0x83]
+HQ = [case for case in CASES if case.response_type == 0x83]
 every_case = pytest.mark.parametrize("case", HQ, ids=named)
 
 

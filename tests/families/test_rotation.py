@@ -12,8 +12,8 @@ from tests.support.kept import arrivals
 from tests.support.streams import CASES, KINDS, Case, assembled, in_one_run, named
 
 TURN = 23040
-HQ = [case for case in CASES if case.answer_type == 0x83]
-ULTRA_DENSE = [case for case in CASES if case.answer_type == 0x86]
+HQ = [case for case in CASES if case.response_type == 0x83]
+ULTRA_DENSE = [case for case in CASES if case.response_type == 0x86]
 
 
 def steps(first: int, step: int, count: int, missing: Sequence[int]) -> np.ndarray[tuple[int], np.dtype[np.int32]]:
@@ -56,7 +56,7 @@ def test_a_stream_joined_at_a_gap_delivers_no_wrong_point(name: str, lost: int) 
         for deg, mm in zip(scan.device_angles.tolist(), scan.device_distances.tolist(), strict=True)
         if mm
     )
-    slack = 0.02 if case.answer_type == 0x86 else 0.002  # smoothed with another neighbour
+    slack = 0.02 if case.response_type == 0x86 else 0.002  # smoothed with another neighbour
     assert wrong <= slack * sum(map(len, scans))
 
 
@@ -100,7 +100,7 @@ def test_nothing_is_smoothed_across_a_gap(split: bool) -> None:
     assert whole[0] == 401.0
 
 
-@pytest.mark.parametrize("case", [case for case in KINDS if case.answer_type != 0x81], ids=named)
+@pytest.mark.parametrize("case", [case for case in KINDS if case.response_type != 0x81], ids=named)
 def test_how_many_packets_a_revolution_has(case: Case) -> None:
     """As the decoders tell it, also when one packet in three is lost."""
     begin, end = case.turns[0][0].packet, case.turns[1][0].packet

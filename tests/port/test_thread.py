@@ -321,25 +321,8 @@ async def test_a_reader_that_was_thrown_away_is_not_read_for_ever() -> None:
     os.close(theirs)
 
 
-EXIT = """
+WITH_AN_OPEN_PORT = """
 import asyncio, os, pty, sys, tty
-sys.path.insert(0, os.getcwd())
-from lidario.port.serial import open_serial
-from tests.port.test_thread import Steady
-
-async def main():
-    master, slave = pty.openpty()
-    tty.setraw(slave)
-    port = await open_serial(os.ttyname(slave), 1_000_000)
-    port.set_polling(0.005, Steady())
-    return master, slave, port
-
-kept = asyncio.run(main())
-print("done", flush=True)
-"""
-
-FORK = """
-import asyncio, os, pty, sys, threading, tty
 sys.path.insert(0, os.getcwd())
 from lidario.port.serial import open_serial
 from lidario.port.thread import reading_thread
@@ -354,6 +337,13 @@ async def main():
     return master, slave, port
 
 kept = asyncio.run(main())
+"""
+
+EXIT = """
+print("done", flush=True)
+"""
+
+FORK = """
 child = os.fork()
 if child == 0:
     assert not reading_thread().is_running
@@ -373,7 +363,7 @@ print("child", os.waitstatus_to_exitcode(status), flush=True)
 @pytest.mark.parametrize(("program", "told"), [(EXIT, "done\n"), (FORK, "child 7\n")], ids=["exit", "fork"])
 def test_the_thread_keeps_no_program_from_ending_and_a_child_has_its_own(program: str, told: str) -> None:
     done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", program],
+        [sys.executable, "-W", "ignore", "-c", WITH_AN_OPEN_PORT + program],
         capture_output=True,
         text=True,
         timeout=PATIENCE_S,

@@ -102,7 +102,7 @@ def test_a_long_damaged_stream_gives_the_same_events(case: Case, harm: str, hits
     """So many hits a packet; long enough that the link takes the stream in several slices."""
     raw = HARM[harm](case.raw, hits / max(len(case.packets[-1]), 80), seed=len(case.name)).raw[:40_000]
     whole = feed(case, raw)
-    assert whole.stats.skipped_stretches > 1 or case.answer_type == 0x83  # repairs most flips
+    assert whole.stats.skipped_stretches > 1 or case.response_type == 0x83  # repairs most flips
     for chunks in (1, 64, [3, 5, 700, 1, 20_000], len(raw) // 2 + 1):
         assert feed(case, raw, chunks).events == whole.events, chunks
 

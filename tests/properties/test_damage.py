@@ -25,7 +25,7 @@ def damaged(case: Case, probability: float, seed: int) -> Kept:
 @pytest.mark.parametrize("case", PACKET_CASES, ids=named)
 def test_one_byte_in_a_thousand(case: Case) -> None:
     # Of 781-byte packets so few survive that whole turns go: they get a tenth.
-    probability = 0.0001 if case.answer_type == 0x83 else 0.001
+    probability = 0.0001 if case.response_type == 0x83 else 0.001
     results = [damaged(case, probability, seed) for seed in SEEDS]
     share = float(np.mean([result.share for result in results]))
     survival = (1 - probability) ** len(case.packets[-2])
@@ -45,7 +45,7 @@ def test_one_byte_in_a_thousand(case: Case) -> None:
     assert sum(result.faulty for result in results) <= len(SEEDS)
 
 
-@pytest.mark.parametrize("case", [c for c in PACKET_CASES if c.answer_type != 0x83], ids=named)  # it is repaired
+@pytest.mark.parametrize("case", [c for c in PACKET_CASES if c.response_type != 0x83], ids=named)  # it is repaired
 @pytest.mark.parametrize("bit", [3, 20, 61, 333, -70, -9, -1])
 def test_a_flipped_bit_costs_its_packet_and_nothing_else(case: Case, bit: int) -> None:
     for number in (case.turns[1][0].packet + 3, case.turns[1][-1].packet - 2):

@@ -41,7 +41,7 @@ def assert_same(case: Case, samples: Samples, reference: Sequence[Sample]) -> No
     count = len(reference)
     np.testing.assert_array_equal(samples.distance_mm[:count], [s.distance_mm for s in reference])
     # The reference's correction of 0x84 is truncated to 1/65536 degrees.
-    allowed = SINGLE_DEG + 1 / 65536 if case.answer_type == 0x84 else SINGLE_DEG
+    allowed = SINGLE_DEG + 1 / 65536 if case.response_type == 0x84 else SINGLE_DEG
     off = (samples.angle_deg[:count] - np.array([s.angle_deg for s in reference]) + 180) % 360 - 180
     assert np.abs(off).max(initial=0) <= allowed
     if samples.intensity is not None:

@@ -99,7 +99,7 @@ def test_the_open_turn_at_the_end_is_not_delivered(case: Case) -> None:
 def with_mark(case: Case, number: int) -> bytes:
     """A golden packet with its S bit set."""
     packet = bytearray(case.packets[number])
-    at = 9 if case.answer_type == 0x86 else 3
+    at = 9 if case.response_type == 0x86 else 3
     if not packet[at] & 0x80:  # a stream begins with one
         packet[at] |= 0x80
         packet[1] ^= 0x08  # the XOR of the body changes in its upper nibble
@@ -142,12 +142,12 @@ def test_a_stream_that_begins_anew_elsewhere_gives_up_the_turn(case: Case, ahead
     each = case.turns[2][0].packet - case.turns[1][0].packet
     first = case.turns[1][0].packet + round(0.2 * each)
     again = first + round(ahead * each)
-    starts = [rplidar.start_q6(case.answer_type, case.packets[n]) for n in (first - 1, first, again)]
+    starts = [rplidar.start_q6(case.response_type, case.packets[n]) for n in (first - 1, first, again)]
     step = (starts[1] - starts[0]) % 23040
     passed = (starts[2] - starts[0]) % 23040 / step
     while passed < min(8.6, 0.26 * 23040 / step):
         again += 1
-        passed = (rplidar.start_q6(case.answer_type, case.packets[again]) - starts[0]) % 23040 / step
+        passed = (rplidar.start_q6(case.response_type, case.packets[again]) - starts[0]) % 23040 / step
     raw = b"".join([*case.packets[:first], with_mark(case, again), *case.packets[again + 1 :]])
     scans, stats, _ = assembled(case, raw)
     assert stats.broken_scans == 1

@@ -21,7 +21,7 @@ VALUE = b"\xa5\x5a\x08\0\0\0\x20\x75\0\0\0\x01\0\0\0"
 ACTIONS: dict[str, Callable[[Link, Case], None]] = {
     "info": lambda link, case: link.send_request(rplidar.GET_INFO),
     "health": lambda link, case: link.send_request(ydlidar.GET_HEALTH),
-    "value": lambda link, case: link.send_request(rplidar.get_lidar_conf(rplidar.Conf.ANSWER_TYPE, 1)),
+    "value": lambda link, case: link.send_request(rplidar.get_lidar_conf(rplidar.Conf.RESPONSE_TYPE, 1)),
     "start": lambda link, case: link.send_request(case.request(case.make_format())),
     "keepalive": lambda link, case: link.send_request(ydlidar.KEEPALIVE),
     "stop": lambda link, case: link.send_request(rplidar.STOP),

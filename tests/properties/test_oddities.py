@@ -2,7 +2,7 @@
 
 import pytest
 
-from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_answer, pack_time_stamp
+from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_response, pack_time_stamp
 from tests.reference import ydlidar
 from tests.support.kept import Kept, kept
 from tests.support.streams import CASES, Case, assembled, named
@@ -35,7 +35,7 @@ def test_a_damaged_packet_at_the_seam_merges_no_turns(case: Case, bit: int) -> N
         number = turn[0].packet
         packet = bytearray(case.packets[number])
         packet[bit // 8 % len(packet)] ^= 1 << bit % 8
-        if case.answer_type == 0x83:
+        if case.response_type == 0x83:
             packet[300] ^= 1  # one flipped bit is repaired
         changed[number] = bytes(packet)
     result = all_but(case, replaced(case, changed), *changed)
@@ -75,7 +75,7 @@ def test_the_c_bit_may_be_0(case: Case) -> None:
         b"\xaa\xaa",
         pack_time_stamp(123_456),
         SCAN_HEADER,
-        pack_answer(4, bytes(range(20))),
+        pack_response(4, bytes(range(20))),
         pack_time_stamp(0x55AA55AA) + SCAN_HEADER,
     ],
     ids=["AA", "AA AA", "time stamp", "scan header", "device info", "both"],

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidario.families.ydlidar.simulated.packers import pack_answer
+from lidario.families.ydlidar.simulated.packers import pack_response
 from tests.support.harm import LURES, noises
 from tests.support.streams import KINDS, Case, cut_up, feed, named, open_stream
 
-INFO = pack_answer(0x04, bytes(20))[:7]
+INFO = pack_response(0x04, bytes(20))[:7]
 every_kind = pytest.mark.parametrize("case", KINDS, ids=named)
 
 

@@ -84,7 +84,7 @@ def test_any_contents_become_scans(case: Case, wild: bool, seed: int, count: int
     wire = case.make_format()
     for packet in packets:
         assert wire.measure(bytearray(packet), 0) == len(packet)
-    if case.answer_type != 0x81 or case.truth.family == "ydlidar":
+    if case.response_type != 0x81 or case.truth.family == "ydlidar":
         found = case.make_format().run(bytearray(b"".join(packets)), 0)
         assert sum(block.packets for block in found.packets) == count
     events, now = [], 0

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 DATA = Path(__file__).resolve().parent.parent / "data"
 
 RPLIDAR_NAMES = tuple(
-    f"rplidar_{rate}_{answer_type:x}" for rate in ("32k", "9k") for answer_type in range(0x81, 0x87)
+    f"rplidar_{rate}_{response_type:x}" for rate in ("32k", "9k") for response_type in range(0x81, 0x87)
 )
 YDLIDAR_NAMES = ("ydlidar_4ros_room10", "ydlidar_4ros_room7", "ydlidar_4ros_wrap")
 NAMES = RPLIDAR_NAMES + YDLIDAR_NAMES
@@ -25,7 +25,7 @@ class Golden:
     raw: bytes
     angle_deg: NDArray[np.float32]
     distance_mm: NDArray[np.float32]
-    answer_type: int | None = None  # RPLIDAR
+    response_type: int | None = None  # RPLIDAR
     sample_us: float | None = None  # RPLIDAR
     quality: NDArray[np.uint8] | None = None  # RPLIDAR
     start: NDArray[np.bool_] | None = None  # RPLIDAR
@@ -46,7 +46,7 @@ def load(name: str) -> Golden:
             raw,
             angle_deg,
             distance_mm,
-            answer_type=int(name[-2:], 16),
+            response_type=int(name[-2:], 16),
             sample_us=float(arrays["sample_us"]),
             quality=arrays["quality"],
             start=arrays["start"],

@@ -44,28 +44,28 @@ class Sample:
 # ---------------------------------------------------------------------------------------------------- packets
 
 
-def split(answer_type: int, raw: bytes) -> list[bytes]:
+def split(response_type: int, raw: bytes) -> list[bytes]:
     """Cut a clean stream into packets, verifying marks and checksum of each; an incomplete end is refused."""
-    size = PACKET_BYTES[answer_type]
+    size = PACKET_BYTES[response_type]
     if len(raw) % size != 0:
         raise ValueError(f"{len(raw)} bytes are not a whole number of {size}-byte packets")
     packets = [raw[offset : offset + size] for offset in range(0, len(raw), size)]
     for number, packet in enumerate(packets):
-        fault = _fault(answer_type, packet)
+        fault = _fault(response_type, packet)
         if fault is not None:
-            raise ValueError(f"packet {number} of type {answer_type:#x}: {fault}")
+            raise ValueError(f"packet {number} of type {response_type:#x}: {fault}")
     return packets
 
 
-def _fault(answer_type: int, packet: bytes) -> str | None:
-    if answer_type == STANDARD:
+def _fault(response_type: int, packet: bytes) -> str | None:
+    if response_type == STANDARD:
         if (packet[0] & 1) == (packet[0] >> 1 & 1):
             return "start bit and its inverse are equal"
         if packet[1] & 1 != 1:
             return "check bit is 0"
         return None
 
-    if answer_type == HQ:
+    if response_type == HQ:
         if packet[0] != 0xA5:
             return "sync byte is not A5"
         if zlib.crc32(packet[:777] + b"\0\0\0") != _u32(packet, 777):
@@ -82,43 +82,43 @@ def _fault(answer_type: int, packet: bytes) -> str | None:
     return None
 
 
-def start_q6(answer_type: int, packet: bytes) -> int:
+def start_q6(response_type: int, packet: bytes) -> int:
     """Start angle of a capsule in 1/64°."""
-    return _u16(packet, START_OFFSET[answer_type]) & 0x7FFF
+    return _u16(packet, START_OFFSET[response_type]) & 0x7FFF
 
 
-def is_reset(answer_type: int, packet: bytes) -> bool:
+def is_reset(response_type: int, packet: bytes) -> bool:
     """Whether the encoder was (re)started before this capsule, so that it does not continue the last one."""
-    return _u16(packet, START_OFFSET[answer_type]) & 0x8000 != 0
+    return _u16(packet, START_OFFSET[response_type]) & 0x8000 != 0
 
 
 # ---------------------------------------------------------------------------------------------------- samples
 
 
-def decode(answer_type: int, packets: Sequence[bytes]) -> list[Sample]:
+def decode(response_type: int, packets: Sequence[bytes]) -> list[Sample]:
     """Decode packets that follow each other on the wire without a gap.
 
     Of the capsule formats the last packet yields nothing, nor does one whose successor says that the encoder
     was reset. The smoothing of 0x86 begins anew with every call.
     """
-    if answer_type == STANDARD:
+    if response_type == STANDARD:
         return [_decode_81(number, packet) for number, packet in enumerate(packets)]
-    if answer_type == HQ:
+    if response_type == HQ:
         return [sample for number, packet in enumerate(packets) for sample in _decode_83(number, packet)]
-    if answer_type not in CAPSULE_TYPES:
-        raise ValueError(f"unknown answer type {answer_type:#x}")
+    if response_type not in CAPSULE_TYPES:
+        raise ValueError(f"unknown response type {response_type:#x}")
 
     samples: list[Sample] = []
     previous_q2 = 0  # 0x86 only: distance of the last sample that was put out
     for number in range(len(packets) - 1):
         packet, following = packets[number], packets[number + 1]
-        if is_reset(answer_type, following):
+        if is_reset(response_type, following):
             continue
-        if answer_type == CAPSULE:
+        if response_type == CAPSULE:
             samples += _decode_82(number, packet, following)
-        elif answer_type == ULTRA_CAPSULE:
+        elif response_type == ULTRA_CAPSULE:
             samples += _decode_84(number, packet, following)
-        elif answer_type == DENSE_CAPSULE:
+        elif response_type == DENSE_CAPSULE:
             samples += _decode_85(number, packet, following)
         else:
             decoded, previous_q2 = _decode_86(number, packet, following, previous_q2)
@@ -286,13 +286,13 @@ def wrap(degrees: float) -> float:
     return 0.0 if wrapped >= 360.0 else wrapped  # the remainder of a tiny negative number rounds to 360
 
 
-def _beam_deg(answer_type: int, packet: bytes, following: bytes, index: int) -> float:
+def _beam_deg(response_type: int, packet: bytes, following: bytes, index: int) -> float:
     """Beam angle of one sample: equal steps to the next start angle. One division, so rounded only once."""
-    first_q6 = start_q6(answer_type, packet)
-    way_q6 = start_q6(answer_type, following) - first_q6
+    first_q6 = start_q6(response_type, packet)
+    way_q6 = start_q6(response_type, following) - first_q6
     if way_q6 < 0:
         way_q6 += 360 * 64
-    count = PACKET_SAMPLES[answer_type]
+    count = PACKET_SAMPLES[response_type]
     return (first_q6 * count + way_q6 * index) / (64 * count)
 
 

@@ -108,7 +108,7 @@ def test_less_than_two_seams_are_no_scan() -> None:
     assert assemble(numbered(47, 960, 100)) == []
 
 
-@pytest.mark.parametrize("case", [c for c in CASES if c.answer_type == 0x86], ids=named)
+@pytest.mark.parametrize("case", [c for c in CASES if c.response_type == 0x86], ids=named)
 def test_smoothing_goes_on_across_the_seam(case: Case) -> None:
     """0x86 halves short steps against the sample before, the last one of the turn before included."""
     random = np.random.default_rng(3)

@@ -69,7 +69,7 @@ async def ask_while_scanning(rig: Rig) -> None:
 async def wait_for_an_answer(rig: Rig) -> None:
     async with rig.open() as lidar, lidar.scans() as stream:
         await anext(stream)
-        rig.device.garble_answers = 1
+        rig.device.garble_responses = 1
         await lidar.get_info()
 
 

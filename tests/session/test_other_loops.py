@@ -22,6 +22,8 @@ CALLS: list[Callable[[Lidar], Awaitable[Any]]] = [
     Lidar.reset,
     lambda lidar: lidar.set_scan_frequency(8.0),
 ]
+REFUSED_ELSEWHERE = [*CALLS, Lidar.close, lambda lidar: lidar.__aexit__(None, None, None)]
+"""In another thread. After the loop was closed, closing is harmless instead."""
 
 
 @both_families
@@ -83,7 +85,7 @@ async def test_a_session_that_another_thread_uses(family: str) -> None:
             await call(lidar)
 
     def other() -> None:
-        for call in CALLS:
+        for call in REFUSED_ELSEWHERE:
             try:
                 asyncio.run(misuse(call))
             except LocalProtocolError as error:
@@ -94,7 +96,7 @@ async def test_a_session_that_another_thread_uses(family: str) -> None:
         thread = threading.Thread(target=other)
         thread.start()
         thread.join()
-        assert len(refused) == len(CALLS)
+        assert len(refused) == len(REFUSED_ELSEWHERE)
         assert all("run_coroutine_threadsafe" in text for text in refused)
         async with asyncio.timeout(PATIENCE_S):
             await anext(stream)

@@ -16,7 +16,7 @@ from lidario import (
     SessionClosed,
     Unsupported,
 )
-from lidario.sim.world import make_world
+from lidario.sim.rooms import make_world
 from tests.support.devices import both_families, left_still, make_rig, names, take
 from tests.support.loop import driven
 

@@ -173,7 +173,7 @@ def test_a_handler_of_the_program_is_left_in_place() -> None:
 def test_signals_while_a_session_opens() -> None:
     with served(MODELS[0]) as server:
         with server.lock:
-            server.device.answer_delay_s = 0.05  # type: ignore[attr-defined]
+            server.device.response_delay_s = 0.05  # type: ignore[attr-defined]
         with child(PROGRAM + RUN, server.path, family_of(MODELS[0])) as process:
             until(lambda: any(each.name == "get_info" for each in requests(server)))
             process.send_signal(signal.SIGTERM)

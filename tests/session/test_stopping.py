@@ -69,7 +69,7 @@ async def test_close_ends_what_another_task_waits_for(
 ) -> None:
     for moment in MOMENTS_S:
         rig = make_rig(family)
-        rig.device.answer_delay_s = 0.02
+        rig.device.response_delay_s = 0.02
         lidar = await rig.open()
         working = asyncio.ensure_future(work(lidar))
         await asyncio.sleep(moment)

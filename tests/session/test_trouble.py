@@ -14,14 +14,22 @@ from lidario import (
     InternalError,
     ResponseTimeout,
     Scan,
+    ScanStream,
     StreamFailed,
     Unsupported,
     open_lidar,
 )
 from lidario.port.port import Port
-from lidario.sim.world import make_world
+from lidario.sim.rooms import make_world
 from tests.support.devices import Rig, both_families, left_still, make_rig, names, take
 from tests.support.loop import DrivenLoop, driven
+
+
+async def until_it_fails(stream: ScanStream, why: str) -> None:
+    """Take scans until the stream fails for that reason."""
+    with pytest.raises(StreamFailed, match=why):
+        while True:
+            await anext(stream)
 
 
 @both_families
@@ -34,9 +42,7 @@ async def test_a_silent_device_ends_the_stream_but_not_the_session(family: str) 
             await anext(stream)
             rig.device.mute = True
             before = loop.time()
-            with pytest.raises(StreamFailed, match="no scan data"):
-                while True:
-                    await anext(stream)
+            await until_it_fails(stream, "no scan data")
             assert loop.time() - before < 1.0 + rig.turn_s
         rig.device.mute = False
         assert len(await take(lidar, 1)) == 1
@@ -60,14 +66,14 @@ async def test_a_device_that_never_speeds_up_is_reported(family: str) -> None:
 async def test_garbage_for_an_answer_is_asked_again(family: str) -> None:
     rig = make_rig(family)
     async with rig.open() as lidar:
-        rig.device.garble_answers = 1
+        rig.device.garble_responses = 1
         assert (await lidar.get_info()) == lidar.info
-        rig.device.garble_answers = 1000
+        rig.device.garble_responses = 1000
         with pytest.raises(ResponseTimeout, match="no response to it") as caught:
             await lidar.get_info()
         assert caught.value.noise > 0
         assert isinstance(caught.value, TimeoutError)
-        rig.device.garble_answers = 0
+        rig.device.garble_responses = 0
         assert (await lidar.get_info()) == lidar.info
 
 
@@ -167,9 +173,7 @@ async def test_a_stream_that_turns_to_noise_ends_and_leaves_nothing_behind(famil
             await anext(stream)
             clean = rig.device.transmit
             rig.device.transmit = lambda now: random.bytes(len(clean(now)))
-            with pytest.raises(StreamFailed, match="only noise arrives"):
-                while True:
-                    await anext(stream)
+            await until_it_fails(stream, "only noise arrives")
             assert lidar.stats.skipped_bytes > 10_000
             assert lidar._dialogue.buffered < 4096
             rig.device.transmit = clean
@@ -186,9 +190,7 @@ async def test_a_rotor_that_stands_still_is_noticed(family: str) -> None:
         running = lidar._scanner._running
         assert running is not None
         running._assembler._seam.splits = lambda headings: []  # type: ignore[method-assign]
-        with pytest.raises(StreamFailed, match="no full revolution"):
-            while True:
-                await anext(stream)
+        await until_it_fails(stream, "no full revolution")
     assert left_still(rig)
 
 
@@ -220,7 +222,7 @@ async def test_modes_with_holes_in_their_numbers_are_all_found() -> None:
         told = {mode.name: mode for mode in await lidar.get_modes()}
         assert len(told) == len(rig.device.profile.modes)
         (typical,) = [mode for mode in told.values() if mode.typical]
-        assert typical.answer_type == 0x83
+        assert typical.response_type == 0x83
         scan = await lidar.scan()
         assert scan.mode == typical.name
         assert scan.intensities is not None
@@ -232,7 +234,7 @@ async def test_modes_with_holes_in_their_numbers_are_all_found() -> None:
         ("rplidar-zero-us", "DenseBoost"),
         ("rplidar-no-modes", "Standard"),
         ("rplidar-old-firmware", "Express"),
-        ("rplidar-unknown-answer", None),
+        ("rplidar-unknown-response", None),
     ],
 )
 @driven
@@ -244,7 +246,7 @@ async def test_awkward_devices_do_what_they_can(model: str, mode: str | None) ->
             assert scans[0].mode == mode
         np.testing.assert_allclose(scans[-1].ranges, 2.0, atol=0.005)
         assert scans[-1].time_increment_ns == pytest.approx(scans[-1].duration_ns / len(scans[-1]), rel=0.02)
-        strange = [each for each in await lidar.get_modes() if each.answer_type == 0x8E]
+        strange = [each for each in await lidar.get_modes() if each.response_type == 0x8E]
         if strange:
             with pytest.raises(Unsupported, match="0x8E"):
                 await lidar.scan(strange[0].name)
@@ -290,9 +292,7 @@ async def test_a_device_that_does_not_come_back_from_a_reset(family: str) -> Non
             rig.device.boot_s = 600.0
             with pytest.raises(ResponseTimeout, match="no response to"):
                 await lidar.reset()
-            with pytest.raises(StreamFailed, match="could not be started again"):
-                while True:
-                    await anext(stream)
+            await until_it_fails(stream, "could not be started again")
         assert not lidar.is_scanning
 
 

@@ -57,7 +57,7 @@ def test_devices_can_fail(family: str) -> None:
 
 
 @both
-@pytest.mark.parametrize("fault", ["reboot:1s", "freeze:1s", "protect:1s", "wrong-answer:50%,reboot:1s"])
+@pytest.mark.parametrize("fault", ["reboot:1s", "freeze:1s", "protect:1s", "wrong-response:50%,reboot:1s"])
 @pytest.mark.parametrize("step", [7 * MS + 1, 333 * MS])
 def test_the_steps_of_time_make_no_difference(family: str, fault: str, step: int) -> None:
     whole, pieces = Bench(family, fault), Bench(family, fault)
@@ -169,7 +169,7 @@ def test_what_nobody_has_read_when_the_cable_is_pulled_is_lost(family: str) -> N
 
 @both
 def test_a_wrong_answer_is_the_one_before(family: str) -> None:
-    bench = Bench(family, "wrong-answer:100%", scan=False)
+    bench = Bench(family, "wrong-response:100%", scan=False)
     info = bench.ask(bench.info, BEGIN)
     assert len(info) == 27  # there was none before
     assert bench.ask(bench.health, BEGIN + SECOND) == info
@@ -178,7 +178,7 @@ def test_a_wrong_answer_is_the_one_before(family: str) -> None:
 
 @both
 def test_so_many_answers_are_wrong(family: str) -> None:
-    bench = Bench(family, "wrong-answer:20%", scan=False)
+    bench = Bench(family, "wrong-response:20%", scan=False)
     got = [len(bench.ask((bench.info, bench.health)[k % 2], BEGIN + k * SECOND)) for k in range(400)]
     wrong = sum(a == b for a, b in pairwise(got))
     assert 0.1 * 400 < sum(size != (27, 10)[k % 2] for k, size in enumerate(got)) < 0.3 * 400

@@ -41,8 +41,8 @@ def test_grammar(text: str, expected: Faults) -> None:
 
 
 def test_grammar_of_device_faults() -> None:
-    found = parse_faults("reboot:5s,freeze:1min,protect:2,wrong-answer:20%").device
-    assert found == DeviceFaults(reboot_s=5.0, freeze_s=60.0, protect_s=2.0, wrong_answer=0.2)
+    found = parse_faults("reboot:5s,freeze:1min,protect:2,wrong-response:20%").device
+    assert found == DeviceFaults(reboot_s=5.0, freeze_s=60.0, protect_s=2.0, wrong_response=0.2)
     assert parse_faults("replug:3s").device == DeviceFaults(replug_s=3.0)
 
 
@@ -70,8 +70,8 @@ def test_every_example_can_be_read(fault: Fault) -> None:
         ("reboot:1s,reboot:2s", "twice"),
         ("babble:1%", "number of bytes"),
         ("babble", "number of bytes"),
-        ("wrong-answer:120%", "100 %"),
-        ("wrong_answer:1%", "'wrong_answer'"),
+        ("wrong-response:120%", "100 %"),
+        ("wrong_response:1%", "'wrong_response'"),
         ("freeze:10%", "duration"),
     ],
 )
@@ -82,7 +82,7 @@ def test_what_cannot_be_read_says_why(text: str, cause: str) -> None:
 
 @pytest.mark.parametrize("text", ["dorp:1%", "drop:many"])
 def test_what_cannot_be_read_names_the_faults(text: str) -> None:
-    with pytest.raises(ValueError, match=r"drop, flip, insert, burst, .*, wrong-answer"):
+    with pytest.raises(ValueError, match=r"drop, flip, insert, burst, .*, wrong-response"):
         parse_faults(text)
 
 

@@ -141,7 +141,7 @@ def test_a_memory_line_dies_in_a_replug_and_a_new_one_works() -> None:
     assert old.unplugged(4_000_000_000)
 
 
-@pytest.mark.parametrize("text", ["reboot:1s", "freeze:1s", "protect:1s", "wrong-answer:1%"])
+@pytest.mark.parametrize("text", ["reboot:1s", "freeze:1s", "protect:1s", "wrong-response:1%"])
 def test_a_device_without_faults_of_its_own(text: str) -> None:
     with pytest.raises(ValueError, match="Parrot offers no faults"):
         MemoryLine(Parrot(), parse_faults(text))

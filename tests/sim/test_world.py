@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidario.sim.world import Walker, World, cast, make_world
+from lidario.sim.rooms import make_world
+from lidario.sim.world import Walker, World, cast
 
 TURN = np.arange(3200) * (360.0 / 3200)
 

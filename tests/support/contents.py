@@ -33,13 +33,13 @@ def any_packets(case: Case, seed: int, count: int, *, wild: bool) -> list[bytes]
             )
             for start in starts
         ]
-    if case.answer_type == 0x81:
+    if case.response_type == 0x81:
         quality = random.integers(0, 64, count)
         raw = packers.pack_standard(
             starts % 23040, random.integers(0, 65536, count), quality, np.zeros(count, bool)
         )
         return [raw[at : at + 5] for at in range(0, len(raw), 5)]
-    if case.answer_type == 0x83:
+    if case.response_type == 0x83:
         angles = random.integers(0, 65536, (count, 96)) if wild else (starts[:, None] + np.arange(96)) % 65536
         flags = random.integers(0, 256, (count, 96))
         # Beyond 24 bits, single precision has no quarters of millimetres any more.
@@ -54,7 +54,7 @@ def any_packets(case: Case, seed: int, count: int, *, wild: bool) -> list[bytes]
 
 def _capsule(case: Case, contents: bytes, start: int) -> bytes:
     body = bytearray(contents)
-    at = 6 if case.answer_type == 0x86 else 0
+    at = 6 if case.response_type == 0x86 else 0
     body[at : at + 2] = start.to_bytes(2, "little")
     check = 0
     for byte in body:

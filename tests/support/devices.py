@@ -13,6 +13,7 @@ from lidario.families.ydlidar.simulated.device import make_simulated as make_sec
 from lidario.model import Scan
 from lidario.session.lidar import Lidar
 from lidario.session.opening import OpenLidar, open_lidar
+from tests.support.discards import PROTECTED
 
 __all__ = ["FAMILIES", "Rig", "both_families", "discarded", "left_still", "make_rig", "names", "take"]
 
@@ -62,17 +63,26 @@ MOVING = ("stop", "reset", "scan", "force_scan", "express_scan", "motor_speed_ct
 
 
 def left_still(rig: Rig) -> bool:
-    """Whether laser and motor are off, and the last request that could move the device was one that stops it."""
-    moved = [name for name in names(rig, obeyed=True) if name in MOVING]
+    """Whether laser and motor are off, and the last request that could move the device was one that stops it.
+
+    A device in Protection Stop ignores STOP, but it has heard it.
+    """
+    heard = [each.name for each in rig.device.log if each.obeyed or each.why == PROTECTED]
+    moved = [name for name in heard if name in MOVING]
     return not rig.device.scanning and not rig.device.motor_on and moved[-1] in ("stop", "reset")
 
 
 def discarded(rig: Rig) -> list[tuple[str, str]]:
-    """Requests the strict device did not hear, and why; polls of a device that boots are meant to be lost."""
+    """Requests the strict device discarded, and why.
+
+    Not those that are meant to be lost: questions to a device that boots, and STOP to one in Protection Stop.
+    """
     return [
         (each.name, each.why)
         for each in rig.device.log
-        if not each.obeyed and each.why != "still booting after reset"
+        if not each.obeyed
+        and each.why != "still booting after reset"
+        and (each.name, each.why) != ("stop", PROTECTED)
     ]
 
 

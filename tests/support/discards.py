@@ -1,8 +1,9 @@
 """On an undamaged line the strict simulated device has no reason to discard a request, so in no test does it.
 
-Two reasons are no mistake of the host, and allowed everywhere. A device does not know every request, and the host
+Three reasons are no mistake of the host, and allowed everywhere. A device does not know every request, and the host
 learns that by asking. A device that boots gives no sign when it is done, so the host asks what it is until it
-responds; if the host gives up meanwhile, it writes the stop requests all the same.
+responds; if the host gives up meanwhile, it writes the stop requests all the same. A device in Protection Stop
+ignores STOP, and the host writes it before it can know the state.
 
 A device that a thread serves at true pace sees each request when the machine lets that thread run: on a busy
 machine a STOP late and the next request in time, as if the host had not waited. So what is discarded for its time
@@ -22,10 +23,11 @@ from lidario.sim.chassis import Chassis
 from lidario.sim.device import Received, SimulatedDevice
 from lidario.sim.server import Server
 
-__all__ = ["all_obeyed", "devices_made", "may_discard", "some_discarded"]
+__all__ = ["PROTECTED", "all_obeyed", "devices_made", "may_discard", "some_discarded"]
 
 UNKNOWN = "unknown to this "
 BOOTING = "still booting"
+PROTECTED = "in protection stop"
 ASKED_WHILE_BOOTING = {"get_info", "stop", "forced_stop", "motor_speed_ctrl"}
 
 
@@ -87,7 +89,8 @@ def _for_its_time(discarded: Received) -> bool:
 
 def _no_mistake(discarded: Received) -> bool:
     booting = discarded.why.startswith(BOOTING) and discarded.name in ASKED_WHILE_BOOTING
-    return booting or discarded.why.startswith(UNKNOWN)
+    stopped_already = discarded.why == PROTECTED and discarded.name == "stop"
+    return booting or stopped_already or discarded.why.startswith(UNKNOWN)
 
 
 def _told(requests: list[Received]) -> str:

@@ -2,7 +2,7 @@
 
 from hypothesis import strategies as st
 
-from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_answer, pack_time_stamp
+from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_response, pack_time_stamp
 from tests.support.streams import Case
 
 __all__ = ["fragments", "messes", "noises", "runs"]
@@ -17,8 +17,8 @@ LURES = (
     b"\xaa\x55\x00\x28",
     SCAN_HEADER,
     SCAN_HEADER[:3],
-    pack_answer(0x04, bytes(range(20))),
-    pack_answer(0x04, bytes(20))[:11],
+    pack_response(0x04, bytes(range(20))),
+    pack_response(0x04, bytes(20))[:11],
     pack_time_stamp(0x55AA55AA, 7),
     pack_time_stamp(1)[:5],
     bytes(200),

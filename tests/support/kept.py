@@ -134,9 +134,9 @@ def kept(
 
 def _leans_on_next(case: Case, point: Sample, last: set[int]) -> bool:
     """Whether the distance of a point is only told together with a packet that did not come (0x84)."""
-    return case.answer_type == 0x84 and point.packet in last and point.index >= 94
+    return case.response_type == 0x84 and point.packet in last and point.index >= 94
 
 
 def _slack_mm(case: Case) -> float:
     """0x86 smooths with the sample before: behind a gap, a distance may differ by 1 mm."""
-    return 1.0 if case.answer_type == 0x86 else 0.0
+    return 1.0 if case.response_type == 0x86 else 0.0

@@ -1,4 +1,4 @@
-"""Running a family's scripts by hand: no link, no device, only a table of answers."""
+"""Running a family's scripts by hand: no link, no device, only a table of responses."""
 
 from collections.abc import Mapping
 from typing import TypeVar
@@ -11,11 +11,11 @@ __all__ = ["Answers", "drive"]
 
 T = TypeVar("T")
 Answers = Mapping[bytes, bytes | None]
-"""Bytes of a request -> payload of its answer; None or absent: silence."""
+"""Bytes of a request -> payload of its response; None or absent: silence."""
 
 
 def drive(script: Script[T], answers: Answers) -> tuple[T, list[Request]]:
-    """Run a script against a device that gives these answers; its result, and what it sent."""
+    """Run a script against a device that gives these responses; its result, and what it sent."""
     sent: list[Request] = []
     try:
         request = next(script)

@@ -76,7 +76,7 @@ class Case:
 
     Attributes:
         name: Name of the golden file.
-        answer_type: Type byte of the descriptor.
+        response_type: Type byte of the descriptor.
         descriptor: What the device says before the first packet.
         make_format: A fresh packet format.
         make_decoder: A fresh decoder.
@@ -89,7 +89,7 @@ class Case:
     """
 
     name: str
-    answer_type: int
+    response_type: int
     descriptor: bytes
     make_format: Callable[[], StreamFormat]
     make_decoder: Callable[[], Decoder]
@@ -151,13 +151,13 @@ def _turns(case: Case) -> tuple[tuple[Sample, ...], ...]:
 
 def _rplidar(name: str) -> Case:
     stream = _golden(name)
-    answer, sample_us = stream.answer_type, stream.sample_us
+    answer, sample_us = stream.response_type, stream.sample_us
     assert answer is not None
     assert sample_us is not None
     length = rplidar.PACKET_BYTES[answer] | 1 << 30
     return Case(
         name=name,
-        answer_type=answer,
+        response_type=answer,
         descriptor=b"\xa5\x5a" + length.to_bytes(4, "little") + bytes([answer]),
         make_format=FORMATS[answer],
         make_decoder=DECODERS[answer],
@@ -173,7 +173,7 @@ def _rplidar(name: str) -> Case:
 def _ydlidar(name: str) -> Case:
     return Case(
         name=name,
-        answer_type=0x81,
+        response_type=0x81,
         descriptor=bytes.fromhex("A55A0500004081"),
         make_format=PointCloud,
         make_decoder=PointCloudDecoder,
@@ -278,7 +278,7 @@ def open_stream(case: Case) -> Link:
     link.receive_data(case.descriptor, 0)
     assert link.state is LinkState.STREAMING
     (event,) = link.events_received()
-    assert event == Descriptor(case.answer_type, int.from_bytes(case.descriptor[2:5], "little"), True)
+    assert event == Descriptor(case.response_type, int.from_bytes(case.descriptor[2:5], "little"), True)
     return link
 
 
@@ -327,7 +327,7 @@ def stream_of(case: Case, **changes: object) -> Stream:
     about: dict[str, object] = {
         "format": case.make_format(),
         "decoder": case.make_decoder(),
-        "mode": ScanMode(1, "mode of the case", case.sample_us, 0.0, case.answer_type),
+        "mode": ScanMode(1, "mode of the case", case.sample_us, 0.0, case.response_type),
         "sample_ns": case.sample_us * 1e3,
         "spin_up_s": 5.0,
         "slowest_turn_s": 1.0,

@@ -9,15 +9,15 @@ from lidario.families.rplidar.formats import DenseFormat, ExpressFormat
 from lidario.families.rplidar.simulated.packers import pack_dense
 from lidario.families.ydlidar import commands as other
 from lidario.families.ydlidar.formats import PointCloud
-from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_answer, pack_points
+from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_points, pack_response
 from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor, Event, Packets, Response
 from lidario.wire.link import Link, LinkState
 from tests.support.streams import arrived
 
 INFO = bytes(range(20))
-INFO_ANSWER = pack_answer(0x04, INFO)
-HEALTH_ANSWER = pack_answer(0x06, b"\0\0\0")
+INFO_ANSWER = pack_response(0x04, INFO)
+HEALTH_ANSWER = pack_response(0x06, b"\0\0\0")
 DENSE = bytes.fromhex("A55A5400004085")
 PACKETS = [pack_dense(300 * n, [[100 * n + k for k in range(40)]]) for n in range(12)]
 
@@ -122,15 +122,15 @@ def test_a_claimed_size_too_large_is_never_waited_for() -> None:
         receive(link, bytes.fromhex(claim) + bytes(100))
         assert link.buffered == 0
     value = Conf.MODE_NAME.to_bytes(4, "little") + b"n" * 64
-    assert receive(link, pack_answer(0x20, value)) == [Response(0x20, value, 0)]
+    assert receive(link, pack_response(0x20, value)) == [Response(0x20, value, 0)]
 
 
 @pytest.mark.parametrize("size", [None, 1, 7])
 def test_a_late_answer_to_another_question_is_dropped_and_counted(size: int | None) -> None:
     link = waiting(get_lidar_conf(Conf.SAMPLE_DURATION, 1))
-    late = pack_answer(0x20, Conf.MODE_NAME.to_bytes(4, "little") + b"DenseBoost\0")
+    late = pack_response(0x20, Conf.MODE_NAME.to_bytes(4, "little") + b"DenseBoost\0")
     wanted = Conf.SAMPLE_DURATION.to_bytes(4, "little") + b"\0\x1f\0\0"
-    assert receive(link, late + pack_answer(0x20, wanted), 9, size) == [Response(0x20, wanted, 9)]
+    assert receive(link, late + pack_response(0x20, wanted), 9, size) == [Response(0x20, wanted, 9)]
     assert (link.stats.late_responses, link.stats.stray_bytes) == (1, len(late))
 
 
@@ -139,7 +139,7 @@ def test_an_answer_inside_a_late_one_is_found() -> None:
     link = waiting(get_lidar_conf(Conf.MODE_COUNT))
     wanted = Conf.MODE_COUNT.to_bytes(4, "little") + b"\x02\0"
     false = bytes.fromhex("A55A1400000020") + b"xyz"
-    assert receive(link, false + pack_answer(0x20, wanted) + bytes(20)) == [Response(0x20, wanted, 0)]
+    assert receive(link, false + pack_response(0x20, wanted) + bytes(20)) == [Response(0x20, wanted, 0)]
     assert link.stats.late_responses == 1
 
 

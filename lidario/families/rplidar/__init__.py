@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from lidario.families.base import Family, Timing
 from lidario.families.rplidar.device import RplidarDevice
 from lidario.families.rplidar.formats import FORMATS
-
-if TYPE_CHECKING:
-    from lidario.sim.device import SimulatedDevice
-    from lidario.sim.world import WorldLike
 
 __all__ = ["FAMILY"]
 
@@ -24,24 +18,12 @@ SIMULATED = (
     "rplidar-ultradense",
     "rplidar-holes",
     "rplidar-zero-us",
-    "rplidar-unknown-answer",
+    "rplidar-unknown-response",
     "rplidar-no-modes",
     "rplidar-old-firmware",
 )
 """The names of `simulated.profiles.PROFILES`, repeated here so that users of a real device do not load the
 simulated one."""
-
-
-def _simulate(
-    model: str, *, world: WorldLike | None, serial: bytes | None, seed: int, spin_up: float | None = None
-) -> SimulatedDevice:
-    from lidario.families.rplidar.simulated.device import make_simulated
-
-    device = make_simulated(model, world=world, serial=serial, seed=seed)
-    if spin_up is not None:
-        device.spin_up_s = spin_up
-    return device
-
 
 FAMILY = Family(
     name="rplidar",
@@ -62,5 +44,4 @@ FAMILY = Family(
     device=RplidarDevice,
     formats=tuple(FORMATS.values()),
     simulated=SIMULATED,
-    simulate=_simulate,
 )

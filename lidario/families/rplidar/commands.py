@@ -25,8 +25,8 @@ __all__ = [
     "GET_SAMPLERATE",
     "RESET",
     "STOP",
-    "Answer",
     "Conf",
+    "ResponseType",
     "express_scan",
     "get_lidar_conf",
     "motor_speed",
@@ -42,8 +42,8 @@ LONGEST_CONF: Final = 4 + 64
 """Largest GET_LIDAR_CONF response believed: the echoed type and a value (mode names are about ten letters)."""
 
 
-class Answer(IntEnum):
-    """Answer types of single responses."""
+class ResponseType(IntEnum):
+    """Response types of single responses."""
 
     INFO = 0x04
     HEALTH = 0x06
@@ -60,7 +60,7 @@ class Conf(IntEnum):
     MODE_COUNT = 0x70
     SAMPLE_DURATION = 0x71
     MAX_DISTANCE = 0x74
-    ANSWER_TYPE = 0x75
+    RESPONSE_TYPE = 0x75
     TYPICAL_MODE = 0x7C
     MODE_NAME = 0x7F
 
@@ -68,13 +68,13 @@ class Conf(IntEnum):
 STOP: Final = Request("STOP", encode_request(0x25), settle=STOP_SETTLE_S, ends_stream=True)
 RESET: Final = Request("RESET", encode_request(0x40), settle=RESET_SETTLE_S, ends_stream=True)
 GET_INFO: Final = Request(
-    "GET_INFO", encode_request(0x50), expects=Expected(Answer.INFO, 20), timeout=QUERY_TIMEOUT_S
+    "GET_INFO", encode_request(0x50), expects=Expected(ResponseType.INFO, 20), timeout=QUERY_TIMEOUT_S
 )
 GET_HEALTH: Final = Request(
-    "GET_HEALTH", encode_request(0x52), expects=Expected(Answer.HEALTH, 3), timeout=QUERY_TIMEOUT_S
+    "GET_HEALTH", encode_request(0x52), expects=Expected(ResponseType.HEALTH, 3), timeout=QUERY_TIMEOUT_S
 )
 GET_SAMPLERATE: Final = Request(
-    "GET_SAMPLERATE", encode_request(0x59), expects=Expected(Answer.SAMPLE_RATE, 4), timeout=QUERY_TIMEOUT_S
+    "GET_SAMPLERATE", encode_request(0x59), expects=Expected(ResponseType.SAMPLE_RATE, 4), timeout=QUERY_TIMEOUT_S
 )
 
 
@@ -88,7 +88,7 @@ def get_lidar_conf(kind: Conf, mode: int | None = None) -> Request:
     return Request(
         f"GET_LIDAR_CONF {kind.name}" + ("" if mode is None else f" of mode {mode}"),
         encode_request(0x84, payload),
-        expects=Expected(Answer.LIDAR_CONF, 4, LONGEST_CONF, prefix=echo),
+        expects=Expected(ResponseType.LIDAR_CONF, 4, LONGEST_CONF, prefix=echo),
         timeout=QUERY_TIMEOUT_S,
     )
 
@@ -110,7 +110,7 @@ def express_scan(mode: int, stream: StreamFormat) -> Request:
 
 
 def _start(name: str, data: bytes, stream: StreamFormat) -> Request:
-    announced = Expected(stream.answer_type, stream.shortest, continuous=True)
+    announced = Expected(stream.response_type, stream.shortest, continuous=True)
     # The descriptor decides what follows; the configuration, type 0x75, only foretells it.
-    others = tuple(kind() for answer, kind in FORMATS.items() if answer != stream.answer_type)
+    others = tuple(kind() for number, kind in FORMATS.items() if number != stream.response_type)
     return Request(name, data, expects=announced, timeout=SCAN_TIMEOUT_S, stream=stream, others=others)

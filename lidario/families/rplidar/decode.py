@@ -336,4 +336,4 @@ DECODERS: Final[dict[int, Callable[[], CapsuleDecoder | HqDecoder | NodeDecoder]
     0x85: DenseDecoder,
     0x86: UltraDenseDecoder,
 }
-"""Answer type -> decoder, one row for each row of `formats.FORMATS`."""
+"""Response type -> decoder, one row for each row of `formats.FORMATS`."""

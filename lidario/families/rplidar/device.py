@@ -120,11 +120,11 @@ class RplidarDevice(Device):
                     break
                 told = yield from self._mode(mode)
                 # Numbers may have holes: a mode that the device tells nothing of is none.
-                found += [told] if told.answer_type else []
+                found += [told] if told.response_type else []
         if not found:
             return (yield from self._legacy_modes())
         typical = yield from self._ask("<H", Conf.TYPICAL_MODE)
-        usable = [mode.id for mode in found if mode.answer_type in FORMATS]
+        usable = [mode.id for mode in found if mode.response_type in FORMATS]
         if typical not in usable:
             typical = usable[-1] if usable else None
         return tuple(replace(mode, typical=mode.id == typical) for mode in found)
@@ -133,32 +133,32 @@ class RplidarDevice(Device):
         """As `Device.start`; the descriptor decides which format is decoded, not what the mode's list foretold.
 
         Raises:
-            Unsupported: The mode's answer type is not one of the six, or a forced scan was asked for in a mode
+            Unsupported: The mode's response type is not one of the six, or a forced scan was asked for in a mode
                 other than the plain one.
         """
-        if mode.answer_type not in FORMATS:
-            known = ", ".join(f"0x{answer:02X}" for answer in sorted(FORMATS))
+        if mode.response_type not in FORMATS:
+            known = ", ".join(f"0x{number:02X}" for number in sorted(FORMATS))
             raise Unsupported(
-                f"scan mode {mode.name!r} sends answer type 0x{mode.answer_type:02X}; lidario knows {known}"
+                f"scan mode {mode.name!r} sends response type 0x{mode.response_type:02X}; lidario knows {known}"
             )
-        if force and mode.answer_type != NODE_TYPE:
-            raise Unsupported(f"only a plain mode (answer type 0x81) can be forced, and {mode.name!r} is none")
+        if force and mode.response_type != NODE_TYPE:
+            raise Unsupported(f"only a plain mode (response type 0x81) can be forced, and {mode.name!r} is none")
         sample_us = mode.sample_us or (yield from self._sample_us(mode))
         if self._has_motor_control:
             yield commands.motor_speed((yield from self._wanted_rpm()))
-        stream = FORMATS[mode.answer_type]()
-        if mode.answer_type == NODE_TYPE:
+        stream = FORMATS[mode.response_type]()
+        if mode.response_type == NODE_TYPE:
             request = commands.scan(stream, force=force)
         else:
             # Firmware that cannot list its modes knows them by no number: there 0 is the express scan (SDK).
             request = commands.express_scan(mode.id if self._has_conf else 0, stream)
         announced = yield request
-        if announced and announced[0] != mode.answer_type:
-            mode = replace(mode, answer_type=announced[0])
-            stream = next(each for each in request.others if each.answer_type == mode.answer_type)
+        if announced and announced[0] != mode.response_type:
+            mode = replace(mode, response_type=announced[0])
+            stream = next(each for each in request.others if each.response_type == mode.response_type)
         return Stream(
             format=stream,
-            decoder=DECODERS[mode.answer_type](),
+            decoder=DECODERS[mode.response_type](),
             mode=mode,
             sample_ns=sample_us * 1e3,
             spin_up_s=SPIN_UP_S,
@@ -224,8 +224,8 @@ class RplidarDevice(Device):
             return b""
 
     def _mode(self, mode: int) -> Script[ScanMode]:
-        answer = yield from self._ask("<B", Conf.ANSWER_TYPE, mode)
-        if not answer:
+        response_type = yield from self._ask("<B", Conf.RESPONSE_TYPE, mode)
+        if not response_type:
             return ScanMode(mode, "", 0.0, 0.0, 0)
         name = yield from self._ask_bytes(Conf.MODE_NAME, mode)
         sample_q8 = yield from self._ask("<I", Conf.SAMPLE_DURATION, mode)
@@ -235,7 +235,7 @@ class RplidarDevice(Device):
             name=_text(name) or f"mode {mode}",
             sample_us=(sample_q8 or 0) / 256,
             max_distance=(distance_q8 or 0) / 256,
-            answer_type=answer,
+            response_type=response_type,
         )
 
     def _legacy_modes(self) -> Script[tuple[ScanMode, ...]]:
@@ -255,7 +255,7 @@ class RplidarDevice(Device):
             rate = yield from self.sample_rate()
         except ResponseTimeout:
             return 0.0
-        return rate.standard_us if mode.answer_type == NODE_TYPE else rate.express_us
+        return rate.standard_us if mode.response_type == NODE_TYPE else rate.express_us
 
 
 def _model_name(model: int) -> str:

@@ -118,7 +118,7 @@ class ExpressFormat(CapsuleFormat):
     """0x82: 16 cabins of two samples."""
 
     name = "express"
-    answer_type = 0x82
+    response_type = 0x82
     shortest = 84
     longest = 84
     samples = 32
@@ -128,7 +128,7 @@ class UltraFormat(CapsuleFormat):
     """0x84: 32 cabins of three samples."""
 
     name = "ultra"
-    answer_type = 0x84
+    response_type = 0x84
     shortest = 132
     longest = 132
     samples = 96
@@ -138,7 +138,7 @@ class DenseFormat(CapsuleFormat):
     """0x85: 40 distances."""
 
     name = "dense"
-    answer_type = 0x85
+    response_type = 0x85
     shortest = 84
     longest = 84
     samples = 40
@@ -148,7 +148,7 @@ class UltraDenseFormat(CapsuleFormat):
     """0x86: a time stamp, a status word, and 32 cabins of two samples with intensity."""
 
     name = "ultra-dense"
-    answer_type = 0x86
+    response_type = 0x86
     shortest = 170
     longest = 170
     samples = 64
@@ -180,7 +180,7 @@ class HqFormat(StreamFormat):
     """
 
     name = "hq"
-    answer_type = 0x83
+    response_type = 0x83
     shortest = 781
     longest = 781
     samples = 96
@@ -231,7 +231,7 @@ class HqFormat(StreamFormat):
 
 
 FORMATS: Final[dict[int, type[StreamFormat]]] = {
-    kind.answer_type: kind
+    kind.response_type: kind
     for kind in (NodeFormat, ExpressFormat, HqFormat, UltraFormat, DenseFormat, UltraDenseFormat)
 }
-"""Answer type -> format, for every format this family knows."""
+"""Response type -> format, for every format this family knows."""

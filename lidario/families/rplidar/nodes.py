@@ -84,7 +84,7 @@ class NodeFormat(StreamFormat):
     """0x81: one sample in five bytes."""
 
     name = "node"
-    answer_type = 0x81
+    response_type = 0x81
     shortest = SIZE
     longest = SIZE
     samples = 1

@@ -6,33 +6,17 @@ where said). Nothing was measured on a real device.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from lidario.families.base import Family, Timing
 from lidario.families.ydlidar.device import Device4Ros
 from lidario.families.ydlidar.formats import PointCloud
-
-if TYPE_CHECKING:
-    from lidario.sim.device import SimulatedDevice
-    from lidario.sim.world import WorldLike
 
 __all__ = ["FAMILY"]
 
 SIMULATED: Final = ("ydlidar-4ros", "ydlidar-4ros-92", "ydlidar-4ros-slow", "ydlidar-4ros-stamps")
 """The names of `simulated.PROFILES`, repeated here so that users of a real device do not load the simulated
 one."""
-
-
-def _simulate(
-    model: str, *, world: WorldLike | None, serial: bytes | None, seed: int, spin_up: float | None = None
-) -> SimulatedDevice:
-    from lidario.families.ydlidar.simulated.device import make_simulated
-
-    device = make_simulated(model, world=world, serial=serial, seed=seed)
-    if spin_up is not None:
-        device.spin_up_s = spin_up
-    return device
-
 
 FAMILY: Final = Family(
     name="ydlidar",
@@ -54,6 +38,5 @@ FAMILY: Final = Family(
     device=Device4Ros,
     formats=(PointCloud,),
     simulated=SIMULATED,
-    simulate=_simulate,
 )
 """The family's row of the registry."""

@@ -39,7 +39,7 @@ __all__ = [
     "SPEED_UP_BY_1",
     "STOP",
     "TOGGLE_PROTECTION",
-    "Answer",
+    "ResponseType",
     "scan",
 ]
 
@@ -52,20 +52,20 @@ LARGEST: Final = 0x3FFF_FFFF
 """The scan header's length is to be ignored (manual 3.1): every value is right that its 30 bits can hold."""
 
 
-class Answer(IntEnum):
-    """Answer types of single responses."""
+class ResponseType(IntEnum):
+    """Response types of single responses."""
 
     SETTING = 0x04
     HEALTH = 0x06
 
 
 def _setting(name: str, command: int, size: int, *, attempts: int = 1) -> Request:
-    expected = Expected(Answer.SETTING, size)
+    expected = Expected(ResponseType.SETTING, size)
     return Request(name, encode_request(command), expected, SETTING_TIMEOUT_S, attempts=attempts)
 
 
 def _health(name: str, command: int) -> Request:
-    expected = Expected(Answer.HEALTH, 3)
+    expected = Expected(ResponseType.HEALTH, 3)
     return Request(name, encode_request(command), expected, HEALTH_TIMEOUT_S, attempts=1)
 
 
@@ -74,7 +74,7 @@ FORCED_STOP: Final = Request("FORCED_STOP", encode_request(0x00), settle=STOP_SE
 RESET: Final = Request("RESET", encode_request(0x80), settle=STOP_SETTLE_S, ends_stream=True)
 """Soft restart. How long it takes is in no document: after it the host must ask until there is a response."""
 
-GET_INFO: Final = Request("GET_INFO", encode_request(0x90), Expected(Answer.SETTING, 20), INFO_TIMEOUT_S)
+GET_INFO: Final = Request("GET_INFO", encode_request(0x90), Expected(ResponseType.SETTING, 20), INFO_TIMEOUT_S)
 GET_HEALTH: Final = _health("GET_HEALTH", 0x91)
 GET_HEALTH_92: Final = _health("GET_HEALTH (as A5 92)", 0x92)
 COMPLETE_INFO: Final = bytes((0, 0xA5 ^ 0x90))

@@ -39,7 +39,7 @@ MODE: Final = ScanMode(
     name="Standard",
     sample_us=50.0,
     max_distance=30.0,
-    answer_type=PointCloud.answer_type,
+    response_type=PointCloud.response_type,
     typical=True,
 )
 """The only mode: 20000 samples a second, up to 30 m (data sheet)."""
@@ -130,7 +130,7 @@ class Device4Ros(Device):
                 f"model {self._model} measures in other units than a 4ROS; lidario decodes models "
                 + ", ".join(f"{code} ({name})" for code, name in MODELS.items())
             )
-        if mode.answer_type != MODE.answer_type or mode.id != MODE.id:
+        if mode.response_type != MODE.response_type or mode.id != MODE.id:
             raise Unsupported(f"this device has one scan mode, {MODE.name!r}, and not {mode.name!r}")
         try:
             stream = PointCloud()

@@ -84,7 +84,7 @@ class PointCloud(StreamFormat):
     """0x81 of the 4ROS: up to 80 distances between two angles."""
 
     name = "point cloud"
-    answer_type = 0x81
+    response_type = 0x81
     header: re.Pattern[bytes] = re.compile(rb"\xaa\x55")
     shortest: int = HEADER_SIZE + 2
     longest: int = HEADER_SIZE + 2 * MOST_SAMPLES

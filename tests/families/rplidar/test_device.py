@@ -49,7 +49,7 @@ def mode_answers(
         **conf(Conf.MODE_NAME, name, mode),
         **conf(Conf.SAMPLE_DURATION, packed("<I", us_q8), mode),
         **conf(Conf.MAX_DISTANCE, packed("<I", metres_q8), mode),
-        **conf(Conf.ANSWER_TYPE, packed("<B", answer), mode),
+        **conf(Conf.RESPONSE_TYPE, packed("<B", answer), mode),
     }
 
 
@@ -186,11 +186,11 @@ def test_a_typical_mode_nobody_can_read_is_not_typical() -> None:
     }
     modes, _ = drive(identified().modes(), answers)
     assert [mode.typical for mode in modes] == [False, True, False]
-    assert modes[2].answer_type == 0x87
+    assert modes[2].response_type == 0x87
 
 
 def test_a_device_of_only_unknown_modes_has_no_typical_one() -> None:
-    answers = {**LISTED, **conf(Conf.MODE_COUNT, b"\x01\0"), **conf(Conf.ANSWER_TYPE, b"\x99", 0)}
+    answers = {**LISTED, **conf(Conf.MODE_COUNT, b"\x01\0"), **conf(Conf.RESPONSE_TYPE, b"\x99", 0)}
     (mode,), _ = drive(identified().modes(), answers)
     assert not mode.typical
 
@@ -207,7 +207,7 @@ def test_an_empty_list_falls_back_on_the_plain_scan(count: bytes | None) -> None
 
 def test_an_absurd_number_of_modes_ends() -> None:
     modes, sent = drive(identified().modes(), conf(Conf.MODE_COUNT, b"\xff\xff"))
-    assert [mode.answer_type for mode in modes] == [0x81]
+    assert [mode.response_type for mode in modes] == [0x81]
     assert len(sent) < 100
     modes, _ = drive(identified().modes(), {**LISTED, **conf(Conf.MODE_COUNT, b"\xff\xff")})
     assert modes == (STANDARD, DENSE_BOOST)
@@ -250,7 +250,7 @@ def test_starting_a_plain_scan(force: bool) -> None:
     stream, sent = started(identified(), STANDARD, {}, force=force)
     # The speed of its choice is not told: 600 turns a minute.
     assert sent == f"a5a802580255 a5{21 if force else 20}"
-    assert stream.format.answer_type == 0x81
+    assert stream.format.response_type == 0x81
 
 
 def test_the_wanted_speed_is_asked_once() -> None:
@@ -298,7 +298,7 @@ def test_zero_microseconds_are_asked_for_in_the_older_way() -> None:
 
 def test_what_cannot_be_started_is_refused_before_anything_is_sent() -> None:
     device = identified()
-    with pytest.raises(Unsupported, match="'Newest' sends answer type 0x87; lidario knows 0x81, 0x82"):
+    with pytest.raises(Unsupported, match="'Newest' sends response type 0x87; lidario knows 0x81, 0x82"):
         next(device.start(ScanMode(2, "Newest", 31.25, 30.0, 0x87)))
     with pytest.raises(Unsupported, match="'DenseBoost' is none"):
         next(device.start(DENSE_BOOST, force=True))
@@ -307,7 +307,7 @@ def test_what_cannot_be_started_is_refused_before_anything_is_sent() -> None:
 @pytest.mark.parametrize("answer", sorted(FORMATS))
 def test_any_of_the_six_formats_can_be_started(answer: int) -> None:
     stream, sent = started(identified(), ScanMode(3, "M", 31.25, 30.0, answer), {})
-    assert stream.format.answer_type == answer
+    assert stream.format.response_type == answer
     assert sent.endswith("a520" if answer == 0x81 else "a58205030000000021")
 
 
@@ -367,7 +367,7 @@ def test_a_device_silent_about_its_modes_is_not_asked_for_a_minute() -> None:
     count = conf(Conf.MODE_COUNT, b"\x10\0")
     for told in (
         {},
-        {key: value for mode in range(16) for key, value in conf(Conf.ANSWER_TYPE, b"\x81", mode).items()},
+        {key: value for mode in range(16) for key, value in conf(Conf.RESPONSE_TYPE, b"\x81", mode).items()},
     ):
         answers = {**count, **told}
         modes, sent = drive(identified().modes(), answers)

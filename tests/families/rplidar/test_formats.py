@@ -12,7 +12,7 @@ from tests.reference import rplidar
 from tests.support.streams import CASES, arrived, in_one_run
 
 CAPSULES = (0x82, 0x84, 0x85, 0x86)
-GOLDEN = {case.answer_type: case for case in CASES if case.name.startswith("rplidar_32k")}
+GOLDEN = {case.response_type: case for case in CASES if case.name.startswith("rplidar_32k")}
 capsules = pytest.mark.parametrize("kind", CAPSULES)
 
 
@@ -20,7 +20,7 @@ def test_every_format_is_in_the_table_with_the_references_size() -> None:
     assert set(FORMATS) == set(rplidar.PACKET_BYTES)
     for kind, make in FORMATS.items():
         stream = make()
-        assert stream.answer_type == kind
+        assert stream.response_type == kind
         assert stream.shortest == stream.longest == rplidar.PACKET_BYTES[kind]
     assert len({make.name for make in FORMATS.values()}) == len(FORMATS)
 

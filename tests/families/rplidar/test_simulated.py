@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from lidario.families.rplidar.simulated.device import PROFILES, Profile, SimulatedRplidar, make_simulated
-from lidario.sim.world import World, make_world
+from lidario.sim.rooms import make_world
+from lidario.sim.world import World
 from tests.reference import rplidar
 
 pytestmark = pytest.mark.discards("what the simulated device discards is tested here")
@@ -103,7 +104,7 @@ class TestOneRequestAtATime:
         bench.run(whole - bench.now - 1)
         bench.send(second)
         assert not bench.device.log[-1].obeyed
-        assert bench.why == f"while {name} is unanswered"
+        assert bench.why == f"while the response to {name} is outstanding"
         assert bench.device.scanning is ("scan" in name)
         bench.run(1)
         bench.send(second)
@@ -124,10 +125,10 @@ class TestOneRequestAtATime:
         assert all(each.obeyed for each in bench.device.log)
 
     def test_a_late_response_counts_until_it_has_left(self, bench: Bench) -> None:
-        bench.device.answer_delay_s = 3.0
+        bench.device.response_delay_s = 3.0
         bench.ask(GET_INFO, SECOND)
         bench.ask(GET_INFO, 2 * SECOND)
-        assert bench.why == "while get_info is unanswered"
+        assert bench.why == "while the response to get_info is outstanding"
         bench.run(MS)
         bench.send(STOP)
         assert bench.device.log[-1].obeyed
@@ -209,7 +210,7 @@ class TestAnswers:
         """S-series interface manual: 0 to count - 1; the profiles that break the rule are named for it."""
         ids = [mode.id for mode in profile.modes]
         without_a_hole = ids == list(range(len(ids)))
-        assert without_a_hole is (profile.name not in ("rplidar-holes", "rplidar-unknown-answer"))
+        assert without_a_hole is (profile.name not in ("rplidar-holes", "rplidar-unknown-response"))
 
     @pytest.mark.parametrize(
         ("model", "mode", "us", "metres"),
@@ -237,7 +238,7 @@ class TestAnswers:
 
     def test_awkward_devices(self) -> None:
         assert Bench("rplidar-zero-us").ask(conf(0x71, 1))[11:] == bytes(4)
-        assert Bench("rplidar-unknown-answer").ask(conf(0x75, 6))[11:] == b"\x8e"
+        assert Bench("rplidar-unknown-response").ask(conf(0x75, 6))[11:] == b"\x8e"
         assert Bench("rplidar-no-modes").ask(conf(0x70))[11:] == bytes(2)
         assert Bench("rplidar-no-modes").ask(conf(0x7C))[11:] == b""
         assert Bench("rplidar-old-firmware").ask(conf(0x70), SECOND) == b""
@@ -251,13 +252,13 @@ class TestAnswers:
         assert bench.device.wakeup(bench.now) is None
 
     def test_late(self, bench: Bench) -> None:
-        bench.device.answer_delay_s = 3.0
+        bench.device.response_delay_s = 3.0
         assert bench.ask(GET_INFO, 3 * SECOND) == b""
         assert len(bench.run(MS)) == 27
 
     def test_garbled(self, bench: Bench) -> None:
         good = bench.ask(GET_HEALTH)
-        bench.device.garble_answers = 1
+        bench.device.garble_responses = 1
         bad = bench.ask(GET_HEALTH)
         assert len(bad) == len(good)
         assert bad != good
@@ -386,7 +387,7 @@ class TestStream:
             ("rplidar-s2", EXPRESS_1, "a55a5400004085"),
             ("rplidar-ultradense", express(1), "a55aaa00004086"),
             ("rplidar-holes", express(5), "a55a0d03004083"),
-            ("rplidar-unknown-answer", express(6), "a55a540000408e"),
+            ("rplidar-unknown-response", express(6), "a55a540000408e"),
             ("rplidar-old-firmware", express(0), "a55a5400004082"),
             ("rplidar-no-modes", SCAN, "a55a0500004081"),
             ("rplidar-s2", express(0), "a55a0500004081"),
@@ -619,6 +620,13 @@ class TestProtectionStop:
         for request in (SCAN, FORCE_SCAN, EXPRESS_1):
             assert bench.ask(request, SECOND) == b""
             assert bench.why == "in protection stop"
+
+    def test_stop_is_ignored(self, bench: Bench) -> None:
+        bench.device.protection_stop(7)
+        bench.send(STOP)
+        assert bench.why == "in protection stop"
+        # So no pause follows it.
+        assert bench.ask(GET_HEALTH)[7:] == b"\x02\x07\x00"
 
     def test_reset_cures_it(self, bench: Bench) -> None:
         bench.device.protection_stop(7)

@@ -436,15 +436,15 @@ def test_an_answer_of_another_length_is_not_taken(bench: Bench) -> None:
     bench.ask(bench.device.reset())
     bench.link.drained()
     bench.pass_time(0.999)
-    bench.simulated.answer_delay_s = 0.01
+    bench.simulated.response_delay_s = 0.01
     assert bench.run(bench.device.scan_frequency()) == 7.0
     assert bench.link.stats.stray_bytes >= 27
 
 
 def test_garbled_answers_are_asked_again(bench: Bench) -> None:
-    bench.simulated.garble_answers = 1
+    bench.simulated.garble_responses = 1
     assert bench.run(bench.device.identify()).model_id == 101
-    bench.simulated.garble_answers = 1
+    bench.simulated.garble_responses = 1
     assert bench.run(bench.device.health()).ok
 
 

@@ -11,8 +11,8 @@ from lidario.families.ydlidar import commands
 from lidario.families.ydlidar.formats import FULL_TURN_Q6, PointCloud
 from lidario.families.ydlidar.simulated.packers import (
     SCAN_HEADER,
-    pack_answer,
     pack_points,
+    pack_response,
     pack_time_stamp,
     start_control,
 )
@@ -166,7 +166,7 @@ RECORDS = {
     "time stamp": pack_time_stamp(123_456, 7),
     "time stamp with magic": pack_time_stamp(0x55AA_55AA, 0xAA),
     "scan header": SCAN_HEADER,
-    "device information": pack_answer(0x04, bytes(range(20))),
+    "device information": pack_response(0x04, bytes(range(20))),
 }
 
 

@@ -9,8 +9,8 @@ import pytest
 from lidario.families.ydlidar.simulated.device import PROFILES, Simulated4Ros, make_simulated
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_points, pack_time_stamp
 from lidario.sim.device import SimulatedDevice
+from lidario.sim.rooms import make_world
 from lidario.sim.serve import MemoryLine
-from lidario.sim.world import make_world
 from tests.reference import ydlidar
 
 pytestmark = pytest.mark.discards("what the simulated device discards is tested here")
@@ -93,7 +93,7 @@ def test_a_request_before_the_response_has_left_is_obeyed_and_remarked(device: S
     assert len(device.transmit(BEGIN + 10 * MS)) == 27 + 10
     assert [(each.obeyed, each.remark) for each in device.log] == [
         (True, ""),
-        (True, "while get_info is unanswered"),
+        (True, "while the response to get_info is outstanding"),
     ]
     asked(device, INFO, BEGIN + 10 * MS)
     assert device.log[-1].remark == ""
@@ -108,7 +108,7 @@ def test_a_stop_before_the_header_has_left_is_remarked_and_a_keepalive_is_not(de
     assert [each.remark for each in device.log] == ["", "", ""]
     device.receive(SCAN, BEGIN + 2 * S)
     device.receive(STOP, BEGIN + 2 * S)
-    assert device.log[-1].remark == "while scan is unanswered"
+    assert device.log[-1].remark == "while the response to scan is outstanding"
     assert device.log[-1].obeyed
     assert not device.scanning
 
@@ -407,7 +407,7 @@ def test_left_streaming_by_somebody_else(device: Simulated4Ros) -> None:
 
 
 def test_mute_and_garbled(device: Simulated4Ros) -> None:
-    device.garble_answers = 1
+    device.garble_responses = 1
     garbled = asked(device, INFO, BEGIN)
     assert len(garbled) == 27
     assert not garbled.startswith(b"\xa5\x5a")

@@ -9,7 +9,8 @@ It discards what a real device discards:
 * a request that is damaged, incomplete after 5 s, or unknown is discarded silently, and so is a GET_LIDAR_CONF of
   a type that the firmware does not know (vendor SDK 2.1.0: any response to type 0x79 means Ethernet);
 * any request that is understood ends the stream under way, a query and MOTOR_SPEED_CTRL included;
-* in Protection Stop (health 2) no scan starts; RESET clears it if the fault has gone;
+* in Protection Stop (health 2) STOP and all scans are discarded (the same manual); RESET clears it if the fault has
+  gone;
 * samples are withheld until the motor is up to speed, except after FORCE_SCAN;
 * an EXPRESS_SCAN of a mode the device lacks gets no response.
 
@@ -42,7 +43,7 @@ _SETTLE_AFTER_RESET = 500 * _MS  # S-series interface manual, RESET
 _DEFAULT_RPM = 600  # S-series interface manual, motor speed; vendor SDK 2.1.0 falls back to the same
 _CONTINUOUS = 1 << 30  # send mode in the descriptor's length word
 
-# Answer types of single responses (S-series interface manual; 0x15 and 0x20 as in vendor SDK 2.1.0).
+# Response types of single responses (S-series interface manual; 0x15 and 0x20 as in vendor SDK 2.1.0).
 _INFO, _HEALTH, _SAMPLERATE, _CONF = 0x04, 0x06, 0x15, 0x20
 
 
@@ -77,7 +78,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         self.serial: bytes = self._random.bytes(16) if serial is None else bytes(serial)
         if len(self.serial) != 16:
             raise ValueError(f"a serial number has 16 bytes, not {len(self.serial)}")
-        self.answer_delay_s: float = 0.0015
+        self.response_delay_s: float = 0.0015
         self.boot_s: float = profile.boot_s
         self._motor = Motor(turns=float(self._random.random()))
         self._reader = RequestReader()
@@ -112,9 +113,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
             raise ValueError(f"{self.profile.name} has no scan mode {mode_id}")
         past = 10 * mode.period_ns + self._queue.airtime(mode.packet[0] * 2 // 5)
         if not self.motor_on:
-            spin_up, self._motor.spin_up_s = self._motor.spin_up_s, 0.0
-            self._motor.set_rpm(_DEFAULT_RPM, now - past)
-            self._motor.spin_up_s = spin_up
+            self._spin_at_once(_DEFAULT_RPM, now - past)
         self._stream = MeasurementStream(mode, now - past, self._motor, self.world, first=False)
         self._advance(now)
         self._queue.take(now)
@@ -145,23 +144,19 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
             why = self._HANDLERS[request.name](self, request)
         self._log.add(request.ended, request.name, request.data, why)
 
-    def _end_stream(self, now: int) -> None:
-        """Measure no more; the packets made by now still leave."""
-        if self._stream is not None:
-            self._stream = None
-            self._queue.withdraw(now)
-
     def _refusal(self, request: Request) -> str:
         """Why the device discards a request at once; empty when it handles it."""
         if request.began < self._deaf_until:
             return self._deaf_why
-        unanswered = self._unanswered(request.ended)
-        if unanswered:
-            return unanswered
+        outstanding = self._outstanding(request.ended)
+        if outstanding:
+            return outstanding
         if request.fault:
             return request.fault
         if request.name not in self._HANDLERS:
             return "unknown to this device"
+        if self.health[0] == PROTECTION_STOP and request.name in _IGNORED_IN_PROTECTION_STOP:
+            return "in protection stop"
         if request.name == "get_lidar_conf" and not self.profile.has_conf:
             return "unknown to this firmware"
         if request.name == "motor_speed_ctrl" and not self.profile.motor_command:
@@ -210,12 +205,10 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
     def _start(self, mode: Mode, request: Request, *, force: bool = False) -> str:
         """Announce a stream and begin it once the motor is up to speed."""
         now = request.ended
-        if self.health[0] == PROTECTION_STOP:
-            return "in protection stop"
         if not self.motor_on:
             self._motor.set_rpm(_DEFAULT_RPM, now)
-        announced = now + int(self.answer_delay_s * 1e9)
-        self._respond_with(_descriptor(mode.packet[0] | _CONTINUOUS, mode.answer), announced, request.name)
+        announced = self._response_at(now)
+        self._respond_with(_descriptor(mode.packet[0] | _CONTINUOUS, mode.response_type), announced, request.name)
         stable = self._motor.stable_at
         origin = announced if force or stable is None else max(announced, stable)
         self._stream = MeasurementStream(mode, origin, self._motor, self.world)
@@ -238,7 +231,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         return self._respond(_HEALTH, struct.pack("<BH", *self.health), request)
 
     def _get_samplerate(self, request: Request) -> str:
-        others = [mode for mode in self.profile.modes if mode.answer != 0x81]
+        others = [mode for mode in self.profile.modes if mode.response_type != 0x81]
         standard = self.profile.standard.said_us_q8
         express = others[-1].said_us_q8 if others else standard
         return self._respond(_SAMPLERATE, struct.pack("<HH", standard >> 8, express >> 8), request)
@@ -253,7 +246,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
     def _respond(self, kind: int, data: bytes, request: Request) -> str:
         """Send a single response, or noise of the same length when it is to be garbled."""
         response = self._garbled(_descriptor(len(data), kind) + data)
-        self._respond_with(response, request.ended + int(self.answer_delay_s * 1e9), request.name)
+        self._respond_with(response, self._response_at(request.ended), request.name)
         return ""
 
     _HANDLERS: ClassVar[dict[str, Callable[[SimulatedRplidar, Request], str]]] = {
@@ -284,10 +277,12 @@ def make_simulated(
 
 
 def _descriptor(length: int, kind: int) -> bytes:
-    """``A5 5A``, length of one packet with the send mode in the top bits, answer type."""
+    """``A5 5A``, length of one packet with the send mode in the top bits, response type."""
     return struct.pack("<BBIB", 0xA5, 0x5A, length, kind)
 
 
 # Bytes of payload; GET_LIDAR_CONF has at least these (S-series interface manual, request formats).
 _PAYLOADS = {"express_scan": 5, "get_lidar_conf": 4, "motor_speed_ctrl": 2}
+# S-series interface manual, states of the device; it names STOP and SCAN, and the other scans have the same states.
+_IGNORED_IN_PROTECTION_STOP = {"stop", "scan", "force_scan", "express_scan"}
 _SPEED_LIMITS = (_DEFAULT_RPM, 480, 1200)  # of devices that do not tell theirs

@@ -5,11 +5,11 @@ Every function takes one packet or many (a leading axis of packets) and returns 
 the formats cannot carry every distance: `quantise_ultra` and `quantise_ultra_dense` give what the wire can
 carry, which is what an exact decoder must return.
 
-Sources: answer types 0x81 and 0x85 are in the S-series interface manual (SCAN and EXPRESS_SCAN); the
+Sources: response types 0x81 and 0x85 are in the S-series interface manual (SCAN and EXPRESS_SCAN); the
 others are the packed structs of vendor SDK 2.1.0. Layouts, all little-endian, "q6" = 1/64 degree:
 
 ======  =====  ==============================================================================================
-answer  bytes  content
+type    bytes  content
 ======  =====  ==============================================================================================
 0x81    5      S, not S, quality (6 bits) | C=1, angle q6 (15 bits) | distance, quarter millimetres
 0x82    84     head, start | 16 × (two words of 14 bits mm and 2 high offset bits, two low offset nibbles)
@@ -79,7 +79,7 @@ _SCALE_TOP: Final[Ints] = np.array([2046, 8187, 24567, 65522], dtype=np.int64)
 def pack_standard(
     angle_q6: npt.ArrayLike, distance_q2: npt.ArrayLike, quality: npt.ArrayLike, start: npt.ArrayLike
 ) -> bytes:
-    """Pack samples as answer type 0x81, five bytes each.
+    """Pack samples as response type 0x81, five bytes each.
 
     Args:
         angle_q6: (n,), 1/64 degree, below 32768.
@@ -102,7 +102,7 @@ def pack_express(
     *,
     new_stream: bool = False,
 ) -> bytes:
-    """Pack answer type 0x82, 32 samples a packet.
+    """Pack response type 0x82, 32 samples a packet.
 
     Args:
         start_q6: (p,) start angles, 1/64 degree.
@@ -128,7 +128,7 @@ def pack_hq(
     *,
     time_us: npt.ArrayLike = 0,
 ) -> bytes:
-    """Pack answer type 0x83, 96 samples a packet.
+    """Pack response type 0x83, 96 samples a packet.
 
     Args:
         angle_q14: (p, 96), 90/16384 degree, below 65536.
@@ -157,7 +157,7 @@ def pack_hq(
 def pack_ultra(
     start_q6: npt.ArrayLike, distances_mm: npt.ArrayLike, next_mm: float = 0.0, *, new_stream: bool = False
 ) -> bytes:
-    """Pack answer type 0x84, 96 samples a packet; distances become what `quantise_ultra` gives.
+    """Pack response type 0x84, 96 samples a packet; distances become what `quantise_ultra` gives.
 
     Args:
         start_q6: (p,) start angles, 1/64 degree.
@@ -174,7 +174,7 @@ def pack_ultra(
 
 
 def quantise_ultra(distances_mm: npt.ArrayLike, next_mm: float = 0.0) -> Ints:
-    """What answer type 0x84 can carry of these distances.
+    """What response type 0x84 can carry of these distances.
 
     A distance too far from its neighbours' for a ten-bit prediction, or beyond 28656 mm, becomes 0.
 
@@ -189,7 +189,7 @@ def quantise_ultra(distances_mm: npt.ArrayLike, next_mm: float = 0.0) -> Ints:
 
 
 def pack_dense(start_q6: npt.ArrayLike, distances_mm: npt.ArrayLike, *, new_stream: bool = False) -> bytes:
-    """Pack answer type 0x85, 40 samples a packet.
+    """Pack response type 0x85, 40 samples a packet.
 
     Args:
         start_q6: (p,) start angles, 1/64 degree.
@@ -212,7 +212,7 @@ def pack_ultra_dense(
     status: int = 0,
     new_stream: bool = False,
 ) -> bytes:
-    """Pack answer type 0x86, 64 samples a packet; values become what `quantise_ultra_dense` gives.
+    """Pack response type 0x86, 64 samples a packet; values become what `quantise_ultra_dense` gives.
 
     Args:
         start_q6: (p,) start angles, 1/64 degree.
@@ -235,7 +235,7 @@ def pack_ultra_dense(
 
 
 def quantise_ultra_dense(distances_mm: npt.ArrayLike, quality: npt.ArrayLike) -> tuple[Ints, Ints]:
-    """What answer type 0x86 can carry: distances in steps of 2 to 5 mm, quality in steps of 1 to 8.
+    """What response type 0x86 can carry: distances in steps of 2 to 5 mm, quality in steps of 1 to 8.
 
     Args:
         distances_mm: (p, 64); 0 = no return; beyond 65522 becomes 0.

@@ -12,7 +12,7 @@ S1 modes        the log of one device: 244 µs and 108 µs a sample, 40 m in bot
 S2 modes        rates: figure 3-3 and logs agree. Distances: a log, 30 m in both modes; figure 3-3 prints
                 16 m for Standard
 S3 modes        rates and distances: rplidar_ros issue 150; figure 3-3 does not have the S3. No source has the
-                answer type of its DenseBoost; 0x85 is assumed
+                response type of its DenseBoost; 0x85 is assumed
 typical mode    logs: DenseBoost
 speeds          S2: a user's report of conf 0x01, 0x04 and 0x05; S1 and S3 are assumed to tell the same
 boot time       S1: users report 2 s; the others: the manual's 500 ms and a little more
@@ -21,7 +21,7 @@ boot time       S1: users report 2 s; the others: the manual's 500 ms and a litt
 **Formats**: `rplidar-express`, `-hq`, `-ultra` and `-ultradense` stand for no product; each sends one more format.
 
 **Awkward**: modes whose numbers have holes and that come without conf 0x01; 0 µs a sample (rplidar_ros issue 155);
-an answer type that nobody knows; an empty list of modes (rplidar_ros issue 168); firmware older than 1.24, which
+an response type that nobody knows; an empty list of modes (rplidar_ros issue 168); firmware older than 1.24, which
 has no GET_LIDAR_CONF.
 """
 
@@ -34,7 +34,7 @@ from typing import Literal
 
 __all__ = ["PACKET", "PROFILES", "Mode", "Profile"]
 
-# Answer type -> bytes and samples of one packet (S-series interface manual; packed structs of SDK 2.1.0).
+# Response type -> bytes and samples of one packet (S-series interface manual; packed structs of SDK 2.1.0).
 PACKET = {0x81: (5, 1), 0x82: (84, 32), 0x83: (781, 96), 0x84: (132, 96), 0x85: (84, 40), 0x86: (170, 64)}
 
 
@@ -43,7 +43,7 @@ _SPEED_CONFS = {0x01: 0, 0x04: 1, 0x05: 2}
 _MODE_CONFS: dict[int, Callable[[Mode], bytes]] = {
     0x71: lambda mode: struct.pack("<I", mode.said_us_q8),
     0x74: lambda mode: struct.pack("<I", mode.max_distance_q8),
-    0x75: lambda mode: struct.pack("<B", mode.answer),
+    0x75: lambda mode: struct.pack("<B", mode.response_type),
     0x7F: lambda mode: mode.name.encode("ascii") + b"\0",
 }
 
@@ -55,16 +55,16 @@ class Mode:
     Attributes:
         id: What EXPRESS_SCAN calls it.
         name: What the device calls it.
-        answer: Answer type, 0x81..0x86 or one that no host knows.
+        response_type: Response type, 0x81..0x86 or one that no host knows.
         us_q8: Microseconds a sample in 1/256, as it is.
         max_distance_q8: Longest range in 1/256 m.
         reported_us_q8: Microseconds a sample as the device *says* (conf 0x71); None = truthfully.
-        layout: Answer type whose packets are sent; None = that of `answer`.
+        layout: Response type whose packets are sent; None = that of `response_type`.
     """
 
     id: int
     name: str
-    answer: int
+    response_type: int
     us_q8: int
     max_distance_q8: int
     reported_us_q8: int | None = None
@@ -82,8 +82,8 @@ class Mode:
 
     @property
     def format(self) -> int:
-        """The answer type whose packets are sent."""
-        return self.answer if self.layout is None else self.layout
+        """The response type whose packets are sent."""
+        return self.response_type if self.layout is None else self.layout
 
     @property
     def period_ns(self) -> int:
@@ -160,20 +160,25 @@ class Profile:
     @property
     def standard(self) -> Mode:
         """The mode that SCAN starts."""
-        return next(mode for mode in self.modes if mode.answer == 0x81)
+        return next(mode for mode in self.modes if mode.response_type == 0x81)
 
 
 def _q8(value: float) -> int:
     return round(value * 256)
 
 
-def _mode(mode_id: int, name: str, answer: int, samples_per_s: float, metres: float, **more: int) -> Mode:
-    return Mode(mode_id, name, answer, _q8(1e6 / samples_per_s), _q8(metres), **more)
+def _mode(mode_id: int, name: str, response_type: int, samples_per_s: float, metres: float, **more: int) -> Mode:
+    return Mode(mode_id, name, response_type, _q8(1e6 / samples_per_s), _q8(metres), **more)
 
 
 def _s_series(name: str, model: int, standard_m: float, dense_m: float) -> Profile:
     modes = (_mode(0, "Standard", 0x81, 16000, standard_m), _mode(1, "DenseBoost", 0x85, 32000, dense_m))
     return Profile(name, model, 1_000_000, modes, typical=1, kind="sold", firmware=(1, 2))
+
+
+def _of_format(name: str, model: int, baudrate: int, *modes: Mode) -> Profile:
+    """A device that stands for the format of its last mode, which is also the typical one."""
+    return Profile(name, model, baudrate, modes, typical=modes[-1].id, kind="format")
 
 
 _BANNER = b"Simulated scanner 1.20, hardware 5, booted, health is good.\r\n"
@@ -194,41 +199,34 @@ _SOLD = (
 )
 
 _FORMATS = (
-    Profile(
+    _of_format(
         "rplidar-express",
         0x62,
         256_000,
-        (_mode(0, "Standard", 0x81, 4000, 16), _mode(1, "Express", 0x82, 8000, 16)),
-        typical=1,
-        kind="format",
+        _mode(0, "Standard", 0x81, 4000, 16),
+        _mode(1, "Express", 0x82, 8000, 16),
     ),
-    Profile(
+    _of_format(
         "rplidar-hq",
         0x72,
         1_000_000,
-        (_mode(0, "Standard", 0x81, 8000, 30), _mode(1, "HQ", 0x83, 10000, 30)),
-        typical=1,
-        kind="format",
+        _mode(0, "Standard", 0x81, 8000, 30),
+        _mode(1, "HQ", 0x83, 10000, 30),
     ),
-    Profile(
+    _of_format(
         "rplidar-ultra",
         0x63,
         256_000,
-        (
-            _mode(0, "Standard", 0x81, 4000, 25),
-            _mode(1, "Express", 0x82, 8000, 16),
-            _mode(2, "Boost", 0x84, 16000, 25),
-        ),
-        typical=2,
-        kind="format",
+        _mode(0, "Standard", 0x81, 4000, 25),
+        _mode(1, "Express", 0x82, 8000, 16),
+        _mode(2, "Boost", 0x84, 16000, 25),
     ),
-    Profile(
+    _of_format(
         "rplidar-ultradense",
         0x82,
         1_000_000,
-        (_mode(0, "Standard", 0x81, 16000, 40), _mode(1, "UltraDense", 0x86, 32000, 40)),
-        typical=1,
-        kind="format",
+        _mode(0, "Standard", 0x81, 16000, 40),
+        _mode(1, "UltraDense", 0x86, 32000, 40),
     ),
 )
 
@@ -239,7 +237,6 @@ _AWKWARD = (
         1_000_000,
         (_mode(0, "Standard", 0x81, 8000, 30), _mode(5, "HQ", 0x83, 10000, 30)),
         typical=5,
-        kind="awkward",
         speed_conf=None,
     ),
     Profile(
@@ -251,15 +248,13 @@ _AWKWARD = (
             _mode(1, "DenseBoost", 0x85, 32000, 40, reported_us_q8=0),
         ),
         typical=1,
-        kind="awkward",
     ),
     Profile(
-        "rplidar-unknown-answer",
+        "rplidar-unknown-response",
         0x83,
         1_000_000,
         (_mode(0, "Standard", 0x81, 16000, 40), _mode(6, "Mystery", 0x8E, 32000, 40, layout=0x85)),
         typical=6,
-        kind="awkward",
     ),
     Profile(
         "rplidar-no-modes",
@@ -267,7 +262,6 @@ _AWKWARD = (
         1_000_000,
         (_mode(0, "Standard", 0x81, 16000, 30),),
         typical=0,
-        kind="awkward",
         listed=False,
     ),
     Profile(
@@ -276,13 +270,11 @@ _AWKWARD = (
         115_200,
         (_mode(0, "Express", 0x82, 4000, 12), _mode(0xFF, "Standard", 0x81, 2000, 12)),
         typical=0,
-        kind="awkward",
         firmware=(1, 20),
         hardware=5,
         has_conf=False,
         speed_conf=None,
         motor_command=False,
-        boot_s=0.6,
         banner=_BANNER,
     ),
 )

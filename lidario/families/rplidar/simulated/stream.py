@@ -1,4 +1,4 @@
-"""What the simulated device measures, and how it packs it: one builder for each answer type.
+"""What the simulated device measures, and how it packs it: one builder for each response type.
 
 The n-th sample of a stream is taken at `origin + n * µs_per_sample`, where the motor points then, and the
 world says how far it is. All three are functions of n alone, so a stretch of packets is built in one go
@@ -163,7 +163,7 @@ def _strength(mm: Floats) -> npt.NDArray[np.int64]:
 
 
 def _ultra_shift(mm: Floats) -> Floats:
-    """Degrees that the host subtracts from a sample of answer type 0x84 (vendor SDK 2.1.0, without rounding)."""
+    """Degrees that the host subtracts from a sample of response type 0x84 (vendor SDK 2.1.0, without rounding)."""
     k = 98361.0 / np.maximum(mm * 4.0, 1.0)
     far = 8.0 - np.degrees((k * 64.0 + k**3 / 98304.0) / 65536.0)
     return np.where(mm * 4.0 < 200.0, 7.5, far)

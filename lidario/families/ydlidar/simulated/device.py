@@ -29,7 +29,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_answer
+from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_response
 from lidario.families.ydlidar.simulated.stream import SAMPLE_NS, PointStream
 from lidario.sim.chassis import PROTECTION_STOP, Chassis
 from lidario.sim.motor import Motor
@@ -44,7 +44,7 @@ _AFTER_STOP = "within 5 ms of stop"
 _ALIVE_FOR = 3000 * _MS  # manual 3.8
 _FACTORY_SPEED = 700  # hundredths of Hz: data sheet
 _SPEEDS = (500, 1200)  # data sheet
-_SETTING, _HEALTH = 0x04, 0x06  # answer types
+_SETTING, _HEALTH = 0x04, 0x06  # response types
 _FIRMWARE = (1, 3)  # minor, major, in the order in which they are sent
 _HARDWARE = 2
 
@@ -138,7 +138,7 @@ class Simulated4Ros(Chassis[PointStream]):
         self.set_speed: int = _FACTORY_SPEED
         self.protected: bool = False
         self.lapses: int = 0
-        self.answer_delay_s: float = 0.0005
+        self.response_delay_s: float = 0.0005
         self._motor = Motor(spin_up_s=profile.spin_up_s, turns=float(self._random.random()))
         self._begun = False  # the first byte of a request is there
         self._alive_until = 0
@@ -163,9 +163,7 @@ class Simulated4Ros(Chassis[PointStream]):
     def begin_streaming(self, now: int) -> None:
         """Be in the middle of a scan, and of a packet, as after a program that was killed."""
         past = 10 * 40 * SAMPLE_NS + self._queue.airtime(90) * 2 // 5
-        spin_up, self._motor.spin_up_s = self._motor.spin_up_s, 0.0
-        self._motor.set_rpm(self.set_speed * 0.6, now - past)
-        self._motor.spin_up_s = spin_up
+        self._spin_at_once(self.set_speed * 0.6, now - past)
         self._alive_until = now + _ALIVE_FOR
         self._stream = PointStream(now - past, self._motor, self.world, stamps=self.profile.stamps)
         self._advance(now)
@@ -192,16 +190,14 @@ class Simulated4Ros(Chassis[PointStream]):
 
     def _halt(self, now: int) -> None:
         """End the scan and stop the motor; the packet that is made still leaves."""
-        if self._stream is not None:
-            self._stream = None
-            self._queue.withdraw(now)
+        self._end_stream(now)
         self._motor.set_rpm(0.0, now)
 
     def _consider(self, command: int, now: int) -> None:
         """Obey a request or discard it, and remember which."""
         why, remark = self._refusal(command, now), ""
         if not why:
-            remark = self._unanswered(now)
+            remark = self._outstanding(now)
             self._obey(command, now)
         self._log.add(now, _NAMES.get(command, "unknown"), bytes((0xA5, command)), why, remark=remark)
 
@@ -227,11 +223,11 @@ class Simulated4Ros(Chassis[PointStream]):
         elif command == 0x60:
             self._scan(now)
         else:
-            response = self._garbled(pack_answer(*self._reply(command)))
-            self._respond_with(response, now + int(self.answer_delay_s * 1e9), _NAMES[command])
+            response = self._garbled(pack_response(*self._reply(command)))
+            self._respond_with(response, self._response_at(now), _NAMES[command])
 
     def _reply(self, command: int) -> tuple[int, bytes]:
-        """Answer type and payload."""
+        """Response type and payload."""
         if command == 0x90:
             return _SETTING, self._info()
         if command == self.profile.health_command:
@@ -254,7 +250,7 @@ class Simulated4Ros(Chassis[PointStream]):
         if self._stream is not None:
             return
         self._motor.set_rpm(self.set_speed * 0.6, now)
-        announced = now + int(self.answer_delay_s * 1e9)
+        announced = self._response_at(now)
         self._respond_with(SCAN_HEADER, announced, "scan")
         origin = max(announced, self._motor.stable_at or 0)
         self._stream = PointStream(origin, self._motor, self.world, stamps=self.profile.stamps)
@@ -270,7 +266,7 @@ class Simulated4Ros(Chassis[PointStream]):
         self.set_speed, self.protected = _FACTORY_SPEED, False
         self._recover()
         self._deaf_until, self._deaf_why = up, "still booting"
-        self._queue.push(pack_answer(_SETTING, self._info()), up)
+        self._queue.push(pack_response(_SETTING, self._info()), up)
 
 
 def make_simulated(

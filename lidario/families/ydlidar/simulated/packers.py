@@ -11,7 +11,7 @@ import struct
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["SCAN_HEADER", "TIME_STAMP_BYTES", "pack_answer", "pack_points", "pack_time_stamp", "start_control"]
+__all__ = ["SCAN_HEADER", "TIME_STAMP_BYTES", "pack_points", "pack_response", "pack_time_stamp", "start_control"]
 
 SCAN_HEADER = b"\xa5\x5a\x05\x00\x00\x40\x81"
 TIME_STAMP_BYTES = 8
@@ -65,6 +65,6 @@ def pack_time_stamp(milliseconds: int, last: int = 0) -> bytes:
     return bytes((0xAA, 0x66, check)) + body
 
 
-def pack_answer(kind: int, payload: bytes) -> bytes:
-    """A single response: ``A5 5A``, the length, the answer type, the payload."""
+def pack_response(kind: int, payload: bytes) -> bytes:
+    """A single response: ``A5 5A``, the length, the response type, the payload."""
     return struct.pack("<BBIB", 0xA5, 0x5A, len(payload), kind) + payload

@@ -1,0 +1,103 @@
+"""What carries the bytes of a port, and who is told of them.
+
+A `Line` is one kind of connection: `lidario.port.serial`, `lidario.port.tcp` and `lidario.port.simulated` each have
+their own. A `Port` (`lidario.port.port`) holds one line and gives the session the same interface for all of them.
+A `Receiver` and a `Schedule` are what the session gives to the port; a `Tap` is what a user gives to it.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from lidario.errors import DeviceLost
+
+__all__ = ["Line", "Receiver", "Schedule", "Tap"]
+
+Tap = Callable[[str, bytes, int], None]
+"""Sees every chunk: ``"in"`` or ``"out"``, the bytes, the time in nanoseconds of the event loop's clock."""
+
+
+class Schedule(Protocol):
+    """Says when received bytes are needed; all times are seconds of the event loop's clock."""
+
+    @property
+    def interval(self) -> float:
+        """Longest time in seconds for which the line may stay unread, so that the kernel's buffer never fills."""
+        ...
+
+    def rest(self, now: float) -> float:
+        """For how many seconds nobody needs the bytes; 0 to poll as usual."""
+        ...
+
+    def hold(self, now: float) -> float:
+        """Until when bytes that were read need not be handed over; at most `now` to hand them over at once."""
+        ...
+
+
+class Receiver(Protocol):
+    """Who is told what the port receives."""
+
+    def data_received(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]] = ()) -> None:
+        """Bytes arrived.
+
+        Args:
+            data: The bytes.
+            now: When the last of them was read, in nanoseconds of the event loop's clock.
+            arrivals: Where `data` was collected from several reads, each earlier read: how many bytes of `data`
+                had arrived by then, and when.
+        """
+        ...
+
+    def connection_lost(self, error: DeviceLost | None) -> None:
+        """The port is dead, or closed as asked (None). Called once."""
+        ...
+
+
+class Line(ABC):
+    """What carries the bytes of a `Port`: an asyncio transport, or something that behaves like one.
+
+    It calls `Port.connection_made` first and `Port.connection_lost` last, both once.
+    """
+
+    @abstractmethod
+    def is_closing(self) -> bool:
+        """Whether it is closed, or will be as soon as what is pending is written."""
+
+    @abstractmethod
+    def write(self, data: bytes) -> None:
+        """Write at once what the operating system takes, the rest when it takes more. Never raises."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Write what is pending, then close."""
+
+    @abstractmethod
+    def abort(self) -> None:
+        """Close without writing what is pending."""
+
+    @abstractmethod
+    def write_without_loop(self, data: bytes) -> None:
+        """Write what the operating system takes, whether or not the event loop still exists. Never raises."""
+
+    @abstractmethod
+    def close_without_loop(self) -> None:
+        """Close after the event loop was closed. Never raises."""
+
+    def set_baudrate(self, baudrate: int) -> None:  # noqa: B027 - most lines have no speed
+        """Change the speed. Raises ConnectFailed where the adapter cannot do it."""
+
+    def set_polling(self, latency: float, schedule: Schedule | None) -> None:  # noqa: B027 - only where polled
+        """As `Port.set_polling`."""
+
+    def poll(self) -> None:  # noqa: B027 - only where polled
+        """As `Port.poll`."""
+
+    def show_pending(self) -> None:  # noqa: B027 - only where a thread reads
+        """Show the taps what was read and not shown yet, so that they see everything in the order of time."""
+
+    @property
+    def overflow_bytes(self) -> int:
+        """As `Port.overflow_bytes`."""
+        return 0
