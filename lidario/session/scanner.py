@@ -14,7 +14,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import anyio
 
@@ -25,19 +25,17 @@ from lidario.revolution.assemble import AssemblerStats
 from lidario.session.dialogue import Dialogue
 from lidario.session.log import Trouble
 from lidario.session.modes import Wanted, agree
+from lidario.session.readers import Readers
 from lidario.session.running import Running, Totals
 from lidario.session.states import Event, State, next_state
 from lidario.session.stream import Hub, Mailbox
 from lidario.session.twin import twin_of
 
-__all__ = ["LINGER_S", "Scanner"]
+__all__ = ["Scanner"]
 
 T = TypeVar("T")
 _log = logging.getLogger("lidario")
 
-LINGER_S = 1.0
-"""How long a stream goes on that nobody reads any more, where its reader did not say that it is the last: single
-scans in a row must not restart the rotor each time. Users are promised two seconds."""
 LEAVE_TIMEOUT_S = 2.0
 STOP_ATTEMPTS = 3
 
@@ -46,25 +44,16 @@ class _Stopped(LidarError):
     """Ends a start that nobody wants any more. Never leaves this module."""
 
 
-class _Joining(NamedTuple):
-    """A reader that waits to be let in, and what it asked for."""
-
-    mailbox: Mailbox
-    mode: str | int | None
-    force: bool
-
-
 class Scanner:
     """The stream of one device.
 
     Attributes:
-        hub: Everybody who reads it.
         totals: Counters since the session was opened.
         latest: The last scan, or None.
     """
 
     def __init__(self, dialogue: Dialogue, device: Device, latency: float) -> None:
-        self.hub: Hub = Hub()
+        self._readers = Readers(self._deserted)
         self.totals: Totals = Totals(AssemblerStats())
         self.latest: Scan | None = None
         self._dialogue = dialogue
@@ -75,16 +64,19 @@ class Scanner:
         self._state = State.IDLE
         self._wanted: Wanted | None = None
         self._running: Running | None = None
-        self._joining: list[_Joining] = []
         self._ran = False
         self._worker: asyncio.Task[None] | None = None
         self._worker_has_lock = False
-        self._linger: asyncio.TimerHandle | None = None
         self._modes: tuple[ScanMode, ...] = ()
         self._over: SessionClosed | None = None
         self._trouble = Trouble(_log)
         dialogue.on_lost = self._lost
         dialogue.stopper.on_still = self._still
+
+    @property
+    def hub(self) -> Hub:
+        """Everybody who reads it."""
+        return self._readers.hub
 
     @property
     def state(self) -> State:
@@ -105,11 +97,7 @@ class Scanner:
 
     def join(self, mailbox: Mailbox, mode: str | int | None, force: bool) -> None:
         """As `ScanSource`."""
-        self._cancel_linger()
-        if mode is None and len(self.hub) and not self._joining:
-            self.hub.add(mailbox)
-        else:
-            self._joining.append(_Joining(mailbox, mode, force))
+        self._readers.add(mailbox, mode, force)
         if self._state in (State.IDLE, State.STOPPING):
             self._ran = False
             self._go(Event.WANT)
@@ -117,15 +105,15 @@ class Scanner:
 
     def leave(self, mailbox: Mailbox) -> None:
         """As `ScanSource`."""
-        self._forget(mailbox)
-        if not self._readers() and self.is_scanning:
+        self._readers.discard(mailbox)
+        if not len(self._readers) and self.is_scanning:
             self._unwant()
 
     def linger(self, mailbox: Mailbox) -> None:
         """As `ScanSource`."""
-        self._forget(mailbox)
-        if not self._readers() and self.is_scanning and self._linger is None:
-            self._linger = self._loop.call_later(LINGER_S, self._linger_over)
+        self._readers.discard(mailbox)
+        if not len(self._readers) and self.is_scanning:
+            self._readers.linger()
 
     async def left(self) -> None:
         """As `ScanSource`."""
@@ -178,7 +166,7 @@ class Scanner:
     async def stop(self) -> None:
         """Stop laser and motor, end every stream, and return when the line is quiet."""
         self._check_open()
-        self._end_readers(None)
+        self._readers.end(None)
         self._unwant()
         await self.left()
         async with self._lock:
@@ -196,15 +184,15 @@ class Scanner:
         """The session is over: end every reader and operation with `error`. The device is not told."""
         if self._over is None:
             self._over = error
-            self._end_readers(error)
-            self._cancel_linger()
+            self._readers.end(error)
+            self._readers.cancel_linger()
             self._rest()
             self._go(Event.CLOSE)
             self._dialogue.interrupt(error)
 
     def abandon(self) -> None:
         """Nobody holds the session any more: let go of every timer. The device is not told."""
-        self._cancel_linger()
+        self._readers.cancel_linger()
         self._rest()
 
     async def ended(self) -> None:
@@ -216,13 +204,13 @@ class Scanner:
 
     def _work_soon(self) -> None:
         """Have the worker do what is to be done, if there is anything."""
-        if self._worker is None and (self._joining or self._state is State.STARTING):
+        if self._worker is None and (self._readers.joining or self._state is State.STARTING):
             self._worker = self._loop.create_task(self._work(), name="lidario: start the stream")
 
     async def _work(self) -> None:
         """Let the readers in who wait for it, and start the stream they want; until nothing is left to do."""
         try:
-            while self._joining or self._state is State.STARTING:
+            while self._readers.joining or self._state is State.STARTING:
                 async with self._lock:
                     self._dialogue.begin()
                     self._worker_has_lock = True
@@ -247,12 +235,12 @@ class Scanner:
 
     async def _let_in(self) -> None:
         """Let in the readers who wait, as far as the modes they ask for go together."""
-        while self._joining:
+        while self._readers.joining:
             if not self._modes:
                 await self._interrupt()
                 self._modes = await self._dialogue.run(self._device.modes())
                 continue
-            mailbox, mode, force = self._joining.pop(0)
+            mailbox, mode, force = self._readers.joining.pop(0)
             try:
                 wanted = agree(self._modes, mode, force, self._wanted, alone=not len(self.hub))
             except (LocalProtocolError, Unsupported) as error:
@@ -292,7 +280,7 @@ class Scanner:
             failure = StreamFailed(f"the stream could not be started again: {error}")
             failure.__cause__ = error
             error = failure
-        self._end_readers(error)
+        self._readers.end(error)
         if self.is_scanning:
             self._unwant()
 
@@ -331,7 +319,7 @@ class Scanner:
             return
         self._go(Event.UNWANT)
         self._wanted = None
-        self._cancel_linger()
+        self._readers.cancel_linger()
         self._rest()
         if self._worker_has_lock:
             self._dialogue.interrupt(_Stopped("the stream is not wanted any more"))
@@ -356,41 +344,23 @@ class Scanner:
     def _fail(self, error: StreamFailed) -> None:
         """End the stream for everybody; the session goes on."""
         self._trouble.tell("the stream ended: %s", error)
-        self._end_readers(error)
+        self._readers.end(error)
         self._unwant()
 
     def _lost(self, error: LidarError) -> None:
         """The port died, or we failed: the session is over."""
         self._trouble.tell("the session ended: %s", error)
-        self._end_readers(error)
-        self._cancel_linger()
+        self._readers.end(error)
+        self._readers.cancel_linger()
         self._rest()
         self._go(Event.CLOSE)
 
     # ------------------------------------------------------------------------------------------------ small things
 
-    def _readers(self) -> int:
-        return len(self.hub) + len(self._joining)
-
-    def _forget(self, mailbox: Mailbox) -> None:
-        self.hub.discard(mailbox)
-        self._joining = [each for each in self._joining if each.mailbox is not mailbox]
-
-    def _end_readers(self, error: LidarError | None) -> None:
-        joining, self._joining = self._joining, []
-        for each in joining:
-            self.hub.add(each.mailbox)
-        self.hub.end(error)
-
-    def _linger_over(self) -> None:
-        self._linger = None
-        if not self._readers() and self.is_scanning:
+    def _deserted(self) -> None:
+        """The last reader has been gone for a second."""
+        if self.is_scanning:
             self._unwant()
-
-    def _cancel_linger(self) -> None:
-        if self._linger is not None:
-            self._linger.cancel()
-            self._linger = None
 
     def _check_open(self) -> None:
         if self._over is not None:
