@@ -45,6 +45,7 @@ class Dialogue:
 
     Attributes:
         on_lost: Called once, with the error, when the dialogue is over for good before it was closed.
+        protection_stops: Times the device was found to have stopped to protect itself.
         stopper: What leaves the device still.
     """
 
@@ -57,7 +58,8 @@ class Dialogue:
         self._loop = asyncio.get_running_loop()
         self._delivery = Delivery(self._link.stats)
         self._overflow = port.overflow_bytes
-        self._patience = math.inf
+        self._patience = self._hurried_until = math.inf
+        self.protection_stops: int = 0
         self._waiting = Waiting()
         # When the device listens: not before this time, nor while a response is outstanding that may still come.
         self._listens_at = 0.0
@@ -86,6 +88,11 @@ class Dialogue:
     def baudrate(self) -> int:
         """Speed of the line in bits a second; 0 where bytes take no time."""
         return self._port.baudrate
+
+    @property
+    def timing(self) -> Timing:
+        """How long the device takes for what."""
+        return self._timing
 
     @property
     def is_open(self) -> bool:
@@ -174,6 +181,13 @@ class Dialogue:
         """While probing, ask once and wait at most `patience` seconds; None for as long as is usual."""
         self._patience = math.inf if patience is None else patience
 
+    def hurry_until(self, deadline: float | None) -> None:
+        """Ask each question once, and wait until `deadline` for all of them together; None for as long as is usual.
+
+        A device that has responded to none until then is given the shortest time for each that follows.
+        """
+        self._hurried_until = math.inf if deadline is None else deadline
+
     async def ask(self, request: Request) -> bytes:
         """Send a request when the device listens; return the payload of its response, empty if it has none.
 
@@ -185,9 +199,11 @@ class Dialogue:
             SessionClosed: The session was closed meanwhile.
         """
         noise = self.stats.stray_bytes
-        timeout = min(request.timeout, self._patience)
-        for _ in range(request.attempts if self._patience == math.inf else 1):
+        hurried = min(self._patience, self._hurried_until) < math.inf
+        for _ in range(1 if hurried else request.attempts):
             await self._until_it_listens()
+            left = max(self._hurried_until - self._loop.time(), RESPONSE_S)
+            timeout = min(request.timeout, self._patience, left)
             self.write((request,))
             if request.expects is None:
                 return b""

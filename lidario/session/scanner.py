@@ -18,15 +18,25 @@ from typing import TypeVar
 
 import anyio
 
-from lidario.errors import InternalError, LidarError, LocalProtocolError, SessionClosed, StreamFailed, Unsupported
+from lidario.errors import (
+    DeviceFault,
+    InternalError,
+    LidarError,
+    LocalProtocolError,
+    ResponseTimeout,
+    SessionClosed,
+    StreamFailed,
+    Unsupported,
+)
 from lidario.families.base import Device, Script
 from lidario.model import Scan, ScanMode
 from lidario.revolution.assemble import AssemblerStats
 from lidario.session.dialogue import Dialogue
+from lidario.session.inquiry import Inquiry
 from lidario.session.log import Trouble
 from lidario.session.modes import Wanted, agree
 from lidario.session.readers import Readers
-from lidario.session.running import Running, Totals
+from lidario.session.running import Failure, Running, Totals
 from lidario.session.states import Event, State, next_state
 from lidario.session.stream import Hub, Mailbox
 from lidario.session.twin import twin_of
@@ -50,6 +60,7 @@ class Scanner:
     Attributes:
         totals: Counters since the session was opened.
         latest: The last scan, or None.
+        inquiry: Asks the device when a stream fails.
     """
 
     def __init__(self, dialogue: Dialogue, device: Device, latency: float) -> None:
@@ -70,6 +81,8 @@ class Scanner:
         self._modes: tuple[ScanMode, ...] = ()
         self._over: SessionClosed | None = None
         self._trouble = Trouble(_log)
+        self._failure: Failure | None = None
+        self.inquiry: Inquiry = Inquiry(dialogue, device, self.totals, self._trouble)
         dialogue.on_lost = self._lost
         dialogue.stopper.on_still = self._still
 
@@ -202,19 +215,25 @@ class Scanner:
 
     # ------------------------------------------------------------------------------------------------ the worker
 
+    @property
+    def _has_work(self) -> bool:
+        """Whether readers wait to be let in, a stream is to be started, or one has failed."""
+        return bool(self._readers.joining) or self._state is State.STARTING or self._failure is not None
+
     def _work_soon(self) -> None:
         """Have the worker do what is to be done, if there is anything."""
-        if self._worker is None and (self._readers.joining or self._state is State.STARTING):
+        if self._worker is None and self._has_work:
             self._worker = self._loop.create_task(self._work(), name="lidario: start the stream")
 
     async def _work(self) -> None:
         """Let the readers in who wait for it, and start the stream they want; until nothing is left to do."""
         try:
-            while self._readers.joining or self._state is State.STARTING:
+            while self._has_work:
                 async with self._lock:
                     self._dialogue.begin()
                     self._worker_has_lock = True
                     try:
+                        await self._judge()
                         await self._let_in()
                         if self._state is State.STARTING and self._wanted is not None:
                             await self._start(self._wanted)
@@ -232,6 +251,25 @@ class Scanner:
             self._dialogue.stop_device()
         finally:
             self._worker = None
+
+    async def _judge(self) -> None:
+        """If a stream has failed, ask the device; then have the stream started again, or end it with the reason."""
+        failure = self._failure
+        if failure is None:
+            return
+        try:
+            await self._interrupt()
+            await self.inquiry.about(failure)
+        except (StreamFailed, DeviceFault) as error:
+            if failure.error is not None and isinstance(error, StreamFailed):
+                self._could_not_start(failure.error)
+            else:
+                self._fail(error)
+        else:
+            if self._state is State.INTERRUPTED:
+                self._go(Event.RESUME)
+        finally:
+            self._failure = None
 
     async def _let_in(self) -> None:
         """Let in the readers who wait, as far as the modes they ask for go together."""
@@ -257,7 +295,14 @@ class Scanner:
 
     async def _start(self, wanted: Wanted) -> None:
         await self._silence()
-        stream = await self._dialogue.run(self._device.start(wanted.mode, force=wanted.force))
+        if self.inquiry.doubtful:
+            await self.inquiry.beforehand()
+        try:
+            stream = await self._dialogue.run(self._device.start(wanted.mode, force=wanted.force))
+        except ResponseTimeout as error:
+            # A device that has stopped to protect itself starts no stream, and does not say so by itself.
+            self._failure = Failure(f"no stream begins ({error})", "does it know this scan mode?", error=error)
+            return
         if self._state is not State.STARTING or wanted != self._wanted:
             # Nobody wants it any more, and the stop requests are written already.
             return
@@ -270,7 +315,7 @@ class Scanner:
             totals=self.totals,
             trouble=self._trouble,
             publish=self._publish,
-            failed=self._fail,
+            failed=self._suspect,
         )
         self._running.begin()
 
@@ -318,7 +363,7 @@ class Scanner:
         if self._state is State.CLOSED:
             return
         self._go(Event.UNWANT)
-        self._wanted = None
+        self._wanted = self._failure = None
         self._readers.cancel_linger()
         self._rest()
         if self._worker_has_lock:
@@ -341,7 +386,16 @@ class Scanner:
         self.latest = scan
         self.hub.publish(scan)
 
-    def _fail(self, error: StreamFailed) -> None:
+    def _suspect(self, failure: Failure) -> None:
+        """The stream brings no scans. Where noise arrives, no response would be understood; else ask the device."""
+        if failure.noise:
+            self._fail(StreamFailed(f"{failure.what}; only noise arrives: is the baud rate right?"))
+        else:
+            self._failure = failure
+            self.inquiry.doubtful = True
+            self._work_soon()
+
+    def _fail(self, error: StreamFailed | DeviceFault) -> None:
         """End the stream for everybody; the session goes on."""
         self._trouble.tell("the stream ended: %s", error)
         self._readers.end(error)
