@@ -117,6 +117,15 @@ class Dialogue:
         """As `Port.set_polling`."""
         self._port.set_polling(latency, schedule)
 
+    def set_repeat(self, request: Request | None, interval: float = 0.0) -> None:
+        """As `Port.set_repeat`."""
+        self._port.set_repeat(b"" if request is None else request.data, interval)
+
+    @property
+    def repeated(self) -> int:
+        """As `Port.repeated`."""
+        return self._port.repeated
+
     def poll(self) -> None:
         """As `Port.poll`."""
         self._port.poll()

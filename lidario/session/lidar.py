@@ -107,7 +107,7 @@ class Lidar:
             missed_scans=assembled.missed_scans,
             dropped_scans=self._scanner.hub.dropped,
             interruptions=totals.interruptions,
-            keepalives=totals.keepalives,
+            keepalives=totals.keepalives + self._dialogue.repeated,
             restarts=totals.restarts,
             protection_stops=self._dialogue.protection_stops,
         )

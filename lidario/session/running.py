@@ -38,6 +38,8 @@ NOISE_S = 0.15
 packet, or an interference that is over."""
 NOISE_BYTES = 64
 """Fewer are stray bytes. The slowest line carries ten times as many in that time."""
+LATE_KEEPALIVES = 2.5
+"""Times the interval after which the thread writes a keepalive, since the loop has not."""
 _WATCH_MARGIN_S = 0.001
 """Timers may fire early by the resolution of the clock; this much later the time is surely up."""
 
@@ -136,11 +138,15 @@ class Running:
         self._dialogue.deliver_to(self._take)
         self._dialogue.set_polling(self._latency, self._pace)
         self._watch()
-        if self._stream.keepalive is not None:
-            self._keepalive = self._loop.call_later(self._stream.keepalive.interval_s, self._keep_alive)
+        keepalive = self._stream.keepalive
+        if keepalive is not None:
+            self._keepalive = self._loop.call_later(keepalive.interval_s, self._keep_alive)
+            self._dialogue.set_repeat(keepalive.request, LATE_KEEPALIVES * keepalive.interval_s)
 
     def end(self) -> None:
         """Let go of everything; the device is not told. Harmless when done before."""
+        # First: a keepalive of the thread behind the stop requests would start the device again.
+        self._dialogue.set_repeat(None)
         self._dialogue.deliver_to(None)
         self._assembler.end()
         for timer in (self._watchdog, self._keepalive):
