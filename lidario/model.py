@@ -503,6 +503,9 @@ class Stats:
         dropped_scans: Scans that slow readers missed, summed over all readers.
         interruptions: Times a stream was stopped for a query and started again.
         keepalives: Keepalive requests sent.
+        restarts: Times a stream that had stopped by itself was started again.
+        protection_stops: Times the device was found to have stopped to protect itself, also when it was opened. It
+            was reset then; several may be a sign of lasting damage.
     """
 
     bytes_received: int = 0
@@ -528,3 +531,5 @@ class Stats:
     dropped_scans: int = 0
     interruptions: int = 0
     keepalives: int = 0
+    restarts: int = 0
+    protection_stops: int = 0

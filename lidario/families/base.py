@@ -206,6 +206,21 @@ class Device(ABC):
     def reset(self) -> Request:
         """Restart the device."""
 
+    def restarted(self) -> None:  # noqa: B027 - most devices keep, or are told with each start, what matters
+        """Take note that the device was restarted: what was set in it may be lost. Default: nothing."""
+
+    def explain_silence(self, lasted_s: float) -> Script[bool]:  # noqa: ARG002
+        """Find out why a stream fell silent although the device is well.
+
+        Args:
+            lasted_s: Seconds from the start of the stream to its last packet; 0 when there was none.
+
+        Returns:
+            Whether a cause was found that the next start avoids. Default: False.
+        """
+        yield from ()
+        return False
+
     @abstractmethod
     def identify(self) -> Script[DeviceInfo]:
         """Ask what the device is; the other scripts rely on it having been asked once."""

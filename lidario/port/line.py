@@ -91,6 +91,14 @@ class Line(ABC):
     def set_polling(self, latency: float, schedule: Schedule | None) -> None:  # noqa: B027 - only where polled
         """As `Port.set_polling`."""
 
+    def set_repeat(self, request: bytes, interval: float) -> None:  # noqa: B027 - only where a thread reads
+        """As `Port.set_repeat`."""
+
+    @property
+    def repeated(self) -> int:
+        """As `Port.repeated`."""
+        return 0
+
     def poll(self) -> None:  # noqa: B027 - only where polled
         """As `Port.poll`."""
 

@@ -155,6 +155,24 @@ class Port(asyncio.Protocol):
         if self._line is not None and self.is_open and not self._loop.is_closed():
             self._line.set_polling(latency, schedule)
 
+    def set_repeat(self, request: bytes, interval: float) -> None:
+        """While there is a schedule, have `request` written when it was not written for `interval` seconds.
+
+        The thread that reads the line does that, so a device that must be kept going survives a program that blocks
+        the event loop. Only serial lines have that thread; others ignore it.
+
+        Args:
+            request: The bytes; none to write nothing any more, and then no write is in progress on return.
+            interval: Seconds, longer than the pause that the session keeps between two writes of it.
+        """
+        if self._line is not None and not self.is_forked:
+            self._line.set_repeat(request, interval)
+
+    @property
+    def repeated(self) -> int:
+        """How often the thread has written a request."""
+        return 0 if self._line is None else self._line.repeated
+
     def poll(self) -> None:
         """Read what is there now, and hand over everything that is held."""
         if self._line is not None and self.is_open and not self._loop.is_closed():

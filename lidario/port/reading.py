@@ -19,6 +19,7 @@ from contextlib import suppress
 from lidario.port.inbox import Inbox
 from lidario.port.line import Schedule
 from lidario.port.port import Port
+from lidario.port.repeat import Repeat
 from lidario.port.thread import ReadingThread, Watched, reading_thread
 
 __all__ = ["Reader"]
@@ -61,6 +62,15 @@ class Reader:
         self._inbox = Inbox(handle, time.monotonic_ns if self._real_time else port.now)
         self._shown = 0
         self._guard: _Guard | None = None
+        self._repeat: Repeat | None = None
+        self._repeated = 0
+        # Shown to the taps by the loop: what was written by repeats that are stopped.
+        self._written: list[tuple[bytes, int]] = []
+
+    @property
+    def repeated(self) -> int:
+        """As `Port.repeated`."""
+        return self._repeated + (0 if self._repeat is None else self._repeat.count)
 
     @property
     def overflow_bytes(self) -> int:
@@ -83,6 +93,7 @@ class Reader:
 
     def release(self) -> None:
         """Read no more in the thread, and in no other one: from now on the descriptor may be closed."""
+        self.set_repeat(b"", 0.0)
         self._guard_until_removed(None)
         if not self._port.is_forked:
             self._inbox.close()
@@ -95,6 +106,24 @@ class Reader:
         self._guard_until_removed(schedule)
         self.hand_over()
         self._wait()
+
+    def set_repeat(self, request: bytes, interval: float) -> None:
+        """As `Port.set_repeat`."""
+        repeat, self._repeat = self._repeat, None
+        if repeat is not None:
+            repeat.stop()
+            self._repeated += repeat.count
+            if self._port.is_tapped:
+                self._written += repeat.take_written()
+        if request and self._real_time and not self._stopped:
+            self._repeat = Repeat(self._handle, request, interval, time.monotonic_ns)
+        if self._guard is not None:
+            self._guard.repeat = self._repeat
+
+    def wrote(self, data: bytes) -> None:
+        """Take note of what the loop has written."""
+        if self._repeat is not None and data == self._repeat.request:
+            self._repeat.note()
 
     def poll(self) -> None:
         """Read what is there now, and hand over everything that is held."""
@@ -152,8 +181,15 @@ class Reader:
 
     def _show(self, held: list[bytes], arrivals: list[tuple[int, int]], shown: int) -> None:
         if self._port.is_tapped:
-            for data, (_, now) in zip(held[shown:], arrivals[shown:], strict=True):
-                self._port.show("in", data, now)
+            chunks = [("in", data, now) for data, (_, now) in zip(held[shown:], arrivals[shown:], strict=True)]
+            written, self._written = self._written, []
+            if self._repeat is not None:
+                written += self._repeat.take_written()
+            if written:
+                chunks += [("out", data, now) for data, now in written]
+                chunks.sort(key=lambda chunk: chunk[2])
+            for direction, data, now in chunks:
+                self._port.show(direction, data, now)
 
     def _hand_over_if_due(self) -> None:
         if self._schedule is not None and self._inbox.size < HOLD_BYTES:
@@ -219,6 +255,7 @@ class Reader:
             with suppress(RuntimeError):
                 self._inbox.share(True)
                 self._guard = _Guard(self, self._loop, self._inbox, schedule.interval)
+                self._guard.repeat = self._repeat
 
 
 class _Guard(Watched):

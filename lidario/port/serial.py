@@ -140,6 +140,14 @@ class _SerialLine(Line):
         if self._reader is not None:
             self._reader.set_polling(latency, schedule)
 
+    def set_repeat(self, request: bytes, interval: float) -> None:
+        if self._reader is not None:
+            self._reader.set_repeat(request, interval)
+
+    @property
+    def repeated(self) -> int:
+        return 0 if self._reader is None else self._reader.repeated
+
     def poll(self) -> None:
         if self._reader is not None:
             self._reader.poll()
@@ -153,6 +161,8 @@ class _SerialLine(Line):
         return 0 if self._reader is None else self._reader.overflow_bytes
 
     def write(self, data: bytes) -> None:
+        if self._reader is not None:
+            self._reader.wrote(data)
         if _POSIX and not self._transport.get_write_buffer_size():
             try:
                 data = data[os.write(self._device.fileno(), data) :]
@@ -165,6 +175,8 @@ class _SerialLine(Line):
             self._transport.write(data)
 
     def write_without_loop(self, data: bytes) -> None:
+        # These are the stop requests: the thread must not write behind them.
+        self.set_repeat(b"", 0.0)
         with contextlib.suppress(*_FOREIGN):
             if _POSIX:
                 os.write(self._device.fileno(), data)

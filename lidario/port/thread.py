@@ -4,7 +4,8 @@ The kernel keeps 4 KiB of a terminal's input, 61 ms of the fastest stream, and d
 computes for longer on its event loop would lose bytes. So while a stream runs, this thread reads each port that
 nobody has read for `Watched.interval`. It only moves bytes into the port's `Inbox` and notes when they came. The
 event loop takes them from there when it needs them, at the end of a revolution, and reads what came since. On a
-loop that is free no thread wakes the other one; a loop that is late finds everything in the inbox.
+loop that is free no thread wakes the other one; a loop that is late finds everything in the inbox. What must be
+written again and again to keep a device going it writes likewise, when the loop is late with it.
 
 One thread reads all ports of the process. It starts with the first stream and ends with the last. It is a daemon
 thread, so it never keeps a program from ending. A forked child has no such thread and starts its own when it opens
@@ -23,6 +24,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from lidario.port.inbox import Inbox
+from lidario.port.repeat import Repeat
 
 __all__ = ["ReadingThread", "Watched", "reading_thread"]
 
@@ -53,11 +55,13 @@ class Watched:
     Attributes:
         interval: May be changed at any time, from any thread.
         expected: When the loop will read the port, in seconds of the monotonic clock; 0 when that is not known.
+        repeat: A request to write where the loop is late with it; None for none.
     """
 
     def __init__(self, inbox: Inbox, interval: float, on_error: Callable[[], None]) -> None:
         self.interval: float = interval
         self.expected: float = 0.0
+        self.repeat: Repeat | None = None
         self.inbox: Inbox = inbox
         self._on_error = on_error
         self._next_at = 0.0
@@ -69,6 +73,9 @@ class Watched:
             now: The time.
             margin: Seconds by which to be earlier than the interval allows.
         """
+        repeat = self.repeat
+        if repeat is not None:
+            repeat.serve()
         interval = self.interval
         if now >= self._next_at - TOGETHER_SHARE * interval:
             last = self.inbox.last_ns * 1e-9

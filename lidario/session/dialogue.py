@@ -4,8 +4,7 @@ Between `Link`, which knows no time, and `Scanner`, which knows no bytes. It run
 request at a time. A request is written only when the device listens: when the time that the last request needs
 has passed, and no response is outstanding. A device discards what comes earlier and does not say so.
 
-Whatever an operation waits for, it waits for one future. So `interrupt`, a dead port and the end of the session
-end it at once. Timers, not cancel scopes, bound the waiting: native cancellation and anyio's behave alike.
+What an operation waits for, and what ends the waiting, is in `lidario.session.waiting`.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ import logging
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from enum import Enum, auto
 from typing import TypeVar
 
 import anyio
@@ -25,8 +23,9 @@ from lidario.families.base import Device, Script, Timing
 from lidario.port.line import Schedule, Tap
 from lidario.port.port import Port
 from lidario.revolution.together import join_runs
+from lidario.session.delivery import Delivery
 from lidario.session.stopper import CLOCK_S, PATIENCE_S, Stopper
-from lidario.session.twin import twin_of
+from lidario.session.waiting import Awaited, Waiting
 from lidario.wire.envelope import Request
 from lidario.wire.events import Event, Packets, Response
 from lidario.wire.link import Link, LinkState, LinkStats
@@ -36,20 +35,10 @@ __all__ = ["Dialogue"]
 T = TypeVar("T")
 _log = logging.getLogger("lidario")
 
-_EARLY_LIMIT = 64
-"""Runs of packets kept from the descriptor of a stream until its reader is named, one step of the loop later."""
 RESPONSE_S = 0.02
 """Time in which a healthy device has responded."""
 _MARGIN_S = 0.005
 """Added to every pause a device demands: an adapter may deliver one request late and the next one on time."""
-
-
-class _For(Enum):
-    """What an operation waits for."""
-
-    TIME = auto()
-    RESPONSE = auto()
-    CHANGE = auto()
 
 
 class Dialogue:
@@ -57,26 +46,22 @@ class Dialogue:
 
     Attributes:
         on_lost: Called once, with the error, when the dialogue is over for good before it was closed.
-        fatal: What ended the dialogue for good, or None.
+        protection_stops: Times the device was found to have stopped to protect itself.
         stopper: What leaves the device still.
     """
 
     def __init__(self, port: Port, device: Device, timing: Timing) -> None:
         self.on_lost: Callable[[LidarError], None] | None = None
-        self.fatal: LidarError | None = None
         self._port = port
         self._link = Link()
         self._device = device
         self._timing = timing
         self._loop = asyncio.get_running_loop()
-        self._on_packets: Callable[[Packets], None] | None = None
-        self._early: list[Packets] = []
+        self._delivery = Delivery(self._link.stats)
         self._overflow = port.overflow_bytes
-        self._patience = math.inf
-        # What the operation in progress waits for, and the response it waits for, if it is one.
-        self._waiter: asyncio.Future[bytes] | None = None
-        self._waits_for = _For.TIME
-        self._interruption: LidarError | None = None
+        self._patience = self._hurried_until = math.inf
+        self.protection_stops: int = 0
+        self._waiting = Waiting()
         # When the device listens: not before this time, nor while a response is outstanding that may still come.
         self._listens_at = 0.0
         self._response_due = 0.0
@@ -84,6 +69,11 @@ class Dialogue:
         port.attach(self)
 
     # ------------------------------------------------------------------------------------------------ what it is
+
+    @property
+    def fatal(self) -> LidarError | None:
+        """What ended the dialogue for good, or None."""
+        return self._waiting.fatal
 
     @property
     def stats(self) -> LinkStats:
@@ -99,6 +89,11 @@ class Dialogue:
     def baudrate(self) -> int:
         """Speed of the line in bits a second; 0 where bytes take no time."""
         return self._port.baudrate
+
+    @property
+    def timing(self) -> Timing:
+        """How long the device takes for what."""
+        return self._timing
 
     @property
     def is_open(self) -> bool:
@@ -117,16 +112,20 @@ class Dialogue:
 
     def deliver_to(self, callback: Callable[[Packets], None] | None) -> None:
         """Call `callback` with each run of packets, those that came since the descriptor first; None for nobody."""
-        self._on_packets = callback
-        early, self._early = self._early, []
-        if callback is not None:
-            for packets in early:
-                callback(packets)
-                self.stats.unread_packets -= packets.count
+        self._delivery.deliver_to(callback)
 
     def set_polling(self, latency: float, schedule: Schedule | None) -> None:
         """As `Port.set_polling`."""
         self._port.set_polling(latency, schedule)
+
+    def set_repeat(self, request: Request | None, interval: float = 0.0) -> None:
+        """As `Port.set_repeat`."""
+        self._port.set_repeat(b"" if request is None else request.data, interval)
+
+    @property
+    def repeated(self) -> int:
+        """As `Port.repeated`."""
+        return self._port.repeated
 
     def poll(self) -> None:
         """As `Port.poll`."""
@@ -161,7 +160,7 @@ class Dialogue:
             self.fail(failure)
             self.stop_device()
         if not self._link.is_awaiting:
-            self._wake(_For.CHANGE)
+            self._waiting.wake(Awaited.CHANGE)
             self.stopper.try_now()
 
     def connection_lost(self, error: LidarError | None) -> None:
@@ -174,8 +173,7 @@ class Dialogue:
         """End the dialogue for good; the first error wins."""
         if self.fatal is not None:
             return
-        self.fatal = error
-        self._wake_with(error)
+        self._waiting.fail(error)
         if self.on_lost is not None:
             self.on_lost(error)
 
@@ -183,16 +181,22 @@ class Dialogue:
 
     def begin(self) -> None:
         """An operation begins; what interrupted the one before does not concern it."""
-        self._interruption = None
+        self._waiting.begin()
 
     def interrupt(self, error: LidarError) -> None:
         """End the operation in progress with `error`: at once if it waits, else at its next step."""
-        self._interruption = error
-        self._wake_with(error)
+        self._waiting.interrupt(error)
 
     def hurry(self, patience: float | None) -> None:
         """While probing, ask once and wait at most `patience` seconds; None for as long as is usual."""
         self._patience = math.inf if patience is None else patience
+
+    def hurry_until(self, deadline: float | None) -> None:
+        """Ask each question once, and wait until `deadline` for all of them together; None for as long as is usual.
+
+        A device that has responded to none until then is given the shortest time for each that follows.
+        """
+        self._hurried_until = math.inf if deadline is None else deadline
 
     async def ask(self, request: Request) -> bytes:
         """Send a request when the device listens; return the payload of its response, empty if it has none.
@@ -205,15 +209,17 @@ class Dialogue:
             SessionClosed: The session was closed meanwhile.
         """
         noise = self.stats.stray_bytes
-        timeout = min(request.timeout, self._patience)
-        for _ in range(request.attempts if self._patience == math.inf else 1):
+        hurried = min(self._patience, self._hurried_until) < math.inf
+        for _ in range(1 if hurried else request.attempts):
             await self._until_it_listens()
+            left = max(self._hurried_until - self._loop.time(), RESPONSE_S)
+            timeout = min(request.timeout, self._patience, left)
             self.write((request,))
             if request.expects is None:
                 return b""
             self._response_due = self._loop.time() + timeout
             try:
-                return await self._wait(timeout, _For.RESPONSE)
+                return await self._waiting.wait(timeout, Awaited.RESPONSE)
             except TimeoutError:
                 self._link.forget()
             except BaseException:
@@ -250,7 +256,7 @@ class Dialogue:
     async def pause(self, seconds: float) -> None:
         """Sleep as an operation does: `interrupt` and a dead port end it."""
         with suppress(TimeoutError):
-            await self._wait(seconds, _For.TIME)
+            await self._waiting.wait(seconds, Awaited.TIME)
 
     async def quieten(self) -> bool:
         """Send STOP and wait until the line is quiet; False if it did not fall quiet in time."""
@@ -344,26 +350,22 @@ class Dialogue:
         settle = max((request.settle for request in requests), default=0.0)
         if settle:
             self._listens_at = max(self._listens_at, self._loop.time() + settle + _MARGIN_S)
-        self._wake(_For.CHANGE)
+        self._waiting.wake(Awaited.CHANGE)
 
     # ------------------------------------------------------------------------------------------------ inside
 
     def _handle(self, event: Event) -> None:
         if isinstance(event, Packets):
-            self.stats.unread_packets += event.count
-            if self._on_packets is not None:
-                self._on_packets(event)
-                self.stats.unread_packets -= event.count
-            elif self._link.state is LinkState.STREAMING and len(self._early) < _EARLY_LIMIT:
-                self._early.append(event)
+            self._delivery.deliver(event, streaming=self.is_streaming)
         else:
             # Of a stream, the script is told what its descriptor announces.
-            self._wake(_For.RESPONSE, event.payload if isinstance(event, Response) else bytes((event.type,)))
+            told = event.payload if isinstance(event, Response) else bytes((event.type,))
+            self._waiting.wake(Awaited.RESPONSE, told)
 
     async def _until_it_listens(self) -> None:
         """Wait until the device accepts a request."""
         while True:
-            self._check()
+            self._waiting.check()
             now = self._loop.time()
             if self._link.is_awaiting and self._response_due - now <= CLOCK_S:
                 self._link.forget()
@@ -376,35 +378,4 @@ class Dialogue:
             else:
                 return
             with suppress(TimeoutError):
-                await self._wait(until - now, _For.CHANGE)
-
-    async def _wait(self, seconds: float, what: _For) -> bytes:
-        """Wait for what the operation in progress waits for; TimeoutError after `seconds`."""
-        self._check()
-        waiter: asyncio.Future[bytes] = self._loop.create_future()
-        self._waiter, self._waits_for = waiter, what
-        timer = self._loop.call_later(seconds, _time_out, waiter)
-        try:
-            return await waiter
-        finally:
-            timer.cancel()
-            self._waiter = None
-
-    def _wake(self, what: _For, result: bytes = b"") -> None:
-        """The operation in progress need not wait any more, if it waits for this."""
-        if self._waiter is not None and self._waits_for is what and not self._waiter.done():
-            self._waiter.set_result(result)
-
-    def _wake_with(self, error: LidarError) -> None:
-        if self._waiter is not None and not self._waiter.done():
-            self._waiter.set_exception(twin_of(error))
-
-    def _check(self) -> None:
-        for error in (self.fatal, self._interruption):
-            if error is not None:
-                raise twin_of(error)
-
-
-def _time_out(waiter: asyncio.Future[bytes]) -> None:
-    if not waiter.done():
-        waiter.set_exception(TimeoutError())
+                await self._waiting.wait(until - now, Awaited.CHANGE)

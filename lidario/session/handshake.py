@@ -2,20 +2,23 @@
 
 A device may still be streaming for a program that was killed, may hold half a request, may have stopped to protect
 itself, or may be booting. So STOP is sent first, unless the line was just listened to and is quiet. Then a question
-is asked, whose response is recognised by type and length. A device that reports an error is reset once.
+is asked, whose response is recognised by type and length. A device that reports an error is reset once; that is
+logged, counted, and told in `Health.note`, since repeated Protection Stops may be a sign of lasting damage
+(S-series interface manual, GET_HEALTH).
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
+from dataclasses import replace
 
 from lidario.errors import DeviceFault, ResponseTimeout
 from lidario.families.base import Device, Timing
 from lidario.model import DeviceInfo, Health, HealthStatus
 from lidario.session.dialogue import Dialogue
 
-__all__ = ["healthy", "introduce", "restart"]
+__all__ = ["cured", "fault_of", "healthy", "introduce", "restart"]
 
 _log = logging.getLogger("lidario")
 
@@ -58,17 +61,45 @@ async def healthy(dialogue: Dialogue, device: Device, timing: Timing) -> Health:
         ResponseTimeout: It does not respond any more after the reset.
     """
     health = await _health(dialogue, device)
-    if health.ok:
-        return health
+    return health if health.ok else await cured(dialogue, device, timing, health, "when it was asked")
+
+
+async def cured(dialogue: Dialogue, device: Device, timing: Timing, health: Health, when: str) -> Health:
+    """Reset a device that reports the error `health`, and return its health afterwards; `note` tells of the error.
+
+    Args:
+        dialogue: The conversation with it.
+        device: The device as its family sees it.
+        timing: Its family's times.
+        health: The error.
+        when: When it was noticed, for the log.
+
+    Raises:
+        DeviceFault: It still reports an error after the reset.
+        ResponseTimeout: It does not respond any more after the reset.
+    """
+    dialogue.protection_stops += 1
+    what = f"the device had stopped to protect itself ({_code(health)})"
+    _log.warning("%s; noticed: %s. It is reset", what, when)
     await restart(dialogue, device, timing)
     again = await _health(dialogue, device)
-    if again.ok:
-        return again
-    raise DeviceFault(
-        f"the device protects itself: health {again.status.value}, code {again.code} (0x{again.code:04X}), "
-        "also after a reset. Check that the rotor turns freely and that the supply gives 5 V under load",
-        again,
+    if not again.ok:
+        raise fault_of(again, "also after a reset")
+    note = f"{what}; a reset cured it"
+    return replace(again, note=f"{note}. {again.note}" if again.note else note)
+
+
+def fault_of(health: Health, also: str) -> DeviceFault:
+    """The error that tells of a device that reports `health`."""
+    return DeviceFault(
+        f"the device protects itself: health {health.status.value}, {_code(health)}, {also}. "
+        "Check that the rotor turns freely and that the supply gives 5 V under load",
+        health,
     )
+
+
+def _code(health: Health) -> str:
+    return f"code {health.code} (0x{health.code:04X})"
 
 
 async def _health(dialogue: Dialogue, device: Device) -> Health:
@@ -100,4 +131,5 @@ async def restart(dialogue: Dialogue, device: Device, timing: Timing) -> None:
         else:
             # No document says whether the motor turns after a restart.
             dialogue.stopper.still = False
+            device.restarted()
             return

@@ -38,7 +38,6 @@ class Lidar:
     Attributes:
         source: The source it was opened from.
         info: What the device says it is.
-        health: What it last said of its state.
     """
 
     def __init__(
@@ -46,12 +45,12 @@ class Lidar:
     ) -> None:
         self.source = source
         self.info: DeviceInfo = connection.info
-        self.health: Health = health
         self._device = connection.device
         self._dialogue = connection.dialogue
         self._timing = connection.family.timing
         self._dialogue.stopper.keep_spinning = keep_spinning
         self._scanner = Scanner(connection.dialogue, connection.device, latency)
+        self._scanner.inquiry.health = health
         self._closed = False
         self._loop = asyncio.get_running_loop()
         self._abandoned = weakref.finalize(self, _abandon, connection.dialogue, self._scanner)
@@ -74,6 +73,11 @@ class Lidar:
     def measured_scan_frequency(self) -> float | None:
         """Measured revolutions a second, from the latest scan; None before the first."""
         return None if self._scanner.latest is None else self._scanner.latest.rpm / 60
+
+    @property
+    def health(self) -> Health:
+        """What the device last said of its state, whether it was asked by the program or by the session."""
+        return self._scanner.inquiry.health
 
     @property
     def stats(self) -> Stats:
@@ -103,7 +107,9 @@ class Lidar:
             missed_scans=assembled.missed_scans,
             dropped_scans=self._scanner.hub.dropped,
             interruptions=totals.interruptions,
-            keepalives=totals.keepalives,
+            keepalives=totals.keepalives + self._dialogue.repeated,
+            restarts=totals.restarts,
+            protection_stops=self._dialogue.protection_stops,
         )
 
     def scans(self, mode: str | int | None = None, *, depth: int = 1, force: bool = False) -> ScanStream:
@@ -151,8 +157,8 @@ class Lidar:
 
     async def get_health(self) -> Health:
         """Ask the device how it is."""
-        self.health = await self._scanner.ask(self._open_device().health)
-        return self.health
+        self._scanner.inquiry.health = health = await self._scanner.ask(self._open_device().health)
+        return health
 
     async def get_modes(self) -> tuple[ScanMode, ...]:
         """The scan modes the device has; asked for once."""
@@ -231,8 +237,8 @@ class Lidar:
             DeviceFault: It came back and reports an error.
         """
         self._check_open()
-        self.health = await self._scanner.between(self._reset, vital=True)
-        return self.health
+        self._scanner.inquiry.health = health = await self._scanner.between(self._reset, vital=True)
+        return health
 
     def tap(self, tap: Tap) -> None:
         """Have `tap` called with every chunk of raw bytes, in and out. One that raises is removed, and logged."""

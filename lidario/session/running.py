@@ -2,7 +2,8 @@
 
 `begin` takes the packets over, those included that came with the descriptor. `end` lets go of everything: no
 timer is left, and the port is polled no more. Between them two things are watched: that packets come, and that
-they make full revolutions. What must be repeated to keep the device going is repeated.
+they make full revolutions. What must be repeated to keep the device going is repeated. What is wrong with a device
+whose packets stay away is not judged here: `lidario.session.inquiry` asks it.
 
 `Scanner` makes one of these for each start and holds at most one.
 """
@@ -14,7 +15,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from lidario.errors import StreamFailed
+from lidario.errors import LidarError
 from lidario.families.base import Stream
 from lidario.model import Scan, ScanMode
 from lidario.revolution.assemble import Assembler, AssemblerStats
@@ -23,12 +24,22 @@ from lidario.session.log import Trouble
 from lidario.session.pace import Pace
 from lidario.wire.events import Packets
 
-__all__ = ["SILENCE_S", "Running", "Totals"]
+__all__ = ["SILENCE_S", "Failure", "Running", "Totals"]
 
-SILENCE_S = 0.9
-"""Longest time without a packet once they flow. The slowest format sends one every 20 ms."""
+SILENCE_S = 0.6
+"""Longest time without a packet once they flow; longer than bytes are held (`lidario.port.reading.HOLD_S`). The
+slowest format sends one every 20 ms. With the questions that follow, a dead device is told of within a second."""
+NETWORK_SILENCE_S = 0.9
+"""The same where the line has no speed: a wireless network may pause for longer."""
 REVOLUTIONS_MISSED = 3
 """Revolutions of the slowest kind that may fail to complete before a stream of packets counts as stuck."""
+NOISE_S = 0.15
+"""Noise is what arrives without being a packet in that last part of the silence; what came before it may be half a
+packet, or an interference that is over."""
+NOISE_BYTES = 64
+"""Fewer are stray bytes. The slowest line carries ten times as many in that time."""
+LATE_KEEPALIVES = 2.5
+"""Times the interval after which the thread writes a keepalive, since the loop has not."""
 _WATCH_MARGIN_S = 0.001
 """Timers may fire early by the resolution of the clock; this much later the time is surely up."""
 
@@ -41,11 +52,36 @@ class Totals:
         assembled: What became of the packets.
         interruptions: Times a stream was stopped for something else and started again.
         keepalives: Keepalive requests sent.
+        restarts: Times a stream that had stopped by itself was started again.
     """
 
     assembled: AssemblerStats
     interruptions: int = 0
     keepalives: int = 0
+    restarts: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """What is known of a stream that brings no scans, before the device was asked.
+
+    Attributes:
+        what: It in words, as the beginning of a sentence.
+        cause: The likeliest cause, as a question, if the device turns out to be well.
+        noise: Whether bytes arrive that are no packets.
+        silent: Whether no packets arrive.
+        scans: Scans that the stream brought before.
+        lasted_s: Seconds from its start to its last packet; 0 when there was none.
+        error: What its start failed with, if it did not even begin.
+    """
+
+    what: str
+    cause: str
+    noise: bool = False
+    silent: bool = True
+    scans: int = 0
+    lasted_s: float = 0.0
+    error: LidarError | None = None
 
 
 class Running:
@@ -58,7 +94,7 @@ class Running:
         totals: Counters to add to.
         trouble: Where discarded revolutions are logged.
         publish: Called with each scan.
-        failed: Called once if the stream falls silent or makes no revolutions; it then should end it.
+        failed: Called once if the stream falls silent or makes no revolutions.
     """
 
     def __init__(
@@ -70,7 +106,7 @@ class Running:
         totals: Totals,
         trouble: Trouble,
         publish: Callable[[Scan], None],
-        failed: Callable[[StreamFailed], None],
+        failed: Callable[[Failure], None],
     ) -> None:
         self._stream = stream
         self._dialogue = dialogue
@@ -87,6 +123,10 @@ class Running:
         self._watchdog: asyncio.TimerHandle | None = None
         self._keepalive: asyncio.TimerHandle | None = None
         self._began = self._last_packet = self._last_scan = self._loop.time()
+        self._scans = 0
+        self._silence_s = SILENCE_S if dialogue.baudrate else NETWORK_SILENCE_S
+        # Bytes that had come when the last part of a silence began.
+        self._received = 0
 
     @property
     def mode(self) -> ScanMode:
@@ -98,11 +138,15 @@ class Running:
         self._dialogue.deliver_to(self._take)
         self._dialogue.set_polling(self._latency, self._pace)
         self._watch()
-        if self._stream.keepalive is not None:
-            self._keepalive = self._loop.call_later(self._stream.keepalive.interval_s, self._keep_alive)
+        keepalive = self._stream.keepalive
+        if keepalive is not None:
+            self._keepalive = self._loop.call_later(keepalive.interval_s, self._keep_alive)
+            self._dialogue.set_repeat(keepalive.request, LATE_KEEPALIVES * keepalive.interval_s)
 
     def end(self) -> None:
         """Let go of everything; the device is not told. Harmless when done before."""
+        # First: a keepalive of the thread behind the stop requests would start the device again.
+        self._dialogue.set_repeat(None)
         self._dialogue.deliver_to(None)
         self._assembler.end()
         for timer in (self._watchdog, self._keepalive):
@@ -120,6 +164,7 @@ class Running:
         self._last_packet = self._loop.time()
         for scan in self._assembler.add(packets):
             self._last_scan = self._last_packet
+            self._scans += 1
             self._pace.turned(scan, self._dialogue.bytes_received, self._last_packet)
             self._publish(scan)
         if self._totals.assembled.broken_scans > self._discarded:
@@ -127,26 +172,32 @@ class Running:
             self._discarded = self._totals.assembled.broken_scans
 
     def _watch(self) -> None:
-        stream, now = self._stream, self._loop.time()
-        patience = stream.spin_up_s if self._last_packet == self._began else SILENCE_S
-        if now - self._last_packet >= patience:
+        began = self._last_packet == self._began
+        patience = self._stream.spin_up_s if began else self._silence_s
+        # The rotor that has turned need not speed up again.
+        turns = REVOLUTIONS_MISSED * self._stream.slowest_turn_s + (0.0 if self._scans else self._stream.spin_up_s)
+        now = self._loop.time()
+        if now - self._last_packet >= patience - NOISE_S or now - self._last_scan >= turns:
             # The program may have blocked the loop: read what the line holds before judging it.
             self._dialogue.poll()
             now = self._loop.time()
         idle, turning = now - self._last_packet, now - self._last_scan
+        received, self._received = self._received, self._dialogue.bytes_received
         if idle >= patience:
-            came = self._dialogue.buffered or self._dialogue.stats.skipped_bytes
-            why = "only noise arrives: is the baud rate right?" if came else "is it powered, and is the cable in?"
-            self._failed(StreamFailed(f"no scan data for {idle:.1f} s; {why}"))
-        elif turning >= stream.spin_up_s + REVOLUTIONS_MISSED * stream.slowest_turn_s:
-            self._failed(
-                StreamFailed(
-                    f"scan data arrives, but no full revolution for {turning:.1f} s: is the rotor blocked?"
-                )
-            )
+            noise = self._received - received >= NOISE_BYTES
+            self._failed(self._failure(f"no scan data for {idle:.1f} s", "does the rotor turn?", noise=noise))
+        elif turning >= turns:
+            what = f"scan data arrives, but no full revolution for {turning:.1f} s"
+            self._failed(self._failure(what, "is the rotor blocked?", silent=False))
         else:
-            wait = min(patience - idle, SILENCE_S) + _WATCH_MARGIN_S
+            # First to the last part of the silence, then to its end.
+            wait = patience - idle if idle >= patience - NOISE_S else patience - NOISE_S - idle
+            wait = min(wait, self._silence_s, turns - turning) + _WATCH_MARGIN_S
             self._watchdog = self._loop.call_later(wait, self._watch)
+
+    def _failure(self, what: str, cause: str, *, noise: bool = False, silent: bool = True) -> Failure:
+        lasted_s = self._last_packet - self._began
+        return Failure(what, cause, noise=noise, silent=silent, scans=self._scans, lasted_s=lasted_s)
 
     def _keep_alive(self) -> None:
         keepalive = self._stream.keepalive

@@ -14,30 +14,38 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import anyio
 
-from lidario.errors import InternalError, LidarError, LocalProtocolError, SessionClosed, StreamFailed, Unsupported
+from lidario.errors import (
+    DeviceFault,
+    InternalError,
+    LidarError,
+    LocalProtocolError,
+    ResponseTimeout,
+    SessionClosed,
+    StreamFailed,
+    Unsupported,
+)
 from lidario.families.base import Device, Script
 from lidario.model import Scan, ScanMode
 from lidario.revolution.assemble import AssemblerStats
 from lidario.session.dialogue import Dialogue
+from lidario.session.inquiry import Inquiry
 from lidario.session.log import Trouble
 from lidario.session.modes import Wanted, agree
-from lidario.session.running import Running, Totals
+from lidario.session.readers import Readers
+from lidario.session.running import Failure, Running, Totals
 from lidario.session.states import Event, State, next_state
 from lidario.session.stream import Hub, Mailbox
 from lidario.session.twin import twin_of
 
-__all__ = ["LINGER_S", "Scanner"]
+__all__ = ["Scanner"]
 
 T = TypeVar("T")
 _log = logging.getLogger("lidario")
 
-LINGER_S = 1.0
-"""How long a stream goes on that nobody reads any more, where its reader did not say that it is the last: single
-scans in a row must not restart the rotor each time. Users are promised two seconds."""
 LEAVE_TIMEOUT_S = 2.0
 STOP_ATTEMPTS = 3
 
@@ -46,25 +54,17 @@ class _Stopped(LidarError):
     """Ends a start that nobody wants any more. Never leaves this module."""
 
 
-class _Joining(NamedTuple):
-    """A reader that waits to be let in, and what it asked for."""
-
-    mailbox: Mailbox
-    mode: str | int | None
-    force: bool
-
-
 class Scanner:
     """The stream of one device.
 
     Attributes:
-        hub: Everybody who reads it.
         totals: Counters since the session was opened.
         latest: The last scan, or None.
+        inquiry: Asks the device when a stream fails.
     """
 
     def __init__(self, dialogue: Dialogue, device: Device, latency: float) -> None:
-        self.hub: Hub = Hub()
+        self._readers = Readers(self._deserted)
         self.totals: Totals = Totals(AssemblerStats())
         self.latest: Scan | None = None
         self._dialogue = dialogue
@@ -75,16 +75,21 @@ class Scanner:
         self._state = State.IDLE
         self._wanted: Wanted | None = None
         self._running: Running | None = None
-        self._joining: list[_Joining] = []
         self._ran = False
         self._worker: asyncio.Task[None] | None = None
         self._worker_has_lock = False
-        self._linger: asyncio.TimerHandle | None = None
         self._modes: tuple[ScanMode, ...] = ()
         self._over: SessionClosed | None = None
         self._trouble = Trouble(_log)
+        self._failure: Failure | None = None
+        self.inquiry: Inquiry = Inquiry(dialogue, device, self.totals, self._trouble)
         dialogue.on_lost = self._lost
         dialogue.stopper.on_still = self._still
+
+    @property
+    def hub(self) -> Hub:
+        """Everybody who reads it."""
+        return self._readers.hub
 
     @property
     def state(self) -> State:
@@ -105,11 +110,7 @@ class Scanner:
 
     def join(self, mailbox: Mailbox, mode: str | int | None, force: bool) -> None:
         """As `ScanSource`."""
-        self._cancel_linger()
-        if mode is None and len(self.hub) and not self._joining:
-            self.hub.add(mailbox)
-        else:
-            self._joining.append(_Joining(mailbox, mode, force))
+        self._readers.add(mailbox, mode, force)
         if self._state in (State.IDLE, State.STOPPING):
             self._ran = False
             self._go(Event.WANT)
@@ -117,15 +118,15 @@ class Scanner:
 
     def leave(self, mailbox: Mailbox) -> None:
         """As `ScanSource`."""
-        self._forget(mailbox)
-        if not self._readers() and self.is_scanning:
+        self._readers.discard(mailbox)
+        if not len(self._readers) and self.is_scanning:
             self._unwant()
 
     def linger(self, mailbox: Mailbox) -> None:
         """As `ScanSource`."""
-        self._forget(mailbox)
-        if not self._readers() and self.is_scanning and self._linger is None:
-            self._linger = self._loop.call_later(LINGER_S, self._linger_over)
+        self._readers.discard(mailbox)
+        if not len(self._readers) and self.is_scanning:
+            self._readers.linger()
 
     async def left(self) -> None:
         """As `ScanSource`."""
@@ -178,7 +179,7 @@ class Scanner:
     async def stop(self) -> None:
         """Stop laser and motor, end every stream, and return when the line is quiet."""
         self._check_open()
-        self._end_readers(None)
+        self._readers.end(None)
         self._unwant()
         await self.left()
         async with self._lock:
@@ -196,15 +197,15 @@ class Scanner:
         """The session is over: end every reader and operation with `error`. The device is not told."""
         if self._over is None:
             self._over = error
-            self._end_readers(error)
-            self._cancel_linger()
+            self._readers.end(error)
+            self._readers.cancel_linger()
             self._rest()
             self._go(Event.CLOSE)
             self._dialogue.interrupt(error)
 
     def abandon(self) -> None:
         """Nobody holds the session any more: let go of every timer. The device is not told."""
-        self._cancel_linger()
+        self._readers.cancel_linger()
         self._rest()
 
     async def ended(self) -> None:
@@ -214,19 +215,25 @@ class Scanner:
 
     # ------------------------------------------------------------------------------------------------ the worker
 
+    @property
+    def _has_work(self) -> bool:
+        """Whether readers wait to be let in, a stream is to be started, or one has failed."""
+        return bool(self._readers.joining) or self._state is State.STARTING or self._failure is not None
+
     def _work_soon(self) -> None:
         """Have the worker do what is to be done, if there is anything."""
-        if self._worker is None and (self._joining or self._state is State.STARTING):
+        if self._worker is None and self._has_work:
             self._worker = self._loop.create_task(self._work(), name="lidario: start the stream")
 
     async def _work(self) -> None:
         """Let the readers in who wait for it, and start the stream they want; until nothing is left to do."""
         try:
-            while self._joining or self._state is State.STARTING:
+            while self._has_work:
                 async with self._lock:
                     self._dialogue.begin()
                     self._worker_has_lock = True
                     try:
+                        await self._judge()
                         await self._let_in()
                         if self._state is State.STARTING and self._wanted is not None:
                             await self._start(self._wanted)
@@ -245,14 +252,33 @@ class Scanner:
         finally:
             self._worker = None
 
+    async def _judge(self) -> None:
+        """If a stream has failed, ask the device; then have the stream started again, or end it with the reason."""
+        failure = self._failure
+        if failure is None:
+            return
+        try:
+            await self._interrupt()
+            await self.inquiry.about(failure)
+        except (StreamFailed, DeviceFault) as error:
+            if failure.error is not None and isinstance(error, StreamFailed):
+                self._could_not_start(failure.error)
+            else:
+                self._fail(error)
+        else:
+            if self._state is State.INTERRUPTED:
+                self._go(Event.RESUME)
+        finally:
+            self._failure = None
+
     async def _let_in(self) -> None:
         """Let in the readers who wait, as far as the modes they ask for go together."""
-        while self._joining:
+        while self._readers.joining:
             if not self._modes:
                 await self._interrupt()
                 self._modes = await self._dialogue.run(self._device.modes())
                 continue
-            mailbox, mode, force = self._joining.pop(0)
+            mailbox, mode, force = self._readers.joining.pop(0)
             try:
                 wanted = agree(self._modes, mode, force, self._wanted, alone=not len(self.hub))
             except (LocalProtocolError, Unsupported) as error:
@@ -269,7 +295,14 @@ class Scanner:
 
     async def _start(self, wanted: Wanted) -> None:
         await self._silence()
-        stream = await self._dialogue.run(self._device.start(wanted.mode, force=wanted.force))
+        if self.inquiry.doubtful:
+            await self.inquiry.beforehand()
+        try:
+            stream = await self._dialogue.run(self._device.start(wanted.mode, force=wanted.force))
+        except ResponseTimeout as error:
+            # A device that has stopped to protect itself starts no stream, and does not say so by itself.
+            self._failure = Failure(f"no stream begins ({error})", "does it know this scan mode?", error=error)
+            return
         if self._state is not State.STARTING or wanted != self._wanted:
             # Nobody wants it any more, and the stop requests are written already.
             return
@@ -282,7 +315,7 @@ class Scanner:
             totals=self.totals,
             trouble=self._trouble,
             publish=self._publish,
-            failed=self._fail,
+            failed=self._suspect,
         )
         self._running.begin()
 
@@ -292,7 +325,7 @@ class Scanner:
             failure = StreamFailed(f"the stream could not be started again: {error}")
             failure.__cause__ = error
             error = failure
-        self._end_readers(error)
+        self._readers.end(error)
         if self.is_scanning:
             self._unwant()
 
@@ -330,8 +363,8 @@ class Scanner:
         if self._state is State.CLOSED:
             return
         self._go(Event.UNWANT)
-        self._wanted = None
-        self._cancel_linger()
+        self._wanted = self._failure = None
+        self._readers.cancel_linger()
         self._rest()
         if self._worker_has_lock:
             self._dialogue.interrupt(_Stopped("the stream is not wanted any more"))
@@ -353,44 +386,35 @@ class Scanner:
         self.latest = scan
         self.hub.publish(scan)
 
-    def _fail(self, error: StreamFailed) -> None:
+    def _suspect(self, failure: Failure) -> None:
+        """The stream brings no scans. Where noise arrives, no response would be understood; else ask the device."""
+        if failure.noise:
+            self._fail(StreamFailed(f"{failure.what}; only noise arrives: is the baud rate right?"))
+        else:
+            self._failure = failure
+            self.inquiry.doubtful = True
+            self._work_soon()
+
+    def _fail(self, error: StreamFailed | DeviceFault) -> None:
         """End the stream for everybody; the session goes on."""
         self._trouble.tell("the stream ended: %s", error)
-        self._end_readers(error)
+        self._readers.end(error)
         self._unwant()
 
     def _lost(self, error: LidarError) -> None:
         """The port died, or we failed: the session is over."""
         self._trouble.tell("the session ended: %s", error)
-        self._end_readers(error)
-        self._cancel_linger()
+        self._readers.end(error)
+        self._readers.cancel_linger()
         self._rest()
         self._go(Event.CLOSE)
 
     # ------------------------------------------------------------------------------------------------ small things
 
-    def _readers(self) -> int:
-        return len(self.hub) + len(self._joining)
-
-    def _forget(self, mailbox: Mailbox) -> None:
-        self.hub.discard(mailbox)
-        self._joining = [each for each in self._joining if each.mailbox is not mailbox]
-
-    def _end_readers(self, error: LidarError | None) -> None:
-        joining, self._joining = self._joining, []
-        for each in joining:
-            self.hub.add(each.mailbox)
-        self.hub.end(error)
-
-    def _linger_over(self) -> None:
-        self._linger = None
-        if not self._readers() and self.is_scanning:
+    def _deserted(self) -> None:
+        """The last reader has been gone for a second."""
+        if self.is_scanning:
             self._unwant()
-
-    def _cancel_linger(self) -> None:
-        if self._linger is not None:
-            self._linger.cancel()
-            self._linger = None
 
     def _check_open(self) -> None:
         if self._over is not None:

@@ -8,10 +8,11 @@ from itertools import pairwise
 import pytest
 
 from lidario import Lidar, StreamFailed
-from tests.support.devices import Rig, left_still, make_rig, names
+from tests.support.devices import Rig, left_still, make_rig, names, take
 from tests.support.loop import DrivenLoop, driven
 
 MINUTE_S = 60.0
+INTERVAL_S = 0.4
 LIMIT_S = 3.0
 """The device's patience (4ROS development manual, power-down protection)."""
 
@@ -53,21 +54,101 @@ async def test_an_hour_with_protection_on(minutes: int) -> None:
         assert await lidar.set_power_down_protection(True) is True
         count = await scan_for(lidar, seconds)
         assert count == pytest.approx(seconds / rig.turn_s, rel=0.001)
-        assert lidar.stats.keepalives == pytest.approx(seconds, rel=0.001, abs=1)
+        assert lidar.stats.keepalives == pytest.approx(seconds / INTERVAL_S, rel=0.001, abs=1)
         assert lidar.stats.interruptions == lidar.stats.skipped_bytes == lidar.stats.lost_packets == 0
     assert left_still(rig)
 
 
 @driven
-async def test_a_consumer_that_blocks_the_loop_does_not_stop_the_device() -> None:
+async def test_a_program_that_blocks_the_loop_does_not_stop_the_device_in_any_phase() -> None:
+    """For 2.5 s, from each twentieth of the time between two keepalives on; without a thread."""
     rig = make_rig("ydlidar")
+    loop = asyncio.get_running_loop()
+    assert isinstance(loop, DrivenLoop)
     async with rig.open() as lidar:
         await lidar.set_power_down_protection(True)
-        await scan_for(lidar, 120.0, block_s=1.5)
-        assert max(pauses(rig)) < LIMIT_S
-        assert max(pauses(rig)) > 1.5
-        assert names(rig).count("stop") <= 2
-        assert lidar.stats.interruptions == 0
+        async with lidar.scans(depth=64) as stream:
+            for phase in range(20):
+                await anext(stream)
+                sent = lidar.stats.keepalives
+                while lidar.stats.keepalives == sent:
+                    await asyncio.sleep(0.001)
+                await asyncio.sleep(phase / 20 * INTERVAL_S)
+                loop.block(2.5)
+        assert 2.5 + 0.9 * INTERVAL_S < max(pauses(rig)) < LIMIT_S
+        assert rig.device.lapses == lidar.stats.restarts == lidar.stats.interruptions == 0
+
+
+@driven
+async def test_after_a_lapse_the_next_keepalive_starts_the_device_again() -> None:
+    rig = make_rig("ydlidar")
+    loop = asyncio.get_running_loop()
+    assert isinstance(loop, DrivenLoop)
+    async with rig.open() as lidar:
+        await lidar.set_power_down_protection(True)
+        async with lidar.scans() as stream:
+            await anext(stream)
+            loop.block(4.0)
+            for _ in range(50):
+                await anext(stream)
+        assert (rig.device.lapses, lidar.stats.restarts) == (1, 0)
+
+
+@driven
+async def test_protection_that_an_earlier_program_left_on_is_learned() -> None:
+    rig = make_rig("ydlidar")
+    rig.device.protected = True
+    async with rig.open() as lidar:
+        await scan_for(lidar, 20.0)
+        assert (rig.device.lapses, lidar.stats.restarts) == (1, 1)
+        await scan_for(lidar, 20.0)
+        assert (rig.device.lapses, lidar.stats.restarts) == (1, 1)
+    assert rig.device.protected
+    assert left_still(rig)
+
+
+@driven
+async def test_protection_is_not_toggled_unless_a_stream_ends_as_if_it_were_on() -> None:
+    rig = make_rig("ydlidar")
+    async with rig.open() as lidar:
+        async with lidar.scans() as stream:
+            for _ in range(10):
+                await anext(stream)
+            rig.device._halt(rig.device._now)
+            for _ in range(40):
+                await anext(stream)
+        assert lidar.stats.restarts == 1
+        assert "toggle_protection" not in names(rig)
+        assert lidar.stats.keepalives == 0
+        await scan_for(lidar, 2.9)
+        async with lidar.scans() as stream:
+            began = asyncio.get_running_loop().time()
+            while asyncio.get_running_loop().time() - began < 3.0:
+                await anext(stream)
+            rig.device._halt(rig.device._now)
+            for _ in range(40):
+                await anext(stream)
+    assert names(rig).count("toggle_protection") == 2
+    assert not rig.device.protected
+    assert lidar.stats.keepalives == 0
+
+
+@pytest.mark.parametrize("wanted", [True, False])
+@driven
+async def test_a_reset_keeps_what_the_program_has_set(wanted: bool) -> None:
+    rig = make_rig("ydlidar")
+    async with rig.open() as lidar:
+        await lidar.set_power_down_protection(wanted)
+        await lidar.set_scan_frequency(9.0)
+        await lidar.reset()
+        scans = await take(lidar, 60)
+        assert scans[-1].rpm == pytest.approx(540, rel=0.01)
+        assert rig.device.protected is wanted
+        assert bool(lidar.stats.keepalives) is wanted
+        assert rig.device.lapses == 0
+        toggled = names(rig).count("toggle_protection")
+        await take(lidar, 2)
+        assert names(rig).count("toggle_protection") == toggled
 
 
 @driven

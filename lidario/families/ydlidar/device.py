@@ -19,6 +19,7 @@ The motor has neither a pin nor a request of its own: a scan starts it, STOP sto
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 from typing import Final
 
 from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout, Unsupported
@@ -57,8 +58,13 @@ SPIN_UP_S: Final = 4.0
 """No document says how long the motor takes; 2.5 s are assumed, and a margin added."""
 SLOWEST_TURN_S: Final = 0.5
 """One revolution at the lowest speed that a start packet can tell, 3 Hz, and half as long again."""
-KEEPALIVE_S: Final = 1.0
-"""The manual demands less than 3 s; the SDK repeats every second."""
+KEEPALIVE_S: Final = 0.4
+"""The manual demands less than 3 s; the SDK repeats every second. A program that blocks its event loop for 2.5 s
+may begin to do so just before the next one is due, and must not stop the device by that."""
+LAPSE_S: Final = (2.5, 4.0)
+"""A stream that nobody kept alive ends 3 s after its start (manual 3.8). The last packets may be read half a second
+later."""
+LEARN_TIMEOUT_S: Final = 0.5
 
 
 class Device4Ros(Device):
@@ -71,6 +77,10 @@ class Device4Ros(Device):
         self._health_request: Request | None = None
         self._protected = False
         self._offset_deg = 0.0
+        # What the program has set, to be set again when the device was restarted.
+        self._wanted_protection: bool | None = None
+        self._wanted_speed: int | None = None
+        self._was_restarted = False
 
     def scan_frequency_range(self) -> Script[tuple[float, float]]:
         """As `Device.scan_frequency_range`: the data sheet's, since the device cannot be asked."""
@@ -88,6 +98,33 @@ class Device4Ros(Device):
     def reset(self) -> Request:
         """As `Device.reset`. Whether settings outlast it is not documented."""
         return commands.RESET
+
+    def restarted(self) -> None:
+        """As `Device.restarted`: the next start sets speed and protection again, if the program has set them."""
+        self._was_restarted = True
+        self._protected = False
+
+    def explain_silence(self, lasted_s: float) -> Script[bool]:
+        """As `Device.explain_silence`: an earlier program may have left power-down protection on.
+
+        It cannot be asked for, only be toggled: two toggles in a row tell it and leave it. They are sent only to a
+        device that has stopped when protection would have stopped it, so never without need.
+        """
+        earliest, latest = LAPSE_S
+        if self._protected or (lasted_s and not earliest <= lasted_s <= latest):
+            return False
+        told = 0
+        for _ in range(MOST_TOGGLES):
+            try:
+                state = (yield _LEARN_PROTECTION)[0]
+            except ResponseTimeout:
+                continue
+            if state <= 1:
+                self._protected = state == 0
+                told += 1
+                if told == 2:
+                    break
+        return self._protected
 
     def identify(self) -> Script[DeviceInfo]:
         """As `Device.identify`; asked until two responses are equal."""
@@ -132,6 +169,8 @@ class Device4Ros(Device):
             )
         if mode.response_type != MODE.response_type or mode.id != MODE.id:
             raise Unsupported(f"this device has one scan mode, {MODE.name!r}, and not {mode.name!r}")
+        if self._was_restarted:
+            yield from self._restore()
         try:
             stream = PointCloud()
             yield commands.scan(stream)
@@ -165,7 +204,7 @@ class Device4Ros(Device):
         wanted = finite(hertz, "a scan frequency")
         if not lowest <= wanted <= highest:
             raise InvalidValue(f"{wanted:g} Hz is outside of the 4ROS's {lowest:g} to {highest:g} Hz")
-        return self._step_to(round(wanted * 100))
+        return self._set_speed(round(wanted * 100))
 
     def zero_offset(self) -> Script[float]:
         """As `Device.zero_offset`: clockwise degrees, if it counts the way the SDK takes it.
@@ -190,7 +229,8 @@ class Device4Ros(Device):
 
         The manual (3.8) recommends it where lidar and host have separate power supplies, so that the lidar stops
         when the host has lost its own. Streams started with protection on must be kept alive. Before this was
-        called the state is not known, since it cannot be asked; it is assumed to be off.
+        called the state is not known, since it cannot be asked for; it is assumed to be off until a stream ends as
+        if it were on (`explain_silence`). Without protection a SCAN in mid-scan is not documented, so none is sent.
 
         Raises:
             RemoteProtocolError: The device does not reach the wanted state.
@@ -207,8 +247,22 @@ class Device4Ros(Device):
             if state <= 1:
                 self._protected = state == 0
                 if self._protected == wanted:
+                    self._wanted_protection = wanted
                     return wanted
         raise RemoteProtocolError(f"power-down protection does not go {'on' if wanted else 'off'}")
+
+    def _restore(self) -> Script[None]:
+        """Set again what the program has set: no document says what outlasts a restart."""
+        if self._wanted_speed is not None:
+            yield from self._step_to(self._wanted_speed)
+        if self._wanted_protection is not None:
+            yield from self.power_down_protection(self._wanted_protection)
+        self._was_restarted = False
+
+    def _set_speed(self, hundredths: int) -> Script[float]:
+        reached = yield from self._step_to(hundredths)
+        self._wanted_speed = hundredths
+        return reached
 
     def _ask_health(self) -> Script[bytes]:
         known = self._health_request
@@ -247,6 +301,7 @@ class Device4Ros(Device):
         return (yield from self._ask_speed()) / 100
 
 
+_LEARN_PROTECTION: Final = replace(commands.TOGGLE_PROTECTION, timeout=LEARN_TIMEOUT_S)
 _STEPS: Final = {
     (True, True): commands.SPEED_UP_BY_1,
     (True, False): commands.SPEED_DOWN_BY_1,

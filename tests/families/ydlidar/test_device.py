@@ -360,7 +360,7 @@ def test_power_down_protection_is_toggled_until_it_is_as_wanted(bench: Bench, be
     assert (stream.keepalive is not None) is wanted
     if stream.keepalive:
         assert stream.keepalive.request.data == b"\xa5\x60"
-        assert stream.keepalive.interval_s == 1.0
+        assert stream.keepalive.interval_s == 0.4
 
 
 @pytest.mark.parametrize("on", [np.True_, 1, "yes", np.False_, 0])

@@ -1,0 +1,85 @@
+"""What the operation in progress waits for: one future, so that everything that may end the waiting can do so.
+
+One operation at a time talks to the device, and it waits for one thing at a time: a response, a pause, or a change
+of what the device is busy with. `Waiting.interrupt`, a dead port and the end of the session end that at once.
+Timers, not cancel scopes, bound it: native cancellation and anyio's behave alike.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from enum import Enum, auto
+
+from lidario.errors import LidarError
+from lidario.session.twin import twin_of
+
+__all__ = ["Awaited", "Waiting"]
+
+
+class Awaited(Enum):
+    """What an operation waits for."""
+
+    TIME = auto()
+    RESPONSE = auto()
+    CHANGE = auto()
+
+
+class Waiting:
+    """The one future of the operation in progress.
+
+    Attributes:
+        fatal: What ended all operations for good, or None.
+    """
+
+    def __init__(self) -> None:
+        self.fatal: LidarError | None = None
+        self._loop = asyncio.get_running_loop()
+        self._waiter: asyncio.Future[bytes] | None = None
+        self._awaited = Awaited.TIME
+        self._interruption: LidarError | None = None
+
+    def begin(self) -> None:
+        """An operation begins; what interrupted the one before does not concern it."""
+        self._interruption = None
+
+    def check(self) -> None:
+        """Raise what ended the operation in progress, if anything did."""
+        for error in (self.fatal, self._interruption):
+            if error is not None:
+                raise twin_of(error)
+
+    def interrupt(self, error: LidarError) -> None:
+        """End the operation in progress with `error`: at once if it waits, else at its next step."""
+        self._interruption = error
+        self._raise(error)
+
+    def fail(self, error: LidarError) -> None:
+        """End this operation and all later ones with `error`."""
+        self.fatal = error
+        self._raise(error)
+
+    async def wait(self, seconds: float, what: Awaited) -> bytes:
+        """Wait for `what`, and return what it is woken with; TimeoutError after `seconds`."""
+        self.check()
+        waiter: asyncio.Future[bytes] = self._loop.create_future()
+        self._waiter, self._awaited = waiter, what
+        timer = self._loop.call_later(seconds, _time_out, waiter)
+        try:
+            return await waiter
+        finally:
+            timer.cancel()
+            self._waiter = None
+
+    def wake(self, what: Awaited, result: bytes = b"") -> None:
+        """The operation in progress need not wait any more, if it waits for this."""
+        if self._waiter is not None and self._awaited is what and not self._waiter.done():
+            self._waiter.set_result(result)
+
+    def _raise(self, error: LidarError) -> None:
+        if self._waiter is not None and not self._waiter.done():
+            self._waiter.set_exception(twin_of(error))
+
+
+def _time_out(waiter: asyncio.Future[bytes]) -> None:
+    if not waiter.done():
+        waiter.set_exception(TimeoutError())

@@ -1,0 +1,103 @@
+"""A request that the reading thread repeats while the loop is blocked."""
+
+from __future__ import annotations
+
+import os
+import time
+from itertools import pairwise
+
+import lidario
+from lidario.port.inbox import Inbox
+from lidario.port.repeat import Repeat
+from lidario.port.serial import open_serial
+from lidario.port.thread import Watched
+from lidario.sim.serve import PtyServer
+from tests.port.test_thread import Steady
+from tests.support.children import is_still, until
+from tests.support.devices import make_rig
+from tests.support.ports import terminal_pair
+
+REQUEST = b"\xa5\x60"
+
+
+class Line:
+    """Notes what is written to it and when, on a clock that the test moves."""
+
+    def __init__(self) -> None:
+        self.now = 0
+        self.written: list[tuple[int, bytes]] = []
+        self.dead = False
+
+    def write(self, handle: int, data: bytes) -> int:
+        if self.dead:
+            raise OSError("unplugged")
+        self.written.append((self.now, data))
+        return len(data)
+
+    def repeat(self) -> Repeat:
+        return Repeat(-1, REQUEST, 1.0, lambda: self.now, self.write)
+
+
+def test_it_is_written_only_when_the_loop_is_late_and_then_each_interval() -> None:
+    line = Line()
+    repeat = line.repeat()
+    watched = Watched(Inbox(-1, lambda: line.now, lambda handle: b"x"), 0.05, lambda: None)
+    watched.repeat = repeat
+    for step in range(100):
+        line.now = step * 50_000_000
+        if line.now <= 2_000_000_000 and step % 8 == 0:
+            repeat.note()
+        watched.serve(line.now * 1e-9, 0.0)
+    assert [at for at, _ in line.written] == [3_000_000_000, 4_000_000_000]
+    assert repeat.count == 2
+    assert repeat.take_written() == [(REQUEST, 3_000_000_000), (REQUEST, 4_000_000_000)]
+    assert repeat.take_written() == []
+
+
+def test_after_stop_nothing_is_written_and_a_dead_line_does_not_raise() -> None:
+    line = Line()
+    repeat = line.repeat()
+    line.now, line.dead = 2_000_000_000, True
+    repeat.serve()
+    assert repeat.count == 0
+    line.now, line.dead = 4_000_000_000, False
+    repeat.stop()
+    repeat.serve()
+    assert line.written == []
+
+
+async def test_the_thread_writes_it_while_the_loop_is_blocked_and_taps_see_it_in_order() -> None:
+    with terminal_pair() as (master, _, path):
+        port = await open_serial(path, 1_000_000)
+        seen: list[tuple[str, bytes, int]] = []
+        port.add_tap(lambda direction, data, now: seen.append((direction, data, now)))
+        port.set_polling(0.005, Steady())
+        port.set_repeat(REQUEST, 0.1)
+        deadline = time.monotonic() + 10.0
+        while port.repeated < 3 and time.monotonic() < deadline:
+            os.write(master, b"x")
+            time.sleep(0.01)  # noqa: ASYNC251
+        port.set_repeat(b"", 0.0)
+        repeated = port.repeated
+        assert repeated >= 3
+        assert os.read(master, 100) == repeated * REQUEST
+        port.poll()
+        out = [now for direction, data, now in seen if (direction, data) == ("out", REQUEST)]
+        assert len(out) == repeated
+        assert [now for *_, now in seen] == sorted(now for *_, now in seen)
+        assert min(later - earlier for earlier, later in pairwise(out)) >= 100_000_000
+        await port.close()
+
+
+async def test_protection_survives_a_block_that_is_longer_than_its_time() -> None:
+    rig = make_rig("ydlidar")
+    with PtyServer(rig.device) as server:
+        async with lidario.open_lidar(server.path, family="ydlidar") as lidar:
+            await lidar.set_power_down_protection(True)
+            async with lidar.scans(depth=64) as stream:
+                await anext(stream)
+                time.sleep(3.3)  # noqa: ASYNC251 - the block is what it tests
+                await anext(stream)
+            assert rig.device.lapses == 0
+            assert lidar.stats.keepalives >= 2
+        until(lambda: is_still(server))

@@ -1,0 +1,313 @@
+"""A stream brings no scans: the device is asked before anybody is told. On strict devices, in driven time."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+
+import pytest
+
+from lidario import DeviceFault, Lidar, StreamFailed
+from tests.support.devices import Rig, both_families, left_still, make_rig, names
+from tests.support.loop import DrivenLoop, driven, run_driven
+
+CODE = 0x8001
+RECOVERED_S = 3.5
+"""Silence of 0.6 s, the questions, a boot of 1 s, and the first revolution, which is a partial one."""
+
+
+def clock() -> float:
+    return asyncio.get_running_loop().time()
+
+
+def fall_silent(rig: Rig) -> None:
+    """The stream ends by itself, and the device is well."""
+    rig.device._stream = None
+
+
+async def error_of(
+    lidar: Lidar, harm: Callable[[], object], kind: type[Exception] = StreamFailed
+) -> tuple[str, float]:
+    """What a stream ends with after `harm`, and after how long."""
+    async with lidar.scans() as stream:
+        await anext(stream)
+        began = clock()
+        harm()
+        with pytest.raises(kind) as caught:
+            while True:
+                await anext(stream)
+        return str(caught.value), clock() - began
+
+
+@both_families
+@driven
+async def test_a_protection_stop_in_mid_scan_is_cured_counted_and_told(
+    family: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        await lidar.set_scan_frequency(9.0)
+        async with lidar.scans() as stream:
+            await anext(stream)
+            rig.device.protection_stop(CODE)
+            began = clock()
+            with caplog.at_level(logging.WARNING, "lidario"):
+                scans = [await anext(stream) for _ in range(4)]
+            assert clock() - began < RECOVERED_S
+        assert (lidar.stats.protection_stops, lidar.stats.restarts) == (1, 1)
+        assert lidar.health.ok
+        assert "0x8001" in lidar.health.note
+        assert any("0x8001" in record.message for record in caplog.records)
+        assert any("started again" in record.message for record in caplog.records)
+        assert scans[-1].rpm == pytest.approx(540, rel=0.01)
+    assert names(rig).count("reset") == 1
+    assert left_still(rig)
+
+
+@both_families
+@driven
+async def test_a_second_protection_stop_within_a_minute_is_raised(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        async with lidar.scans() as stream:
+            await anext(stream)
+            rig.device.protection_stop(CODE)
+            for _ in range(20):
+                await anext(stream)
+            rig.device.protection_stop(CODE)
+            with pytest.raises(DeviceFault, match=r"0x8001.*again within 60 s") as caught:
+                while True:
+                    await anext(stream)
+        assert caught.value.health.code == CODE
+        assert lidar.health.code == CODE
+        assert lidar.stats.protection_stops == 2
+        assert names(rig).count("reset") == 1
+        # The session goes on, and a start that the program asks for is worth another reset.
+        assert await lidar.scan()
+        assert lidar.stats.protection_stops == 3
+    assert left_still(rig)
+
+
+@both_families
+@driven
+async def test_after_a_while_a_protection_stop_is_cured_again(family: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidario.session.inquiry.PERIOD_S", 5.0)
+    rig = make_rig(family)
+    async with rig.open() as lidar, lidar.scans() as stream:
+        for count in (1, 2):
+            await anext(stream)
+            rig.device.protection_stop(CODE)
+            began = clock()
+            while clock() - began < 6.0:
+                await anext(stream)
+            assert lidar.stats.protection_stops == lidar.stats.restarts == count
+
+
+@both_families
+@driven
+async def test_a_fault_that_stays_ends_the_stream_with_its_code_and_the_next_start_at_once(family: str) -> None:
+    rig = make_rig(family)
+    rig.device.faults_cleared_by_reset = False
+    async with rig.open() as lidar:
+        text, after = await error_of(lidar, lambda: rig.device.protection_stop(CODE), DeviceFault)
+        assert "0x8001" in text
+        assert after < 2.5
+        began = clock()
+        with pytest.raises(DeviceFault, match="0x8001"):
+            await lidar.scan()
+        assert clock() - began < 2.5
+        rig.device.faults_cleared_by_reset = True
+        assert await lidar.scan()
+    assert left_still(rig)
+
+
+@pytest.mark.discards("a device in Protection Stop starts no stream, and does not say so")
+@both_families
+@driven
+async def test_a_protection_stop_while_nothing_runs_is_cured_by_the_next_start(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        await lidar.scan()
+        await lidar.stop()
+        rig.device.protection_stop(CODE)
+        assert await lidar.scan()
+        assert lidar.stats.protection_stops == 1
+
+
+@both_families
+@driven
+async def test_a_protection_stop_at_open_is_cured_counted_and_told(
+    family: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    rig = make_rig(family)
+    rig.device.protection_stop(CODE)
+    with caplog.at_level(logging.WARNING, "lidario"):
+        async with rig.open() as lidar:
+            assert lidar.health.ok
+            assert "0x8001" in lidar.health.note
+            assert lidar.stats.protection_stops == 1
+    assert [record.message for record in caplog.records if "0x8001" in record.message]
+
+
+@both_families
+@driven
+async def test_a_well_device_that_falls_silent_is_started_again(
+    family: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        async with lidar.scans() as stream:
+            for count in (1, 2, 3):
+                await anext(stream)
+                fall_silent(rig)
+                began = clock()
+                for _ in range(3):
+                    await anext(stream)
+                assert clock() - began < 1.5
+                assert (lidar.stats.restarts, lidar.stats.protection_stops) == (count, 0)
+            assert "no scan data for 0.6 s" in caplog.text
+            fall_silent(rig)
+            with pytest.raises(
+                StreamFailed, match="fourth time within 60 s, though it responds and its health is ok"
+            ):
+                while True:
+                    await anext(stream)
+        assert await lidar.scan()
+    assert left_still(rig)
+
+
+@both_families
+@driven
+async def test_a_dead_device_is_told_of_within_a_second(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        text, after = await error_of(lidar, lambda: setattr(rig.device, "mute", True))
+        assert "responds to no request: is it powered, and is the cable in?" in text
+        assert after < 1.0
+        rig.device.mute = False
+
+
+@both_families
+@driven
+async def test_a_rotor_that_stalls_is_told_of_within_three_slow_revolutions(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+
+        def stall() -> None:
+            running = lidar._scanner._running
+            assert running is not None
+            running._assembler._seam.splits = lambda headings: []  # type: ignore[method-assign]
+
+        text, after = await error_of(lidar, stall)
+        assert "no full revolution" in text
+        assert "its health is ok: is the rotor blocked?" in text
+        assert after < {"rplidar": 3.3, "ydlidar": 1.9}[family]
+        assert lidar.stats.restarts == 0
+
+
+@both_families
+@driven
+async def test_a_blocked_rotor_that_stopped_the_device_is_told_by_its_code(family: str) -> None:
+    """A device that never brings a packet is asked too."""
+    rig = make_rig(family)
+    rig.device.faults_cleared_by_reset = False
+    async with rig.open() as lidar:
+        await lidar.get_modes()
+        rig.device.spin_up_s = 2.0
+        scan = asyncio.create_task(lidar.scan())
+        await asyncio.sleep(1.0)
+        rig.device.protection_stop(CODE)
+        with pytest.raises(DeviceFault, match="0x8001"):
+            await scan
+
+
+@both_families
+@pytest.mark.parametrize("harm", ["half a packet", "a bad byte long ago", "a burst that is over"])
+@driven
+async def test_noise_is_told_only_where_noise_is_what_arrives(family: str, harm: str) -> None:
+    rig = make_rig(family)
+    clean = rig.device.transmit
+    left = {"half a packet": 50, "a bad byte long ago": 0, "a burst that is over": 0}[harm]
+
+    def spoil() -> None:
+        if harm == "a burst that is over":
+            rig.device.transmit = lambda now: bytes(len(clean(now)))
+            asyncio.get_running_loop().call_later(0.2, end)
+        elif harm == "half a packet":
+            rig.device.transmit = lambda now: clean(now)[:left]
+            asyncio.get_running_loop().call_later(0.002, end)
+        else:
+            end()
+
+    def end() -> None:
+        rig.device.transmit = clean
+        rig.device.mute = True
+
+    async with rig.open() as lidar:
+        if harm == "a bad byte long ago":
+            async with lidar.scans() as stream:
+                await anext(stream)
+                rig.device.transmit = lambda now: clean(now).replace(b"\xaa\x55", b"\xaa\x54", 1)[:-1]
+                await asyncio.sleep(0.05)
+                rig.device.transmit = clean
+                await anext(stream)
+            assert lidar.stats.skipped_bytes
+        text, _ = await error_of(lidar, spoil)
+        assert "noise" not in text
+        assert "is it powered" in text
+        rig.device.mute = False
+
+
+@both_families
+@pytest.mark.parametrize("act", ["stop", "close", "leave", "ask", "cancel", "join"])
+@pytest.mark.parametrize("harm", ["silent", "protect"])
+@pytest.mark.exhaustive("step", sample=[2, 9], full=[1, 2, 3, 5, 8, 13, 21, 40])
+def test_whatever_is_done_while_the_device_is_asked(family: str, harm: str, act: str, step: int) -> None:
+    """At a step of the loop after the silence was noticed, another task stops, closes, leaves, asks or joins."""
+    rig = make_rig(family)
+
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, DrivenLoop)
+        async with rig.open() as lidar:
+            stream = lidar.scans()
+            await anext(stream)
+            if harm == "protect":
+                rig.device.protection_stop(CODE)
+            else:
+                fall_silent(rig)
+            while lidar._scanner._failure is None:
+                await asyncio.sleep(0.001)
+            for _ in range(step):
+                await asyncio.sleep(0)
+                if not loop._ready:  # type: ignore[attr-defined]
+                    await asyncio.sleep(0.004)
+            if act == "stop":
+                await lidar.stop()
+                with pytest.raises(StopAsyncIteration):
+                    while True:
+                        await anext(stream)
+            elif act == "close":
+                await lidar.close()
+            elif act == "leave":
+                await stream.aclose()
+            elif act == "ask":
+                await lidar.get_info()
+            elif act == "cancel":
+                reader = asyncio.create_task(anext(stream))
+                await asyncio.sleep(0)
+                reader.cancel()
+                await asyncio.wait([reader])
+            else:
+                async with lidar.scans() as other:
+                    await anext(other)
+            if act in ("ask", "cancel", "join"):
+                await anext(stream)
+                assert (await anext(stream)).seq > 0
+            if act == "stop":
+                assert await lidar.scan()
+            await stream.aclose()
+        assert left_still(rig) or rig.device.health[0]
+
+    run_driven(main)
