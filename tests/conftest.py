@@ -26,6 +26,7 @@ from tests.support.discards import all_obeyed, devices_made, may_discard, some_d
 from tests.support.leaks import leaves_no_task, leaves_nothing
 from tests.support.ledger import ledgers_made
 
+PROPERTIES = Path(__file__).parent / "properties"
 NEVER_MIND = (HealthCheck.too_slow, HealthCheck.data_too_large)
 
 settings.register_profile("ci", deadline=None, derandomize=True, max_examples=40, suppress_health_check=NEVER_MIND)
@@ -73,9 +74,16 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         metafunc.parametrize(mark.args[0], mark.kwargs["full" if full else "sample"])
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Have async tests watched by `leaves_no_task`."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Have async tests watched by `leaves_no_task`; measure no coverage where tests run the same lines very often.
+
+    Coverage makes this package three times as slow. What the longest tests alone reach would count as not covered.
+    """
     for item in items:
+        if config.pluginmanager.hasplugin("pytest_cov") and (
+            PROPERTIES in item.path.parents or item.get_closest_marker("exhaustive")
+        ):
+            item.add_marker("no_cover")
         if isinstance(item, pytest.Function) and inspect.iscoroutinefunction(item.obj):
             item.obj = leaves_no_task(item.obj)
 
