@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,7 +143,7 @@ def run(setting: Setting) -> Result:
 def outcome(kind: Kind, damage: str, seed: int) -> Outcome:
     """What becomes of a stream of one kind."""
     raw = np.frombuffer(capture(kind, _SECONDS), np.uint8)[DESCRIPTOR_SIZE:]
-    clean, _, packets, offsets = _received(kind, raw, np.arange(len(raw)))
+    clean, packets, offsets = _undamaged(kind)
     damaged, places = DAMAGES[damage](raw, offsets, np.random.default_rng(seed))
     scans, stats, got, _ = _received(kind, damaged, places)
     kept = wrong = 0
@@ -162,6 +163,13 @@ def outcome(kind: Kind, damage: str, seed: int) -> Outcome:
         missing_scans=len(clean) - len(scans),
         told_scans=stats.missed_scans,
     )
+
+
+@cache
+def _undamaged(kind: Kind) -> tuple[list[Scan], int, Places]:
+    raw = np.frombuffer(capture(kind, _SECONDS), np.uint8)[DESCRIPTOR_SIZE:]
+    scans, _, packets, offsets = _received(kind, raw, np.arange(len(raw)))
+    return scans, packets, offsets
 
 
 def _received(kind: Kind, data: Bytes, places: Places) -> tuple[list[Scan], AssemblerStats, int, Places]:

@@ -9,6 +9,7 @@
 - Hypothesis runs the same examples every time; ``HYPOTHESIS_PROFILE=search`` searches for new ones, many of them.
 """
 
+import gc
 import inspect
 import os
 import platform
@@ -21,17 +22,11 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-if sys.platform != "win32":
-    pass
-
 from tests.support.discards import all_obeyed, devices_made, may_discard, some_discarded
-
-if sys.platform != "win32":
-    pass
-
 from tests.support.leaks import leaves_no_task, leaves_nothing
 from tests.support.ledger import ledgers_made
 
+PROPERTIES = Path(__file__).parent / "properties"
 NEVER_MIND = (HealthCheck.too_slow, HealthCheck.data_too_large)
 
 settings.register_profile("ci", deadline=None, derandomize=True, max_examples=40, suppress_health_check=NEVER_MIND)
@@ -79,11 +74,34 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         metafunc.parametrize(mark.args[0], mark.kwargs["full" if full else "sample"])
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Have async tests watched by `leaves_no_task`."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Have async tests watched by `leaves_no_task`; measure no coverage where tests run the same lines very often.
+
+    Coverage makes this package three times as slow. What the longest tests alone reach would count as not covered.
+    """
     for item in items:
+        if config.pluginmanager.hasplugin("pytest_cov") and (
+            PROPERTIES in item.path.parents or item.get_closest_marker("exhaustive")
+        ):
+            item.add_marker("no_cover")
         if isinstance(item, pytest.Function) and inspect.iscoroutinefunction(item.obj):
             item.obj = leaves_no_task(item.obj)
+
+
+def pytest_collection_finish() -> None:
+    """Thousands of tests and their modules live to the end: the garbage collector need not go through them."""
+    _freeze()
+
+
+@pytest.fixture(scope="module")
+def quick_collection() -> None:
+    """For tests that call `gc.collect` often, which took 50 ms each: only what they make is searched."""
+    _freeze()
+
+
+def _freeze() -> None:
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -136,7 +136,7 @@ PIECES = st.sampled_from([*":/?&=#@[]%²٣\0\n\x1b\ud800\udc80ßa", *WORDS.split
 TEXTS = st.one_of(st.text(), st.lists(PIECES, max_size=9).map("".join), st.text().map("tcp://{}:80".format))
 
 
-@settings(max_examples=400)
+@settings(max_examples=settings().max_examples * 5)
 @given(TEXTS)
 def test_any_text_is_a_source_or_is_refused(text: str) -> None:
     try:

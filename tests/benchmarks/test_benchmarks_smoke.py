@@ -116,7 +116,7 @@ def test_what_the_vendors_driver_read_is_compared_with_the_device(
     assert vendor.Run(device, {}, "it crashed").wrong() == ["it crashed"]
 
 
-@pytest.mark.parametrize("how", damage.DAMAGES)
+@pytest.mark.exhaustive("how", sample=list(damage.DAMAGES)[::3], full=list(damage.DAMAGES))
 @pytest.mark.parametrize("name", KINDS)
 def test_damage_costs_what_it_hits_and_is_told(name: str, how: str) -> None:
     """Points are right; packets are told within 3 %, for a check value does not see all; revolutions exactly."""

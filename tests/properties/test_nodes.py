@@ -20,7 +20,6 @@ from tests.support.streams import CASES, Case, arrived, assembled, feed, named
 
 CASES_81 = [case for case in CASES if len(case.packets[0]) == 5]
 RATE = 5e-4
-SEEDS = range(14)
 ADDED = -1
 
 every_case = pytest.mark.parametrize("case", CASES_81, ids=named)
@@ -59,9 +58,10 @@ def kind(origin: list[int]) -> str:
 
 @every_case
 @pytest.mark.parametrize("harm", ["lost", "added"])
-def test_no_false_turn_and_hardly_a_node_of_wrong_phase(case: Case, harm: str) -> None:
+@pytest.mark.exhaustive("seeds", sample=[4], full=[14])
+def test_no_false_turn_and_hardly_a_node_of_wrong_phase(case: Case, harm: str, seeds: int) -> None:
     kinds, hits = Counter[str](), 0
-    for seed in SEEDS:
+    for seed in range(seeds):
         raw, origin, count = spoiled(case, harm, seed)
         hits += count
         for place, packet in feed(case, raw).places(case, raw).items():
@@ -73,11 +73,11 @@ def test_no_false_turn_and_hardly_a_node_of_wrong_phase(case: Case, harm: str) -
         assert stats.broken_scans == 0
         for scan, turn in zip(scans, case.turns, strict=True):
             assert abs(len(scan) - len(turn)) <= 0.02 * len(turn)
-    assert hits > 250
-    assert kinds["wrong phase"] <= hits // 200
+    assert hits > 17 * seeds
+    assert kinds["wrong phase"] <= max(1, hits // 200)
     assert kinds["hit"] <= hits
     # A hit costs its node, and sometimes the one beside it.
-    lost = len(SEEDS) * len(case.packets) - kinds["genuine"]
+    lost = seeds * len(case.packets) - kinds["genuine"]
     assert lost <= 2 * hits
 
 
@@ -107,16 +107,15 @@ def test_what_a_single_lost_byte_costs(case: Case) -> None:
     "extra", [b"\0", b"\xaa", b"\xa5\x5a", b"\x02\x01", bytes(5), b"\x02\x01\0\0\0", bytes(99)]
 )
 def test_bytes_put_between_two_nodes_cost_one_at_most(case: Case, extra: bytes) -> None:
-    for number in range(case.turns[0][0].packet + 100, case.turns[-1][-1].packet - 100, 997):
-        raw = b"".join([*case.packets[:number], extra, *case.packets[number:]])
+    around = 100
+    for number in range(around, len(case.packets) - around, 397):
+        before, behind = case.packets[number - around : number], case.packets[number : number + around]
+        raw = b"".join([*before, extra, *behind])
         found = feed(case, raw).places(case, raw)
-        at = 5 * number + len(extra)
-        clean = chain(
-            ((5 * n, case.packets[n]) for n in range(number)),
-            ((at + 5 * n, packet) for n, packet in enumerate(case.packets[number:])),
-        )
-        assert sum(found.get(place) != packet for place, packet in clean) <= 1
-        assert len(set(found) - {*range(0, 5 * number, 5), *range(at, len(raw), 5)}) <= 1
+        at = 5 * around + len(extra)
+        clean = dict(zip([*range(0, 5 * around, 5), *range(at, len(raw), 5)], before + behind, strict=True))
+        assert sum(found.get(place) != packet for place, packet in clean.items()) <= 1
+        assert len(set(found) - set(clean)) <= 1
 
 
 @every_case
@@ -139,7 +138,8 @@ def test_one_byte_in_a_thousand_flipped(case: Case) -> None:
 def test_trembling_nodes_are_the_same_in_any_chunks(tremble: int) -> None:
     """Triangulating models correct each angle by its distance: nodes fall back, also from 0 to 359."""
     random = np.random.default_rng(tremble)
-    turning = np.arange(30_000) * 7
+    count = 15_000
+    turning = np.arange(count) * 7
     angles = (turning + random.integers(-tremble, tremble + 1, len(turning))) % (360 * 64)
     raw = pack_standard(angles, random.integers(0, 65536, len(angles)), 40, np.zeros(len(angles), bool))
     case = CASES_81[0]
@@ -147,7 +147,7 @@ def test_trembling_nodes_are_the_same_in_any_chunks(tremble: int) -> None:
         received = feed(case, raw, chunks)
         assert received.events == [arrived(raw, len(angles), 0)], chunks
     scans, stats, _ = assembled(case, raw)
-    assert (len(scans), stats.broken_scans) == (30_000 * 7 // (360 * 64) - 1, 0)
+    assert (len(scans), stats.broken_scans) == (count * 7 // (360 * 64) - 1, 0)
     assert all(abs(len(scan) - 360 * 64 / 7) <= 2 * tremble / 7 + 1 for scan in scans)
 
 
@@ -159,11 +159,11 @@ def test_random_bytes_are_no_nodes(case: Case) -> None:
 
 
 @pytest.mark.parametrize("place", [0, 20, 45, 90, 180, 270, 300, 340])
-@pytest.mark.parametrize("chunks", [1, 64, 4096, None])
+@pytest.mark.exhaustive("chunks", sample=[64, None], full=[3, 64, 4096, None])
 @pytest.mark.parametrize("first", [0, 1000, 2500])
 def test_revolutions_follow_the_mark_wherever_it_stands(place: int, chunks: int | None, first: int) -> None:
     """The manual does not say at which angle a scan begins: a mark far from 0 is no damage."""
-    turning = np.arange(first, 12 * 3200 + 100) * 7.2
+    turning = np.arange(first, 6 * 3200 + 100) * 7.2  # a mark far from 0 is followed from the third one on
     degrees = turning / 64 % 360
     marks = np.diff((degrees - place) % 360, prepend=0.0) < 0
     if place == 0:
@@ -172,7 +172,7 @@ def test_revolutions_follow_the_mark_wherever_it_stands(place: int, chunks: int 
     scans, stats, link = assembled(CASES_81[0], raw, chunks)
     assert link.skipped_bytes == 0
     assert stats.broken_scans == stats.lost_packets == stats.missed_scans == 0
-    assert len(scans) >= 10
+    assert len(scans) >= 4
     for scan in scans[1:]:
         assert abs(len(scan) - 3200) <= 1
         assert abs((scan.device_angles[0] - (place if place >= 30 and place < 330 else 0) + 180) % 360 - 180) < 0.3

@@ -50,7 +50,7 @@ def _start(case: Case) -> Request:
 
 @every_kind
 @pytest.mark.parametrize("state", STATES)
-@settings(max_examples=20)
+@settings(max_examples=settings().max_examples // 2)
 @given(st.data())
 def test_no_bytes_raise_in_any_state(case: Case, state: str, data: st.DataObject) -> None:
     link = Link()

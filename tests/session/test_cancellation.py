@@ -20,7 +20,6 @@ from tests.support.devices import FAMILIES, Rig, discarded, left_still, make_rig
 from tests.support.loop import DrivenLoop, run_driven
 
 Scenario = Callable[[Rig], Awaitable[None]]
-POINTS = 40
 
 
 async def open_and_close(rig: Rig) -> None:
@@ -151,9 +150,12 @@ def cancelled_at(scenario: Scenario, family: str, turn: int, how: str) -> None:
 @pytest.mark.parametrize("how", ["once", "twice", "scope"])
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("scenario", SCENARIOS)
-def test_cancelled_anywhere_the_device_is_left_still(scenario: Scenario, family: str, how: str) -> None:
+@pytest.mark.exhaustive("points", sample=[12], full=[40])
+def test_cancelled_anywhere_the_device_is_left_still(
+    scenario: Scenario, family: str, how: str, points: int
+) -> None:
     turns = turns_of(scenario, family)
-    stride = max(1, turns // POINTS)
+    stride = max(1, turns // points)
     for turn in range(1, turns + 1, stride):
         cancelled_at(scenario, family, turn, how)
 

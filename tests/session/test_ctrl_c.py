@@ -13,9 +13,10 @@ import pytest
 from tests.support.devices import Rig, both_families, left_still, make_rig, names
 from tests.support.loop import DrivenLoop
 
-pytestmark = pytest.mark.discards(
-    "where Ctrl-C comes right after the stop requests were written, they are written again"
-)
+pytestmark = [
+    pytest.mark.discards("where Ctrl-C comes right after the stop requests were written, they are written again"),
+    pytest.mark.usefixtures("quick_collection"),
+]
 LIBRARY = "/lidario/session/"
 
 

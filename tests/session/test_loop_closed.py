@@ -77,6 +77,7 @@ def never(_: DrivenLoop, task: asyncio.Task[None]) -> None:
     pass
 
 
+@pytest.mark.usefixtures("quick_collection")
 @both_families
 @pytest.mark.parametrize("work", WORK)
 @pytest.mark.parametrize("what", [cancel_again_and_again, interrupt])

@@ -7,6 +7,7 @@ value cannot see the damage. All else is expected to be exactly the clean stream
 
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
+from functools import cache
 from itertools import accumulate
 from typing import NamedTuple
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from lidario.model import Scan
 from tests.reference import damage
-from tests.support.streams import Case, Sample, assembled, feed
+from tests.support.streams import Case, assembled, feed
 
 __all__ = ["Kept", "accepted_by_place", "arrivals", "kept", "kept_without", "spoil_inside"]
 
@@ -98,43 +99,51 @@ def kept(
 ) -> Kept:
     """Compare the scans of `raw` with the clean turns, none of which may be missing."""
     scans, stats, _ = assembled(case, raw, times=times)
-    there = set(accepted)
+    there, doubted, last = (np.zeros(len(case.packets) + 1, bool) for _ in range(3))
+    there[list(accepted)] = True
+    last[:-1] = there[:-1] & ~there[1:]
+    for number in faulty:
+        doubted[max(0, number - 1) : number + 1] = True
     assert len(scans) == len(case.turns)
-    points: list[Sample] = []
-    measured: list[tuple[float, float]] = []
-    for scan, turn in zip(scans, case.turns, strict=True):
-        expected = [sample for sample in turn if sample.packet in there]
+    points: list[NDArray[np.void]] = []
+    for scan, turn in zip(scans, _turns(case), strict=True):
+        points.append(turn[there[turn["packet"]]])
         # In front of a gap, a sample at the seam may be taken for its neighbour's turn.
-        assert abs(len(expected) - len(scan)) <= (1 if case.lookahead else 0)
-        points += expected
-        measured += zip(scan.device_angles.tolist(), scan.device_distances.tolist(), strict=True)
-    assert len(points) == len(measured)
-    last = {number for number in there if number + 1 not in there}
-    doubted = faulty | {number - 1 for number in faulty}
-    moved, wrong = [], 0
-    for point, (angle, distance) in zip(points, measured, strict=True):
-        if point.packet in doubted:
-            continue
-        if distance == 0 and _leans_on_next(case, point, last):
-            continue
-        moved.append((angle - point.angle_deg + 180) % 360 - 180)
-        wrong += abs(distance - point.distance_mm) > _slack_mm(case)
+        assert abs(len(points[-1]) - len(scan)) <= (1 if case.lookahead else 0)
+    expected = np.concatenate(points)
+    angles, distances = (
+        np.concatenate([getattr(scan, name) for scan in scans]).astype(float)
+        for name in ("device_angles", "device_distances")
+    )
+    assert len(expected) == len(angles)
+    compared = ~doubted[expected["packet"]]
+    if case.response_type == 0x84:  # what is told only together with a packet that did not come
+        compared &= (distances > 0) | ~last[expected["packet"]] | (expected["index"] < 94)
+    moved = (angles - expected["angle"] + 180) % 360 - 180
+    wrong = np.abs(distances - expected["distance"]) > _slack_mm(case)
     first, end = case.turns[0][0].packet, case.turns[-1][-1].packet
     return Kept(
         scans,
-        len(measured) / sum(map(len, case.turns)),
-        np.abs(np.array(moved)) * 64,
-        wrong,
+        len(angles) / sum(map(len, case.turns)),
+        np.abs(moved[compared]) * 64,
+        int(wrong[compared].sum()),
         len(faulty),
-        end + 1 - first - sum(first <= number <= end for number in there),
+        int(end + 1 - first - there[first : end + 1].sum()),
         stats.broken_scans,
         stats.lost_packets,
     )
 
 
-def _leans_on_next(case: Case, point: Sample, last: set[int]) -> bool:
-    """Whether the distance of a point is only told together with a packet that did not come (0x84)."""
-    return case.response_type == 0x84 and point.packet in last and point.index >= 94
+_POINT = np.dtype([("packet", int), ("index", int), ("angle", float), ("distance", float)])
+
+
+@cache
+def _turns(case: Case) -> tuple[NDArray[np.void], ...]:
+    """The samples of the clean turns as arrays, shape (n,) each, of `_POINT`."""
+    return tuple(
+        np.array([(each.packet, each.index, each.angle_deg, each.distance_mm) for each in turn], _POINT)
+        for turn in case.turns
+    )
 
 
 def _slack_mm(case: Case) -> float:

@@ -232,6 +232,9 @@ def in_one_run(wire: StreamFormat, data: bytes, at_ns: int = 0) -> Packets:
     """Packets of any sizes that came all in one read, whether or not their check values hold."""
     blocks: list[Block] = []
     array, at = bytearray(data), 0
+    if wire.shortest == wire.longest:
+        assert len(data) % wire.shortest == 0
+        blocks, at = [Block(wire.shortest, len(data) // wire.shortest)], len(data)
     while at < len(data):
         size = wire.measure(array, at)
         assert size > 0
@@ -353,7 +356,8 @@ def assembled(case: Case, raw: bytes, chunks: Chunks = 64, times: Callable[[int]
         times: Arrival of the n-th byte; by default at the device's own pace.
     """
     link, assembler = open_stream(case), Assembler(stream_of(case))
-    clock = times or (lambda offset: round(offset * case.byte_ns))
+    byte_ns = case.byte_ns
+    clock = times or (lambda offset: round(offset * byte_ns))
     scans: list[Scan] = []
     pieces = list(cut_up(raw, chunks))
     for chunk, end in zip(pieces, accumulate(map(len, pieces)), strict=True):

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -90,7 +90,6 @@ def test_the_longest_packet_across_zero() -> None:
 lengths = st.lists(st.integers(1, 80), min_size=1, max_size=8)
 
 
-@settings(max_examples=200, deadline=None)
 @given(counts=lengths, seed=st.integers(0, 2**32))
 def test_decoding_inverts_packing(counts: list[int], seed: int) -> None:
     random = np.random.default_rng(seed)

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from random import Random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lidario.families.ydlidar import commands
@@ -215,7 +215,6 @@ def test_checking_as_an_array_finds_what_checking_one_by_one_finds(lead: int) ->
         assert wire.run(data, lead) == checked_one_by_one(wire, data, lead)
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     harm=st.sampled_from([damage.flip, damage.drop_bytes, damage.insert_bytes]),
     probability=st.sampled_from([0.0003, 0.003, 0.02]),
