@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         LidarError,
         LocalProtocolError,
         ProtocolError,
+        RecordingError,
         RemoteProtocolError,
         ResponseTimeout,
         SessionClosed,
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from lidario.laserscan import BeamOrder, LaserScan, NoReturn
     from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, Scan, ScanMode, Stats
     from lidario.port.port import Tap
+    from lidario.recording.offline import ScanArrays, decode, decode_arrays
     from lidario.session.discovery import Found, PortInfo, list_lidars, list_serial_ports
     from lidario.session.lidar import Lidar
     from lidario.session.opening import OpenLidar, open_lidar
@@ -69,10 +71,12 @@ __all__ = [
     "PortInfo",
     "ProtocolError",
     "Received",
+    "RecordingError",
     "RemoteProtocolError",
     "ResponseTimeout",
     "SampleRate",
     "Scan",
+    "ScanArrays",
     "ScanMode",
     "ScanStream",
     "SessionClosed",
@@ -84,6 +88,8 @@ __all__ = [
     "Wall",
     "WorldLike",
     "__version__",
+    "decode",
+    "decode_arrays",
     "list_lidars",
     "list_serial_ports",
     "open_lidar",
@@ -96,6 +102,7 @@ _HOMES = {
     "laserscan": ("BeamOrder", "LaserScan", "NoReturn"),
     "model": ("DeviceInfo", "Health", "HealthStatus", "SampleRate", "Scan", "ScanMode", "Stats"),
     "port.port": ("Tap",),
+    "recording.offline": ("ScanArrays", "decode", "decode_arrays"),
     "session.lidar": ("Lidar",),
     "session.opening": ("OpenLidar", "open_lidar"),
     "session.run": ("run",),
