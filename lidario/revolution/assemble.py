@@ -22,12 +22,15 @@ from lidario.revolution.judge import beginning_of, is_broken, is_complete, share
 from lidario.revolution.partial import PartialRevolution, SampleArrays
 from lidario.revolution.seam import Seam, Split
 from lidario.revolution.stats import AssemblerStats
-from lidario.revolution.timing import first_sample_ns
+from lidario.revolution.steady import decode_block
+from lidario.revolution.timing import byte_ns_at, first_sample_ns
 from lidario.wire.blocks import packet_offsets, some_blocks
 from lidario.wire.events import Arrival, Packets
 
 __all__ = ["Assembler", "AssemblerStats"]
 
+_WORTH_A_BLOCK = 2
+"""Revolutions that end together from which they are decoded at once. Live there is one, rarely more."""
 _ENDLESS_REVOLUTIONS = 2
 """Slowest revolutions' time after which a revolution that has not ended is given up."""
 
@@ -47,7 +50,7 @@ class Assembler:
     ) -> None:
         self.stats: AssemblerStats = stats or AssemblerStats()
         self._stream = stream
-        self._baudrate = baudrate
+        self._byte_ns = byte_ns_at(baudrate)
         self._wall_offset_ns = wall_offset_ns
         self._seam = Seam(stream.format.full_turn, stream.format.first_seam)
         self._endless_ns = _ENDLESS_REVOLUTIONS * 1e9 * stream.slowest_turn_s
@@ -68,18 +71,56 @@ class Assembler:
             return []
         scans: list[Scan] = []
         offsets = packet_offsets(event.blocks)
-        begin = 0
-        for split in splits:
-            if split.packet > begin:
-                self._keep(self._part(event, begin, split.packet, offsets))
-            held = self.stats.unfinished_packets
-            scan = self._end(split, event.data[offsets[split.packet] : offsets[split.packet + 1]])
-            self.stats.finish(held, delivered=scan is not None)
-            if scan is not None:
-                scans.append(scan)
-            begin = split.packet
+        begin = done = 0
+        while done < len(splits):
+            left = len(splits) - done
+            if left >= _WORTH_A_BLOCK:
+                block = self._add_block(event, offsets, splits[done:], begin)
+                if block:
+                    scans += block
+                    begin = splits[-1].packet
+                    break
+                # Something is not as it should be, somewhere. Behind it all may be well again.
+                left = max(1, left // 2)
+            for split in splits[done : done + left]:
+                if split.packet > begin:
+                    self._keep(self._part(event, begin, split.packet, offsets))
+                held = self.stats.unfinished_packets
+                scan = self._end(split, event.data[offsets[split.packet] : offsets[split.packet + 1]])
+                self.stats.finish(held, delivered=scan is not None)
+                if scan is not None:
+                    scans.append(scan)
+                begin = split.packet
+            done += left
         self._keep(self._part(event, begin, event.count, offsets))
         return scans
+
+    def _add_block(self, event: Packets, offsets: Sequence[int], splits: Sequence[Split], begin: int) -> list[Scan]:
+        """All revolutions up to the last split, decoded at once; none where something may be missing."""
+        block = decode_block(
+            self._stream,
+            self._partial,
+            event,
+            offsets,
+            splits,
+            begin,
+            seam=self._seam.angle,
+            count=self._count,
+            last_spanned_ns=self._last_spanned_ns,
+            byte_ns=self._byte_ns,
+        )
+        if block is None:
+            return []
+        block.samples.settle()
+        self._count.settle(block.beginning)
+        self._partial = block.next
+        self._last_spanned_ns = block.revolutions[-1].spanned_ns
+        self.stats.unfinished_packets += block.packets
+        self.stats.finish(self.stats.unfinished_packets, delivered=True)
+        return [
+            self._deliver(each.arrays, each.start_ns, each.spanned_ns, self._stream.sample_ns, each.interval_ns, 0)
+            for each in block.revolutions
+        ]
 
     def end(self) -> None:
         """The stream has ended: discard the revolution in the making. Harmless when done before."""
@@ -173,7 +214,7 @@ class Assembler:
             samples,
             sample_ns=self._stream.sample_ns,
             packet_bytes=self._stream.format.shortest if packets is None else len(packets.data) / packets.count,
-            baudrate=self._baudrate,
+            byte_ns=self._byte_ns,
         )
         elapsed_ns = ended.last_ns - start_ns
         sample_ns = self._sample_ns(len(arrays), elapsed_ns, lost)
@@ -199,6 +240,7 @@ class Assembler:
         if math.isnan(revolution_ns) and not lost and is_complete(samples, spanned_ns, sample_ns):
             # The revolution before was not seen: what this one holds tells its speed.
             revolution_ns = spanned_ns
+        arrays.angle = turned_by(arrays.angle, self._stream.zero_offset_deg)
         return self._deliver(arrays, start_ns, spanned_ns, sample_ns, revolution_ns, lost)
 
     def _deliver(
@@ -212,7 +254,6 @@ class Assembler:
     ) -> Scan:
         seq = self.stats.scans + self.stats.missed_scans
         self.stats.scans += 1
-        arrays.angle = turned_by(arrays.angle, self._stream.zero_offset_deg)
         return build_scan(
             self._stream,
             arrays,

@@ -33,7 +33,7 @@ from lidario.wire.stats import LinkStats
 
 __all__ = ["Link", "LinkState", "LinkStats"]
 
-_SLICE = 32 * 1024
+_SLICE = 64 * 1024
 _LIMIT = 2 * _SLICE
 
 

@@ -190,8 +190,8 @@ class CapsuleDecoder(ABC):
             intensity = np.concatenate((np.empty(room, np.uint8), intensity))
         return angle, distance, intensity
 
-    def _remember(self, capsules: Capsules, distance: Floats) -> None:
-        """Keep what the next packets need of these; most formats need nothing."""
+    def _remember(self, capsules: Capsules, distance: Floats) -> None:  # noqa: B027 - most formats need nothing
+        """Keep what the next packets need of these."""
 
     @abstractmethod
     def _payload(self, capsules: Capsules, distance: Floats, angle: Floats) -> Bytes | None:
@@ -335,7 +335,7 @@ class HqDecoder:
         )
 
     def _read(self, packets: Packets) -> tuple[NDArray[np.void], Ints, NDArray[np.float64]]:
-        """The nodes, shape (packets, 96), the first angle of each packet, and how far the rotor turned during it."""
+        """The nodes, shape (packets, 96), the first angle of each packet, and the way during it."""
         nodes: NDArray[np.void] = np.frombuffer(packets.data, HQ)["nodes"]
         first = nodes["angle"][:, 0].astype(np.int32)
         # From the first of 96 nodes to the last there are 95 steps.
