@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         LidarError,
         LocalProtocolError,
         ProtocolError,
+        RecordingError,
         RemoteProtocolError,
         ResponseTimeout,
         SessionClosed,
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from lidario.model import DeviceInfo, Health, HealthStatus, Return, SampleRate, Scan, ScanMode, Stats
     from lidario.points import Motion, Mount, Points, PoseFunction, Velocity, merge
     from lidario.port.line import Tap
+    from lidario.recording.offline import ScanArrays, decode, decode_arrays
     from lidario.session.discovery import Found, PortInfo, list_lidars, list_serial_ports
     from lidario.session.lidar import Lidar
     from lidario.session.opening import OpenLidar, open_lidar
@@ -75,11 +77,13 @@ __all__ = [
     "PoseFunction",
     "ProtocolError",
     "Received",
+    "RecordingError",
     "RemoteProtocolError",
     "ResponseTimeout",
     "Return",
     "SampleRate",
     "Scan",
+    "ScanArrays",
     "ScanMode",
     "ScanStream",
     "SessionClosed",
@@ -94,6 +98,8 @@ __all__ = [
     "Wall",
     "WorldLike",
     "__version__",
+    "decode",
+    "decode_arrays",
     "list_lidars",
     "list_serial_ports",
     "merge",
@@ -110,6 +116,7 @@ _HOMES = {
     "model": ("DeviceInfo", "Health", "HealthStatus", "Return", "SampleRate", "Scan", "ScanMode", "Stats"),
     "points": ("Motion", "Mount", "Points", "PoseFunction", "Velocity", "merge"),
     "port.line": ("Tap",),
+    "recording.offline": ("ScanArrays", "decode", "decode_arrays"),
     "session.lidar": ("Lidar",),
     "session.opening": ("OpenLidar", "open_lidar"),
     "session.run": ("run",),

@@ -19,6 +19,7 @@ LAYERS = (
     {"families", "sim"},
     {"revolution", "simulation"},
     {"port"},
+    {"recording"},
     {"session"},
     {"blocking"},
     {"__init__"},

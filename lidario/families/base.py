@@ -13,7 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,12 +34,15 @@ __all__ = [
     "Device",
     "Family",
     "Keepalive",
+    "RawStream",
     "Samples",
     "Script",
+    "SteadySamples",
     "Stream",
     "Timing",
     "agreed",
     "health_of",
+    "raw_stream",
 ]
 
 T = TypeVar("T")
@@ -107,6 +110,31 @@ class Samples:
     certain: bool = True
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class SteadySamples:
+    """The decoded packets of several revolutions without a gap; arrays of shape (room + n,), in measuring order.
+
+    Attributes:
+        angle_deg: As in `Samples`.
+        distance_mm: As in `Samples`.
+        intensity: As in `Samples`.
+        packet_ends: Samples up to the end of the last packet of each revolution.
+        before_seam: Samples up to where the rotor passed the seam in that packet.
+        revolution_packets: How many packets a whole revolution has at its speed, of each revolution.
+        revolution_samples: The same, samples.
+        settle: Makes the decoder remember these packets, as `Decoder.decode` does at once.
+    """
+
+    angle_deg: NDArray[np.float32]
+    distance_mm: NDArray[np.float32]
+    intensity: NDArray[np.uint8] | None
+    packet_ends: Sequence[int]
+    before_seam: Sequence[int]
+    revolution_packets: Sequence[float]
+    revolution_samples: Sequence[float]
+    settle: Callable[[], None]
+
+
 class Decoder(Protocol):
     """Turns packets into samples; one object follows one stream, in order."""
 
@@ -122,6 +150,23 @@ class Decoder(Protocol):
                 in is cheaper than joining arrays.
             seam: Heading at which the revolution ends, so that `Samples.before_seam` can be told; None where no
                 packet lies across its end.
+        """
+        ...
+
+    def decode_steady(
+        self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None
+    ) -> SteadySamples | None:
+        """Decode several revolutions at once, where nothing is missing; None where something may be.
+
+        The samples are those that `decode` makes of one revolution after the other, to the last bit. Nothing is
+        remembered until `SteadySamples.settle` is called, so that `decode` may be used instead.
+
+        Args:
+            packets: The packets of all revolutions.
+            following: The packet after the last one.
+            ends: Packets up to the end of each revolution.
+            room: As for `decode`.
+            seam: As for `decode`, of each revolution.
         """
         ...
 
@@ -162,6 +207,36 @@ class Stream:
     slowest_turn_s: float
     keepalive: Keepalive | None = None
     zero_offset_deg: float = 0.0
+
+
+class RawStream(NamedTuple):
+    """A measurement stream among bytes that were recorded without times.
+
+    Attributes:
+        begin: Offset of its first byte, behind its descriptor.
+        stream: What it is.
+    """
+
+    begin: int
+    stream: Stream
+
+
+_LONGEST_REVOLUTION: Final = 65536
+"""Samples after which a recorded revolution that does not end is given up; several times what any device takes."""
+
+
+def raw_stream(begin: int, wire: StreamFormat, decoder: Decoder, sample_us: float) -> RawStream:
+    """A recorded stream of which nothing is known but its format and the time of a sample."""
+    stream = Stream(
+        format=wire,
+        decoder=decoder,
+        # The device's own name of the mode is not among the bytes.
+        mode=ScanMode(0, wire.name, sample_us, 0.0, wire.response_type),
+        sample_ns=sample_us * 1e3,
+        spin_up_s=0.0,
+        slowest_turn_s=_LONGEST_REVOLUTION * sample_us * 1e-6,
+    )
+    return RawStream(begin, stream)
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,6 +364,8 @@ class Family:
         device: Makes the object for a newly opened port.
         formats: Every packet format it may send.
         simulated: Names of its simulated models.
+        find_stream: Finds the measurement stream in recorded bytes: ``find_stream(data, sample_us)``, with the time
+            of a sample in microseconds, or None for what the format usually takes. None where there is no stream.
     """
 
     name: str
@@ -298,6 +375,7 @@ class Family:
     device: Callable[[], Device]
     formats: tuple[Callable[[], StreamFormat], ...]
     simulated: tuple[str, ...]
+    find_stream: Callable[[memoryview, float | None], RawStream | None]
 
     def simulate(
         self,

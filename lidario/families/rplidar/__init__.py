@@ -5,6 +5,7 @@ from __future__ import annotations
 from lidario.families.base import Family, Timing
 from lidario.families.rplidar.device import RplidarDevice
 from lidario.families.rplidar.formats import FORMATS
+from lidario.families.rplidar.raw import find_stream
 
 __all__ = ["FAMILY"]
 
@@ -44,4 +45,5 @@ FAMILY = Family(
     device=RplidarDevice,
     formats=tuple(FORMATS.values()),
     simulated=SIMULATED,
+    find_stream=find_stream,
 )

@@ -11,6 +11,7 @@ from typing import Final
 from lidario.families.base import Family, Timing
 from lidario.families.ydlidar.device import Device4Ros
 from lidario.families.ydlidar.formats import PointCloud
+from lidario.families.ydlidar.raw import find_stream
 
 __all__ = ["FAMILY"]
 
@@ -38,5 +39,6 @@ FAMILY: Final = Family(
     device=Device4Ros,
     formats=(PointCloud,),
     simulated=SIMULATED,
+    find_stream=find_stream,
 )
 """The family's row of the registry."""

@@ -1,0 +1,1 @@
+"""What was received, kept and decoded again."""
