@@ -8,10 +8,14 @@ import pty
 import tty
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
+
+import pytest
 
 from lidario.errors import DeviceLost
+from lidario.families.registry import FAMILIES
 
-__all__ = ["PATIENCE_S", "Sink", "open_files", "terminal_pair"]
+__all__ = ["PATIENCE_S", "Sink", "impatient", "open_files", "terminal_pair"]
 
 PATIENCE_S = 20.0
 
@@ -69,3 +73,9 @@ def terminal_pair() -> Iterator[tuple[int, int, str]]:
 def open_files() -> int:
     """How many file descriptors this process holds."""
     return len(os.listdir("/dev/fd"))
+
+
+def impatient(patch: pytest.MonkeyPatch) -> None:
+    """Have a device that does not respond given up soon, not after the five seconds that a real one may need."""
+    families = tuple(replace(each, timing=replace(each.timing, forget_s=0.3)) for each in FAMILIES)
+    patch.setattr("lidario.session.connect.FAMILIES", families)
