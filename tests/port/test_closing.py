@@ -16,7 +16,7 @@ import serial
 
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
-from tests.support.ports import PATIENCE_S, Sink, open_files, terminal_pair
+from tests.support.ports import PATIENCE_S, Sink, open_files, terminal_pair, written
 
 
 @pytest.fixture
@@ -120,7 +120,7 @@ async def test_closing_waits_while_bytes_leave(
     await port.close()
     assert wedged.left == [0]
     assert wedged.discarded == 0
-    assert os.read(terminal[0], 16) == b"stop"
+    assert written(terminal[0], 4) == b"stop"
 
 
 async def test_stop_requests_leave_before_the_port_is_closed(terminal: tuple[int, int, str]) -> None:
@@ -137,7 +137,7 @@ async def test_stop_requests_leave_before_the_port_is_closed(terminal: tuple[int
     assert port.is_closing
     asyncio.get_running_loop().call_later(0.05, termios.tcflow, slave, termios.TCOON)
     await port.wait_closed()
-    assert os.read(master, 16) == b"stop"
+    assert written(master, 4) == b"stop"
     # One descriptor of the terminal and the four that pyserial keeps beside it were closed when this was said.
     assert order == [f"closed, {before - 5} files"]
 
@@ -244,7 +244,7 @@ async def test_abandon_waits_until_the_device_listens(
         assert least <= sum(slept) <= most
         # It slept until the device listens, less what the call itself had taken by then.
         assert ahead > 1 or sum(slept) >= ahead - (loop.time() - before) - 1e-6
-        assert os.read(master, 16) == b"stop"
+        assert written(master, 4) == b"stop"
         await port.wait_closed()
 
 
@@ -259,7 +259,7 @@ def test_abandon_after_the_loop_was_closed(terminal: tuple[int, int, str]) -> No
     port.set_polling(0.005, None)
     port.poll()
     port.abandon(b"stop")
-    assert os.read(master, 16) == b"written, stop"
+    assert written(master, 13) == b"written, stop"
     assert ended == ["ended"]
     assert open_files() == before
     port.abandon(b"again")
@@ -278,4 +278,4 @@ def test_abandon_from_another_thread(terminal: tuple[int, int, str]) -> None:
     before = open_files()
     asyncio.run(main())
     assert open_files() == before
-    assert os.read(terminal[0], 16) == b"stop"
+    assert written(terminal[0], 4) == b"stop"
