@@ -40,7 +40,7 @@ asyncio.run(main())
 
 
 def kill_at_random(server: PtyServer, family: str, dice: random.Random) -> bool:
-    """Kill a program after its first request, or after it began to scan; whether it has left the device scanning."""
+    """Kill a program after its first request, or once it scans; whether it has left the device scanning."""
     scans = dice.random() < 0.5
     heard = len(requests(server))
     with child(PROGRAM, server.path, family, str(dice.randrange(1000))) as process:
