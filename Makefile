@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 # pyright asks the first `python` in PATH where the packages are. It has --pythonpath too, but --verifytypes ignores that.
 PYRIGHT := PATH="$(BIN):$$PATH" $(BIN)/pyright
 SCANS ?= 3
-# Without compiled files, each program that the tests start compiles everything again: 0.3 s each time.
+# Without compiled files, each program that the tests start compiles everything again: 0.8 s each time.
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test check bench clean

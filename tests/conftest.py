@@ -6,7 +6,8 @@
 - ``--soak SECONDS``: how long tests at true pace run.
 - ``--rounds N``: how often tests at true pace act at a random moment; a few times by default, more with
   ``--exhaustive``.
-- Hypothesis runs the same examples every time; ``HYPOTHESIS_PROFILE=search`` searches for new ones, many of them.
+- Hypothesis runs the same examples every time, so that no test fails by chance on one that nobody has seen;
+  ``HYPOTHESIS_PROFILE=search`` searches for new ones, many of them.
 """
 
 import gc
@@ -27,6 +28,8 @@ from tests.support.leaks import leaves_no_task, leaves_nothing
 from tests.support.ledger import ledgers_made
 
 PROPERTIES = Path(__file__).parent / "properties"
+LONG = {"rounds", "soak"}
+"""Fixtures of tests that take as long as they are told to."""
 NEVER_MIND = (HealthCheck.too_slow, HealthCheck.data_too_large)
 
 settings.register_profile("ci", deadline=None, derandomize=True, max_examples=40, suppress_health_check=NEVER_MIND)
@@ -86,6 +89,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker("no_cover")
         if isinstance(item, pytest.Function) and inspect.iscoroutinefunction(item.obj):
             item.obj = leaves_no_task(item.obj)
+    # The longest first: at the end, every worker still finds something to do.
+    items.sort(key=lambda item: not (item.get_closest_marker("exhaustive") or LONG & set(_fixtures(item))))
+
+
+def _fixtures(item: pytest.Item) -> list[str]:
+    return item.fixturenames if isinstance(item, pytest.Function) else []
 
 
 def pytest_collection_finish() -> None:

@@ -13,6 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from lidario.errors import DeviceLost, LidarError
 from lidario.families.rplidar import commands
@@ -32,6 +33,7 @@ import asyncio
 import os
 
 import pytest
+from hypothesis import settings
 
 from lidario.wire.link import Link
 from tests.support.devices import make_rig
@@ -202,6 +204,12 @@ async def test_the_ledger_of_a_session_closes_under_every_fault(source: str, fau
             ledgers.assert_closed()
         setattr(counters, name, right)
     ledgers.assert_closed()
+
+
+@pytest.mark.parametrize("profile", ["ci", "sample"])
+def test_examples_are_the_same_every_time(profile: str) -> None:
+    assert settings.get_profile(profile).derandomize
+    assert settings.get_profile(profile).database is None
 
 
 def test_the_suite_watches_every_test(tmp_path: Path) -> None:

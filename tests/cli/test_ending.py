@@ -16,6 +16,7 @@ from lidario.sim.device import Received
 from lidario.sim.serve import PtyServer
 from tests.cli.processes import BOUND, invoke, line_of, served, started
 from tests.support.children import until
+from tests.support.ports import impatient
 
 FIRST, SECOND = "rplidar-s2", "ydlidar-4ros"
 SIGNALS = [
@@ -177,7 +178,8 @@ def test_a_busy_port(verb: str) -> None:
         assert requests(server) == []
 
 
-def test_a_silent_device_is_told_from_a_missing_one() -> None:
+def test_a_silent_device_is_told_from_a_missing_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    impatient(monkeypatch)
     with served(FIRST) as server:
         with server.lock:
             server.device.mute = True  # type: ignore[attr-defined]

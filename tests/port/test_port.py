@@ -163,7 +163,7 @@ async def test_a_lidar_that_nobody_holds_any_more_is_stopped() -> None:
 @pytest.mark.parametrize("family", FAMILIES)
 async def test_opening_and_closing_leaves_nothing_behind(family: str) -> None:
     before = threading.active_count(), len(os.listdir("/dev/fd"))
-    for _ in range(3):
+    for _ in range(2):
         async with open_lidar(f"sim://{'rplidar-s2' if family == 'rplidar' else 'ydlidar-4ros'}") as lidar:
             await lidar.scan()
     assert (threading.active_count(), len(os.listdir("/dev/fd"))) == before

@@ -18,7 +18,7 @@ from lidario.errors import ConnectFailed
 from lidario.port.port import Port
 from lidario.port.reading import Reader
 from lidario.port.serial import open_serial
-from tests.support.ports import PATIENCE_S, Sink, open_files, terminal_pair
+from tests.support.ports import PATIENCE_S, Sink, open_files, terminal_pair, written
 
 LATENCIES = (0.0, 0.005)
 
@@ -85,7 +85,7 @@ async def test_a_write_is_out_before_it_returns(terminal: tuple[int, str]) -> No
     port = await open_serial(path, 115200)
     os.set_blocking(master, False)
     port.write(b"\xa5\x25")
-    assert os.read(master, 16) == b"\xa5\x25"
+    assert written(master, 2) == b"\xa5\x25"
     await port.close()
     port.write(b"too late")
     with pytest.raises(BlockingIOError):
@@ -288,7 +288,7 @@ async def test_a_tap_that_raises_is_removed_and_costs_nothing(
     port.add_tap(bad)
     seen = Seen(port)
     port.write(b"\xa5\x25")
-    assert os.read(master, 16) == b"\xa5\x25"
+    assert written(master, 2) == b"\xa5\x25"
     port.add_tap(bad)
     os.write(master, b"data")
     await sink.until(4)
@@ -310,7 +310,7 @@ async def test_taps_see_what_was_written_already(terminal: tuple[int, str]) -> N
     os.set_blocking(master, False)
     port = await open_serial(path, 115200)
     read: list[bytes] = []
-    port.add_tap(lambda direction, data, now: read.append(os.read(master, 16)))
+    port.add_tap(lambda direction, data, now: read.append(written(master, 2)))
     port.write(b"\xa5\x40")
     assert read == [b"\xa5\x40"]
     await port.close()
@@ -351,9 +351,8 @@ def test_both_event_loops_read_poll_write_and_close(library: ModuleType) -> None
             # Even where the loop's own clock stands still while a callback runs.
             assert sink.times == sorted(sink.times)
             assert abs(sink.times[-1] - time.monotonic_ns()) < 5e9
-            os.set_blocking(master, False)
             port.write(b"out")
-            assert os.read(master, 16) == b"out"
+            assert written(master, 3) == b"out"
             await port.close()
             assert sink.lost == [None]
             assert open_files() == before

@@ -16,6 +16,7 @@ from lidario.session.silence import ReceivedInSilence
 from lidario.sim.device import Received
 from tests.support.devices import make_rig
 from tests.support.loop import driven
+from tests.support.ports import impatient
 from tests.support.speeds import SpeedPtyServer
 from tests.support.terminals import WaitingPtyServer, babbling
 
@@ -72,6 +73,7 @@ async def test_both_families_are_found_and_stream_side_by_side(soak: float) -> N
 
 
 async def test_auto_takes_the_only_lidar_that_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    impatient(monkeypatch)
     rig = make_rig("ydlidar")
     with SpeedPtyServer(rig.device) as server, babbling(b"") as silent:
         ports = [PortInfo(server.path, "", "CP2102", ""), PortInfo(silent, "", "CP2102", "")]

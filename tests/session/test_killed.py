@@ -20,6 +20,8 @@ from tests.support.children import child, is_still, requests, until
 pytestmark = pytest.mark.discards("a new program cannot know which response the killed one was waiting for")
 
 LONGEST_S = 0.4
+MOST = 20
+"""How many times the rounds at most, until enough of the killed programs have left the device scanning."""
 PROGRAM = """
 import asyncio, random, sys
 import lidario
@@ -38,10 +40,13 @@ asyncio.run(main())
 
 
 def kill_at_random(server: PtyServer, family: str, dice: random.Random) -> bool:
-    """Kill a program that uses the device; whether it has left it scanning."""
+    """Kill a program after its first request, or once it scans; whether it has left the device scanning."""
+    scans = dice.random() < 0.5
     heard = len(requests(server))
     with child(PROGRAM, server.path, family, str(dice.randrange(1000))) as process:
         until(lambda: len(requests(server)) > heard or process.poll() is not None)
+        if scans:
+            until(lambda: not is_still(server) or process.poll() is not None)
         time.sleep(dice.uniform(0.0, LONGEST_S))
         process.kill()
         _, said = process.communicate()
@@ -58,13 +63,14 @@ async def scan_once(path: str, family: str | None) -> lidario.Scan:
 def test_the_next_program_opens_it_at_once(model: str, rounds: int) -> None:
     dice = random.Random(rounds)
     family = model.partition("-")[0]
-    left_scanning = 0
+    left_scanning = number = 0
     with served(model) as server:
-        for number in range(rounds):
+        # How many programs come to scan before they are killed depends on how busy the machine is.
+        while number < rounds or (left_scanning < rounds // 4 and number < MOST * rounds):
+            number += 1
             left_scanning += kill_at_random(server, family, dice)
             known = family if dice.randrange(4) else None
             scan = asyncio.run(scan_once(server.path, known))
             assert len(scan.ranges) > 100, number
             until(lambda: is_still(server), lambda: requests(server)[-5:])
-    # Otherwise the moments are no good and the test shows nothing.
     assert left_scanning >= rounds // 4

@@ -5,13 +5,18 @@ from __future__ import annotations
 import asyncio
 import os
 import pty
+import select
 import tty
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
+
+import pytest
 
 from lidario.errors import DeviceLost
+from lidario.families.registry import FAMILIES
 
-__all__ = ["PATIENCE_S", "Sink", "open_files", "terminal_pair"]
+__all__ = ["PATIENCE_S", "Sink", "impatient", "open_files", "terminal_pair", "written"]
 
 PATIENCE_S = 20.0
 
@@ -66,6 +71,24 @@ def terminal_pair() -> Iterator[tuple[int, int, str]]:
                 os.close(handle)
 
 
+def written(master: int, size: int) -> bytes:
+    """What was written at the other end of a pseudo-terminal: `size` bytes, and what came together with them.
+
+    The kernel hands them over a moment after the write has returned. The loop stands still while this waits, so it
+    shows all the same that they were written before.
+    """
+    data = b""
+    while len(data) < size and select.select([master], [], [], PATIENCE_S)[0]:
+        data += os.read(master, size + 16)
+    return data
+
+
 def open_files() -> int:
     """How many file descriptors this process holds."""
     return len(os.listdir("/dev/fd"))
+
+
+def impatient(patch: pytest.MonkeyPatch) -> None:
+    """Have a device that does not respond given up soon, not after the five seconds that a real one may need."""
+    families = tuple(replace(each, timing=replace(each.timing, forget_s=0.3)) for each in FAMILIES)
+    patch.setattr("lidario.session.connect.FAMILIES", families)
