@@ -8,7 +8,7 @@
     ├── StreamFailed             a running stream ended by itself: the session goes on
     ├── InternalError            lidario itself failed: a mistake of ours; the session is over
     ├── SessionClosed            used after close
-    ├── Busy                     a second reader of one stream, or a port that another program holds
+    ├── Busy                     a second task reads one stream
     ├── InvalidValue             an argument that cannot be right; also a ValueError
     ├── ResponseTimeout          no response to a request in time; also a TimeoutError
     ├── ProtocolError
@@ -107,7 +107,7 @@ class SessionClosed(LidarError):
 
 
 class Busy(LidarError):
-    """Two tasks wanted what only one may have at a time."""
+    """A second task reads a stream that another task reads already. Each reader needs a stream of its own."""
 
 
 class InvalidValue(LidarError, ValueError):
@@ -137,7 +137,7 @@ class ResponseTimeout(LidarError, TimeoutError):
 
 
 class ProtocolError(LidarError):
-    """The rules of the protocol were broken; the two subclasses tell by whom."""
+    """The rules of the protocol were broken; the subclass tells by which side."""
 
 
 class LocalProtocolError(ProtocolError):
