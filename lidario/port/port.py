@@ -147,9 +147,9 @@ class Port(asyncio.Protocol):
         until the first poll at or after the time that `schedule.hold` names, then handed over by one call of
         `Receiver.data_received`; on a loop that is free at most half a second and 32 KiB are held.
 
-        While there is a schedule, a thread reads the line too whenever it was unread for `schedule.interval`. So a
-        loop that is blocked loses nothing: up to 1 MiB is kept until it is free, with the time of each read. What
-        comes beyond that is counted in `overflow_bytes`.
+        While there is a schedule, a thread reads the line too whenever it was unread for `schedule.interval`. So
+        while the loop is blocked up to 1 MiB is kept, with the time of each read. What comes beyond that is counted
+        in `overflow_bytes`. C code that keeps the interpreter lock stops that thread, too.
 
         Args:
             latency: Seconds between two polls; 0 to be woken for each delivery.
