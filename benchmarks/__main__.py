@@ -16,9 +16,9 @@ from benchmarks.plots import draw
 from benchmarks.processes import ROOT
 from benchmarks.report import Result, Setting, machine
 
-__all__ = ["main"]
+__all__ = ["BENCHMARKS", "main", "parser"]
 
-_BENCHMARKS: dict[str, Callable[[Setting], Result]] = {
+BENCHMARKS: dict[str, Callable[[Setting], Result]] = {
     "decode": decode.run,
     "stages": stages.run,
     "flatout": flatout.run,
@@ -36,18 +36,18 @@ _RESULTS = ROOT / "benchmarks" / "results"
 
 def main(arguments: list[str] | None = None) -> int:
     """Run what was asked for."""
-    options = _parser().parse_args(arguments)
-    names = options.only.split(",") if options.only else list(_BENCHMARKS)
-    unknown = sorted(set(names) - set(_BENCHMARKS))
+    options = parser().parse_args(arguments)
+    names = options.only.split(",") if options.only else list(BENCHMARKS)
+    unknown = sorted(set(names) - set(BENCHMARKS))
     if unknown:
-        print(f"there is no benchmark {unknown[0]!r}; there are {', '.join(_BENCHMARKS)}", file=sys.stderr)
+        print(f"there is no benchmark {unknown[0]!r}; there are {', '.join(BENCHMARKS)}", file=sys.stderr)
         return 2
     command = " ".join(("python -m benchmarks", *(sys.argv[1:] if arguments is None else arguments)))
     peers = None if options.no_peers else set_up()
     setting = Setting(options.quick, peers)
     about = machine() | {"command": command}
     began = time.monotonic()
-    results = [_BENCHMARKS[name](setting) for name in names]
+    results = [BENCHMARKS[name](setting) for name in names]
     about["took"] = f"{time.monotonic() - began:.0f} s"
     text = _text(about, results, [] if peers is None else [f"{p.name} {p.version}" for p in peers.all])
     print(text)
@@ -61,15 +61,16 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="only so long that everything is seen to work")
-    parser.add_argument("--only", metavar="NAMES", help=f"some of {','.join(_BENCHMARKS)}")
-    parser.add_argument("--no-peers", action="store_true", help="lidario alone; nothing is installed")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="where every value goes")
-    parser.add_argument("--plots", action="store_true", help="draw benchmarks/plots/*.svg from it")
-    parser.add_argument("--readme", action="store_true", help="put the tables into benchmarks/README.md")
-    return parser
+def parser() -> argparse.ArgumentParser:
+    """The options of the command."""
+    made = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    made.add_argument("--quick", action="store_true", help="only so long that everything is seen to work")
+    made.add_argument("--only", metavar="NAMES", help=f"some of {','.join(BENCHMARKS)}")
+    made.add_argument("--no-peers", action="store_true", help="lidario alone; nothing is installed")
+    made.add_argument("--json", type=Path, metavar="FILE", help="where every value goes")
+    made.add_argument("--plots", action="store_true", help="draw benchmarks/plots/*.svg from it")
+    made.add_argument("--readme", action="store_true", help="put the tables into benchmarks/README.md")
+    return made
 
 
 def _text(about: dict[str, str], results: list[Result], peers: list[str]) -> str:

@@ -45,8 +45,8 @@ def main() -> int:
 def _standard_streams() -> bool:
     """Replace standard streams that are closed; whether stdout was open.
 
-    Otherwise the serial port would be opened in the place of a closed one, and what anybody prints would be sent to
-    the lidar.
+    Otherwise the serial port would be opened in the place of a closed one, and what is printed would be sent to the
+    lidar.
     """
     is_open = sys.stdout is not None
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):

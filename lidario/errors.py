@@ -8,7 +8,7 @@
     ├── StreamFailed             a running stream ended by itself: the session goes on
     ├── InternalError            lidario itself failed: a mistake of ours; the session is over
     ├── SessionClosed            used after close
-    ├── Busy                     a second reader of one stream, or a port that another program holds
+    ├── Busy                     a second task reads one stream
     ├── RecordingError           a recording in which nothing can be read
     ├── InvalidValue             an argument that cannot be right; also a ValueError
     ├── ResponseTimeout          no response to a request in time; also a TimeoutError
@@ -109,7 +109,7 @@ class SessionClosed(LidarError):
 
 
 class Busy(LidarError):
-    """Two tasks wanted what only one may have at a time."""
+    """A second task reads a stream that another task reads already. Each reader needs a stream of its own."""
 
 
 class RecordingError(LidarError):
@@ -143,7 +143,7 @@ class ResponseTimeout(LidarError, TimeoutError):
 
 
 class ProtocolError(LidarError):
-    """The rules of the protocol were broken; the two subclasses tell by whom."""
+    """The rules of the protocol were broken; the subclass tells by which side."""
 
 
 class LocalProtocolError(ProtocolError):

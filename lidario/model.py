@@ -380,7 +380,7 @@ def read_only(array: _ArrayT) -> _ArrayT:
 
 
 class HealthStatus(Enum):
-    """What the device thinks of its own state."""
+    """How the device judges its own state."""
 
     OK = "ok"
     WARNING = "warning"
@@ -484,7 +484,7 @@ class Stats:
             revolutions are missing.
         scan_packets: Packets of the scans that were delivered.
         discarded_packets: Packets of revolutions that were not delivered: broken ones, the parts of a revolution at
-            the beginning and the end of a stream, and what nobody had asked for.
+            the beginning and the end of a stream, and packets that no stream had asked for.
         unfinished_packets: Packets of the revolution in the making.
         records: Known records between packets that carry no measurement.
         record_bytes: Their bytes.
@@ -492,12 +492,12 @@ class Stats:
         skipped_stretches: Stretches of such bytes.
         response_bytes: Responses that were waited for, and what announces a stream.
         stray_bytes: Bytes outside a stream that are no response.
-        drained_bytes: Bytes thrown away after a STOP: what the device had still to send.
-        discarded_bytes: Bytes that were received but thrown away unparsed, because the program was too slow.
+        drained_bytes: Bytes discarded after a STOP: what the device had still to send.
+        discarded_bytes: Bytes that were received and discarded unparsed, because the program was too slow.
         buffered: Bytes received that belong to nothing complete yet.
-        late_responses: Responses to an earlier question, thrown away.
+        late_responses: Responses to an earlier request, discarded.
         scans: Full revolutions.
-        broken_scans: Revolutions thrown away because so much of them was missing that they could not be told apart.
+        broken_scans: Revolutions discarded because so much of them was missing that they could not be told apart.
         missed_scans: Revolutions missing between the scans, by which `Scan.seq` jumps: broken ones, and those of
             which nothing came. What passes while the stream is interrupted is not counted.
         dropped_scans: Scans that slow readers missed, summed over all readers.

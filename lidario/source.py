@@ -13,7 +13,7 @@ This module reads the form only. Whether a family or a simulated model of that n
 `lidario.families.registry.check_source`.
 
 The text may come from outside (a command line, a configuration file). Therefore every text is either a source or
-refused with `ConnectFailed`, everything that a later step would choke on (NUL in a path, a host name that cannot
+refused with `ConnectFailed`, everything that a later step could not handle (NUL in a path, a host name that cannot
 be encoded, a baud rate that does not fit) is refused here, and messages show the text with ``repr``.
 """
 
@@ -189,7 +189,7 @@ def _check_host(source: Source) -> None:
     if not host or not port or "@" in source.address:
         raise _refused(source.text, "needs a host and a port, as in tcp://192.168.0.7:20108")
     try:
-        # The resolver encodes the name in the same way, and raises UnicodeError out of the middle of connecting.
+        # The resolver encodes the name in the same way, and raises UnicodeError while connecting.
         host.encode("idna")
     except UnicodeError as error:
         raise _refused(source.text, f"has a host name that cannot be one: {_shown(host)}") from error

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks import __main__ as measuring
+
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
 PATIENCE_S = 60.0
@@ -18,6 +20,17 @@ COMMANDS = [
     for block in re.findall(r"```console\n(.*?)```", README, re.DOTALL)
     for line in block.splitlines()
 ]
+
+
+MEASURED_BY = sorted(
+    set(
+        re.findall(
+            r"^ {4}python -m benchmarks (.*)$|`python -m benchmarks ([^`]*)`",
+            README + (ROOT / "docs" / "reliability.md").read_text(),
+            re.MULTILINE,
+        )
+    )
+)
 
 
 def run(*words: str) -> subprocess.CompletedProcess[str]:
@@ -38,6 +51,18 @@ def test_commands_run(words: list[str]) -> None:
     result = run("-m", "lidario", *words)
     # `devices` finds none where none is plugged in.
     assert result.returncode == (3 if words == ["devices"] and "no lidar" in result.stderr else 0), result.stderr
+
+
+@pytest.mark.parametrize("command", ["".join(found) for found in MEASURED_BY])
+def test_the_commands_that_print_its_figures_are_there(command: str) -> None:
+    options = measuring.parser().parse_args(command.split())
+    assert set(options.only.split(",")) <= set(measuring.BENCHMARKS)
+
+
+def test_figures_name_their_commands() -> None:
+    assert len(MEASURED_BY) >= 2
+    for path in re.findall(r"`python -m pytest ([^`]*)`", README):
+        assert (ROOT / path).exists()
 
 
 def test_every_file_it_names_is_there() -> None:

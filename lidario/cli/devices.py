@@ -111,7 +111,7 @@ def _tell_next(responding: list[str]) -> None:
         model = FAMILIES[0].simulated[0]
         tips = [
             ("lidario devices PORT", "ask a port that was not asked"),
-            (f"lidario scan sim://{model}", "no lidar at hand: a simulated one"),
+            (f"lidario scan sim://{model}", "without a lidar: a simulated one"),
             ("lidario sim", "a simulated one for another program"),
         ]
     tips.append(("lidario --help", "all commands"))

@@ -68,7 +68,7 @@ class Writer:
             try:
                 emit(text)
             except Exception as caught:
-                # Whatever it is: nobody else would end the waiting for this piece.
+                # Any exception: the caller waits until this piece is done.
                 error = caught
             # The loop is closed when the command was ended while this write was blocked.
             with suppress(RuntimeError):

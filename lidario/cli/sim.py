@@ -159,7 +159,7 @@ def _name(server: PtyServer | TcpServer) -> str:
 
 
 async def _until_unplugged(server: PtyServer | TcpServer) -> None:
-    """Wait until the line is dead for good; tell when it was plugged in again."""
+    """Wait until the line is dead and stays so; tell when it was plugged in again."""
     plugged = True
     while not server.unplugged:
         if server.plugged.is_set() is not plugged:

@@ -19,8 +19,8 @@ T = TypeVar("T")
 async def run_in_thread(call: Callable[[], T], discard: Callable[[T], None] | None = None) -> T:
     """Run `call` in a thread and return its result, or raise what it raises.
 
-    Cancelling ends the waiting, not the call. Its result is then passed to `discard`, so that nothing stays open
-    that nobody holds.
+    Cancelling ends the waiting, not the call. Its result is then passed to `discard`, so that it does not
+    stay open.
 
     Args:
         call: What blocks.

@@ -1,4 +1,4 @@
-"""Why a port would not open, in the words of somebody who can do something about it.
+"""Why a port could not be opened, and what the user can do about it.
 
 Everything here may block for tens of milliseconds, since it reads ``/proc``: call it off the event loop.
 """
@@ -21,7 +21,7 @@ _LOCKED = (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK)
 
 
 def is_pseudo_terminal(path: str) -> bool:
-    """Whether `path` is a pseudo-terminal, which its other end holds open by nature."""
+    """Whether `path` is a pseudo-terminal, whose other end always holds it open."""
     return os.path.realpath(path).startswith("/dev/pts/")
 
 
@@ -63,7 +63,7 @@ def holders(path: str) -> Iterator[tuple[int, str]]:
 
 
 def busy(path: str) -> ConnectFailed:
-    """The error for a port that somebody else uses, with their name where it can be found."""
+    """The error for a port that another program holds, with the name of that program where it can be found."""
     who = next(holders(path), None)
     if who is None:
         return ConnectFailed(f"{path} is busy: another program holds it. Stop that program first.", reason="busy")
@@ -90,7 +90,7 @@ def why_not_opened(path: str, error: Exception) -> ConnectFailed:
 
 
 def _instead(path: str, text: str) -> str:
-    """What a path that is no serial port is instead."""
+    """What the path is, if it is no serial port."""
     try:
         mode = os.stat(path).st_mode
     except OSError:
@@ -103,7 +103,7 @@ def _instead(path: str, text: str) -> str:
 
 
 def _errno(error: Exception) -> int | None:
-    """The system's number for it; pyserial hides it in places."""
+    """The system's error number; pyserial sometimes keeps it only in a chained exception."""
     cause: BaseException | None = error
     while cause is not None:
         code = getattr(cause, "errno", None)
@@ -125,7 +125,7 @@ def _forbidden(path: str) -> ConnectFailed:
 
 
 def _cure(path: str, found: os.stat_result) -> str:
-    """Whose it is, and how to get at it."""
+    """Which group owns the port, and how the user gets access."""
     try:
         import grp  # not on Windows
 

@@ -58,7 +58,7 @@ def make_read() -> Read:
 
 
 class Inbox:
-    """Reads a terminal and keeps what came, from whichever thread.
+    """Reads a terminal and keeps what came; any thread may call it.
 
     Args:
         handle: File descriptor of the terminal, non-blocking.
@@ -77,7 +77,7 @@ class Inbox:
         self._clock = clock
         # Its buffer is used under the lock of this inbox alone.
         self._read = read or make_read()
-        # Reentrant: the garbage collector may call `close` in the midst of a read.
+        # Reentrant: the garbage collector may call `close` during a read.
         self._lock = threading.RLock()
         self._closed = False
         self._shared = True
@@ -97,37 +97,37 @@ class Inbox:
         return arrivals[0][1] if arrivals else 0
 
     def share(self, shared: bool) -> None:
-        """Say whether reads of the other thread are welcome; one in progress has ended when this returns."""
+        """Allow or forbid reads of the other thread; when this returns, a read in progress has ended."""
         with self._lock:
             self._shared = shared
 
-    def read(self, *, guest: bool = False) -> None:
+    def read(self, *, from_thread: bool = False) -> None:
         """Read all there is, and keep it with the time.
 
         Args:
-            guest: Whether the reader is the other thread: then only while the inbox is shared.
+            from_thread: Whether the other thread reads. It reads only while the inbox is shared.
 
         Raises:
             OSError: The terminal is dead, or was hung up: it is readable, and has nothing to read.
         """
         with self._lock:
-            if not self._closed and (self._shared or not guest):
+            if not self._closed and (self._shared or not from_thread):
                 self._keep(self._read_all())
 
     def take(self) -> tuple[list[bytes], list[tuple[int, int]]]:
-        """What was kept: the chunks, and how many bytes had come by when; it is kept no more."""
+        """Return what was kept, and empty the inbox: the chunks, and how many bytes had come by when."""
         with self._lock:
             chunks, self._chunks = self._chunks, []
             arrivals, self._arrivals = self._arrivals, []
             return chunks, arrivals
 
     def peek(self) -> tuple[list[bytes], list[tuple[int, int]]]:
-        """As `take`, but it stays."""
+        """As `take`, but the inbox is not emptied."""
         with self._lock:
             return self._chunks.copy(), self._arrivals.copy()
 
     def close(self) -> None:
-        """Read no more; a read in progress in another thread has ended when this returns. What was kept stays."""
+        """Stop reading; when this returns, a read in progress in another thread has ended. What was kept stays."""
         with self._lock:
             self._closed = True
 

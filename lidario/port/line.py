@@ -28,7 +28,7 @@ class Schedule(Protocol):
         ...
 
     def rest(self, now: float) -> float:
-        """For how many seconds nobody needs the bytes; 0 to poll as usual."""
+        """For how many seconds the bytes are not needed; 0 to poll as usual."""
         ...
 
     def hold(self, now: float) -> float:
@@ -37,7 +37,7 @@ class Schedule(Protocol):
 
 
 class Receiver(Protocol):
-    """Who is told what the port receives."""
+    """Takes what the port receives."""
 
     def data_received(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]] = ()) -> None:
         """Bytes arrived.

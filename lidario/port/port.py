@@ -81,7 +81,7 @@ class Port(asyncio.Protocol):
 
     @property
     def is_tapped(self) -> bool:
-        """Whether anybody sees the chunks."""
+        """Whether there are taps."""
         return bool(self._taps)
 
     @property
@@ -97,14 +97,17 @@ class Port(asyncio.Protocol):
         self._taps = (*self._taps, tap)
 
     def remove_tap(self, tap: Tap) -> None:
-        """Call `tap` no more; ignored where it is not there."""
+        """Stop calling `tap`; ignored where it is not there."""
         taps = list(self._taps)
         if tap in taps:
             taps.remove(tap)
             self._taps = tuple(taps)
 
     def attach(self, receiver: Receiver | None) -> None:
-        """Name who is told what arrives from now on; None for nobody. A loss that nobody was told is told now."""
+        """Set the receiver of what arrives from now on, or None.
+
+        If the line was lost while there was no receiver, the new one is told now.
+        """
         self._receiver = receiver
         if receiver is not None and self._untold is not None:
             error, self._untold = self._untold, None
@@ -127,7 +130,7 @@ class Port(asyncio.Protocol):
             self.show("out", data, self.now())
 
     def set_baudrate(self, baudrate: int) -> None:
-        """Change the speed of the line; bytes received at the old speed and not read yet are thrown away.
+        """Change the speed of the line; bytes received at the old speed and not read yet are discarded.
 
         Raises:
             ConnectFailed: The adapter cannot do that speed.
@@ -144,9 +147,9 @@ class Port(asyncio.Protocol):
         until the first poll at or after the time that `schedule.hold` names, then handed over by one call of
         `Receiver.data_received`; on a loop that is free at most half a second and 32 KiB are held.
 
-        While there is a schedule, a thread reads the line too whenever it was unread for `schedule.interval`. So a
-        loop that is blocked loses nothing: up to 1 MiB is kept until it is free, with the time of each read. What
-        comes beyond that is counted in `overflow_bytes`.
+        While there is a schedule, a thread reads the line too whenever it was unread for `schedule.interval`. So
+        while the loop is blocked up to 1 MiB is kept, with the time of each read. What comes beyond that is counted
+        in `overflow_bytes`. C code that keeps the interpreter lock stops that thread, too.
 
         Args:
             latency: Seconds between two polls; 0 to be woken for each delivery.
@@ -243,7 +246,7 @@ class Port(asyncio.Protocol):
         self._on_close = callback
 
     def on_loss(self, explain: Callable[[], DeviceLost | None]) -> None:
-        """Have `explain` asked why the line died, where whoever serves it may know better than the system."""
+        """Have `explain` asked why the line died; a simulated device knows more about it than the system."""
         self._explain_loss = explain
 
     # ------------------------------------------------------------------------------------- what the line calls
@@ -267,7 +270,7 @@ class Port(asyncio.Protocol):
         self.hand_over(data, now)
 
     def show(self, direction: str, data: bytes, now: int) -> None:
-        """Show a chunk to the taps. A tap that raises is removed; nobody else notices."""
+        """Show a chunk to the taps. A tap that raises is removed, and has no other effect."""
         for tap in self._taps:
             try:
                 tap(direction, data, now)

@@ -84,7 +84,7 @@ class Reader:
             self._wait()
 
     def stop(self) -> None:
-        """Read no more. What is held stays for `hand_over`."""
+        """Stop reading. What is held stays for `hand_over`."""
         self._running = False
         self._stopped = True
         self._stop_timer()
@@ -92,7 +92,7 @@ class Reader:
         self.release()
 
     def release(self) -> None:
-        """Read no more in the thread, and in no other one: from now on the descriptor may be closed."""
+        """Stop reading, also in the thread: from now on the descriptor may be closed."""
         self.set_repeat(b"", 0.0)
         self._guard_until_removed(None)
         if not self._port.is_forked:
@@ -261,10 +261,11 @@ class Reader:
 class _Guard(Watched):
     """A port that the thread reads for a `Reader`.
 
-    It does not keep the reader: one that is thrown away without being stopped must not be read for ever.
+    It holds no reference to the reader, so that a reader that is dropped without being stopped is not read for
+    ever.
 
     Attributes:
-        told: Whether the loop was told of an error, and has not looked at it yet.
+        told: Whether the loop was told of an error, and has not handled it yet.
     """
 
     def __init__(self, reader: Reader, loop: asyncio.AbstractEventLoop, inbox: Inbox, interval: float) -> None:
@@ -278,7 +279,7 @@ class _Guard(Watched):
         self._finalizer.atexit = False
 
     def remove(self) -> None:
-        """Have it read no more."""
+        """Stop the thread reading it."""
         self._finalizer.detach()
         self._thread.remove(self)
 
@@ -291,7 +292,7 @@ class _Guard(Watched):
 
 
 def _forget(reference: weakref.ref[_Guard]) -> None:
-    """The reader was thrown away, and its terminal will be closed."""
+    """The reader is garbage, and its terminal will be closed."""
     guard = reference()
     if guard is not None:
         guard.inbox.close()

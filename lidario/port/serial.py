@@ -1,10 +1,13 @@
-"""A serial port: opening it for nobody else beside, reading, writing and closing.
+"""A serial port: opening it exclusively, reading, writing and closing.
 
 pyserial configures the port and pyserial-asyncio, used through its public names alone, writes what the operating
-system does not take at once. Its habits end here. It reads a kilobyte at a time; `Reader` reads instead, all there
-is. It calls `connection_lost` before the port is closed; here the port is closed first. When it closes, it waits on
-the event loop until the last byte has left the adapter (`tcdrain`), and closing in the kernel waits for up to 30 s
-likewise; `_SerialLine.close` waits asynchronously and for a bounded time, then throws away what is left.
+system does not take at once. Three things that pyserial-asyncio does are replaced here:
+
+- It reads a kilobyte at a time; `Reader` reads all there is.
+- It calls `connection_lost` before the port is closed; here the port is closed first.
+- When it closes, it waits on the event loop until the last byte has left the adapter (`tcdrain`), and closing in
+  the kernel waits for up to 30 s likewise. `_SerialLine.close` waits asynchronously and for a bounded time, then
+  discards what is left.
 
 On Windows pyserial-asyncio reads by its own polling, since no event loop there can wait for a serial port.
 """
@@ -47,7 +50,7 @@ if sys.platform != "win32":
 
 
 async def open_serial(path: str, baudrate: int) -> Port:
-    """Open a serial port, for nobody else to open beside.
+    """Open a serial port exclusively: no other program can open it meanwhile.
 
     It is opened in a thread, since that takes up to tens of milliseconds. Cancelling leaves nothing open: a device
     that opens too late is closed.
@@ -255,7 +258,7 @@ class _SerialLine(Line):
                 threading.Thread(target=os.close, args=(duplicate,), name="lidario: close", daemon=True).start()
 
     def lost(self, error: Exception | None) -> None:
-        """The transport has ended: hand over what was held, close the port, and say so."""
+        """The transport has ended: hand over what was held, close the port, and report it."""
         if self._reader is not None:
             self._reader.hand_over()
         with contextlib.suppress(*_FOREIGN):

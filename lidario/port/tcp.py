@@ -1,8 +1,8 @@
-"""A serial line that somebody serves over TCP, such as a serial-to-network bridge.
+"""A serial line that is served over TCP, as by a serial-to-network bridge.
 
 asyncio's own transport carries the bytes. Writes do not wait for it: uvloop writes only when the running callback
 has returned, so the socket is written to directly while nothing is pending before. Keepalive is on, since a bridge
-that loses its power sends nothing that would tell.
+that loses its power cannot close the connection.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _KEEPALIVE = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3))
 
 
 async def open_tcp(name: str, host: str, number: int, baudrate: int = 0) -> Port:
-    """Connect to a serial line that somebody serves over TCP.
+    """Connect to a serial line that is served over TCP.
 
     Args:
         name: What is opened, for messages.
@@ -110,12 +110,12 @@ class _TcpLine(Line):
         self._transport.abort()
 
     def write_without_loop(self, data: bytes) -> None:
-        # In vain under uvloop once its loop is closed, since that closes the socket.
+        # Has no effect under uvloop once its loop is closed, since that closes the socket.
         with contextlib.suppress(OSError, ValueError):
             os.write(self._socket.fileno(), data)
 
     def close_without_loop(self) -> None:
-        # asyncio closes the socket with its loop; where it does not, the garbage collector does. Telling the other
-        # end is what is left to do.
+        # asyncio closes the socket with its loop, or the garbage collector does. Only the other end is still to be
+        # told.
         with contextlib.suppress(OSError, ValueError, TypeError):
             self._socket.shutdown(socket.SHUT_RDWR)

@@ -2,7 +2,7 @@
 
 The kernel keeps 4 KiB of a terminal's input, 61 ms of the fastest stream, and drops what comes then. A program that
 computes for longer on its event loop would lose bytes. So while a stream runs, this thread reads each port that
-nobody has read for `Watched.interval`. It only moves bytes into the port's `Inbox` and notes when they came. The
+was not read for `Watched.interval`. It only moves bytes into the port's `Inbox` and notes when they came. The
 event loop takes them from there when it needs them, at the end of a revolution, and reads what came since. On a
 loop that is free no thread wakes the other one; a loop that is late finds everything in the inbox. What must be
 written again and again to keep a device going it writes likewise, when the loop is late with it.
@@ -82,7 +82,7 @@ class Watched:
             unread = max(interval - margin, LEAST_SHARE * interval)
             if now - last >= RECENT_SHARE * unread:
                 try:
-                    self.inbox.read(guest=True)
+                    self.inbox.read(from_thread=True)
                 except OSError:
                     # The loop reads the same error, and ends the port.
                     self._on_error()
@@ -105,7 +105,7 @@ class ReadingThread:
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        # Reentrant: the garbage collector may call `remove` in the midst of `add`.
+        # Reentrant: the garbage collector may call `remove` during `add`.
         self._lock = threading.RLock()
         self._ports: list[Watched] = []
         self._thread: threading.Thread | None = None
@@ -140,9 +140,9 @@ class ReadingThread:
             self._thread = thread
 
     def remove(self, watched: Watched) -> None:
-        """Read this port no more; ends the thread with the last one. Ignored where it is not there.
+        """Stop reading this port; the last one ends the thread. Ignored where it is not there.
 
-        The thread may still try to read it once: `Inbox.share` is what keeps it from that.
+        The thread may still try to read it once; `Inbox.share` prevents that.
         """
         with self._lock:
             if watched not in self._ports:

@@ -1,7 +1,7 @@
 """Finding lidars: which ports there are, and which device responds on each.
 
-A port is written to without being named only when its USB adapter is one that lidars come with: a stray byte
-can reset other people's machines. Families share adapters, so only the protocol tells them apart.
+A port is written to without being named only when its USB adapter is one that lidars come with: an unexpected
+byte can reset another device, such as an Arduino. Families share adapters, so only the protocol tells them apart.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class PortInfo:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What stands behind a port.
+    """Which device is at a port.
 
     Attributes:
         port: The port.
@@ -71,7 +71,7 @@ class Found:
 
 
 def list_serial_ports() -> list[PortInfo]:
-    """Every serial port of this machine; nothing is opened."""
+    """Every serial port of this machine, by path; nothing is opened. It reads files: about 10 ms."""
     from serial.tools import list_ports  # slow to import, and seldom needed
 
     stable = {}
@@ -89,10 +89,16 @@ def list_serial_ports() -> list[PortInfo]:
 
 
 async def list_lidars(paths: tuple[str, ...] = ()) -> list[Found]:
-    """Ask what stands behind the ports named, or behind every port with a known adapter; all at the same time.
+    """Ask which device is at each port, at all ports at the same time.
 
-    A device that streams is stopped by this. Where no port has a lidar, all are asked again, with the patience that
-    a lidar needs that boots: for 7 s.
+    A device that streams is stopped by this. Where no port has a lidar, all are asked again for 7 s, which is
+    enough for a lidar that boots. Cancelling leaves every port closed.
+
+    Args:
+        paths: Ports to ask, whatever adapter they have; none: every port with an adapter that lidars come with.
+
+    Returns:
+        One entry for each port that was asked. Errors of a port are in its entry; none is raised.
     """
     named = {path: PortInfo(path, "", "", "") for path in paths}
     # Off the loop: it reads a few files of each port.
@@ -114,16 +120,16 @@ async def find_source(source: Source) -> Source:
     if source.kind not in ("auto", "id"):
         return source
     found = await list_lidars()
-    answering = [each for each in found if each.info is not None]
+    responding = [each for each in found if each.info is not None]
     if source.kind == "id":
         wanted = source.address.casefold()
-        answering = [each for each in answering if each.info and each.info.serial.casefold() == wanted]
-    if len(answering) == 1:
-        best = answering[0]
+        responding = [each for each in responding if each.info and each.info.serial.casefold() == wanted]
+    if len(responding) == 1:
+        best = responding[0]
         family = best.info.family if best.info else ""
         return Source(best.port.path, "serial", best.port.path, {"baud": str(best.baudrate), "family": family})
-    if answering:
-        raise _several(answering)
+    if responding:
+        raise _several(responding)
     others = [] if found else [port.path for port in await run_in_thread(list_serial_ports)]
     raise _none(source, found, others)
 

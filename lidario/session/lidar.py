@@ -35,6 +35,12 @@ SPEED_TIMEOUT_S = 10.0
 class Lidar:
     """One open device; made by `open_lidar`, and best used as its context manager.
 
+    Its methods belong to the event loop in which it was opened; in another one they raise `LocalProtocolError`.
+    Every question (`get_...`) and every setting (`set_...`) raises `ResponseTimeout` when the device does not
+    respond, `RemoteProtocolError` when its response cannot be right, `DeviceLost` when the port dies, and
+    `SessionClosed` after `close`. Cancelling one gives up the response: the device may have obeyed all the same. A
+    stream that was interrupted is started again in any case.
+
     Attributes:
         source: The source it was opened from.
         info: What the device says it is.
@@ -128,6 +134,11 @@ class Lidar:
     async def scan(self, mode: str | int | None = None) -> Scan:
         """One full revolution. Laser and motor stop a second later, unless another stream was begun by then.
 
+        Cancelling ends the waiting; laser and motor stop as after a scan.
+
+        Args:
+            mode: As for `scans`.
+
         Raises:
             StreamFailed: No scan came; the session goes on.
             LocalProtocolError: Another task called `stop` before the scan was complete.
@@ -151,7 +162,7 @@ class Lidar:
         await self._scanner.stop()
 
     async def get_info(self) -> DeviceInfo:
-        """Ask the device what it is. Raises ResponseTimeout or DeviceLost, as every question does."""
+        """Ask the device what it is; `info` has the result, too."""
         self.info = await self._scanner.ask(self._open_device().identify)
         return self.info
 
@@ -161,12 +172,12 @@ class Lidar:
         return health
 
     async def get_modes(self) -> tuple[ScanMode, ...]:
-        """The scan modes the device has; asked for once."""
+        """The scan modes of the device, in its order; never empty. The device is asked once in a session."""
         self._check_open()
         return await self._scanner.modes()
 
     async def get_sample_rate(self) -> SampleRate:
-        """Ask how long a sample takes. Raises Unsupported where the device does not tell."""
+        """Ask how long a sample takes, in microseconds. Raises Unsupported where the device does not tell."""
         return await self._scanner.ask(self._open_device().sample_rate)
 
     async def get_scan_frequency(self) -> float:
@@ -177,14 +188,15 @@ class Lidar:
         return await self._scanner.ask(self._open_device().scan_frequency)
 
     async def get_scan_frequency_range(self) -> tuple[float, float]:
-        """Ask for the slowest and the fastest scan frequency. Raises Unsupported where it cannot be set."""
+        """Ask for the slowest and the fastest scan frequency, in Hz. Raises Unsupported where it cannot be set."""
         return await self._scanner.ask(self._open_device().scan_frequency_range)
 
     async def set_scan_frequency(self, hertz: float, *, verify: bool = True) -> float:
         """Set the scan frequency in revolutions a second; returns what the device made of it.
 
         While a stream runs and `verify` is set, it returns when the measured frequency is within 5 % of that.
-        While none runs, the rotor stays at rest and takes that speed when one is started.
+        While none runs, the rotor stays at rest and takes that speed when one is started. Cancelling ends the
+        waiting; the frequency may be set or not.
 
         Raises:
             InvalidValue: No number, or outside what the device can do; the stream is not interrupted.
@@ -232,6 +244,8 @@ class Lidar:
     async def reset(self) -> Health:
         """Restart the device and wait until it responds again; streams are started again afterwards.
 
+        Cancelling ends the waiting; a device that was told to restart does so all the same.
+
         Raises:
             ResponseTimeout: It does not come back.
             DeviceFault: It came back and reports an error.
@@ -246,7 +260,7 @@ class Lidar:
         self._dialogue.add_tap(tap)
 
     def untap(self, tap: Tap) -> None:
-        """Take `tap` out again. Harmless when it is not in."""
+        """Stop calling `tap`. Ignored where it is not there."""
         self._dialogue.remove_tap(tap)
 
     async def close(self) -> None:

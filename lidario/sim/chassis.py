@@ -61,7 +61,7 @@ class Chassis(ABC, Generic[StreamT]):
         self._log = RequestLog()
         self._stream: StreamT | None = None
         self._deaf_until, self._deaf_why = 0, ""
-        self._owed_until, self._owed = 0, ""
+        self._outstanding_until, self._outstanding_request = 0, ""
         self._baudrate = baudrate
         self._now = 0
 
@@ -138,13 +138,13 @@ class Chassis(ABC, Generic[StreamT]):
         self._deaf_until, self._deaf_why = _FOREVER, "frozen"
 
     def _spin_at_once(self, rpm: float, since: int) -> None:
-        """Have the motor turn at that speed since that time, without the time it needs for it."""
+        """Let the motor have had that speed since that time, without spinning up."""
         spin_up, self._motor.spin_up_s = self._motor.spin_up_s, 0.0
         self._motor.set_rpm(rpm, since)
         self._motor.spin_up_s = spin_up
 
     def _end_stream(self, now: int) -> None:
-        """Measure no more; the packets made by now still leave."""
+        """Stop measuring; the packets made by now still leave."""
         if self._stream is not None:
             self._stream = None
             self._queue.withdraw(now)
@@ -157,7 +157,7 @@ class Chassis(ABC, Generic[StreamT]):
         """Drop the stream, the responses and the bytes that have not left."""
         self._stream = None
         self._queue.cut(now)
-        self._owed_until = 0
+        self._outstanding_until = 0
 
     def _garbled(self, response: bytes) -> bytes:
         """A response as it leaves: itself, unless `garble_responses` or `wrong_responses` asks for another."""
@@ -172,11 +172,15 @@ class Chassis(ABC, Generic[StreamT]):
     def _respond_with(self, response: bytes, ready: int, request: str) -> None:
         """Send the response to a request, or its descriptor where a stream follows."""
         self._queue.push(response, ready)
-        self._owed_until, self._owed = self._queue.free_at, request
+        self._outstanding_until, self._outstanding_request = self._queue.free_at, request
 
     def _outstanding(self, now: int) -> str:
         """Which response has not left completely by `now`, in the words of the log; empty when none."""
-        return f"while the response to {self._owed} is outstanding" if now < self._owed_until else ""
+        return (
+            f"while the response to {self._outstanding_request} is outstanding"
+            if now < self._outstanding_until
+            else ""
+        )
 
     def _fault(self, error_code: int) -> None:
         self.health = (PROTECTION_STOP, error_code)
@@ -192,4 +196,4 @@ class Chassis(ABC, Generic[StreamT]):
 
     @abstractmethod
     def _restart(self, now: int, up: int) -> None:
-        """Restart at `now`, and be deaf until `up`, when the device has booted."""
+        """Restart at `now`, and obey nothing until `up`, when the device has booted."""

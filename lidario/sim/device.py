@@ -3,8 +3,8 @@
 A simulated device is the other end of the cable. It never reads a clock and never sleeps: `lidario.sim.serve`
 hands it the host's bytes with the time of their arrival, and fetches what it has to send by now. So the same
 device runs in memory, thousands of times faster than real time, and on a pseudo-terminal or over TCP in real
-time. It has its own packers and shares no code with the host's parser or decoders: a mistake must be made twice
-to stay hidden.
+time. It has its own packers and shares no code with the host's parser or decoders, so that one
+mistake cannot hide in both.
 """
 
 from __future__ import annotations

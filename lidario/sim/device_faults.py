@@ -5,7 +5,7 @@ There are two kinds of faults, and they do not mix. A *line fault* changes bytes
 certain time: it restarts, freezes, stops to protect itself. The device must offer what `CanFail` says; every
 simulated device that is built on `Chassis` does.
 
-Whoever serves the device first lets it send what has left it by the moment of the event, and then calls
+`MemoryLine` first lets the device send what has left it by the time of the event, and then calls
 `DeviceFaults.strike`. So the bytes do not depend on how often the device is asked for bytes.
 """
 

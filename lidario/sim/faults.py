@@ -3,18 +3,6 @@
 A list of faults is written like ``drop:1%,flip:0.1%,unplug:5s``. Shares are written in per cent or as a fraction,
 durations as ``5s``, ``200ms``, ``2min`` or plain seconds. `FAULTS` is the table of all of them.
 
-``drop:1%``        a byte is lost
-``flip:0.1%``      one bit of a byte is inverted
-``insert:0.1%``    a random byte comes before this one
-``silent:5s``      from then on nothing arrives, though the port stays open
-``unplug:5s``      from then on the port is dead
-``stall:200ms``    once a second the bytes are held back for so long, and then come in one burst
-``garbage``        every byte is random, as at a wrong baud rate
-=================  =====================================================================================
-
-One fault at most happens to a byte. What happens to each byte is drawn in the order of the bytes from a
-seeded generator, so the outcome does not depend on how the bytes were divided into chunks.
-=======
 There are two kinds. Line faults change bytes on their way from the device to the host (`lidario.sim.line_faults`);
 a share is per byte. Device faults are events inside of the device (`lidario.sim.device_faults`). The durations of
 ``silent``, ``unplug`` and ``replug`` and of all device faults count from the first byte on the line, in either

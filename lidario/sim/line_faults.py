@@ -3,8 +3,8 @@
 The device knows nothing of these faults; its own are in `lidario.sim.device_faults`, the words for both in
 `lidario.sim.faults`.
 
-One fault at most begins at a byte. Each byte's fate is drawn in the order of the bytes from a seeded generator, so
-the outcome does not depend on how the bytes were divided into chunks.
+One fault at most begins at a byte. What happens to each byte is drawn in the order of the bytes from a seeded
+generator, so the outcome does not depend on how the bytes were divided into chunks.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Faults:
     replug_s: float | None = None
     device: DeviceFaults = field(default_factory=DeviceFaults)
     seed: int = 0
-    _fate: np.random.Generator = field(init=False, compare=False, repr=False)
+    _choices: np.random.Generator = field(init=False, compare=False, repr=False)
     _detail: np.random.Generator = field(init=False, compare=False, repr=False)
     _noise: np.random.Generator = field(init=False, compare=False, repr=False)
     _first: int | None = field(init=False, compare=False, default=None)
@@ -80,7 +80,7 @@ class Faults:
             )
         if not 0.0 <= self.stall_s < 1.0:
             raise ValueError("a stall lasts less than the second after which it comes again")
-        self._fate = np.random.default_rng([self.seed, 1])
+        self._choices = np.random.default_rng([self.seed, 1])
         self._detail = np.random.default_rng([self.seed, 2])
         self._noise = np.random.default_rng([self.seed, 3])
         self.device.replug_s = self.replug_s
@@ -140,7 +140,7 @@ class Faults:
     def back_at(self, now: int) -> int | None:
         """When the cable is plugged in again after ``replug``.
 
-        None where that is not wanted, while the time has not begun to count, and when the cable is out for good.
+        None where that is not wanted, while the time has not begun to count, and when the cable stays out.
         """
         if self.replug_s is None or self._first is None or self._unplugged_for_good(now):
             return None
@@ -190,20 +190,20 @@ class Faults:
         if not data:
             return data
         if self.garbage:
-            return _random(self._fate, len(data))
+            return _random(self._choices, len(data))
         edges = np.cumsum([self.drop, self.flip, self.insert, self.burst, self.duplicate])
         if not edges[-1]:
             return data
-        fate = np.searchsorted(edges, self._fate.random(len(data)), side="right")
+        choices = np.searchsorted(edges, self._choices.random(len(data)), side="right")
         past = self._past + data  # a byte of `data` stands at its own place plus the length of the past
         parts = [self._in_burst(data, 0)]
         done = len(parts[0])
-        for at in np.flatnonzero(fate < edges.size).tolist():
+        for at in np.flatnonzero(choices < edges.size).tolist():
             if at < done:
                 continue  # inside of a burst nothing else happens
             parts.append(data[done:at])
             done = at + 1
-            what = _BYTE_FAULTS[fate[at]]
+            what = _BYTE_FAULTS[choices[at]]
             if what == "flip":
                 parts.append(bytes([data[at] ^ (1 << int(self._detail.random() * 8.0))]))
             elif what == "insert":

@@ -24,7 +24,7 @@ class Motor:
 
     Args:
         spin_up_s: Seconds from standstill to stable; 0 changes speed at once.
-        turns: Where the head stands at the beginning, in revolutions.
+        turns: Where the head stands at the beginning, in turns.
     """
 
     def __init__(self, *, spin_up_s: float = 1.0, turns: float = 0.0) -> None:

@@ -65,7 +65,7 @@ class Server(ABC):
         self.close()
 
     def unplug(self) -> None:
-        """Pull the cable out: the client's port dies, and nothing can be opened any more."""
+        """Pull out the cable: the client's port dies, and nothing can be opened any more."""
         self._ending.set()
         with contextlib.suppress(OSError):
             self._waker.send(b"\0")
@@ -79,7 +79,7 @@ class Server(ABC):
         power meanwhile, and boots afterwards, if it offers that (`CanFail`).
 
         Raises:
-            ValueError: The line is dead for good, or the gap is negative.
+            ValueError: The line is dead and stays so, or the gap is negative.
         """
         if gap_s < 0.0 or self.unplugged:
             raise ValueError("the gap is negative" if gap_s < 0.0 else "an unplugged device cannot be plugged in")
@@ -119,7 +119,7 @@ class Server(ABC):
             self._woken.close()
 
     def _turn(self) -> bool:
-        """Wait, then carry bytes both ways; False when the line is dead for good."""
+        """Wait, then carry bytes both ways; False when the line is dead and stays so."""
         now = time.monotonic_ns()
         if self._gap_wanted is not None:
             gap_s, self._gap_wanted = self._gap_wanted, None

@@ -108,15 +108,15 @@ def test_a_terminal_is_read_as_os_read_does() -> None:
             raise OSError
 
 
-def test_a_guest_reads_only_while_the_inbox_is_shared() -> None:
+def test_the_thread_reads_only_while_the_inbox_is_shared() -> None:
     inbox = Script(b"one", b"two", b"three").inbox()
-    inbox.read(guest=True)
+    inbox.read(from_thread=True)
     inbox.share(False)
-    inbox.read(guest=True)
+    inbox.read(from_thread=True)
     assert inbox.take()[0] == [b"one"]
     inbox.read()
     inbox.share(True)
-    inbox.read(guest=True)
+    inbox.read(from_thread=True)
     assert inbox.take()[0] == [b"two", b"three"]
 
 

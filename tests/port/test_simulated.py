@@ -26,16 +26,21 @@ class Mistake(Exception):
 
 
 class Broken:
-    """A simulated device of a user's, with a mistake in one method that shows when it has been called so often."""
+    """A simulated device of a user's, with a mistake in one method that shows when it has been called so often.
 
-    def __init__(self, where: str, calls: int = 0) -> None:
+    With `once_asked` only calls after the first request count: then the port is open, however long that takes.
+    """
+
+    def __init__(self, where: str, calls: int = 0, *, once_asked: bool = False) -> None:
         self.baudrate = 1_000_000
         self.log: list[Any] = []
         self.scanning = self.motor_on = False
         self._where = where
         self._calls = calls
+        self._waits = once_asked
 
     def receive(self, data: bytes, now: int) -> None:
+        self._waits = False
         self._step("receive")
 
     def transmit(self, now: int) -> bytes:
@@ -47,7 +52,7 @@ class Broken:
         return now + 1_000_000
 
     def _step(self, where: str) -> None:
-        if where == self._where:
+        if where == self._where and not self._waits:
             self._calls -= 1
             if self._calls < 0:
                 raise Mistake("in a user's world")
@@ -92,7 +97,9 @@ async def test_a_mistake_in_a_served_device_is_the_cause_of_the_loss(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, way: str, where: str
 ) -> None:
     caplog.set_level(logging.WARNING)
-    monkeypatch.setattr("lidario.port.simulated.make_device", lambda source: (Broken(where, 3), None))
+    monkeypatch.setattr(
+        "lidario.port.simulated.make_device", lambda source: (Broken(where, 3, once_asked=True), None)
+    )
     before = threading.active_count(), open_files()
     port, sink = await open_simulated(parse_source(f"sim://rplidar-s2?via={way}")), Sink()
     port.attach(sink)

@@ -21,7 +21,7 @@ boot time       S1: users report 2 s; the others: the manual's 500 ms and a litt
 **Formats**: `rplidar-express`, `-hq`, `-ultra` and `-ultradense` stand for no product; each sends one more format.
 
 **Awkward**: modes whose numbers have holes and that come without conf 0x01; 0 µs a sample (rplidar_ros issue 155);
-an response type that nobody knows; an empty list of modes (rplidar_ros issue 168); firmware older than 1.24, which
+a response type that no host knows; an empty list of modes (rplidar_ros issue 168); firmware older than 1.24, which
 has no GET_LIDAR_CONF.
 """
 
@@ -280,4 +280,4 @@ _AWKWARD = (
 )
 
 PROFILES: dict[str, Profile] = {profile.name: profile for profile in (*_SOLD, *_FORMATS, *_AWKWARD)}
-"""By name; the first one is what is simulated where nobody asks for a model."""
+"""By name; the first one is what is simulated where no model is asked for."""

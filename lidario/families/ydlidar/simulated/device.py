@@ -8,7 +8,7 @@ It discards what a real device discards (4ROS development manual where not said 
   connection: the next program finds it as the last one left it;
 * the scan header comes at once, the first packet when the motor is up to speed;
 * a request within 5 ms of a stop is discarded, the pause the vendor's SDK keeps; another stop is obeyed;
-* after RESET it is deaf until it has booted; then it sends device information that was not requested (the
+* after RESET it obeys nothing until it has booted; then it sends device information that was not requested (the
   vendor's SDK waits for that), and is set as it came from the factory: 7 Hz (data sheet), protection off;
 * it responds to one of the two health requests, and not to the other;
 * an unknown request is discarded silently, as are A5 D0 and D1, which only the SDK knows;
