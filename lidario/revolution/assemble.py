@@ -271,6 +271,7 @@ class Assembler:
             interval_ns=revolution_ns,
             seq=seq,
             lost=lost,
+            reported_rpm=math.nan if samples is None else samples.reported_rpm,
         )
 
     def _sample_ns(self, samples: int, elapsed_ns: int, lost: int) -> float:
@@ -347,6 +348,7 @@ def _build(
     interval_ns: float,
     seq: int,
     lost: int,
+    reported_rpm: float,
 ) -> Scan:
     degrees = arrays.angle
     if stream.zero_offset_deg:
@@ -368,4 +370,5 @@ def _build(
         mode=stream.mode.name,
         max_range=stream.mode.max_distance,
         seam=stream.zero_offset_deg % 360.0,
+        reported_rpm=reported_rpm,
     )

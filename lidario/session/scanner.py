@@ -280,7 +280,8 @@ class Scanner:
                 continue
             mailbox, mode, force = self._readers.joining.pop(0)
             try:
-                wanted = agree(self._modes, mode, force, self._wanted, alone=not len(self.hub))
+                modes = (*self._modes, *self._device.unlisted_modes())
+                wanted = agree(modes, mode, force, self._wanted, alone=not len(self.hub))
             except (LocalProtocolError, Unsupported) as error:
                 mailbox.end(error)
                 continue
