@@ -259,6 +259,9 @@ class Scanner:
             return
         try:
             await self._interrupt()
+            if failure.error is not None:
+                # It may have begun all the same, and a device that scans hears no question.
+                await self._dialogue.quieten()
             await self.inquiry.about(failure)
         except (StreamFailed, DeviceFault) as error:
             if failure.error is not None and isinstance(error, StreamFailed):
