@@ -66,6 +66,8 @@ class Scan:
             mode and filters nothing: returns from beyond are in the arrays.
         seam: Device angle where revolutions begin, degrees; a device that marks its own first packet may begin
             elsewhere.
+        reported_rpm: The speed that the device itself reported with this revolution, revolutions a minute; NaN
+            where it reports none. A 4ROS does, in steps of 6, where the first packet of the revolution came intact.
     """
 
     device_angles: FloatArray
@@ -82,6 +84,7 @@ class Scan:
     mode: str
     max_range: float = 0.0
     seam: float = 0.0
+    reported_rpm: float = math.nan
     _angles: FloatArray | None = field(default=None, init=False)
     _ranges: FloatArray | None = field(default=None, init=False)
     # What a sorted scan was made from: only samples in the order of measuring tell their times.

@@ -33,6 +33,7 @@ def as_json(scan: Scan) -> str:
         "time_increment_ns": scan.time_increment_ns,
         "duration_ns": scan.duration_ns,
         "rpm": round(scan.rpm, 3) if math.isfinite(scan.rpm) else None,
+        "reported_rpm": round(scan.reported_rpm, 3) if math.isfinite(scan.reported_rpm) else None,
         "mode": scan.mode,
         "dropped_before": scan.dropped_before,
         "lost_packets": scan.lost_packets,

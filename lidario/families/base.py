@@ -9,6 +9,7 @@ else.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
@@ -93,6 +94,7 @@ class Samples:
         lost_behind: How many of the lost ones stood behind the last packet.
         revolution_packets: How many packets a whole revolution has at the present speed; 0 when that is not known.
         revolution_samples: The same, samples.
+        reported_rpm: The speed that the packets tell, in revolutions a minute; NaN where they tell none.
         certain: Whether the angle that a packet covers is known for sure. Where it is not, as when nearly all
             packets are missing, neither the angles nor `lost` can be relied on.
     """
@@ -108,6 +110,7 @@ class Samples:
     revolution_packets: float = 0.0
     revolution_samples: float = 0.0
     certain: bool = True
+    reported_rpm: float = math.nan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -315,6 +318,10 @@ class Device(ABC):
     @abstractmethod
     def modes(self) -> Script[tuple[ScanMode, ...]]:
         """Ask which scan modes there are; never empty."""
+
+    def unlisted_modes(self) -> tuple[ScanMode, ...]:
+        """Scan modes that the device does not list, but that can be asked for by name. Default: none."""
+        return ()
 
     @abstractmethod
     def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:

@@ -264,6 +264,7 @@ class Assembler:
             interval_ns=interval_ns,
             seq=seq,
             lost=lost,
+            reported_rpm=math.nan if samples is None else samples.reported_rpm,
         )
 
     def _passed(

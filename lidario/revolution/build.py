@@ -35,6 +35,7 @@ def build_scan(
     interval_ns: float,
     seq: int,
     lost: int,
+    reported_rpm: float,
 ) -> Scan:
     """The scan of one revolution, whose angles have the zero-angle offset added; `arrays` become read-only.
 
@@ -48,6 +49,7 @@ def build_scan(
         interval_ns: Time since the beginning of the revolution before; NaN when that is not known.
         seq: Its number.
         lost: Packets missing in it.
+        reported_rpm: The speed that its packets tell; NaN where they tell none.
     """
     return Scan(
         device_angles=read_only(arrays.angle),
@@ -64,4 +66,5 @@ def build_scan(
         mode=stream.mode.name,
         max_range=stream.mode.max_distance,
         seam=stream.zero_offset_deg % 360.0,
+        reported_rpm=reported_rpm,
     )

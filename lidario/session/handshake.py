@@ -18,7 +18,7 @@ from lidario.families.base import Device, Timing
 from lidario.model import DeviceInfo, Health, HealthStatus
 from lidario.session.dialogue import Dialogue
 
-__all__ = ["cured", "fault_of", "healthy", "introduce", "restart"]
+__all__ = ["come_back", "cured", "fault_of", "healthy", "introduce", "restart"]
 
 _log = logging.getLogger("lidario")
 
@@ -118,8 +118,17 @@ async def restart(dialogue: Dialogue, device: Device, timing: Timing) -> None:
     Raises:
         ResponseTimeout: It does not come back.
     """
-    loop = asyncio.get_running_loop()
     await dialogue.ask(device.reset())
+    await come_back(dialogue, device, timing)
+
+
+async def come_back(dialogue: Dialogue, device: Device, timing: Timing) -> None:
+    """Wait until a device that was reset responds.
+
+    Raises:
+        ResponseTimeout: It does not come back.
+    """
+    loop = asyncio.get_running_loop()
     deadline = loop.time() + timing.boot_s
     while True:
         try:

@@ -28,7 +28,7 @@ def agree(
     """The stream that a new reader and those that read already can share.
 
     Args:
-        modes: The scan modes of the device.
+        modes: The scan modes of the device; those that it does not list last.
         asked: Name or id of the mode the new reader asks for; None for the one that runs, or else the typical one.
         force: Whether it asks for a forced scan.
         running: What runs, or is about to.

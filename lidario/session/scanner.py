@@ -259,6 +259,9 @@ class Scanner:
             return
         try:
             await self._interrupt()
+            if failure.error is not None:
+                # It may have begun all the same, and a device that scans hears no question.
+                await self._dialogue.quieten()
             await self.inquiry.about(failure)
         except (StreamFailed, DeviceFault) as error:
             if failure.error is not None and isinstance(error, StreamFailed):
@@ -280,7 +283,8 @@ class Scanner:
                 continue
             mailbox, mode, force = self._readers.joining.pop(0)
             try:
-                wanted = agree(self._modes, mode, force, self._wanted, alone=not len(self.hub))
+                modes = (*self._modes, *self._device.unlisted_modes())
+                wanted = agree(modes, mode, force, self._wanted, alone=not len(self.hub))
             except (LocalProtocolError, Unsupported) as error:
                 mailbox.end(error)
                 continue

@@ -101,3 +101,13 @@ async def test_protection_survives_a_block_that_is_longer_than_its_time() -> Non
             assert rig.device.lapses == 0
             assert lidar.stats.keepalives >= 2
         until(lambda: is_still(server))
+
+
+def test_what_no_tap_has_seen_is_bounded() -> None:
+    line = Line()
+    repeat = line.repeat()
+    for second in range(1, 1000):
+        line.now = second * 1_000_000_000
+        repeat.serve()
+    assert repeat.count == 999
+    assert len(repeat.take_written()) == 256

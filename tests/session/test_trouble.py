@@ -327,3 +327,44 @@ async def test_bytes_that_a_full_port_dropped_are_told(family: str, monkeypatch:
     assert after.discarded_bytes == 5100
     ordinary = 3 * (before.bytes_received // max(before.scans, 1))
     assert 5100 < after.bytes_received - before.bytes_received < 5100 + ordinary
+
+
+@pytest.mark.parametrize("model", ["rplidar-s2", "rplidar-s1"])
+@pytest.mark.parametrize("name", ["Legacy express", "legacy EXPRESS"])
+@driven
+async def test_a_legacy_express_scan_can_be_asked_for_by_name(model: str, name: str) -> None:
+    rig = make_rig("rplidar", model, world=make_world("circle"))
+    async with rig.open() as lidar:
+        async with lidar.scans(name) as stream:
+            scans = [await anext(stream) for _ in range(3)]
+        assert name.casefold() not in [mode.name.casefold() for mode in await lidar.get_modes()]
+        assert scans[-1].mode == "Legacy express"
+        np.testing.assert_allclose(scans[-1].ranges, 2.0, atol=0.005)
+        samples = 1e9 * rig.turn_s / (rig.device.profile.modes[-1].us_q8 / 0.256)
+        assert len(scans[-1]) == pytest.approx(samples, rel=0.02)
+        # Its number is that of another mode.
+        assert (await lidar.scan(0)).mode == "Standard"
+    (request,) = [each.data for each in rig.device.log if each.name == "express_scan"]
+    assert request == bytes.fromhex("A58205000000000022")
+
+
+@driven
+async def test_what_old_firmware_calls_express_is_no_second_mode() -> None:
+    rig = make_rig("rplidar", "rplidar-old-firmware")
+    async with rig.open() as lidar:
+        with pytest.raises(Unsupported, match="no scan mode 'Legacy express'"):
+            await lidar.scan("Legacy express")
+
+
+@driven
+async def test_the_speed_that_a_device_reports_reaches_the_user() -> None:
+    rig = make_rig("ydlidar")
+    async with rig.open() as lidar:
+        assert (await lidar.scan()).reported_rpm == 420.0
+        await lidar.set_scan_frequency(10.3)
+        scans = await take(lidar, 3)
+        assert scans[-1].reported_rpm == pytest.approx(618.0)
+        assert scans[-1].sorted().reported_rpm == scans[-1].reported_rpm
+    silent = make_rig("rplidar")
+    async with silent.open() as lidar:
+        assert np.isnan((await lidar.scan()).reported_rpm)

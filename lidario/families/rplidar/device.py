@@ -43,6 +43,8 @@ SLOWEST_TURN_S: Final = 1.0
 NODE_TYPE: Final = 0x81
 EXPRESS_TYPE: Final = 0x82
 UNIDENTIFIED: Final = 0
+LEGACY_EXPRESS: Final = ScanMode(0, "Legacy express", 0.0, 0.0, EXPRESS_TYPE)
+"""Working mode 0 (S-series interface manual, EXPRESS_SCAN); how far it measures no document says."""
 
 
 class RplidarDevice(Device):
@@ -128,6 +130,14 @@ class RplidarDevice(Device):
         if typical not in usable:
             typical = usable[-1] if usable else None
         return tuple(replace(mode, typical=mode.id == typical) for mode in found)
+
+    def unlisted_modes(self) -> tuple[ScanMode, ...]:
+        """As `Device.unlisted_modes`: the legacy express scan, of firmware that lists its modes.
+
+        Older firmware has it as its mode "Express". A device that lacks it may send something else: the descriptor
+        decides.
+        """
+        return (LEGACY_EXPRESS,) if self._has_conf else ()
 
     def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
         """As `Device.start`; the descriptor decides which format is decoded, not what the mode's list foretold.

@@ -6,8 +6,8 @@ truncates to 1/64 degrees, full precision is kept; a single sample has the first
 time-of-flight device needs no second, distance-dependent correction, and distances are plain millimetres;
 there is no intensity.
 
-Not decoded: the 7 bits above CT's start bit, which tell the speed in start packets (manual: tenths of Hz above
-3.0). The speed of a scan is measured instead, which is right for every format.
+The 7 bits above CT's start bit tell the speed in start packets (manual: tenths of Hz above 3.0). It is handed on
+as what the device reports; the speed of a scan is measured, which is right for every format.
 
 Lost packets: within one packet the angle advances by one step a sample, and so it does from one packet to the
 next. What the jump between two packets holds beyond that was lost. How many packets it was follows from their
@@ -40,6 +40,9 @@ Ints = NDArray[np.int32]
 
 HEADER_WORDS: Final = HEADER_SIZE // 2
 ORDER: Final = np.arange(MOST_SAMPLES, dtype=np.float32)
+SPEED_CODE: Final = 0x7F
+SPEED_BASE: Final = 30
+"""Tenths of Hz that the code 0 stands for (manual, CT)."""
 SLACK_SAMPLES: Final = 3.0
 """Missing samples below which a jump is taken for unsteadiness of the rotor, where no start packet is due."""
 _STEADY: Final = 2.0
@@ -67,6 +70,7 @@ class PointCloudDecoder:
         step = _step(way, counts, most, ends[-1])
         missing = self._missing(first, way, counts, starts, following, step, most)
         gaps = missing.nonzero()[0]
+        mark = int(starts.argmax())
         samples_a_turn = FULL_TURN_Q6 / step if step else 0.0
         return Samples(
             angle_deg=angle,
@@ -80,6 +84,7 @@ class PointCloudDecoder:
             revolution_packets=_revolution_packets(samples_a_turn, most) if step else 0.0,
             revolution_samples=samples_a_turn,
             certain=step > 0,
+            reported_rpm=6.0 * ((int(control[mark]) >> 1 & SPEED_CODE) + SPEED_BASE) if starts[mark] else math.nan,
         )
 
     def decode_steady(

@@ -199,7 +199,9 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         return self._start(self.profile.standard, request, force=True)
 
     def _express_scan(self, request: Request) -> str:
-        mode = self.profile.mode(request.payload[0])
+        # S-series interface manual: working mode 0 is the legacy express scan, not the mode of that number.
+        legacy = None if request.payload[0] else self.profile.legacy_express
+        mode = legacy or self.profile.mode(request.payload[0])
         return f"no scan mode {request.payload[0]}" if mode is None else self._start(mode, request)
 
     def _start(self, mode: Mode, request: Request, *, force: bool = False) -> str:

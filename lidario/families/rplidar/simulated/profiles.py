@@ -158,6 +158,18 @@ class Profile:
         return next((mode for mode in self.modes if mode.id == mode_id), None)
 
     @property
+    def legacy_express(self) -> Mode | None:
+        """What EXPRESS_SCAN starts by working mode 0: 0x82, as fast as GET_SAMPLERATE tells of EXPRESS_SCAN.
+
+        None where the line cannot carry that, and where firmware without GET_LIDAR_CONF has it among its modes.
+        """
+        fast = [mode for mode in self.modes if mode.answer != 0x81]
+        if not self.has_conf or not fast:
+            return None
+        mode = Mode(0, "Legacy express", 0x82, fast[-1].us_q8, fast[-1].max_distance_q8)
+        return mode if mode.packet[0] * 10 * 1_000_000_000 <= mode.period_ns * self.baudrate else None
+
+    @property
     def standard(self) -> Mode:
         """The mode that SCAN starts."""
         return next(mode for mode in self.modes if mode.response_type == 0x81)

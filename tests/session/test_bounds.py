@@ -1,0 +1,132 @@
+"""Every call and every buffer has a bound: the tables of ``docs/bounds.md``, in driven time."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lidario import Lidar, LidarError
+from lidario.session.delivery import Delivery
+from lidario.wire.blocks import Block
+from lidario.wire.events import Packets
+from lidario.wire.stats import LinkStats
+from tests.support.devices import FAMILIES, Rig, make_rig
+from tests.support.loop import driven, run_driven
+
+ROOT = Path(__file__).resolve().parents[2]
+TEXT = (ROOT / "docs" / "bounds.md").read_text(encoding="utf-8")
+ROWS = re.findall(r"^\| `(\w+)`(?: of a stream)? \| ([\d.]+) \| ([\d.]+) \|", TEXT, re.MULTILINE)
+BOUNDS = {call: dict(zip(FAMILIES, (float(first), float(second)), strict=True)) for call, first, second in ROWS}
+NAMED = re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", TEXT)
+
+ARGUMENTS: dict[str, tuple[object, ...]] = {
+    "set_scan_frequency": (9.0,),
+    "set_motor_speed": (540.0,),
+    "set_zero_offset": (True,),
+    "set_power_down_protection": (True,),
+}
+
+
+def harm(rig: Rig, how: str) -> None:
+    """Have the device fall silent, or send noise for ever."""
+    if how == "silent":
+        rig.device.mute = True
+    else:
+        random = np.random.default_rng(1)
+        rig.device.transmit = lambda now: random.bytes(256)
+        rig.device.wakeup = lambda now: now + 5_000_000
+
+
+async def seconds(rig: Rig, call: str, how: str, *, scanning: bool) -> float:
+    """How long the call takes."""
+    loop = asyncio.get_running_loop()
+    if call == "open_lidar":
+        harm(rig, how)
+        began = loop.time()
+        with suppress(LidarError):
+            await rig.open()
+        return loop.time() - began
+    async with rig.open() as lidar:
+        stream = lidar.scans()
+        if scanning or call in ("anext", "aclose"):
+            await anext(stream)
+        harm(rig, how)
+        began = loop.time()
+        with suppress(LidarError):
+            if call == "anext":
+                while True:
+                    began = loop.time()
+                    await anext(stream)
+            elif call == "aclose":
+                await stream.aclose()
+            else:
+                await getattr(lidar, call)(*ARGUMENTS.get(call, ()))
+        return loop.time() - began
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("call", BOUNDS)
+def test_no_call_takes_longer_than_the_table_says(call: str, family: str) -> None:
+    bound = BOUNDS[call][family]
+    taken = [
+        run_driven(partial(seconds, make_rig(family), call, how, scanning=scanning))
+        for how in ("silent", "noise")
+        for scanning in (False, True)
+    ]
+    # The table is no guess: what it says is nearly reached, but for what takes no time at all.
+    assert bound / 2 - 0.1 <= max(taken) <= bound, taken
+
+
+def test_the_table_has_every_call() -> None:
+    public = {
+        name
+        for name, value in vars(Lidar).items()
+        if not name.startswith("_") and asyncio.iscoroutinefunction(value)
+    }
+    assert public | {"open_lidar", "anext", "aclose"} == set(BOUNDS)
+
+
+@pytest.mark.parametrize(("file", "name"), NAMED)
+def test_the_tests_that_are_named_exist(file: str, name: str) -> None:
+    assert re.search(rf"^(async )?def {name}\(", (ROOT / file).read_text(encoding="utf-8"), re.MULTILINE)
+
+
+def test_early_packets_are_bounded() -> None:
+    stats = LinkStats()
+    delivery = Delivery(stats)
+    run = Packets(b"\0" * 5, (Block(5, 1),), ((1, 0),))
+    for _ in range(100):
+        delivery.deliver(run, streaming=True)
+    got: list[Packets] = []
+    delivery.deliver_to(got.append)
+    assert (len(got), stats.unread_packets) == (64, 36)
+
+
+@driven
+async def test_a_device_that_claims_many_modes() -> None:
+    rig = make_rig("rplidar")
+    conf = type(rig.device.profile).conf
+    asked: list[int] = []
+
+    def claims(kind: int, arguments: bytes) -> bytes | None:
+        if kind == 0x70:
+            return b"\xff\xff"
+        asked.append(int.from_bytes(arguments[:2], "little"))
+        told: bytes | None = conf(profile, kind, b"\1\0" if arguments else b"")
+        return told
+
+    class Profile:
+        def __getattr__(self, name: str) -> object:
+            return claims if name == "conf" else getattr(profile, name)
+
+    profile = rig.device.profile
+    rig.device.profile = Profile()
+    async with rig.open() as lidar:
+        assert len(await lidar.get_modes()) == 16
+    assert max(asked) == 15
