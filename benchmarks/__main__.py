@@ -10,7 +10,21 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from benchmarks import blocked, damage, decode, flatout, latency, live, memory, readme, scale, stages, start, vendor
+from benchmarks import (
+    blocked,
+    damage,
+    decode,
+    faults,
+    flatout,
+    latency,
+    live,
+    memory,
+    readme,
+    scale,
+    stages,
+    start,
+    vendor,
+)
 from benchmarks.peers import set_up
 from benchmarks.plots import draw
 from benchmarks.processes import ROOT
@@ -29,6 +43,7 @@ _BENCHMARKS: dict[str, Callable[[Setting], Result]] = {
     "memory": memory.run,
     "start": start.run,
     "vendor": vendor.run,
+    "faults": faults.run,
     "damage": damage.run,
 }
 _RESULTS = ROOT / "benchmarks" / "results"
