@@ -16,6 +16,7 @@ from benchmarks import (
     decode,
     faults,
     flatout,
+    garbage,
     latency,
     live,
     memory,
@@ -45,6 +46,7 @@ _BENCHMARKS: dict[str, Callable[[Setting], Result]] = {
     "vendor": vendor.run,
     "faults": faults.run,
     "damage": damage.run,
+    "garbage": garbage.run,
 }
 _RESULTS = ROOT / "benchmarks" / "results"
 
