@@ -8,8 +8,11 @@ PYRIGHT := PATH="$(BIN):$$PATH" $(BIN)/pyright
 SCANS ?= 3
 # Without compiled files, each program that the tests start compiles everything again: 0.8 s each time.
 unexport PYTHONDONTWRITEBYTECODE
+SEED ?= 7
+HOURS ?= 24
+FUZZ_S ?= 600
 
-.PHONY: demo test check bench clean
+.PHONY: demo test check bench faults soak fuzz clean
 .DEFAULT_GOAL := demo
 
 $(READY): pyproject.toml
@@ -35,5 +38,14 @@ check: $(READY)  ## lint, format, types, and all tests at full length under cove
 bench: $(READY)  ## the benchmarks, beside their rivals; see benchmarks/README.md
 	$(BIN)/python -m benchmarks
 
+faults: $(READY)  ## what every fault costs, on both families, and what other drivers make of it; four minutes
+	$(BIN)/python -m benchmarks --only faults
+
+soak: $(READY)  ## a day of faults and users in driven time; half an hour
+	$(BIN)/python -m benchmarks.soak --seed $(SEED) --hours $(HOURS)
+
+fuzz: $(READY)  ## ten minutes of any bytes for each target; see SECURITY.md
+	$(BIN)/python -m tests.fuzz -max_total_time=$(FUZZ_S)
+
 clean:
-	rm -rf $(VENV) .coverage* .mypy_cache .pytest_cache .ruff_cache .hypothesis benchmarks/.peers
+	rm -rf $(VENV) .fuzz .coverage* .mypy_cache .pytest_cache .ruff_cache .hypothesis benchmarks/.peers

@@ -10,7 +10,22 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from benchmarks import blocked, damage, decode, flatout, latency, live, memory, readme, scale, stages, start, vendor
+from benchmarks import (
+    blocked,
+    damage,
+    decode,
+    faults,
+    flatout,
+    garbage,
+    latency,
+    live,
+    memory,
+    readme,
+    scale,
+    stages,
+    start,
+    vendor,
+)
 from benchmarks.peers import set_up
 from benchmarks.plots import draw
 from benchmarks.processes import ROOT
@@ -29,7 +44,9 @@ BENCHMARKS: dict[str, Callable[[Setting], Result]] = {
     "memory": memory.run,
     "start": start.run,
     "vendor": vendor.run,
+    "faults": faults.run,
     "damage": damage.run,
+    "garbage": garbage.run,
 }
 _RESULTS = ROOT / "benchmarks" / "results"
 

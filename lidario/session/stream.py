@@ -21,7 +21,7 @@ from typing import NoReturn, Protocol, Self
 
 from lidario.errors import Busy, InvalidValue, LidarError, LocalProtocolError
 from lidario.model import Scan
-from lidario.session.twin import twin_of
+from lidario.session.twin import again, twin_of
 
 __all__ = ["Hub", "Mailbox", "ScanSource", "ScanStream"]
 
@@ -83,7 +83,7 @@ class Mailbox:
             raise Busy("two tasks read one stream: give each its own, as lidar.scans() makes them")
         while not self._scans:
             if self._error is not None:
-                raise self._error
+                raise again(self._error)
             if self._ended:
                 raise StopAsyncIteration
             self._waiter = asyncio.get_running_loop().create_future()
@@ -110,7 +110,8 @@ class Hub:
     """
 
     def __init__(self) -> None:
-        self._mailboxes: set[Mailbox] = set()
+        # In the order in which they came: a run is repeated exactly.
+        self._mailboxes: dict[Mailbox, None] = {}
         self.dropped: int = 0
 
     def __len__(self) -> int:
@@ -118,11 +119,11 @@ class Hub:
 
     def add(self, mailbox: Mailbox) -> None:
         """Begin to hand scans to `mailbox`."""
-        self._mailboxes.add(mailbox)
+        self._mailboxes[mailbox] = None
 
     def discard(self, mailbox: Mailbox) -> None:
         """Hand it none any more."""
-        self._mailboxes.discard(mailbox)
+        self._mailboxes.pop(mailbox, None)
 
     def publish(self, scan: Scan) -> None:
         """Hand `scan` to everybody."""

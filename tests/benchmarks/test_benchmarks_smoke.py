@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import pytest
 
-from benchmarks import damage, decode, stages, vendor
+from benchmarks import damage, decode, garbage, stages, vendor
 from benchmarks.contest import late_by, lost_scans
 from benchmarks.report import Result, Setting, spread
 from benchmarks.streams import KINDS, RATES, recording
@@ -127,3 +127,9 @@ def test_damage_costs_what_it_hits_and_is_told(name: str, how: str) -> None:
     # Of nodes, a flipped distance cannot be seen; of packets with eight check bits, one damaged one in 256.
     assert found.wrong <= (0.003 if name == "0x81 nodes" else 0.0003) * found.points
     assert found.kept > (0.78 if "flip" in how or "0.8" in how else 0.9) * found.points
+
+
+def test_noise_is_compared_with_a_clean_line_of_every_format() -> None:
+    (table,) = garbage.run(Setting(quick=True)).tables
+    assert [row[0] for row in table.rows[::2]] == list(KINDS)
+    assert all(float(cell) > 0 for row in table.rows for cell in row[2:])

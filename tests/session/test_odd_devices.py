@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 
 import pytest
 
 from lidario import HealthStatus, Unsupported
 from lidario.families.rplidar.simulated.device import Profile, SimulatedRplidar
 from lidario.families.rplidar.simulated.requests import Request
-from tests.support.devices import Rig, both_families, left_still, make_rig, names, take
+from tests.support.devices import Rig, both_families, change_info, left_still, make_rig, names, take
 from tests.support.loop import driven
 
 HEADER = "lidario.families.ydlidar.simulated.device.SCAN_HEADER"
@@ -121,20 +120,6 @@ def mute_for(rig: Rig, name: str, patch: pytest.MonkeyPatch) -> None:
     obey = rig.device._obey
     codes = {"get_health": (0x91, 0x92)}[name]
     patch.setattr(rig.device, "_obey", lambda command, now: None if command in codes else obey(command, now))
-
-
-def change_info(rig: Rig, change: Callable[[bytes], bytes], patch: pytest.MonkeyPatch) -> None:
-    """Have what the device tells of itself changed on the way."""
-    if rig.family == "rplidar":
-        respond = rig.device._respond
-        patch.setattr(
-            rig.device,
-            "_respond",
-            lambda kind, data, request: respond(kind, change(data) if kind == 0x04 else data, request),
-        )
-    else:
-        info = rig.device._info
-        patch.setattr(rig.device, "_info", lambda: change(info()))
 
 
 @pytest.mark.parametrize("foretold", [0x81, 0x82, 0x83, 0x84, 0x86])

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import time
+import weakref
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from lidario import (
     LocalProtocolError,
     ResponseTimeout,
     SessionClosed,
+    StreamFailed,
     Unsupported,
 )
 from lidario.sim.rooms import make_world
@@ -286,3 +289,35 @@ async def test_sample_rates_and_what_there_is_not() -> None:
     async with second.open() as lidar:
         with pytest.raises(Unsupported):
             await lidar.get_sample_rate()
+
+
+@both_families
+@driven
+async def test_a_session_that_is_let_go_behind_a_stream_that_failed_is_left_still(family: str) -> None:
+    rig = make_rig(family)
+    lidar = await rig.open()
+    stream = lidar.scans()
+    await anext(stream)
+    rig.device.mute = True
+    with pytest.raises(StreamFailed):
+        while True:
+            await anext(stream)
+    rig.device.mute = False
+    other = lidar.scans()
+    await anext(other)
+    gone = weakref.ref(lidar)
+    del stream, other, lidar
+    gc.collect()
+    assert gone() is None
+    await asyncio.sleep(2.0)
+    assert left_still(rig)
+
+
+@driven
+async def test_a_speed_that_is_set_beside_a_question_for_it_stays_set() -> None:
+    rig = make_rig("rplidar")
+    async with rig.open() as lidar:
+        await asyncio.gather(lidar.set_scan_frequency(9.0, verify=False), lidar.get_scan_frequency())
+        assert await lidar.get_scan_frequency() == 9.0
+        await lidar.scan()
+        assert rig.device.motor_rpm == 540

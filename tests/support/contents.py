@@ -6,7 +6,7 @@ from lidario.families.rplidar.simulated import packers
 from lidario.families.ydlidar.simulated.packers import pack_points
 from tests.support.streams import Case
 
-__all__ = ["any_packets"]
+__all__ = ["any_packets", "sealed"]
 
 
 def any_packets(case: Case, seed: int, count: int, *, wild: bool) -> list[bytes]:
@@ -56,7 +56,21 @@ def _capsule(case: Case, contents: bytes, start: int) -> bytes:
     body = bytearray(contents)
     at = 6 if case.response_type == 0x86 else 0
     body[at : at + 2] = start.to_bytes(2, "little")
+    return _checked(bytes(body))
+
+
+def sealed(case: Case, contents: bytes) -> bytes:
+    """A packet of that many bytes with an intact check value: a node, or a capsule, whose first two change."""
+    if case.answer_type != 0x81:
+        return _checked(contents[2:])
+    begins = contents[0] & 1
+    # Beyond 360 degrees it would be no node.
+    angle = int.from_bytes(contents[1:3], "little") % (2 * 23040) | 1
+    return bytes([contents[0] & 0xFC | begins | (1 - begins) << 1]) + angle.to_bytes(2, "little") + contents[3:]
+
+
+def _checked(body: bytes) -> bytes:
     check = 0
     for byte in body:
         check ^= byte
-    return bytes([0xA0 | check & 0xF, 0x50 | check >> 4]) + bytes(body)
+    return bytes([0xA0 | check & 0xF, 0x50 | check >> 4]) + body

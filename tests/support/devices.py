@@ -15,7 +15,17 @@ from lidario.session.lidar import Lidar
 from lidario.session.opening import OpenLidar, open_lidar
 from tests.support.discards import PROTECTED
 
-__all__ = ["FAMILIES", "Rig", "both_families", "discarded", "left_still", "make_rig", "names", "take"]
+__all__ = [
+    "FAMILIES",
+    "Rig",
+    "both_families",
+    "change_info",
+    "discarded",
+    "left_still",
+    "make_rig",
+    "names",
+    "take",
+]
 
 
 @dataclass
@@ -95,3 +105,17 @@ async def take(lidar: Lidar, count: int) -> list[Scan]:
             if len(scans) == count:
                 break
     return scans
+
+
+def change_info(rig: Rig, change: Callable[[bytes], bytes], patch: pytest.MonkeyPatch) -> None:
+    """Have what the device tells of itself changed on the way."""
+    if rig.family == "rplidar":
+        respond = rig.device._respond
+        patch.setattr(
+            rig.device,
+            "_respond",
+            lambda kind, data, request: respond(kind, change(data) if kind == 0x04 else data, request),
+        )
+    else:
+        info = rig.device._info
+        patch.setattr(rig.device, "_info", lambda: change(info()))

@@ -214,7 +214,10 @@ class RplidarDevice(Device):
 
     def _wanted_rpm(self) -> Script[int]:
         if self._rpm is None:
-            self._rpm = (yield from self._ask("<H", Conf.DESIRED_ROTATION)) or DEFAULT_RPM
+            desired = (yield from self._ask("<H", Conf.DESIRED_ROTATION)) or DEFAULT_RPM
+            # Another script may have set it meanwhile: a script begins before it is its turn to ask.
+            if self._rpm is None:
+                self._rpm = desired
         return self._rpm
 
     def _ask(self, layout: str, kind: Conf, mode: int | None = None) -> Script[int | None]:

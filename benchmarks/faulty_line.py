@@ -1,0 +1,165 @@
+"""A damaged line that remembers what went in and what came out, and what of it lidario should have recognised."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+from benchmarks.streams import RATES
+from lidario.sim.device import Received
+from lidario.sim.faults import Faults
+from lidario.sim.memory import MemoryLine
+from lidario.wire.blocks import packet_offsets
+from lidario.wire.events import Packets
+from lidario.wire.link import Link
+
+__all__ = ["Intact", "Recorder"]
+
+_KINDS = {"rplidar": RATES["S2 DenseBoost"].kind, "ydlidar": RATES["4ROS"].kind}
+_NEAR = 2000  # bytes; so far from its place a packet is searched for, which is less than a revolution
+_AHEAD = 8  # packets; more than that are not recognised by mistake in a row
+
+
+class Intact(NamedTuple):
+    """What of a stream arrived whole and unchanged.
+
+    Attributes:
+        damaged: Packets sent, up to the last intact one, that are not.
+        intact: Packets that are.
+        passed_over: Intact ones that were not recognised.
+        in_a_row: Most of these in a row.
+    """
+
+    damaged: int = 0
+    intact: int = 0
+    passed_over: int = 0
+    in_a_row: int = 0
+
+
+class Recorder:
+    """A simulated device behind a damaged line; obeys `lidario.sim.device.SimulatedDevice`.
+
+    Args:
+        device: The device.
+        faults: What goes wrong.
+        family: Name of its family.
+    """
+
+    def __init__(self, device: Any, faults: Faults, family: str) -> None:
+        self._device = device
+        self._kind = _KINDS[family]
+        self._line = MemoryLine(_Tapped(device, self), faults)
+        self.sent = bytearray()
+        self._arrived: list[bytes] = []
+        self._until = (0, 0)
+
+    @property
+    def baudrate(self) -> int:
+        """As the device."""
+        return int(self._device.baudrate)
+
+    @property
+    def log(self) -> list[Received]:
+        """As the device."""
+        return list(self._device.log)
+
+    @property
+    def scanning(self) -> bool:
+        """As the device."""
+        return bool(self._device.scanning)
+
+    @property
+    def motor_on(self) -> bool:
+        """As the device."""
+        return bool(self._device.motor_on)
+
+    def receive(self, data: bytes, now: int) -> None:
+        """As `SimulatedDevice.receive`; raises OSError while the cable is out."""
+        self._line.write(data, now)
+        self._check_cable(now)
+
+    def transmit(self, now: int) -> bytes:
+        """As `SimulatedDevice.transmit`; raises OSError while the cable is out."""
+        data = self._line.read(now)
+        self._check_cable(now)
+        if data:
+            self._arrived.append(data)
+        return data
+
+    def wakeup(self, now: int) -> int | None:
+        """As `SimulatedDevice.wakeup`."""
+        return self._line.wakeup(now)
+
+    def mark(self) -> None:
+        """What counts ends here, until the next call."""
+        self._until = (len(self.sent), len(self._arrived))
+
+    def reconnect(self, faults: Faults) -> None:
+        """A new line to the same device."""
+        self._line = MemoryLine(self._device, faults)
+
+    def intact(self) -> Intact:
+        """What arrived intact up to the last `mark`, and what of it lidario's parser recognises."""
+        sent = self._packets([bytes(self.sent[: self._until[0]])])
+        arrived = self._arrived[: self._until[1]]
+        raw, at, skipped, there = b"".join(arrived), 0, _NEAR, list[bytes | None]()
+        for packet in sent:
+            # Not anywhere: packets repeat with each revolution.
+            found = raw.find(packet, max(at, at + skipped - _NEAR), at + skipped + _NEAR + len(packet))
+            there.append(None if found < 0 else packet)
+            at, skipped = (at, skipped + len(packet)) if found < 0 else (found + len(packet), 0)
+        while there and there[-1] is None:
+            there.pop()
+        recognised = self._packets(arrived)
+        place = passed_over = row = in_a_row = 0
+        for each in there:
+            if each is None:
+                row = 0
+                continue
+            here = recognised[place : place + _AHEAD]
+            if each in here:
+                place += here.index(each) + 1
+                row = 0
+            else:
+                passed_over, row = passed_over + 1, row + 1
+                in_a_row = max(in_a_row, row)
+        intact = sum(each is not None for each in there)
+        return Intact(len(there) - intact, intact, passed_over, in_a_row)
+
+    def _packets(self, chunks: list[bytes]) -> list[bytes]:
+        """The packets that the parser recognises behind the descriptor of the stream."""
+        link, wire, found = Link(), self._kind.make_format(), list[bytes]()
+        link.send_request(self._kind.request(wire))
+        for chunk in chunks:
+            link.receive_data(chunk, 0)
+            for event in link.events_received():
+                if isinstance(event, Packets):
+                    offsets = packet_offsets(event.blocks)
+                    found += [bytes(event.data[a:b]) for a, b in pairwise(offsets)]
+        return found
+
+    def _check_cable(self, now: int) -> None:
+        if self._line.unplugged(now):
+            raise OSError("the line was unplugged")
+
+
+class _Tapped:
+    """The device, whose bytes are kept as they leave it; device faults reach it as itself."""
+
+    def __init__(self, device: Any, recorder: Recorder) -> None:
+        self._device = device
+        self._recorder = recorder
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._device, name)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name.startswith("_"):
+            object.__setattr__(self, name, value)
+        else:
+            setattr(self._device, name, value)
+
+    def transmit(self, now: int) -> bytes:
+        data: bytes = self._device.transmit(now)
+        self._recorder.sent += data
+        return data

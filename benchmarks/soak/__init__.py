@@ -1,0 +1,1 @@
+"""A day of faults and users in driven time; `python -m benchmarks.soak --help`."""

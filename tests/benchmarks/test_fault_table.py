@@ -1,0 +1,108 @@
+"""The fault table: no fault makes lidario hang, crash or be silent, and a driver that does is found out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from benchmarks import faults
+from benchmarks.fault_peers import Told, verdict
+from benchmarks.faults import FAILURES, ROWS, Outcome, judge
+from benchmarks.report import Setting
+from lidario.revolution.seam import Seam
+from lidario.session.running import Running
+from lidario.sim.faults import FAULTS
+
+pytestmark = pytest.mark.discards("the device boots, is frozen or has no power")
+SCANS = [(1.0 + 0.1 * number, 3200, 0) for number in range(80)]
+
+
+def test_every_fault_is_in_the_table() -> None:
+    assert {row.partition(":")[0] for row in ROWS} == set(FAULTS)
+
+
+@pytest.mark.parametrize("row", ROWS)
+@pytest.mark.parametrize("family", faults.DEVICES)
+def test_no_fault_makes_it_hang_or_crash_or_be_silent(family: str, row: str) -> None:
+    found = judge(family, row)
+    assert not found.outcome.startswith(FAILURES), found
+    if found.outcome == "goes on":
+        # The 4ROS has no pause that a thousand random bytes a second would leave whole.
+        assert found.scans >= (20 if row == "babble:1000" else 50)
+        assert found.recovered <= 3
+        if row not in ("babble:1000", "flip:1%", "drop:1%"):
+            assert found.beyond <= 2
+        assert found.wrong < 0.002
+        assert not found.damaged or found.told.get("lost_packets", 0) >= 0.9 * found.damaged
+    elif row.split(":")[0] not in ("garbage", "freeze", "babble"):
+        assert found.again.startswith("scans after")
+
+
+def test_damage_that_no_counter_tells_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(faults, "_TELLING", ("broken_scans",))
+    assert judge("ydlidar", "drop:0.01%").outcome == "silent: goes on"
+
+
+def test_a_watchdog_that_sleeps_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Running, "_watch", lambda self: None)
+    assert judge("rplidar", "silent:3s").outcome == "hangs"
+
+
+def test_a_foreign_exception_is_a_crash(monkeypatch: pytest.MonkeyPatch) -> None:
+    def blunder(seam: Seam, headings: object) -> list[object]:
+        raise IndexError("a bug")
+
+    monkeypatch.setattr(Seam, "splits", blunder)
+    assert judge("rplidar", "late:300ms").outcome.startswith("crashes")
+
+
+def test_the_table_is_printed_and_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        faults, "judge", lambda family, row: Outcome("goes on", 90, 10, 1, 2, 0.1, {"lost_packets": 3})
+    )
+    result = faults.run(Setting(quick=False))
+    assert [table.title for table in result.tables] == [
+        f"faults: lidario, {each}" for each in faults.DEVICES.values()
+    ]
+    assert result.tables[0].rows[0] == [
+        "drop:0.01%",
+        "goes on",
+        "2 packets",
+        "2 of 10",
+        "10.000 %",
+        "lost_packets 3",
+        "–",
+    ]
+    assert result.data["rplidar"]["unplug:3s"]["damaged"] == 10
+
+
+@pytest.mark.parametrize(
+    ("told", "row", "says"),
+    [
+        (Told(SCANS, {}), "drop:1%", "goes on"),
+        (Told(SCANS[:20], {}), "silent:3s", "hangs: no scan and no error for the last 6.1 s"),
+        (Told([], {}), "garbage", "hangs: no scan, no error"),
+        (Told(SCANS[::2], {}), "drop:1%", "silent: 50 % missing"),
+        (Told([(at, 3200, 32) for at, _, _ in SCANS], {}), "flip:1%", "silent: 1.00 % wrong"),
+        (Told([], {}, "ended with -11, said nothing"), "flip:1%", "crashes: ended with -11, said nothing"),
+    ],
+)
+def test_what_a_user_gets_in_words(told: Told, row: str, says: str) -> None:
+    assert verdict(told, row, usual=32_000.0) == says
+
+
+@pytest.mark.parametrize(
+    ("ended", "says"),
+    [
+        ({"error": "RPLidarException", "module": "rplidar"}, "RPLidarException after 0.5 s"),
+        ({"error": "SerialException", "module": "serial.serialutil"}, "SerialException after 0.5 s"),
+        ({"error": "IndexError", "module": "builtins"}, "crashes: IndexError after 0.5 s"),
+        (
+            {"error": "_Refused", "module": "__main__", "text": "connect() returned False"},
+            "connect() returned False after 0.5 s",
+        ),
+    ],
+)
+def test_which_exceptions_a_user_can_expect(ended: dict[str, Any], says: str) -> None:
+    assert verdict(Told(SCANS, {"text": "", "at_s": 3.5} | ended), "unplug:3s", usual=32_000.0) == says

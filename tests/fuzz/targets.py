@@ -1,0 +1,120 @@
+"""The targets, by name, and the bytes that they begin with.
+
+A later one, for recordings, belongs here: a function that takes the bytes of a file, and small files as seeds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+from lidario.errors import ConnectFailed
+from lidario.families.registry import check_source
+from lidario.sim.faults import parse_faults
+from lidario.source import parse_source
+from lidario.wire.events import Packets
+from lidario.wire.link import Link
+from tests.fuzz.device import SEEDS as DEVICE_SEEDS
+from tests.fuzz.device import hostile_device
+from tests.fuzz.packets import decode_packets, packet_seeds
+from tests.properties.test_robust import STATES
+from tests.support.ledger import assert_link_closes
+from tests.support.streams import KINDS, Case
+
+__all__ = ["TARGETS", "Target"]
+
+_BUFFER = 32 * 1024
+_SOURCES = (
+    "auto",
+    "/dev/ttyUSB0",
+    "COM3",
+    "serial:///dev/ttyUSB0?baud=1000000&family=rplidar",
+    "id:00112233445566778899AABBCCDDEEFF",
+    "tcp://[::1]:2000",
+    "socket://host:20108?baud=115200",
+    "sim://rplidar-s2?world=room&fault=drop:1%,unplug:5s&seed=7&via=memory",
+    "sim://ydlidar-4ros?serial=0123456789012345",
+    "tcp://\x00:0",
+    "serial:///dev/%00",
+    "http://[",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """One door.
+
+    Attributes:
+        run: Takes any bytes; raises where a promise is broken.
+        seeds: Bytes to begin with.
+        most: Most bytes that make sense.
+    """
+
+    run: Callable[[bytes], None]
+    seeds: Sequence[bytes]
+    most: int = 4096
+
+
+def link(data: bytes) -> None:
+    """Bytes from the line, in any state of the parser and in any chunks.
+
+    Promised: nothing raises; every byte is counted once; what is kept is bounded; a STOP ends everything.
+    """
+    case, state, chunk, rest = _headed(data)
+    parser = Link()
+    STATES[sorted(STATES)[state % len(STATES)]](parser, case)
+    size = 1 + chunk
+    for at in range(0, len(rest), size):
+        parser.receive_data(rest[at : at + size], at)
+        assert parser.buffered <= _BUFFER
+        assert_link_closes(parser)
+        for event in parser.events_received():
+            if isinstance(event, Packets):
+                assert len(event.data) >= event.count > 0
+
+
+def source(data: bytes) -> None:
+    """A text that names a device, or faults, from a command line or a file.
+
+    Promised: a `Source`, or `ConnectFailed` with the reason ``source`` whose text a terminal can show.
+    """
+    text = data.decode("utf-8", "surrogateescape")
+    try:
+        check_source(parse_source(text))
+    except ConnectFailed as error:
+        _check(error)
+    with suppress(ValueError):
+        parse_faults(text)
+
+
+def _check(error: ConnectFailed) -> None:
+    shown = str(error).replace("\n", "")
+    assert error.reason == "source"
+    assert shown.isprintable(), ascii(shown)
+    assert len(shown) < 2000
+
+
+def _headed(data: bytes) -> tuple[Case, int, int, bytes]:
+    head, rest = (data[:3] + bytes(3))[:3], data[3:]
+    return KINDS[head[0] % len(KINDS)], head[1], head[2], rest
+
+
+def _link_seeds() -> list[bytes]:
+    states = sorted(STATES)
+    started = states.index("waiting for a stream")
+    seeds = [
+        bytes((number, started, 63)) + case.descriptor + b"".join(case.packets[:4])
+        for number, case in enumerate(KINDS)
+    ]
+    info = b"\xa5\x5a\x14\0\0\0\x04" + bytes(20)
+    return [*seeds, *(bytes((0, state, 7)) + info for state in range(len(states)))]
+
+
+TARGETS = {
+    "link": Target(link, _link_seeds()),
+    "decoders": Target(decode_packets, packet_seeds()),
+    "source": Target(source, [text.encode("utf-8", "surrogateescape") for text in _SOURCES], most=300),
+    "device": Target(hostile_device, DEVICE_SEEDS, most=2048),
+}
+"""Every target by its name."""

@@ -1,0 +1,66 @@
+"""The fuzz targets hold on their seeds and on a few more bytes, and can themselves fail."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lidario.errors import ConnectFailed
+from lidario.session.dialogue import Dialogue
+from tests.fuzz import targets
+from tests.fuzz.__main__ import main
+from tests.fuzz.targets import TARGETS
+from tests.support import ledger
+
+pytestmark = pytest.mark.discards("a device that means harm answers what was not asked, and leaves out what was")
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_a_target_holds_on_its_seeds(name: str) -> None:
+    target = TARGETS[name]
+    assert len(target.seeds) > 5
+    for seed in (b"", *target.seeds):
+        target.run(seed)
+
+
+@pytest.mark.parametrize("name", TARGETS)
+@settings(max_examples=10)
+@given(st.data())
+def test_a_target_holds_on_other_bytes(name: str, data: st.DataObject) -> None:
+    target = TARGETS[name]
+    seed = data.draw(st.sampled_from(list(target.seeds)))
+    at = data.draw(st.integers(0, len(seed)))
+    target.run(seed[:at] + data.draw(st.binary(max_size=40)) + seed[at:])
+
+
+def test_a_byte_that_is_not_counted_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ledger, "BYTES", tuple(name for name in ledger.BYTES if name != "stray_bytes"))
+    with pytest.raises(AssertionError, match="accounted for"):
+        for seed in TARGETS["link"].seeds:
+            TARGETS["link"].run(seed)
+
+
+def test_a_mistake_of_ours_is_found_by_the_hostile_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    def blunder(dialogue: Dialogue, event: object) -> None:
+        raise IndexError("a bug")
+
+    monkeypatch.setattr(Dialogue, "_handle", blunder)
+    with pytest.raises(AssertionError, match=r"IndexError\('a bug'\)"):
+        TARGETS["device"].run(bytes(4))
+
+
+def test_a_foreign_exception_is_found_by_the_sources(monkeypatch: pytest.MonkeyPatch) -> None:
+    def careless(text: str) -> None:
+        raise ConnectFailed(f"{text}: \x1b[2J", reason="source")
+
+    monkeypatch.setattr(targets, "parse_source", careless)
+    with pytest.raises(AssertionError, match=r"\\x1b"):
+        TARGETS["source"].run(b"COM3")
+
+
+def test_the_command_repeats_a_finding_and_names_the_targets(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["link", "--repeat", TARGETS["link"].seeds[0].hex()]) == 0
+    assert main(["nothing"]) == 2
+    told = capsys.readouterr().err
+    assert all(name in told for name in TARGETS)
