@@ -2,7 +2,8 @@
 
 Bytes arrive at the device's own pace as far as time stamps go, and as fast as they can be taken otherwise, in
 chunks of six sizes. A decoded scan holds the device's degrees and millimetres; its radians and metres are made when
-they are looked at, so chunks of 4 KiB are timed once more with a look at both. The contestants get the same bytes
+they are looked at, so chunks of 4 KiB are timed once more with a look at both. Whole files pass through
+`lidario.decode`, which decodes several revolutions as one block. The contestants get the same bytes
 from a port in memory, through their own front door, and take them in pieces of their own choice. `pyrplidarsdk`
 opens nothing but a real port: see `benchmarks.flatout`.
 """
@@ -14,9 +15,10 @@ import time
 from pathlib import Path
 from typing import Any
 
+import lidario
 from benchmarks.processes import Failed, run_json
 from benchmarks.report import Result, Setting, Table, median, ratio, spread
-from benchmarks.streams import KINDS, Kind, capture
+from benchmarks.streams import KINDS, Kind, capture, recording
 from lidario.revolution.assemble import Assembler
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
@@ -26,6 +28,20 @@ __all__ = ["CHUNKS", "run"]
 CHUNKS: tuple[int | None, ...] = (1, 16, 64, 1024, 4096, None)
 """Bytes a chunk; None for all at once."""
 BASELINE = 4096
+FILE = "file"
+VENDOR_MB_PER_S = {
+    "0x81 nodes": (120, 142),
+    "0x82 express": (166, 180),
+    "0x83 HQ": (120, 131),
+    "0x84 ultra": (69, 99),
+    "0x85 dense": (135, 168),
+    "0x86 ultra-dense": (153, 188),
+    "4ROS points": (41, 66),
+}
+"""What the vendors' C++ unpackers took, measured outside of this project and at another time, from slowest to
+fastest run. They are constants: no package on PyPI lets the unpackers be called, so no run of this benchmark can
+measure them."""
+_FILE_BYTES = 3_000_000
 CONVERTED = "4096, converted"
 
 _PEERS = {
@@ -61,11 +77,13 @@ def run(setting: Setting) -> Result:
                     # Small chunks take long, so they get less of the stream.
                     length = seconds if chunk is None or chunk >= 64 else max(seconds / 8, 0.6)
                     own[kind.name].setdefault(_label(chunk), []).append(_timed(kind, length, chunk))
+                size = _FILE_BYTES // 10 if setting.quick else _FILE_BYTES
+                own[kind.name].setdefault(FILE, []).append(_file(kind, size))
                 own[kind.name].setdefault(CONVERTED, []).append(_timed(kind, seconds, BASELINE, convert=True))
                 if setting.peers is not None and number < _PEER_ROUNDS:
                     _peers(setting, kind, Path(folder), seconds / 2, theirs[kind.name], absent)
     data = {"lidario": own, "peers": theirs, "absent": absent, "chunks": [_label(chunk) for chunk in CHUNKS]}
-    return Result("decode", [_table(own), *_peer_tables(own, theirs, absent)], data)
+    return Result("decode", [_table(own), _file_table(own), *_peer_tables(own, theirs, absent)], data)
 
 
 def _label(chunk: int | None) -> str:
@@ -92,6 +110,18 @@ def _timed(kind: Kind, seconds: float, chunk: int | None, *, convert: bool = Fal
                     points += min(len(scan.angles), len(scan.ranges)) if convert else len(scan)
     took = time.perf_counter() - start
     return _figures(took, len(raw), scans, points)
+
+
+def _file(kind: Kind, size: int) -> dict[str, float]:
+    """Decode a file of about so many bytes as a user would."""
+    played = recording(kind)
+    raw = played.descriptor + played.head + played.loop * max(1, size // len(played.loop))
+    scans = points = 0
+    start = time.perf_counter()
+    for scan in lidario.decode(raw, family=kind.family):
+        scans += 1
+        points += len(scan)
+    return _figures(time.perf_counter() - start, len(raw), scans, points)
 
 
 def _figures(seconds: float, size: int, scans: float, points: float) -> dict[str, float]:
@@ -150,6 +180,30 @@ def _table(own: dict[str, dict[str, list[dict[str, float]]]]) -> Table:
             table.rows.append([f"{name}, {what}", *cells])
     table.notes.append("median (smallest–largest) of the rounds; 3200 points a revolution, 4ROS 2857")
     table.notes.append("degrees and millimetres, as the device has them; last column: and radians and metres")
+    return table
+
+
+def _file_table(own: dict[str, dict[str, list[dict[str, float]]]]) -> Table:
+    columns = ["format", "MB/s", "Mpoints/s", "µs/rev", "C++ unpacker, MB/s (not measured here)", "ratio to it"]
+    table = Table("decode: whole files, lidario.decode", columns)
+    for name, by_chunk in own.items():
+        rounds = by_chunk[FILE]
+        slowest, fastest = VENDOR_MB_PER_S[name]
+        speed = median([each["mb_per_s"] for each in rounds])
+        table.rows.append(
+            [
+                name,
+                spread([each["mb_per_s"] for each in rounds], 1),
+                spread([each["points_per_s"] * 1e-6 for each in rounds], 2),
+                spread([each["us_per_revolution"] for each in rounds], 0),
+                f"{slowest}–{fastest}",
+                f"{speed / fastest:.2f}–{speed / slowest:.2f}",
+            ]
+        )
+    table.notes.append(
+        "the figures of C++ are constants, from such a machine at another time: no package lets its unpackers be "
+        "called; so the ratio holds only where this machine is as fast as that one was"
+    )
     return table
 
 

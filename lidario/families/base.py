@@ -78,7 +78,8 @@ def health_of(status: int, code: int) -> Health:
     return Health(HealthStatus.WARNING, code, f"it reports health status {status}, which is not defined")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+# Not frozen: with so many fields that would cost as much as a call of numpy, once a revolution.
+@dataclass(slots=True, eq=False)
 class Samples:
     """The decoded packets of one stretch of stream; arrays of shape (room + n,), in measuring order.
 
@@ -113,7 +114,7 @@ class Samples:
     reported_rpm: float = math.nan
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class SteadySamples:
     """The decoded packets of several revolutions without a gap; arrays of shape (room + n,), in measuring order.
 

@@ -22,7 +22,7 @@ from lidario.revolution.judge import beginning_of, is_broken, is_complete, share
 from lidario.revolution.partial import PartialRevolution, SampleArrays
 from lidario.revolution.seam import Seam, Split
 from lidario.revolution.stats import AssemblerStats
-from lidario.revolution.steady import decode_block
+from lidario.revolution.steady import decode_block, is_ready
 from lidario.revolution.timing import byte_ns_at, first_sample_ns
 from lidario.wire.blocks import packet_offsets, some_blocks
 from lidario.wire.events import Arrival, Packets
@@ -74,7 +74,10 @@ class Assembler:
         begin = done = 0
         while done < len(splits):
             left = len(splits) - done
-            if left >= _WORTH_A_BLOCK:
+            if left >= _WORTH_A_BLOCK and not is_ready(self._stream, self._partial, self._count):
+                # The first revolutions of a stream, and those behind a gap, teach what the others are measured by.
+                left = 1
+            elif left >= _WORTH_A_BLOCK:
                 block = self._add_block(event, offsets, splits[done:], begin)
                 if block:
                     scans += block
@@ -129,6 +132,8 @@ class Assembler:
 
     def _part(self, packets: Packets, begin: int, end: int, offsets: Sequence[int]) -> Packets:
         """The packets from number `begin` to before number `end`."""
+        blocks = some_blocks(packets.blocks, begin, end)
+        data = packets.data[offsets[begin] : offsets[end]]
         arrivals: list[Arrival] = []
         complete, at_ns = packets.arrivals[-1]  # bound for type checkers too: there is always one
         for complete, at_ns in packets.arrivals:
@@ -141,8 +146,7 @@ class Assembler:
             behind = self._stream.format.samples_in(some_blocks(packets.blocks, end, complete))
             at_ns -= round(behind * self._stream.sample_ns)
         arrivals.append((end - begin, at_ns))
-        blocks = some_blocks(packets.blocks, begin, end)
-        return Packets(packets.data[offsets[begin] : offsets[end]], blocks, tuple(arrivals))
+        return Packets(data, blocks, tuple(arrivals))
 
     def _keep(self, packets: Packets) -> None:
         """Add packets to the revolution in the making."""

@@ -62,6 +62,12 @@ class SteadyBlock(NamedTuple):
     samples: SteadySamples
 
 
+def is_ready(stream: Stream, partial: PartialRevolution, count: RevolutionCount) -> bool:
+    """Whether enough is known of the revolution in the making, and of the one before, for a block to begin."""
+    known = partial.whole and not (partial.moved or partial.behind_gap or partial.carried_packets)
+    return known and stream.sample_ns > 0 and count.last is not None
+
+
 def decode_block(
     stream: Stream,
     partial: PartialRevolution,
@@ -77,6 +83,8 @@ def decode_block(
 ) -> SteadyBlock | None:
     """Decode the revolution in the making and those that end in an event, if nothing is missing in any.
 
+    It must be known that a block can begin (`is_ready`).
+
     Args:
         stream: The stream.
         partial: The revolution in the making.
@@ -90,10 +98,9 @@ def decode_block(
         byte_ns: Nanoseconds that a byte takes on the line.
     """
     sample_ns, wire = stream.sample_ns, stream.format
-    steady = partial.whole and not (partial.moved or partial.behind_gap or partial.carried_packets)
-    if not steady or not sample_ns or len(event.arrivals) != 1 or count.last is None:
-        return None
     marked = splits[0].marked
+    if len(event.arrivals) != 1:
+        return None
     if any(split.broken or split.moved or split.marked != marked for split in splits):
         return None
     before, arrivals = 0, list[Arrival]()

@@ -16,6 +16,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import pairwise
 from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
@@ -111,9 +112,9 @@ class CapsuleDecoder(ABC):
 
     def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         """As `Decoder.decode`."""
-        capsules, starts, next_start = self._read(packets, following)
+        words, after, starts, next_start = self._read(packets, following)
         arcs = self._rotation.arcs(starts, next_start)
-        capsules = capsules._replace(missing=arcs.missing)
+        capsules = Capsules(words, after, arcs.missing)
         angle, distance, intensity = self._samples_of(capsules, starts, arcs.arc, room)
         self._remember(capsules, distance)
         count = len(starts)
@@ -137,10 +138,11 @@ class CapsuleDecoder(ABC):
         self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None
     ) -> SteadySamples | None:
         """As `Decoder.decode_steady`."""
-        capsules, starts, next_start = self._read(packets, following)
+        words, after, starts, next_start = self._read(packets, following)
         arcs = None if next_start is None else self._rotation.steady(starts, next_start, ends)
         if arcs is None:
             return None
+        capsules = Capsules(words, after, None)
         angle, distance, intensity = self._samples_of(capsules, starts, arcs.arc, room)
         packet_ends = [end * self.samples for end in ends]
         last = np.array(ends) - 1
@@ -165,15 +167,15 @@ class CapsuleDecoder(ABC):
             settle=settle,
         )
 
-    def _read(self, packets: Packets, following: bytes | None) -> tuple[Capsules, Ints, int | None]:
-        """The packets as words, where each begins, and where the next one does, if it is known."""
+    def _read(self, packets: Packets, following: bytes | None) -> tuple[Words, Words | None, Ints, int | None]:
+        """The packets and the next one as words, where each begins, and where the next one does, if it is known."""
         words = np.frombuffer(packets.data, "<u2").reshape(-1, self.size // 2)
         column = self.start_at // 2
         starts = _in_range(words[:, column].astype(np.int32))
         if following is None:
-            return Capsules(words, None, None), starts, None
+            return words, None, starts, None
         after = np.frombuffer(following, "<u2")
-        return Capsules(words, after, None), starts, (int(after[column]) & ANGLE_MASK) % FULL_TURN_Q6
+        return words, after, starts, (int(after[column]) & ANGLE_MASK) % FULL_TURN_Q6
 
     def _samples_of(
         self, capsules: Capsules, starts: Ints, arc: Ints | NDArray[np.float64], room: int
@@ -201,13 +203,12 @@ class CapsuleDecoder(ABC):
         """Take 360 degrees off the angles of those few packets that may lie across 0."""
         back, ahead = self.reach
         full_turn = FULL_TURN_Q6 * self.samples
-        beyond = (starts > FULL_TURN_Q6 - ahead - arc.max()).nonzero()[0]
-        few = angle[beyond]
-        np.subtract(few, full_turn, out=few, where=few >= full_turn)
-        angle[beyond] = few
+        for beyond in _stretches(starts > FULL_TURN_Q6 - ahead - arc.max()):
+            few = angle[beyond]
+            np.subtract(few, full_turn, out=few, where=few >= full_turn)
         if back:
-            behind = (starts < back).nonzero()[0]
-            angle[behind] = in_turn(angle[behind], full_turn)
+            for behind in _stretches(starts < back):
+                in_turn(angle[behind], full_turn)
 
     def _before_seam(self, packets: int, start: int, arc: float, seam: int) -> int:
         """How many samples lie before the rotor passed `seam` in the last of so many packets."""
@@ -449,6 +450,18 @@ class NodeDecoder:
 def _empty(size: int) -> tuple[Floats, Floats, Bytes]:
     """Angles, distances and intensities, to be filled."""
     return np.empty(size, np.float32), np.empty(size, np.float32), np.empty(size, np.uint8)
+
+
+def _stretches(these: NDArray[np.bool_]) -> list[slice]:
+    """These packets, as stretches of such that follow each other; one or none in each revolution."""
+    places = these.nonzero()[0]
+    if not len(places):
+        return []
+    first, last = int(places[0]), int(places[-1])
+    if last - first < len(places):
+        return [slice(first, last + 1)]
+    parts = (np.flatnonzero(places[1:] - places[:-1] > 1) + 1).tolist()
+    return [slice(int(places[a]), int(places[b - 1]) + 1) for a, b in pairwise([0, *parts, len(places)])]
 
 
 def _in_range(starts: Ints) -> Ints:
