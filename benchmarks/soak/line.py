@@ -102,7 +102,7 @@ class BadLine:
             self.device.reboot(now)
         if "protect" in self.fault:
             self.device.faults_cleared_by_reset = True
-        self.device.wrong_answers = 0.0
+        self.device.wrong_responses = 0.0
         self.fault, self._faults = "", None
         self._line = MemoryLine(self.device)
 

@@ -1,8 +1,8 @@
 """The one interface through which the session uses every family of devices.
 
 A family consists of scripts: generators that yield a `Request` and are resumed with the payload of its response
-(empty bytes where there is none, the response type where a stream begins), so that a whole sequence of requests is written
-in order and yet does no I/O. The session runs them, keeps the timing each request demands, and throws
+(empty bytes where there is none, the response type where a stream begins), so that a whole sequence of requests is
+written in order and yet does no I/O. The session runs them, keeps the timing each request demands, and throws
 `ResponseTimeout` into a script whose request had no response, which a script may catch to fall back on something
 else.
 """
@@ -126,6 +126,7 @@ class SteadySamples:
         before_seam: Samples up to where the rotor passed the seam in that packet.
         revolution_packets: How many packets a whole revolution has at its speed, of each revolution.
         revolution_samples: The same, samples.
+        reported_rpm: The speed that the packets of each revolution tell; None where they tell none.
         settle: Makes the decoder remember these packets, as `Decoder.decode` does at once.
     """
 
@@ -137,6 +138,7 @@ class SteadySamples:
     revolution_packets: Sequence[float]
     revolution_samples: Sequence[float]
     settle: Callable[[], None]
+    reported_rpm: Sequence[float] | None = None
 
 
 class Decoder(Protocol):

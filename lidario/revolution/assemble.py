@@ -121,7 +121,15 @@ class Assembler:
         self.stats.unfinished_packets += block.packets
         self.stats.finish(self.stats.unfinished_packets, delivered=True)
         return [
-            self._deliver(each.arrays, each.start_ns, each.spanned_ns, self._stream.sample_ns, each.interval_ns, 0)
+            self._deliver(
+                each.arrays,
+                each.start_ns,
+                each.spanned_ns,
+                self._stream.sample_ns,
+                each.interval_ns,
+                each.reported_rpm,
+                0,
+            )
             for each in block.revolutions
         ]
 
@@ -245,7 +253,8 @@ class Assembler:
             # The revolution before was not seen: what this one holds tells its speed.
             revolution_ns = spanned_ns
         arrays.angle = turned_by(arrays.angle, self._stream.zero_offset_deg)
-        return self._deliver(arrays, start_ns, spanned_ns, sample_ns, revolution_ns, lost)
+        reported_rpm = math.nan if samples is None else samples.reported_rpm
+        return self._deliver(arrays, start_ns, spanned_ns, sample_ns, revolution_ns, reported_rpm, lost)
 
     def _deliver(
         self,
@@ -254,6 +263,7 @@ class Assembler:
         spanned_ns: float,
         sample_ns: float,
         interval_ns: float,
+        reported_rpm: float,
         lost: int,
     ) -> Scan:
         seq = self.stats.scans + self.stats.missed_scans
@@ -268,7 +278,7 @@ class Assembler:
             interval_ns=interval_ns,
             seq=seq,
             lost=lost,
-            reported_rpm=math.nan if samples is None else samples.reported_rpm,
+            reported_rpm=reported_rpm,
         )
 
     def _passed(

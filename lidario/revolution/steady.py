@@ -10,6 +10,7 @@ a restart, or a late arrival is not judged here: `decode_block` then returns Non
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
@@ -36,12 +37,14 @@ class SteadyRevolution(NamedTuple):
         start_ns: When the first of them was measured.
         spanned_ns: How long they took.
         interval_ns: Time since the beginning of the revolution before.
+        reported_rpm: The speed that its packets tell; NaN where they tell none.
     """
 
     arrays: SampleArrays
     start_ns: int
     spanned_ns: float
     interval_ns: float
+    reported_rpm: float
 
 
 class SteadyBlock(NamedTuple):
@@ -207,10 +210,11 @@ def _block(
         if array is not None:
             read_only(array)
     turned = SampleArrays(turned_by(here.angle, stream.zero_offset_deg), here.distance, here.intensity)
+    reported = samples.reported_rpm or [math.nan] * len(starts)
     revolutions = [
-        SteadyRevolution(turned.part(begin, end), start_ns, spanned_ns, interval_ns)
-        for (begin, end), start_ns, spanned_ns, interval_ns in zip(
-            pairwise(bounds), starts, spanned, intervals, strict=True
+        SteadyRevolution(turned.part(begin, end), start_ns, spanned_ns, interval_ns, rpm)
+        for (begin, end), start_ns, spanned_ns, interval_ns, rpm in zip(
+            pairwise(bounds), starts, spanned, intervals, reported, strict=True
         )
     ]
     turn_ns = samples.revolution_samples[-1] * stream.sample_ns

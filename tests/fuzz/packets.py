@@ -60,7 +60,7 @@ def packet_seeds() -> list[bytes]:
 def _packets(case: Case, data: bytes) -> list[bytes]:
     if case.truth.family == "ydlidar":
         return list(_points(data))[:_MOST]
-    if case.answer_type == 0x83:
+    if case.response_type == 0x83:
         return _hq(data)
     size = len(case.packets[0])
     return [sealed(case, data[at : at + size].ljust(size, b"\0")) for at in range(0, len(data), size)][:_MOST]

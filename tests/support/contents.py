@@ -61,7 +61,7 @@ def _capsule(case: Case, contents: bytes, start: int) -> bytes:
 
 def sealed(case: Case, contents: bytes) -> bytes:
     """A packet of that many bytes with an intact check value: a node, or a capsule, whose first two change."""
-    if case.answer_type != 0x81:
+    if case.response_type != 0x81:
         return _checked(contents[2:])
     begins = contents[0] & 1
     # Beyond 360 degrees it would be no node.

@@ -63,14 +63,13 @@ class PointCloudDecoder:
     def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         """As `Decoder.decode`."""
         heads = _Heads.of(packets)
-        first, way, counts, starts = heads
+        first, way, counts, starts, _ = heads
         ends = np.add.accumulate(counts).tolist()
         angle, distance = _samples_of(packets, heads, ends, room)
         most = int(counts.max())
         step = _step(way, counts, most, ends[-1])
         missing = self._missing(first, way, counts, starts, following, step, most)
         gaps = missing.nonzero()[0]
-        mark = int(starts.argmax())
         samples_a_turn = FULL_TURN_Q6 / step if step else 0.0
         return Samples(
             angle_deg=angle,
@@ -84,7 +83,7 @@ class PointCloudDecoder:
             revolution_packets=_revolution_packets(samples_a_turn, most) if step else 0.0,
             revolution_samples=samples_a_turn,
             certain=step > 0,
-            reported_rpm=6.0 * ((int(control[mark]) >> 1 & SPEED_CODE) + SPEED_BASE) if starts[mark] else math.nan,
+            reported_rpm=_reported_rpm(heads, 0, len(counts)),
         )
 
     def decode_steady(
@@ -92,7 +91,7 @@ class PointCloudDecoder:
     ) -> SteadySamples | None:
         """As `Decoder.decode_steady`."""
         heads = _Heads.of(packets)
-        first, way, counts, starts = heads
+        first, way, counts, starts, _ = heads
         sample_ends = np.add.accumulate(counts).tolist()
         begins = [0, *ends[:-1]]
         packet_ends = [sample_ends[end - 1] for end in ends]
@@ -130,6 +129,7 @@ class PointCloudDecoder:
             ],
             revolution_samples=a_turn,
             settle=settle,
+            reported_rpm=[_reported_rpm(heads, *each) for each in zip(begins, ends, strict=True)],
         )
 
     def _missing(
@@ -189,12 +189,14 @@ class _Heads(NamedTuple):
         way: From there to the last sample.
         counts: Samples.
         starts: Whether it is a start packet.
+        speeds: What it says of the rotor's speed, tenths of Hz; only start packets do.
     """
 
     first: Ints
     way: Ints
     counts: Ints
     starts: NDArray[np.bool_]
+    speeds: Ints
 
     @classmethod
     def of(cls, packets: Packets) -> _Heads:
@@ -205,14 +207,21 @@ class _Heads(NamedTuple):
         first = (heads[:, 2] >> 1).astype(np.int32) % FULL_TURN_Q6
         way = ((heads[:, 3] >> 1) - first) % FULL_TURN_Q6
         way[counts == 1] = 0
-        return cls(first, way, counts, (control & START_BIT).astype(np.bool_))
+        speeds = (control >> 1 & SPEED_CODE).astype(np.int32) + SPEED_BASE
+        return cls(first, way, counts, (control & START_BIT).astype(np.bool_), speeds)
+
+
+def _reported_rpm(heads: _Heads, begin: int, end: int) -> float:
+    """What the first start packet among these says of the rotor's speed; NaN where none is there."""
+    mark = begin + int(heads.starts[begin:end].argmax())
+    return 6.0 * int(heads.speeds[mark]) if heads.starts[mark] else math.nan
 
 
 def _samples_of(
     packets: Packets, heads: _Heads, ends: list[int], room: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Degrees and millimetres of all samples, behind `room` free places; `ends` counts them up to each packet."""
-    first, way, counts, _ = heads
+    first, way, counts, _, _ = heads
     angle, distance = np.empty(room + ends[-1], np.float32), np.empty(room + ends[-1], np.float32)
     _fill(angle[room:], distance[room:], packets, first, way)
     for across in (first + way >= FULL_TURN_Q6).nonzero()[0].tolist():

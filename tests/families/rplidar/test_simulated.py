@@ -39,7 +39,7 @@ def express(mode_id: int) -> bytes:
 
 def begin(mode: Mode) -> bytes:
     """What starts a mode: SCAN the plain one, since 0 is the legacy express scan for EXPRESS_SCAN."""
-    return SCAN if mode.answer == 0x81 else express(mode.id)
+    return SCAN if mode.response_type == 0x81 else express(mode.id)
 
 
 def conf(kind: int, *mode: int) -> bytes:

@@ -163,7 +163,7 @@ class Profile:
 
         None where the line cannot carry that, and where firmware without GET_LIDAR_CONF has it among its modes.
         """
-        fast = [mode for mode in self.modes if mode.answer != 0x81]
+        fast = [mode for mode in self.modes if mode.response_type != 0x81]
         if not self.has_conf or not fast:
             return None
         mode = Mode(0, "Legacy express", 0x82, fast[-1].us_q8, fast[-1].max_distance_q8)
