@@ -1,4 +1,4 @@
-"""The public door to simulated devices: `simulate` makes one that can be given to `open_lidar`.
+"""Simulated devices for users: `simulate` makes one that can be given to `open_lidar`.
 
 ::
 

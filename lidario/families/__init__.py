@@ -1,1 +1,1 @@
-"""The vendors' dialects, one folder each, behind the one face that `base` describes."""
+"""What is particular to each vendor: one folder each, with the interface that `base` describes."""

@@ -1,1 +1,1 @@
-"""An open line with one face: serial port, TCP connection or simulator."""
+"""An open line with one interface: serial port, TCP connection or simulated device."""
