@@ -56,7 +56,7 @@ ROWS = (
     "reboot:3s",
     "freeze:3s",
     "protect:3s",
-    "wrong-answer:20%",
+    "wrong-response:20%",
 )
 """What is done; every word of `FAULTS` at least once."""
 

@@ -67,7 +67,7 @@ class Scan:
         seam: Device angle where revolutions begin, degrees; a device that marks its own first packet may begin
             elsewhere.
         reported_rpm: The speed that the device itself reported with this revolution, revolutions a minute; NaN
-            where it reports none. A 4ROS does, in steps of 6, where the first packet of the revolution came intact.
+            where it reports none. Some do, in steps of 6, where the first packet of the revolution came intact.
     """
 
     device_angles: FloatArray

@@ -35,8 +35,8 @@ DAMAGES = (
     "reboot:0s",
     "freeze:0s",
     "protect:0s",
-    "wrong-answer:20%",
-    "wrong-answer:100%",
+    "wrong-response:20%",
+    "wrong-response:100%",
 )
 """Every fault that the simulator knows, most of them weak and strong. Their times count from `BadLine.damage`."""
 

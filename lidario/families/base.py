@@ -1,10 +1,10 @@
 """The one interface through which the session uses every family of devices.
 
 A family consists of scripts: generators that yield a `Request` and are resumed with the payload of its response
-(empty bytes where there is none, the response type where a stream begins), so that a whole sequence of requests is
-written in order and yet does no I/O. The session runs them, keeps the timing each request demands, and throws
-`ResponseTimeout` into a script whose request had no response, which a script may catch to fall back on something
-else.
+(empty bytes where there is none, the response type where a stream begins). So a whole sequence of requests is
+written in order and yet does no I/O. The session runs the scripts, keeps the timing each request demands, and
+throws `ResponseTimeout` into a script whose request had no response, which a script may catch to fall back on
+something else.
 """
 
 from __future__ import annotations
