@@ -130,6 +130,7 @@ class Lidar:
 
         Raises:
             StreamFailed: No scan came; the session goes on.
+            DeviceFault: The device has stopped to protect itself, and a reset did not help; the session goes on.
             LocalProtocolError: Another task called `stop` before the scan was complete.
         """
         stream = self.scans(mode)
@@ -224,13 +225,17 @@ class Lidar:
         """Switch power-down protection and return the state the device confirms.
 
         With it on, the device stops by itself when its host falls silent for three seconds; the session repeats
-        what keeps it going. Raises Unsupported where there is none.
+        what keeps it going, from another thread too while the program blocks its event loop. The manual recommends
+        it where lidar and host have separate power supplies. It lasts longer than the session: the next program
+        finds it as this one left it. Raises Unsupported where there is none.
         """
         device = self._open_device()
         return await self._scanner.ask(lambda: device.power_down_protection(on))
 
     async def reset(self) -> Health:
         """Restart the device and wait until it responds again; streams are started again afterwards.
+
+        What this session has set (speed, protection) is set again by the next start.
 
         Raises:
             ResponseTimeout: It does not come back.
