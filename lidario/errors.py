@@ -91,7 +91,8 @@ class StreamFailed(LidarError):
 
     It sent no data, its samples never completed a revolution, or it could not be started again after an
     interruption; and the device, which was asked, does not respond, or is well without that a restart helped. Once
-    packets flow, that takes less than a second; before the first one, as long as the rotor may need. Every reader of the stream gets this error. The session goes on: requests are still sent,
+    packets flow, that takes less than a second; before the first one, as long as the rotor may need. Every reader
+    of the stream gets this error. The session goes on: requests are still sent,
     and a new stream can be started.
     """
 
