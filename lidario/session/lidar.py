@@ -159,6 +159,8 @@ class Lidar:
     async def get_health(self) -> Health:
         """Ask the device how it is."""
         self._scanner.inquiry.health = health = await self._scanner.ask(self._open_device().health)
+        # Not later: the stream that this question interrupted is started by another task, in the next step.
+        self._scanner.inquiry.doubtful |= not health.ok
         return health
 
     async def get_modes(self) -> tuple[ScanMode, ...]:
