@@ -92,7 +92,9 @@ class StreamFailed(LidarError):
     """A stream ended by itself.
 
     It sent no data, its samples never completed a revolution, or it could not be started again after an
-    interruption. Every reader of the stream gets this error. The session goes on: requests are still sent,
+    interruption; and the device, which was asked, does not respond, or is well without that a restart helped. Once
+    packets flow, that takes less than a second; before the first one, as long as the rotor may need. Every reader
+    of the stream gets this error. The session goes on: requests are still sent,
     and a new stream can be started.
     """
 
@@ -155,7 +157,7 @@ class RemoteProtocolError(ProtocolError):
 
 
 class DeviceFault(LidarError):
-    """The device reports an error state that a reset did not clear.
+    """The device reports an error state that a reset did not clear, or that came again within a minute.
 
     Attributes:
         health: The health that the device reported last.

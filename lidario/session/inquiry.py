@@ -65,6 +65,11 @@ class Inquiry:
         self._resetting = False
         self._restarts: deque[float] = deque(maxlen=MOST_RESTARTS)
 
+    def adopt(self, dialogue: Dialogue, device: Device) -> None:
+        """The device is reached by another line from now on."""
+        self._dialogue, self._device = dialogue, device
+        self.doubtful = self._resetting = False
+
     async def about(self, failure: Failure) -> None:
         """Ask the device, which must not stream any more; return if the stream shall be started again.
 

@@ -141,6 +141,7 @@ class Lidar:
 
         Raises:
             StreamFailed: No scan came; the session goes on.
+            DeviceFault: The device has stopped to protect itself, and a reset did not help; the session goes on.
             LocalProtocolError: Another task called `stop` before the scan was complete.
         """
         stream = self.scans(mode)
@@ -169,6 +170,8 @@ class Lidar:
     async def get_health(self) -> Health:
         """Ask the device how it is."""
         self._scanner.inquiry.health = health = await self._scanner.ask(self._open_device().health)
+        # Not later: the stream that this question interrupted is started by another task, in the next step.
+        self._scanner.inquiry.doubtful |= not health.ok
         return health
 
     async def get_modes(self) -> tuple[ScanMode, ...]:
@@ -236,7 +239,9 @@ class Lidar:
         """Switch power-down protection and return the state the device confirms.
 
         With it on, the device stops by itself when its host falls silent for three seconds; the session repeats
-        what keeps it going. Raises Unsupported where there is none.
+        what keeps it going, from another thread too while the program blocks its event loop. The manual recommends
+        it where lidar and host have separate power supplies. It lasts longer than the session: the next program
+        finds it as this one left it. Raises Unsupported where there is none.
         """
         device = self._open_device()
         return await self._scanner.ask(lambda: device.power_down_protection(on))
@@ -244,7 +249,8 @@ class Lidar:
     async def reset(self) -> Health:
         """Restart the device and wait until it responds again; streams are started again afterwards.
 
-        Cancelling ends the waiting; a device that was told to restart does so all the same.
+        What this session has set (speed, protection) is set again by the next start. Cancelling ends the waiting;
+        a device that was told to restart does so all the same.
 
         Raises:
             ResponseTimeout: It does not come back.

@@ -67,6 +67,21 @@ async def test_a_protection_stop_in_mid_scan_is_cured_counted_and_told(
 
 @both_families
 @driven
+async def test_a_program_that_asks_first_is_told_and_the_stream_goes_on(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        rig.device.protection_stop(CODE)
+        began = clock()
+        assert (await lidar.get_health()).code == CODE
+        while (await anext(stream)).stamp_ns * 1e-9 < began + 0.5:
+            pass
+        assert clock() - began < RECOVERED_S
+        assert lidar.stats.protection_stops == 1
+
+
+@both_families
+@driven
 async def test_a_second_protection_stop_within_a_minute_is_raised(family: str) -> None:
     rig = make_rig(family)
     async with rig.open() as lidar:
