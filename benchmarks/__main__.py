@@ -73,7 +73,9 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"every value: {path}", file=sys.stderr)
     if options.plots and peers is not None:
         print(draw(path, peers), file=sys.stderr)
-    if options.readme:
+    if options.readme and names == ["faults"]:
+        readme.insert_faults(results[0].tables)
+    elif options.readme:
         readme.insert(text)
     return 0
 
@@ -86,7 +88,11 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--no-peers", action="store_true", help="lidario alone; nothing is installed")
     made.add_argument("--json", type=Path, metavar="FILE", help="where every value goes")
     made.add_argument("--plots", action="store_true", help="draw benchmarks/plots/*.svg from it")
-    made.add_argument("--readme", action="store_true", help="put the tables into benchmarks/README.md")
+    made.add_argument(
+        "--readme",
+        action="store_true",
+        help="put the tables into benchmarks/README.md; of `--only faults`, into docs/reliability.md",
+    )
     return made
 
 
