@@ -28,7 +28,6 @@ from lidario.families.base import Samples, SteadySamples
 from lidario.families.ydlidar.formats import (
     FULL_TURN_Q6,
     HEADER_SIZE,
-    MOST_SAMPLES,
     START_BIT,
     packet_heads,
 )
@@ -39,7 +38,6 @@ __all__ = ["PointCloudDecoder"]
 Ints = NDArray[np.int32]
 
 HEADER_WORDS: Final = HEADER_SIZE // 2
-ORDER: Final = np.arange(MOST_SAMPLES, dtype=np.float32)
 SPEED_CODE: Final = 0x7F
 SPEED_BASE: Final = 30
 """Tenths of Hz that the code 0 stands for (manual, CT)."""
@@ -223,7 +221,7 @@ def _samples_of(
     """Degrees and millimetres of all samples, behind `room` free places; `ends` counts them up to each packet."""
     first, way, counts, _, _ = heads
     angle, distance = np.empty(room + ends[-1], np.float32), np.empty(room + ends[-1], np.float32)
-    _fill(angle[room:], distance[room:], packets, first, way)
+    _fill(angle[room:], distance[room:], packets, heads)
     for across in (first + way >= FULL_TURN_Q6).nonzero()[0].tolist():
         samples = int(counts[across])
         beam = _beam_deg(int(first[across]), int(way[across]), samples)
@@ -247,29 +245,24 @@ def _revolution_packets(samples: float, most: int) -> float:
     return 1.0 + math.ceil((samples - 1) / most)
 
 
-def _fill(
-    angle: NDArray[np.float32],
-    distance: NDArray[np.float32],
-    packets: Packets,
-    first: Ints,
-    way: Ints,
-) -> None:
-    """Write degrees, counted on past 360, and millimetres of all samples: packets of one size together."""
+def _fill(angle: NDArray[np.float32], distance: NDArray[np.float32], packets: Packets, heads: _Heads) -> None:
+    """Write degrees, counted on past 360, and millimetres of all samples."""
+    first, way, counts, _ = heads
     words = np.frombuffer(packets.data, "<u2")
-    at = packet = place = 0
+    at = place = 0
     for size, count in packets.blocks:
         samples = (size - HEADER_SIZE) // 2
-        these, until = slice(packet, packet + count), at + count * samples
-        rows = words[place : place + (count * size >> 1)].reshape(count, size >> 1)
-        place += count * size >> 1
+        until, behind = at + count * samples, place + (count * size >> 1)
+        rows = words[place:behind].reshape(count, size >> 1)
         distance[at:until].reshape(count, samples)[...] = rows[:, HEADER_WORDS:]
-        # Whole numbers until the last division, so that it alone rounds.
-        steps = max(samples - 1, 1)
-        grid = angle[at:until].reshape(count, samples)
-        np.multiply(way[these, None].astype(np.float32), ORDER[:samples], out=grid)
-        grid += (first[these, None] * steps).astype(np.float32)
-        grid /= 64.0 * steps
-        at, packet = until, packet + count
+        at, place = until, behind
+    # Whole numbers until the last division, so that it alone rounds.
+    steps = np.maximum(counts - 1, 1)
+    before = np.add.accumulate(counts) - counts
+    order = np.arange(len(angle)) - np.repeat(before, counts)
+    np.multiply(np.repeat(way, counts), order, out=angle, casting="unsafe")
+    angle += np.repeat((first * steps).astype(np.float32), counts)
+    angle /= np.repeat((64.0 * steps).astype(np.float32), counts)
 
 
 def _step(way: Ints, counts: Ints, most: int, samples: int) -> float:
