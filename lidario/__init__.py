@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from lidario.session.discovery import Found, PortInfo, list_lidars, list_serial_ports
     from lidario.session.lidar import Lidar
     from lidario.session.opening import OpenLidar, open_lidar
+    from lidario.session.reconnect import Reconnect
     from lidario.session.run import run
     from lidario.session.stream import ScanStream
     from lidario.sim.device import Received, SimulatedDevice
@@ -69,6 +70,7 @@ __all__ = [
     "PortInfo",
     "ProtocolError",
     "Received",
+    "Reconnect",
     "RemoteProtocolError",
     "ResponseTimeout",
     "SampleRate",
@@ -98,6 +100,7 @@ _HOMES = {
     "port.port": ("Tap",),
     "session.lidar": ("Lidar",),
     "session.opening": ("OpenLidar", "open_lidar"),
+    "session.reconnect": ("Reconnect",),
     "session.run": ("run",),
     "session.stream": ("ScanStream",),
     "sim.device": ("Received", "SimulatedDevice"),

@@ -313,11 +313,13 @@ class Stats:
         late_responses: Responses to an earlier question, thrown away.
         scans: Full revolutions.
         broken_scans: Revolutions thrown away because so much of them was missing that they could not be told apart.
-        missed_scans: Revolutions missing between the scans, by which `Scan.seq` jumps: broken ones, and those of
-            which nothing came. What passes while the stream is interrupted is not counted.
+        missed_scans: Revolutions missing between the scans, by which `Scan.seq` jumps: broken ones, those of
+            which nothing came, and, reckoned by the speed before, those that passed while the device was away
+            (`reconnects`). What passes while the stream is interrupted is not counted.
         dropped_scans: Scans that slow readers missed, summed over all readers.
         interruptions: Times a stream was stopped for a query and started again.
         keepalives: Keepalive requests sent.
+        reconnects: Times the session has found its device again after it had lost it.
     """
 
     bytes_received: int = 0
@@ -343,3 +345,4 @@ class Stats:
     dropped_scans: int = 0
     interruptions: int = 0
     keepalives: int = 0
+    reconnects: int = 0

@@ -33,6 +33,7 @@ PUBLIC = [
     "PortInfo",
     "ProtocolError",
     "Received",
+    "Reconnect",
     "RemoteProtocolError",
     "ResponseTimeout",
     "SampleRate",

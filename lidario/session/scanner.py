@@ -7,6 +7,9 @@ Where the stream stands is one `State`, and every step is in the table of `state
 One operation at a time talks to the device and holds the lock: the start of a stream, a query, a reset. Stopping
 does not wait for it. `leave` and `stop` end a start in progress at once, and the stop requests are written as
 soon as the device listens. `close` ends every operation at once.
+
+Where the session comes back by itself (`lidario.session.reconnect`), a lost line ends neither the readers nor the
+session: operations fail, readers wait, and `adopt` has the stream started again on the new line.
 """
 
 from __future__ import annotations
@@ -18,7 +21,17 @@ from typing import NamedTuple, TypeVar
 
 import anyio
 
-from lidario.errors import InternalError, LidarError, LocalProtocolError, SessionClosed, StreamFailed, Unsupported
+from lidario.errors import (
+    DeviceFault,
+    DeviceLost,
+    InternalError,
+    LidarError,
+    LocalProtocolError,
+    RemoteProtocolError,
+    ResponseTimeout,
+    StreamFailed,
+    Unsupported,
+)
 from lidario.families.base import Device, Script
 from lidario.model import Scan, ScanMode
 from lidario.revolution.assemble import AssemblerStats
@@ -40,6 +53,8 @@ LINGER_S = 1.0
 scans in a row must not restart the rotor each time. Users are promised two seconds."""
 LEAVE_TIMEOUT_S = 2.0
 STOP_ATTEMPTS = 3
+_CURABLE = (DeviceLost, StreamFailed, ResponseTimeout, DeviceFault, RemoteProtocolError)
+"""What a new line to the same device may cure; not what the user or lidario did wrong."""
 
 
 class _Stopped(LidarError):
@@ -61,12 +76,16 @@ class Scanner:
         hub: Everybody who reads it.
         totals: Counters since the session was opened.
         latest: The last scan, or None.
+        come_back: Called with the reason, and the number of scans so far, when the line to the device is no good
+            any more; then `adopt` is expected, or `end`. None where such an error ends the streams or the session.
     """
 
     def __init__(self, dialogue: Dialogue, device: Device, latency: float) -> None:
         self.hub: Hub = Hub()
         self.totals: Totals = Totals(AssemblerStats())
         self.latest: Scan | None = None
+        self.come_back: Callable[[LidarError, int], None] | None = None
+        self._continued: Scan | None = None
         self._dialogue = dialogue
         self._device = device
         self._latency = latency
@@ -81,10 +100,9 @@ class Scanner:
         self._worker_has_lock = False
         self._linger: asyncio.TimerHandle | None = None
         self._modes: tuple[ScanMode, ...] = ()
-        self._over: SessionClosed | None = None
+        self._over: LidarError | None = None
         self._trouble = Trouble(_log)
-        dialogue.on_lost = self._lost
-        dialogue.stopper.on_still = self._still
+        self._attach()
 
     @property
     def state(self) -> State:
@@ -94,7 +112,17 @@ class Scanner:
     @property
     def is_scanning(self) -> bool:
         """Whether a stream runs, or is about to."""
-        return self._state in (State.STARTING, State.RUNNING, State.INTERRUPTED)
+        return self._state in (State.STARTING, State.RUNNING, State.INTERRUPTED, State.AWAITED)
+
+    @property
+    def over(self) -> LidarError | None:
+        """What `end` ended the session with, if it did."""
+        return self._over
+
+    @property
+    def is_away(self) -> bool:
+        """Whether there is no line to the device, and the session is about to come back."""
+        return self._state in (State.AWAY, State.AWAITED)
 
     @property
     def mode(self) -> ScanMode | None:
@@ -110,7 +138,7 @@ class Scanner:
             self.hub.add(mailbox)
         else:
             self._joining.append(_Joining(mailbox, mode, force))
-        if self._state in (State.IDLE, State.STOPPING):
+        if self._state in (State.IDLE, State.STOPPING, State.AWAY):
             self._ran = False
             self._go(Event.WANT)
         self._work_soon()
@@ -162,8 +190,11 @@ class Scanner:
 
         A `vital` action is one without which no stream can be started: when it fails, the streams end with it.
         """
+        asked = self._dialogue
         async with self._lock:
             self._check_open()
+            if self.is_away or self._dialogue is not asked:
+                raise DeviceLost("the line to the lidar was lost before this request was sent: ask again")
             self._dialogue.begin()
             try:
                 await self._interrupt()
@@ -184,15 +215,20 @@ class Scanner:
         async with self._lock:
             self._check_open()
             self._dialogue.begin()
-            if not self.is_scanning:
-                await self._silence()
+            try:
+                if not self.is_scanning and not self.is_away:
+                    await self._silence()
+            except DeviceLost:
+                if not self.is_away:
+                    raise
+                # It is told to stop as soon as it is back.
 
     def set_zero_offset(self, degrees: float) -> None:
         """Have the stream that runs add another zero-angle offset, clockwise degrees."""
         if self._running is not None:
             self._running.set_zero_offset(degrees)
 
-    def end(self, error: SessionClosed) -> None:
+    def end(self, error: LidarError) -> None:
         """The session is over: end every reader and operation with `error`. The device is not told."""
         if self._over is None:
             self._over = error
@@ -207,6 +243,21 @@ class Scanner:
         self._cancel_linger()
         self._rest()
 
+    async def unused(self) -> None:
+        """Return when no operation holds the line that was lost. Each has failed by then, so this takes no time."""
+        async with self._lock:
+            pass
+
+    def adopt(self, dialogue: Dialogue, device: Device) -> None:
+        """There is a new line to the device: start the stream on it if one is wanted, else stop the device."""
+        self._dialogue, self._device = dialogue, device
+        self._attach()
+        self._go(Event.RETURN)
+        if self.is_scanning:
+            self._work_soon()
+        else:
+            dialogue.stop_device()
+
     async def ended(self) -> None:
         """Return when the task that starts streams has ended, after `end`."""
         if self._worker is not None:
@@ -216,7 +267,7 @@ class Scanner:
 
     def _work_soon(self) -> None:
         """Have the worker do what is to be done, if there is anything."""
-        if self._worker is None and (self._joining or self._state is State.STARTING):
+        if self._worker is None and not self.is_away and (self._joining or self._state is State.STARTING):
             self._worker = self._loop.create_task(self._work(), name="lidario: start the stream")
 
     async def _work(self) -> None:
@@ -224,6 +275,8 @@ class Scanner:
         try:
             while self._joining or self._state is State.STARTING:
                 async with self._lock:
+                    if self.is_away:
+                        return
                     self._dialogue.begin()
                     self._worker_has_lock = True
                     try:
@@ -287,7 +340,9 @@ class Scanner:
         self._running.begin()
 
     def _could_not_start(self, error: LidarError) -> None:
-        """Tell everybody who waits for the stream."""
+        """Tell everybody who waits for the stream, unless the session comes back."""
+        if self._depart(error):
+            return
         if self._ran:
             failure = StreamFailed(f"the stream could not be started again: {error}")
             failure.__cause__ = error
@@ -295,6 +350,36 @@ class Scanner:
         self._end_readers(error)
         if self.is_scanning:
             self._unwant()
+
+    # ------------------------------------------------------------------------------------------------ the line
+
+    def _attach(self) -> None:
+        self._dialogue.on_lost = self._lost
+        self._dialogue.stopper.on_still = self._still
+
+    def _depart(self, error: LidarError) -> bool:
+        """Let go of the line, if the session can come back from `error`; readers go on waiting.
+
+        False where it cannot: then `error` ends the streams, or the session.
+        """
+        if self.is_away:
+            return True
+        if self.come_back is None or self._over is not None or not isinstance(error, _CURABLE):
+            return False
+        if not self.is_scanning and not isinstance(error, DeviceLost):
+            return False
+        if self._continued is not None:
+            self.totals.assembled.leave_off(self._continued)
+        self._go(Event.LOSE)
+        self._rest()
+        self._dialogue.on_lost = self._dialogue.stopper.on_still = None
+        # Where the line still works, those who wait for a response must not wait for a device that is being left.
+        lost = error if isinstance(error, DeviceLost) else DeviceLost(f"the line to the lidar is given up: {error}")
+        if lost is not error:
+            lost.__cause__ = error
+        self._dialogue.fail(lost)
+        self.come_back(error, self.totals.assembled.scans)
+        return True
 
     # ------------------------------------------------------------------------------------------------ steps
 
@@ -330,7 +415,7 @@ class Scanner:
         if self._state is State.CLOSED:
             return
         self._go(Event.UNWANT)
-        self._wanted = None
+        self._wanted = self._continued = self.totals.assembled.left_off = None
         self._cancel_linger()
         self._rest()
         if self._worker_has_lock:
@@ -350,17 +435,21 @@ class Scanner:
             self._go(Event.STILL)
 
     def _publish(self, scan: Scan) -> None:
-        self.latest = scan
+        self.latest = self._continued = scan
         self.hub.publish(scan)
 
     def _fail(self, error: StreamFailed) -> None:
-        """End the stream for everybody; the session goes on."""
+        """End the stream for everybody, unless the session comes back; the session goes on."""
+        if self._depart(error):
+            return
         self._trouble.tell("the stream ended: %s", error)
         self._end_readers(error)
         self._unwant()
 
     def _lost(self, error: LidarError) -> None:
-        """The port died, or we failed: the session is over."""
+        """The port died, or we failed: the session is over, unless it comes back."""
+        if self._depart(error):
+            return
         self._trouble.tell("the session ended: %s", error)
         self._end_readers(error)
         self._cancel_linger()
