@@ -79,7 +79,9 @@ class Ledgers:
             unread = sum(link.stats.unread_packets for link in links)
             packets = sum(link.stats.packets for link in links)
             accounted = unread + _sum(assembled, PACKETS)
-            assert packets == accounted, f"{accounted} packets accounted for in {[link.stats for link in links]} {assembled}"
+            assert packets == accounted, (
+                f"{accounted} packets accounted for in {[link.stats for link in links]} {assembled}"
+            )
 
 
 @contextmanager
