@@ -140,5 +140,5 @@ def _sum_up(tally: _Tally) -> None:
     message(
         f"{tally.count} scan{'s' if tally.count != 1 else ''} in {took:.1f} s; {stats.lost_packets} packets lost, "
         f"{stats.skipped_bytes} bytes skipped, {stats.dropped_scans} scans dropped"
-        + (f", {stats.reconnects} times back after a loss" if stats.reconnects else "")
+        + (f", {stats.reconnects} reconnect{'s' if stats.reconnects != 1 else ''}" if stats.reconnects else "")
     )

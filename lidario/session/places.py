@@ -88,7 +88,6 @@ class Places:
         if place.kind == "serial":
             self._refused.add(_port(place.address))
 
-
     def silent(self, place: Source) -> None:
         """Nothing responds there: a port that nobody has named is not asked for ever."""
         if place.kind == "serial" and not self.is_own(place):
