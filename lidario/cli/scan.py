@@ -106,8 +106,8 @@ async def _read(order: _Order, tally: _Tally, writer: Writer) -> None:
     where = order.source if order.source != "auto" else "the first scan"
     with ExitStack() as waiting:
         waiting.enter_context(progress(f"waiting for {where} …"))
-        options = {"keep_spinning": order.keep_spinning, "reconnect": order.reconnect}
-        async with open_lidar(order.source, **options) as lidar:
+        opened = open_lidar(order.source, keep_spinning=order.keep_spinning, reconnect=order.reconnect)
+        async with opened as lidar:
             tally.lidar, tally.began = lidar, time.monotonic()
             async with lidar.scans(order.mode) as stream:
                 async for scan in stream:

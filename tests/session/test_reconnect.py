@@ -7,8 +7,10 @@ import gc
 import itertools
 import logging
 import math
+import re
 import weakref
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -51,15 +53,13 @@ async def test_it_goes_on_after_the_cable_was_pulled_out(family: str) -> None:
                 cable.pull()
                 pulled = now()
                 await asyncio.sleep(3.0)
-                assert not lidar.is_connected
-                assert lidar.is_scanning
-                assert lidar.stats.reconnects == 0
+                assert (lidar.is_connected, lidar.is_scanning, lidar.stats.reconnects) == (False, True, 0)
                 cable.plug()
                 responds = now() + rig.device.boot_s
                 first = await next_after(stream, pulled)
                 assert now() <= responds + PROMISE_S
                 second = await anext(stream)
-                assert lidar.is_connected
+                assert (lidar.is_connected, lidar.stats.reconnects) == (True, 1)
             assert first.mode == last.mode
             assert math.isclose(first.rpm, last.rpm, rel_tol=0.05)
             # The gap can be seen: the number jumps by as many revolutions as the rotor would have made.
@@ -556,6 +556,16 @@ async def test_a_mistake_of_ours_ends_the_session(monkeypatch: pytest.MonkeyPatc
                 cable.pull()
                 with pytest.raises(LidarError, match="please report this"):
                     await read_to_the_end(stream)
+
+
+def test_the_documented_programs_run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "reconnect.md").read_text(encoding="utf-8")
+    programs = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    assert len(programs) == 2
+    monkeypatch.setattr("asyncio.events.new_event_loop", DrivenLoop)
+    for program in programs:
+        exec(program.replace("?fault", "?via=memory&fault"), {})
+    assert "revolutions missing, 1 reconnects" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

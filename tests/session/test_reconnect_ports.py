@@ -43,7 +43,7 @@ async def test_within_two_seconds_through_a_link(family: str, tmp_path: Path) ->
     path = tmp_path / "usb-CP2102_0001-if00-port0"
     with WaitingPtyServer(device) as server:
         server.link(path)
-        async with open_lidar(path, family=family, reconnect=True) as lidar, lidar.scans() as stream:
+        async with open_lidar(str(path), family=family, reconnect=True) as lidar, lidar.scans() as stream:
             last = await anext(stream)
             name = server.path
             await run_in_thread(lambda: server.replug(GAP_S))
