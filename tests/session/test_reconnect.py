@@ -15,10 +15,21 @@ from typing import Any
 
 import pytest
 
-from lidario import DeviceLost, InvalidValue, LidarError, Reconnect, Scan, ScanStream, SessionClosed, open_lidar
+from lidario import (
+    DeviceLost,
+    InvalidValue,
+    Lidar,
+    LidarError,
+    Reconnect,
+    Scan,
+    ScanStream,
+    SessionClosed,
+    open_lidar,
+)
 from lidario.session.reconnect import Step
 from tests.support.cable import cable_to
 from tests.support.devices import both_families, left_still, make_rig, names, take
+from tests.support.ledger import assert_stats_close
 from tests.support.loop import DrivenLoop, driven, run_driven
 
 PROMISE_S = 2.0
@@ -60,6 +71,7 @@ async def test_it_goes_on_after_the_cable_was_pulled_out(family: str) -> None:
                 assert now() <= responds + PROMISE_S
                 second = await anext(stream)
                 assert (lidar.is_connected, lidar.stats.reconnects) == (True, 1)
+                assert_stats_close(lidar.stats)
             assert first.mode == last.mode
             assert math.isclose(first.rpm, last.rpm, rel_tol=0.05)
             # The gap can be seen: the number jumps by as many revolutions as the rotor would have made.
@@ -370,6 +382,53 @@ async def test_the_motor_that_shall_go_on_does() -> None:
         assert not rig.device.scanning
 
 
+@pytest.mark.parametrize("after_s", [0.0, 0.3, 0.35, 0.4, 0.42, 0.44, 0.5])
+def test_nor_is_it_stopped_when_the_session_is_closed_on_the_way(after_s: float) -> None:
+    async def main() -> None:
+        rig = make_rig("rplidar")
+        with cable_to(rig) as cable:
+            async with rig.open(reconnect=True, keep_spinning=True) as lidar:
+                await lidar.scan()
+                cable.pull()
+                await asyncio.sleep(2.0)
+                cable.plug(boots=False)
+                await asyncio.sleep(after_s)
+        assert rig.device.motor_on
+        # After 0.5 s at the latest it was reached.
+        assert not rig.device.scanning or after_s < 0.5
+
+    run_driven(main)
+
+
+@both_families
+@pytest.mark.parametrize("after_s", [0.1, 0.3, 0.35, 0.4, 0.45, 0.5])
+def test_the_loop_is_closed_on_the_way(family: str, after_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = make_rig(family)
+    loop = DrivenLoop()
+    monkeypatch.setattr("lidario.port.port.time.sleep", loop.block)
+    before: list[int] = []
+
+    async def main() -> Lidar:
+        lidar = await rig.open(reconnect=True)
+        stream = lidar.scans()
+        await anext(stream)
+        cable.pull()
+        await asyncio.sleep(2.0)
+        cable.plug(boots=False)
+        before.append(len(names(rig)))
+        await asyncio.sleep(after_s)
+        return lidar
+
+    with cable_to(rig) as cable:
+        lidar = loop.run_until_complete(main())
+        reached = len(names(rig)) > before[0]
+        loop.close()
+        del lidar
+        gc.collect()
+    assert reached or after_s < 0.5
+    assert left_still(rig) or not reached
+
+
 @driven
 async def test_taps_see_the_new_line() -> None:
     rig = make_rig("rplidar")
@@ -532,7 +591,7 @@ async def test_a_closed_session_stays_closed() -> None:
         lidar = await rig.open(reconnect=True)
         cable.pull()
         await asyncio.sleep(1.0)
-        await lidar.close()
+        await asyncio.wait_for(lidar.close(), 2.0)
         cable.plug()
         attempts = len(cable.attempts)
         await asyncio.sleep(5.0)

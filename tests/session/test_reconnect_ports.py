@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -95,6 +96,30 @@ async def test_under_another_name_held_for_a_while_beside_other_ports(
         until(lambda: is_still(server))
 
 
+async def test_two_that_change_their_names_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    rigs = [make_rig("rplidar", seed=seed) for seed in (1, 2)]
+    for rig in rigs:
+        rig.device.boot_s = BOOT_S
+    with WaitingPtyServer(rigs[0].device) as one, WaitingPtyServer(rigs[1].device) as two:
+
+        def listed() -> list[PortInfo]:
+            return [PortInfo(each.path, "", "CP2102", "") for each in (one, two) if each.plugged.is_set()]
+
+        monkeypatch.setattr("lidario.session.discovery.list_serial_ports", listed)
+        policy = Reconnect(limit_s=BOUND_S)
+        async with (
+            open_lidar(one.path, family="rplidar", reconnect=policy) as a,
+            open_lidar(two.path, family="rplidar", reconnect=policy) as b,
+        ):
+            streams = a.scans(), b.scans()
+            await asyncio.gather(*(anext(stream) for stream in streams))
+            await asyncio.gather(*(run_in_thread(partial(each.replug, GAP_S)) for each in (one, two)))
+            pulled = time.monotonic_ns()
+            await asyncio.gather(*(first_scan_of_the_new_line(stream, pulled) for stream in streams))
+            assert [each.info.serial for each in (a, b)] == [rig.device.serial.hex().upper() for rig in rigs]
+        until(lambda: is_still(one) and is_still(two))
+
+
 async def test_a_network_connection_that_was_closed() -> None:
     device = make_rig("ydlidar").device
     device.boot_s = BOOT_S
@@ -110,7 +135,7 @@ async def test_a_network_connection_that_was_closed() -> None:
 
 @pytest.mark.parametrize("via", ["pty", "tcp"])
 async def test_a_simulated_source_ends_with_the_session(via: str) -> None:
-    source = f"sim://rplidar-s2?via={via}&fault=unplug:0.3s"
+    source = f"sim://rplidar-s2?via={via}&fault=unplug:1s"
     async with open_lidar(source, reconnect=Reconnect(limit_s=0.3)) as lidar:
         with pytest.raises(DeviceLost, match=r"did not come back within 0\.3 s"):
             async with asyncio.timeout(BOUND_S):
@@ -118,7 +143,7 @@ async def test_a_simulated_source_ends_with_the_session(via: str) -> None:
 
 
 async def test_a_session_that_is_closed_while_it_is_away_leaves_nothing() -> None:
-    async with open_lidar("sim://rplidar-s2?fault=replug:0.3s", reconnect=True) as lidar:
+    async with open_lidar("sim://rplidar-s2?fault=replug:1s", reconnect=True) as lidar:
         async with asyncio.timeout(BOUND_S):
             while lidar.is_connected:
                 await asyncio.sleep(0.01)
