@@ -1,8 +1,9 @@
 """From a source to the first scan: how long lidario itself takes, on a driven clock.
 
 The devices are simulated and in memory, on lines that garble what is sent at one speed and read at another. The
-clock is driven, so the machine's own speed is not in it, and every run gives the same figures. What the device takes
-is in it: a rotor that rests needs one second in the simulation, and the first whole revolution follows a partial one.
+clock is driven, so the machine's own speed is not in it, and every run gives the same figures. What the device
+takes is in it: a rotor that rests needs one second in the simulation, and the first whole revolution follows a
+partial one.
 """
 
 from __future__ import annotations

@@ -203,12 +203,13 @@ class Reconnector:
 
     def abandon(self) -> None:
         """Nobody holds the session any more: leave the device still, in any thread and without a loop."""
-        if self._dialogue is not None:
-            self._dialogue.abandon()
         task = self._task
-        if task is not None and not task.done() and not self._loop.is_closed():
-            with suppress(RuntimeError):  # it was closed just now
+        if task is not None and not task.done() and self._loop.is_running():
+            # The task leaves the device still with the pauses that it needs, and blocks nobody.
+            with suppress(RuntimeError):  # the loop was closed just now
                 self._loop.call_soon_threadsafe(task.cancel)
+        elif self._dialogue is not None:
+            self._dialogue.abandon()
         self.release()
 
     def release(self) -> None:

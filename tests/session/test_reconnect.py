@@ -27,13 +27,15 @@ from lidario import (
     open_lidar,
 )
 from lidario.session.reconnect import Step
-from tests.support.cable import cable_to
+from tests.support.cable import Cable, cable_to
 from tests.support.devices import both_families, left_still, make_rig, names, take
 from tests.support.ledger import assert_stats_close
 from tests.support.loop import DrivenLoop, driven, run_driven
 
 PROMISE_S = 2.0
 """Longest time from the moment at which the device responds again to the next scan."""
+ON_THE_WAY_S = [0.001, 0.02, 0.045, 0.06, 0.08, 0.15]
+"""Moments after an attempt has begun: it is asked what it is, then how it is, then it scans."""
 MODES = {"rplidar": "Standard", "ydlidar": None}
 
 
@@ -43,6 +45,15 @@ def now() -> float:
 
 def now_ns() -> int:
     return round(now() * 1e9)
+
+
+async def next_attempt(cable: Cable, after_s: float) -> None:
+    """Return so long after the next attempt to reach the device was begun."""
+    attempts = len(cable.attempts)
+    async with asyncio.timeout(5.0):
+        while len(cable.attempts) == attempts:
+            await asyncio.sleep(0.001)
+    await asyncio.sleep(after_s)
 
 
 async def next_after(stream: ScanStream, moment: float) -> Scan:
@@ -382,7 +393,7 @@ async def test_the_motor_that_shall_go_on_does() -> None:
         assert not rig.device.scanning
 
 
-@pytest.mark.parametrize("after_s", [0.0, 0.3, 0.35, 0.4, 0.42, 0.44, 0.5])
+@pytest.mark.parametrize("after_s", ON_THE_WAY_S)
 def test_nor_is_it_stopped_when_the_session_is_closed_on_the_way(after_s: float) -> None:
     async def main() -> None:
         rig = make_rig("rplidar")
@@ -392,21 +403,19 @@ def test_nor_is_it_stopped_when_the_session_is_closed_on_the_way(after_s: float)
                 cable.pull()
                 await asyncio.sleep(2.0)
                 cable.plug(boots=False)
-                await asyncio.sleep(after_s)
+                await next_attempt(cable, after_s)
         assert rig.device.motor_on
-        # After 0.5 s at the latest it was reached.
-        assert not rig.device.scanning or after_s < 0.5
+        assert not rig.device.scanning
 
     run_driven(main)
 
 
 @both_families
-@pytest.mark.parametrize("after_s", [0.1, 0.3, 0.35, 0.4, 0.45, 0.5])
+@pytest.mark.parametrize("after_s", ON_THE_WAY_S)
 def test_the_loop_is_closed_on_the_way(family: str, after_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = make_rig(family)
     loop = DrivenLoop()
     monkeypatch.setattr("lidario.port.port.time.sleep", loop.block)
-    before: list[int] = []
 
     async def main() -> Lidar:
         lidar = await rig.open(reconnect=True)
@@ -415,18 +424,15 @@ def test_the_loop_is_closed_on_the_way(family: str, after_s: float, monkeypatch:
         cable.pull()
         await asyncio.sleep(2.0)
         cable.plug(boots=False)
-        before.append(len(names(rig)))
-        await asyncio.sleep(after_s)
+        await next_attempt(cable, after_s)
         return lidar
 
     with cable_to(rig) as cable:
         lidar = loop.run_until_complete(main())
-        reached = len(names(rig)) > before[0]
         loop.close()
         del lidar
         gc.collect()
-    assert reached or after_s < 0.5
-    assert left_still(rig) or not reached
+    assert left_still(rig)
 
 
 @driven
@@ -454,8 +460,8 @@ async def test_taps_see_the_new_line() -> None:
 
 
 @both_families
-@pytest.mark.parametrize("moment_s", [0.0, 0.3, 0.35, 0.4, 0.45, 0.5, 1.0])
-def test_a_session_that_nobody_holds_any_more_ends_while_it_is_away(family: str, moment_s: float) -> None:
+@pytest.mark.parametrize("after_s", ON_THE_WAY_S)
+def test_a_session_that_nobody_holds_any_more_ends_while_it_is_away(family: str, after_s: float) -> None:
     async def main() -> None:
         rig = make_rig(family)
         with cable_to(rig) as cable:
@@ -465,7 +471,7 @@ def test_a_session_that_nobody_holds_any_more_ends_while_it_is_away(family: str,
             cable.pull()
             await asyncio.sleep(3.0)
             cable.plug(boots=False)
-            await asyncio.sleep(moment_s)
+            await next_attempt(cable, after_s)
             del lidar
             gc.collect()
             assert gone() is None
@@ -473,8 +479,7 @@ def test_a_session_that_nobody_holds_any_more_ends_while_it_is_away(family: str,
             attempts = len(cable.attempts)
             await asyncio.sleep(3.0)
             assert len(cable.attempts) == attempts
-            # Where it was not reached any more, nobody can stop it.
-            assert left_still(rig) or not moment_s
+            assert left_still(rig)
 
     run_driven(main)
 
