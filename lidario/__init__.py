@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from lidario.session.discovery import Found, PortInfo, list_lidars, list_serial_ports
     from lidario.session.lidar import Lidar
     from lidario.session.opening import OpenLidar, open_lidar
+    from lidario.session.reconnect import Reconnect
     from lidario.session.run import run
     from lidario.session.stream import ScanStream
     from lidario.sim.device import Received, SimulatedDevice
@@ -77,6 +78,7 @@ __all__ = [
     "PoseFunction",
     "ProtocolError",
     "Received",
+    "Reconnect",
     "RecordingError",
     "RemoteProtocolError",
     "ResponseTimeout",
@@ -119,6 +121,7 @@ _HOMES = {
     "recording.offline": ("ScanArrays", "decode", "decode_arrays"),
     "session.lidar": ("Lidar",),
     "session.opening": ("OpenLidar", "open_lidar"),
+    "session.reconnect": ("Reconnect",),
     "session.run": ("run",),
     "session.stream": ("ScanStream",),
     "sim.device": ("Received", "SimulatedDevice"),

@@ -85,6 +85,8 @@ class DeviceLost(LidarError):
     """The port died while it was open: unplugged, or closed at the other end.
 
     The session is over. Every stream and every waiting call ends with this error, and so does every later call.
+    With `open_lidar(reconnect=...)` only those calls raise it that cannot be done while the device is away, and the
+    session is over when it has given up.
     """
 
 

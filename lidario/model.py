@@ -501,14 +501,16 @@ class Stats:
         late_responses: Responses to an earlier request, discarded.
         scans: Full revolutions.
         broken_scans: Revolutions discarded because so much of them was missing that they could not be told apart.
-        missed_scans: Revolutions missing between the scans, by which `Scan.seq` jumps: broken ones, and those of
-            which nothing came. What passes while the stream is interrupted is not counted.
+        missed_scans: Revolutions missing between the scans, by which `Scan.seq` jumps: broken ones, those of
+            which nothing came, and, by the speed before, those that passed while the device was away
+            (`reconnects`). What passes while the stream is interrupted is not counted.
         dropped_scans: Scans that slow readers missed, summed over all readers.
         interruptions: Times a stream was stopped for a query and started again.
         keepalives: Keepalive requests sent.
         restarts: Times a stream that had stopped by itself was started again.
         protection_stops: Times the device was found to have stopped to protect itself, also when it was opened. It
             was reset then; several may be a sign of lasting damage.
+        reconnects: Times the session has found its device again after it had lost it.
     """
 
     bytes_received: int = 0
@@ -536,3 +538,4 @@ class Stats:
     keepalives: int = 0
     restarts: int = 0
     protection_stops: int = 0
+    reconnects: int = 0

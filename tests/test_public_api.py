@@ -38,6 +38,7 @@ PUBLIC = [
     "ProtocolError",
     "Received",
     "RecordingError",
+    "Reconnect",
     "RemoteProtocolError",
     "ResponseTimeout",
     "Return",

@@ -35,6 +35,7 @@ class _Order:
     mode: str | int | None
     form: str
     keep_spinning: bool
+    reconnect: bool
 
 
 @dataclass
@@ -55,7 +56,10 @@ class _Tally:
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per line and scan.")
 @click.option("--csv", "as_csv", is_flag=True, help="One row per sample.")
 @click.option("--keep-spinning", is_flag=True, help="Leave the motor on; only the measuring stops.")
-def scan(source: str, count: int, mode: str | None, as_json: bool, as_csv: bool, keep_spinning: bool) -> int:
+@click.option("--reconnect", is_flag=True, help="Go on when the lidar was unplugged or restarted, and is back.")
+def scan(
+    source: str, count: int, mode: str | None, as_json: bool, as_csv: bool, keep_spinning: bool, reconnect: bool
+) -> int:
     """Read scans and print them.
 
     Angles are radians counter-clockwise from forward, ranges metres; null (JSON) or an empty field (CSV) where
@@ -65,7 +69,7 @@ def scan(source: str, count: int, mode: str | None, as_json: bool, as_csv: bool,
         raise click.UsageError("--json and --csv exclude each other", click.get_current_context())
     form = "json" if as_json else "csv" if as_csv else "people"
     by_id = int(mode) if mode is not None and mode.isdecimal() else mode
-    return _run_order(_Order(source, count, by_id, form, keep_spinning))
+    return _run_order(_Order(source, count, by_id, form, keep_spinning, reconnect))
 
 
 def _run_order(order: _Order) -> int:
@@ -102,7 +106,8 @@ async def _read(order: _Order, tally: _Tally, writer: Writer) -> None:
     where = order.source if order.source != "auto" else "the first scan"
     with ExitStack() as waiting:
         waiting.enter_context(progress(f"waiting for {where} …"))
-        async with open_lidar(order.source, keep_spinning=order.keep_spinning) as lidar:
+        opened = open_lidar(order.source, keep_spinning=order.keep_spinning, reconnect=order.reconnect)
+        async with opened as lidar:
             tally.lidar, tally.began = lidar, time.monotonic()
             async with lidar.scans(order.mode) as stream:
                 async for scan in stream:
@@ -135,4 +140,5 @@ def _sum_up(tally: _Tally) -> None:
     message(
         f"{tally.count} scan{'s' if tally.count != 1 else ''} in {took:.1f} s; {stats.lost_packets} packets lost, "
         f"{stats.skipped_bytes} bytes skipped, {stats.dropped_scans} scans dropped"
+        + (f", {stats.reconnects} reconnect{'s' if stats.reconnects != 1 else ''}" if stats.reconnects else "")
     )

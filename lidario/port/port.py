@@ -89,6 +89,11 @@ class Port(asyncio.Protocol):
         """Bytes that were received and dropped because the event loop was blocked until the buffer was full."""
         return 0 if self._line is None else self._line.overflow_bytes
 
+    @property
+    def taps(self) -> tuple[Tap, ...]:
+        """Who sees the chunks, in the order in which they were added."""
+        return self._taps
+
     def add_tap(self, tap: Tap) -> None:
         """Have `tap` called with every chunk in either direction, after the taps that are there.
 

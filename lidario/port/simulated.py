@@ -26,7 +26,7 @@ from lidario.sim.rooms import make_world
 from lidario.sim.serve import MemoryLine, PtyServer, TcpServer
 from lidario.source import Source
 
-__all__ = ["connect_in_memory", "make_device", "open_simulated"]
+__all__ = ["Simulation", "connect_in_memory", "make_device", "open_simulated"]
 
 _TICK_S = 0.002
 _WAYS = ("pty", "tcp", "memory")
@@ -51,6 +51,83 @@ def make_device(source: Source) -> tuple[SimulatedDevice, Faults | None]:
     return device, faults
 
 
+class Simulation:
+    """A simulated device, and what serves it.
+
+    Args:
+        source: A ``sim://`` source.
+        lasting: Whether it goes on until `end` while ports to it are closed and opened again. Else it ends with its
+            only port, or when that cannot be opened.
+
+    Raises:
+        ConnectFailed: The source is no good.
+    """
+
+    def __init__(self, source: Source, *, lasting: bool) -> None:
+        self._name = source.text
+        self._ended = not lasting
+        self._device, self._faults = make_device(source)
+        self._server: PtyServer | TcpServer | None = None
+        self._ports = 0
+        way = _way(source)
+        if way == "pty":
+            self._server = PtyServer(self._device, faults=self._faults)
+        elif way == "tcp":
+            self._server = TcpServer(self._device, faults=self._faults)
+
+    async def open(self) -> Port:
+        """Open a line to it.
+
+        Raises:
+            ConnectFailed: The line could not be opened.
+            DeviceLost: The simulated device failed already.
+        """
+        server = self._server
+        if server is None:
+            return connect_in_memory(self._device, self._faults, name=self._name)
+        try:
+            if isinstance(server, PtyServer):
+                port = await open_serial(server.path, self._device.baudrate)
+            else:
+                port = await open_tcp(self._name, *server.address, baudrate=self._device.baudrate)
+        except BaseException as error:
+            failed = self._why_lost()
+            if failed is not None and isinstance(error, ConnectFailed):
+                raise failed from failed.__cause__
+            raise
+        port.name = self._name
+        port.on_loss(self._why_lost)
+        port.on_close(self._closed)
+        self._ports += 1
+        return port
+
+    def end(self) -> None:
+        """Stop serving it, as soon as no port to it is open. Harmless when done before.
+
+        Raises:
+            RuntimeError: The device failed; the error is the cause.
+        """
+        self._ended = True
+        if not self._ports and self._server is not None:
+            self._server.close()
+
+    def _closed(self) -> None:
+        self._ports -= 1
+        if self._ended:
+            self.end()
+
+    def _why_lost(self) -> DeviceLost | None:
+        """The error of the device, if there was one. A server that goes on may be plugged in again."""
+        server = self._server
+        if server is None or not (self._ended or server.unplugged):
+            return None
+        try:
+            server.close()
+        except RuntimeError as error:
+            return _failed(self._name, error.__cause__ or error)
+        return None
+
+
 async def open_simulated(source: Source) -> Port:
     """Start a simulated device and open the line to it; closing the port ends it.
 
@@ -58,27 +135,14 @@ async def open_simulated(source: Source) -> Port:
         ConnectFailed: The source is no good, or the line could not be opened.
         DeviceLost: The simulated device failed already.
     """
+    return await Simulation(source, lasting=False).open()
+
+
+def _way(source: Source) -> str:
     way = source.options.get("via", "pty" if os.name == "posix" else "tcp")
     if way not in _WAYS:
         raise ConnectFailed(f"{source.text!r}: via={way} is not known; use {', '.join(_WAYS)}", reason="source")
-    device, faults = make_device(source)
-    if way == "memory":
-        return connect_in_memory(device, faults, name=source.text)
-    server = PtyServer(device, faults=faults) if way == "pty" else TcpServer(device, faults=faults)
-    try:
-        if isinstance(server, PtyServer):
-            port = await open_serial(server.path, device.baudrate)
-        else:
-            port = await open_tcp(source.text, *server.address, baudrate=device.baudrate)
-    except BaseException as error:
-        failed = _why_lost(source.text, server)
-        if failed is not None and isinstance(error, ConnectFailed):
-            raise failed from failed.__cause__
-        raise
-    port.name = source.text
-    port.on_loss(lambda: _why_lost(source.text, server))
-    port.on_close(server.close)
-    return port
+    return way
 
 
 def connect_in_memory(device: SimulatedDevice, faults: Faults | None = None, *, name: str = "memory") -> Port:
@@ -98,15 +162,6 @@ def _failed(name: str, error: BaseException) -> DeviceLost:
     lost = DeviceLost(f"the simulated device {name} failed: {type(error).__name__}: {error}")
     lost.__cause__ = error
     return lost
-
-
-def _why_lost(name: str, server: PtyServer | TcpServer) -> DeviceLost | None:
-    """The error of the device that `server` plays, if there was one."""
-    try:
-        server.close()
-    except RuntimeError as error:
-        return _failed(name, error.__cause__ or error)
-    return None
 
 
 class _MemoryTransport(Line):

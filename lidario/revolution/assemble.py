@@ -266,6 +266,8 @@ class Assembler:
         reported_rpm: float,
         lost: int,
     ) -> Scan:
+        if self.stats.left_off is not None:
+            self.stats.resume(start_ns)
         seq = self.stats.scans + self.stats.missed_scans
         self.stats.scans += 1
         return build_scan(

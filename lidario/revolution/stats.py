@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from lidario.model import Scan
+
 __all__ = ["AssemblerStats"]
 
 
@@ -16,14 +18,16 @@ class AssemblerStats:
 
     Attributes:
         scans: Revolutions delivered.
-        broken_scans: Revolutions thrown away.
+        broken_scans: Revolutions discarded.
         lost_packets: Packets missing, also those of revolutions not delivered, and of those of which nothing came.
         missed_scans: Revolutions that are missing between the delivered ones: the broken ones, and those of which
-            nothing came.
+            nothing came, and, by the speed before, those that passed while the device was away.
         scan_packets: Packets of revolutions delivered.
         discarded_packets: Packets of revolutions not delivered: broken ones, and the parts of one at the beginning
             and the end of each stream.
         unfinished_packets: Packets of the revolution in the making.
+        left_off: Stamp and length in nanoseconds of the last revolution before the device went away, until the
+            first one after it is back. Not a counter.
     """
 
     scans: int = 0
@@ -33,9 +37,22 @@ class AssemblerStats:
     scan_packets: int = 0
     discarded_packets: int = 0
     unfinished_packets: int = 0
+    left_off: tuple[int, float] | None = None
+
+    def leave_off(self, last: Scan) -> None:
+        """The device is away; `last` was the last scan before that."""
+        revolution_ns = 60e9 / last.rpm if last.rpm > 0 else float(last.duration_ns)
+        self.left_off = last.stamp_ns, revolution_ns
+
+    def resume(self, start_ns: int) -> None:
+        """The first whole revolution since then begins at `start_ns`: count those between, at least one."""
+        if self.left_off is not None:
+            last_ns, revolution_ns = self.left_off
+            self.left_off = None
+            self.missed_scans += max(1, round((start_ns - last_ns) / max(revolution_ns, 1.0)) - 1)
 
     def break_scan(self) -> None:
-        """Count a whole revolution that is thrown away."""
+        """Count a whole revolution that is discarded."""
         self.broken_scans += 1
         self.missed_scans += 1
 

@@ -17,10 +17,10 @@ likeliest first, so that a family with one speed does not wait for all speeds of
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import anyio
 
@@ -36,6 +36,9 @@ from lidario.session.handshake import introduce
 from lidario.session.listening import listen
 from lidario.session.silence import ReceivedInSilence
 from lidario.source import Source
+
+if TYPE_CHECKING:
+    from lidario.port.simulated import Simulation
 
 __all__ = ["Connection", "connect"]
 
@@ -69,7 +72,13 @@ QUICK_S = 0.05
 
 
 async def connect(
-    source: Source, family: str | None = None, baudrate: int | None = None, *, patient: bool = True
+    source: Source,
+    family: str | None = None,
+    baudrate: int | None = None,
+    *,
+    patient: bool = True,
+    simulation: Simulation | None = None,
+    on_dialogue: Callable[[Dialogue], None] | None = None,
 ) -> Connection:
     """Open a port and find out which device is at its other end.
 
@@ -80,6 +89,9 @@ async def connect(
         family: Name of the family, if it is known; it need not be probed then.
         baudrate: Speed of the line, if it is known; likewise.
         patient: Whether to go on asking a device that may be booting, or may hold half a request: for 5 to 7 s.
+            Where it is not, and family and speed are known, it is asked for about a second.
+        simulation: The device of a ``sim://`` source, where it outlives its ports.
+        on_dialogue: Called with the dialogue before anything is written, where family and speed are known.
 
     Raises:
         ConnectFailed: It could not be opened, or nothing responds; the text says what was tried and what came back.
@@ -91,7 +103,7 @@ async def connect(
     if source.kind == "sim":
         from lidario.port.simulated import open_simulated  # a fifth of the import time, for those who need it
 
-        port = await open_simulated(source)
+        port = await (open_simulated(source) if simulation is None else simulation.open())
         tries = [_Try(family_of_simulated(source.address), port.baudrate)]
     elif source.device is not None:
         from lidario.port.simulated import connect_in_memory
@@ -107,7 +119,7 @@ async def connect(
     received = ReceivedInSilence()
     port.add_tap(received.see)
     try:
-        connection, tries = await _find(port, tries, patient=patient)
+        connection, tries = await _find(port, tries, patient=patient, on_dialogue=on_dialogue)
         if connection is not None:
             return connection
         port.close_soon()
@@ -129,10 +141,12 @@ def _by_likelihood(families: Sequence[Family]) -> list[_Try]:
     return [each for rank in ranks for each in rank if each is not None]
 
 
-async def _find(port: Port, tries: list[_Try], *, patient: bool) -> tuple[Connection | None, list[_Try]]:
+async def _find(
+    port: Port, tries: list[_Try], *, patient: bool, on_dialogue: Callable[[Dialogue], None] | None
+) -> tuple[Connection | None, list[_Try]]:
     """The device, or None, and what was tried."""
     if len(tries) == 1:
-        return await _try_known(port, tries[0]), tries
+        return await _try_known(port, tries[0], patient=patient, on_dialogue=on_dialogue), tries
     speeds = list(dict.fromkeys(each.baudrate for each in tries))
     families = list(dict.fromkeys(each.family for each in tries))
     heard = await listen(port, speeds, families)
@@ -154,7 +168,9 @@ async def _find(port: Port, tries: list[_Try], *, patient: bool) -> tuple[Connec
         quick = False
 
 
-async def _try_known(port: Port, known: _Try) -> Connection | None:
+async def _try_known(
+    port: Port, known: _Try, *, patient: bool = True, on_dialogue: Callable[[Dialogue], None] | None = None
+) -> Connection | None:
     """Ask the one family at the one speed that it can be, with patience; None when there is no response."""
     family = known.family
     device = family.device()
@@ -162,7 +178,9 @@ async def _try_known(port: Port, known: _Try) -> Connection | None:
         port.set_baudrate(known.baudrate)
     dialogue = Dialogue(port, device, family.timing)
     try:
-        info = await introduce(dialogue, device, family.timing.forget_s)
+        if on_dialogue is not None:
+            on_dialogue(dialogue)
+        info = await introduce(dialogue, device, family.timing.forget_s if patient else 0.0)
     except ResponseTimeout:
         # It may hear us although its responses do not reach us.
         dialogue.stop_device()

@@ -131,6 +131,11 @@ class Dialogue:
         """As `Port.poll`."""
         self._port.poll()
 
+    @property
+    def taps(self) -> tuple[Tap, ...]:
+        """As `Port.taps`."""
+        return self._port.taps
+
     def add_tap(self, tap: Tap) -> None:
         """As `Port.add_tap`."""
         self._port.add_tap(tap)

@@ -4,6 +4,8 @@ Every method that talks to the device may be called in any state, and by several
 it interrupts them, asks, and has them started again: the readers see a longer step between two time stamps, and
 `Stats.interruptions` counts it. A question that needs no request, or is refused, interrupts nothing.
 
+With `reconnect`, the line to the device may change in the life of a session: `_adopt` takes a new one over.
+
 However a session ends, the stop requests are written: before anything is awaited, or, where the device does not
 listen at that moment, by a timer some milliseconds later.
 """
@@ -12,19 +14,22 @@ from __future__ import annotations
 
 import asyncio
 import weakref
+from collections.abc import Callable
 from types import TracebackType
 from typing import NoReturn, Self
 
 from lidario.errors import InvalidValue, LocalProtocolError, RemoteProtocolError, SessionClosed
-from lidario.families.base import Device
+from lidario.families.base import Device, Script
 from lidario.model import DeviceInfo, Health, SampleRate, Scan, ScanMode, Stats
 from lidario.port.line import Tap
 from lidario.session.connect import Connection
 from lidario.session.dialogue import Dialogue
 from lidario.session.handshake import healthy, restart
+from lidario.session.reconnect import Reconnector
 from lidario.session.scanner import Scanner
 from lidario.session.stream import ScanStream
 from lidario.session.twin import twin_of
+from lidario.wire.stats import LinkStats
 
 __all__ = ["Lidar"]
 
@@ -47,28 +52,49 @@ class Lidar:
     """
 
     def __init__(
-        self, connection: Connection, health: Health, source: str, latency: float, keep_spinning: bool
+        self,
+        connection: Connection,
+        health: Health,
+        source: str,
+        latency: float,
+        keep_spinning: bool,
+        reconnector: Reconnector | None = None,
     ) -> None:
         self.source = source
         self.info: DeviceInfo = connection.info
         self._device = connection.device
         self._dialogue = connection.dialogue
         self._timing = connection.family.timing
+        self._keep_spinning = keep_spinning
         self._dialogue.stopper.keep_spinning = keep_spinning
         self._scanner = Scanner(connection.dialogue, connection.device, latency)
         self._scanner.inquiry.health = health
+        self._reconnector = reconnector
+        # What was counted on the lines that were lost.
+        self._former = LinkStats()
+        self._former_keepalives = 0
+        self._former_protection_stops = 0
+        if reconnector is not None:
+            reconnector.serve(_if_alive(self._adopt), self._scanner.end, self._scanner.unused)
+            self._scanner.come_back = reconnector.begin
         self._closed = False
         self._loop = asyncio.get_running_loop()
-        self._abandoned = weakref.finalize(self, _abandon, connection.dialogue, self._scanner)
+        self._abandoned = weakref.finalize(self, _abandon, connection.dialogue, self._scanner, reconnector)
 
     def __repr__(self) -> str:
-        state = "closed" if self._closed else "scanning" if self.is_scanning else "idle"
+        state = "scanning" if self.is_scanning else "idle"
+        state = "closed" if self._closed else state if self.is_connected else "away"
         return f"<Lidar {self.info.model} {self.info.serial} on {self.source}: {state}>"
 
     @property
     def is_scanning(self) -> bool:
         """Whether a stream runs or is about to; also for the second after its last reader has gone."""
         return self._scanner.is_scanning
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether there is a line to the device; False after its loss, also while the session comes back."""
+        return not self._closed and not self._scanner.is_away and self._dialogue.fatal is None
 
     @property
     def mode(self) -> ScanMode | None:
@@ -87,8 +113,8 @@ class Lidar:
 
     @property
     def stats(self) -> Stats:
-        """Counters since the session was opened."""
-        link, totals = self._dialogue.stats, self._scanner.totals
+        """Counters since the session was opened, summed over all lines to the device."""
+        link, totals = self._former + self._dialogue.stats, self._scanner.totals
         assembled = totals.assembled
         return Stats(
             bytes_received=link.bytes_received,
@@ -113,9 +139,10 @@ class Lidar:
             missed_scans=assembled.missed_scans,
             dropped_scans=self._scanner.hub.dropped,
             interruptions=totals.interruptions,
-            keepalives=totals.keepalives + self._dialogue.repeated,
+            keepalives=totals.keepalives + self._former_keepalives + self._dialogue.repeated,
             restarts=totals.restarts,
-            protection_stops=self._dialogue.protection_stops,
+            protection_stops=self._former_protection_stops + self._dialogue.protection_stops,
+            reconnects=0 if self._reconnector is None else self._reconnector.count,
         )
 
     def scans(self, mode: str | int | None = None, *, depth: int = 1, force: bool = False) -> ScanStream:
@@ -208,6 +235,7 @@ class Lidar:
         """
         device = self._open_device()
         value = await self._scanner.ask(lambda: device.set_scan_frequency(hertz))
+        self._remember("scan frequency", lambda device: device.set_scan_frequency(hertz))
         if verify and self.is_scanning:
             await self._turns_at(value)
         return value
@@ -234,6 +262,7 @@ class Lidar:
         """
         device = self._open_device()
         self._scanner.set_zero_offset(await self._scanner.ask(lambda: device.apply_zero_offset(on)))
+        self._remember("zero offset", lambda device: device.apply_zero_offset(on))
 
     async def set_power_down_protection(self, on: bool) -> bool:
         """Switch power-down protection and return the state the device confirms.
@@ -244,7 +273,9 @@ class Lidar:
         finds it as this one left it. Raises Unsupported where there is none.
         """
         device = self._open_device()
-        return await self._scanner.ask(lambda: device.power_down_protection(on))
+        state = await self._scanner.ask(lambda: device.power_down_protection(on))
+        self._remember("protection", lambda device: device.power_down_protection(on))
+        return state
 
     async def reset(self) -> Health:
         """Restart the device and wait until it responds again; streams are started again afterwards.
@@ -256,7 +287,7 @@ class Lidar:
             ResponseTimeout: It does not come back.
             DeviceFault: It came back and reports an error.
         """
-        self._check_open()
+        self._open_device()
         self._scanner.inquiry.health = health = await self._scanner.between(self._reset, vital=True)
         return health
 
@@ -284,7 +315,11 @@ class Lidar:
         self._check_loop()
         self._closed = True
         self._scanner.end(SessionClosed(f"the session on {self.source} was closed"))
+        if self._reconnector is not None:
+            self._reconnector.cancel()
         await self._dialogue.close()
+        if self._reconnector is not None:
+            await self._reconnector.ended()
         # Not earlier: a KeyboardInterrupt may come anywhere above, and then the finalizer stops the device.
         self._abandoned.detach()
         await self._scanner.ended()
@@ -324,15 +359,46 @@ class Lidar:
                 f"{hertz:.2f} Hz is set, but the rotor turns at {measured:.2f} Hz after {SPEED_TIMEOUT_S:g} s"
             ) from None
 
+    def _adopt(self, connection: Connection, health: Health) -> None:
+        """There is a new line to the device: from now on it is the one of this session."""
+        old, new = self._dialogue, connection.dialogue
+        new.stopper.keep_spinning = self._keep_spinning
+        for tap in old.taps:
+            new.add_tap(tap)
+        # The new finalizer first: a KeyboardInterrupt may come between the two.
+        former, self._abandoned = (
+            self._abandoned,
+            weakref.finalize(self, _abandon, new, self._scanner, self._reconnector),
+        )
+        former.detach()
+        self._former += old.stats
+        self._former_keepalives += old.repeated
+        self._former_protection_stops += old.protection_stops
+        # What was incomplete when the line was lost will never be complete.
+        self._former.skipped_bytes += old.buffered
+        self.info, self._scanner.inquiry.health = connection.info, health
+        self._dialogue, self._device, self._timing = new, connection.device, connection.family.timing
+        self._scanner.adopt(new, connection.device)
+        if self._reconnector is not None and not self.is_scanning:
+            self._reconnector.proven()
+
+    def _remember(self, name: str, script: Callable[[Device], Script[object]]) -> None:
+        """A device that comes back shall be set to this again."""
+        if self._reconnector is not None:
+            self._reconnector.settings[name] = script
+
     def _open_device(self) -> Device:
         self._check_open()
+        if self._scanner.is_away and self._reconnector is not None:
+            raise self._reconnector.away_error()
         return self._device
 
     def _check_open(self) -> None:
         if self._closed:
             raise SessionClosed(f"the session on {self.source} was closed; open_lidar() makes a new one")
-        if self._dialogue.fatal is not None:
-            raise twin_of(self._dialogue.fatal)
+        fatal = self._scanner.over or (None if self._scanner.is_away else self._dialogue.fatal)
+        if fatal is not None:
+            raise twin_of(fatal)
         if self._loop.is_closed():
             raise SessionClosed(f"the event loop in which the session on {self.source} was opened is closed")
         self._check_loop()
@@ -352,7 +418,22 @@ def _running_loop() -> asyncio.AbstractEventLoop | None:
         return None
 
 
-def _abandon(dialogue: Dialogue, scanner: Scanner) -> None:
+def _if_alive(adopt: Callable[[Connection, Health], None]) -> Callable[[Connection, Health], bool]:
+    """As `adopt`, a method, but without keeping its object alive; False when that is gone."""
+    method = weakref.WeakMethod(adopt)
+
+    def call(connection: Connection, health: Health) -> bool:
+        alive = method()
+        if alive is not None:
+            alive(connection, health)
+        return alive is not None
+
+    return call
+
+
+def _abandon(dialogue: Dialogue, scanner: Scanner, reconnector: Reconnector | None) -> None:
     """The session was never closed and nobody holds it any more, or the program ends: leave the device still."""
     scanner.abandon()
     dialogue.abandon()
+    if reconnector is not None:
+        reconnector.abandon()

@@ -13,6 +13,7 @@ from lidario.session.connect import connect
 from lidario.session.discovery import find_source
 from lidario.session.handshake import healthy
 from lidario.session.lidar import Lidar
+from lidario.session.reconnect import Reconnect, Reconnector
 from lidario.source import Source, as_source
 
 if TYPE_CHECKING:
@@ -28,13 +29,20 @@ class OpenLidar:
     """What `open_lidar` returns: a context manager, or something to ``await`` and close by hand."""
 
     def __init__(
-        self, source: Source, family: str | None, baudrate: int | None, latency: float, keep_spinning: bool
+        self,
+        source: Source,
+        family: str | None,
+        baudrate: int | None,
+        latency: float,
+        keep_spinning: bool,
+        reconnect: Reconnect | None = None,
     ) -> None:
         self._source = source
         self._family = family
         self._baudrate = baudrate
         self._latency = latency
         self._keep_spinning = keep_spinning
+        self._reconnect = reconnect
         self._lidar: Lidar | None = None
 
     def __await__(self) -> Generator[object, None, Lidar]:
@@ -67,14 +75,30 @@ class OpenLidar:
                 "lidario needs an asyncio event loop: under trio, run it by anyio.run(main, backend='asyncio')"
             ) from None
         source = await find_source(self._source)
-        connection = await connect(source, self._family, self._baudrate)
+        if self._reconnect is None:
+            return await self._open_on(source, None)
+        simulation = None
+        if source.kind == "sim":
+            from lidario.port.simulated import Simulation
+
+            simulation = Simulation(source, lasting=True)
+        reconnector = Reconnector(self._reconnect, source, simulation, keep_spinning=self._keep_spinning)
+        try:
+            return await self._open_on(source, reconnector)
+        except BaseException:
+            reconnector.release()
+            raise
+
+    async def _open_on(self, source: Source, reconnector: Reconnector | None) -> Lidar:
+        first = connect if reconnector is None else reconnector.connect
+        connection = await first(source, self._family, self._baudrate)
         try:
             if self._keep_spinning and not connection.device.can_keep_spinning:
                 raise Unsupported(
                     f"keep_spinning: the motor of a {connection.info.model} stops with its laser. Open it without"
                 )
             health = await healthy(connection.dialogue, connection.device, connection.family.timing)
-            return Lidar(connection, health, source.text, self._latency, self._keep_spinning)
+            return Lidar(connection, health, source.text, self._latency, self._keep_spinning, reconnector)
         except BaseException:
             await connection.dialogue.close()
             raise
@@ -87,6 +111,7 @@ def open_lidar(
     baudrate: int | None = None,
     latency: float = DEFAULT_LATENCY_S,
     keep_spinning: bool = False,
+    reconnect: bool | Reconnect = False,
 ) -> OpenLidar:
     """Open a device, for use in ``async with`` or with ``await``.
 
@@ -102,6 +127,10 @@ def open_lidar(
             stream runs. With 0 the program is woken for each delivery from shortly before the end of a revolution
             until it has come; before that, at any setting, as seldom as the kernel's buffer allows.
         keep_spinning: Leave the motor on when the session ends; only the measuring stops.
+        reconnect: Come back when the device is unplugged, restarts, falls silent or protects itself: find it again
+            by its own serial number, set it as it was set, and go on in the same streams. True comes back for as
+            long as it takes; a `Reconnect` says how long. See `docs/reconnect.md`. It is about a device that was
+            open: the first opening fails as without it.
 
     Raises:
         ConnectFailed: No such port, no permission, busy, silent, or ambiguous; each says which, and the cure.
@@ -112,4 +141,5 @@ def open_lidar(
     """
     where = as_source(source)
     check_source(where, family)
-    return OpenLidar(where, family, baudrate, latency, keep_spinning)
+    policy = reconnect if isinstance(reconnect, Reconnect) else Reconnect() if reconnect else None
+    return OpenLidar(where, family, baudrate, latency, keep_spinning, policy)

@@ -7,6 +7,9 @@ Where the stream stands is one `State`, and every step is in the table of `state
 One operation at a time talks to the device and holds the lock: the start of a stream, a query, a reset. Stopping
 does not wait for it. `leave` and `stop` end a start in progress at once, and the stop requests are written as
 soon as the device listens. `close` ends every operation at once.
+
+Where the session comes back by itself (`lidario.session.reconnect`), a lost line ends neither the readers nor the
+session: operations fail, readers wait, and `adopt` has the stream started again on the new line.
 """
 
 from __future__ import annotations
@@ -20,11 +23,12 @@ import anyio
 
 from lidario.errors import (
     DeviceFault,
+    DeviceLost,
     InternalError,
     LidarError,
     LocalProtocolError,
+    RemoteProtocolError,
     ResponseTimeout,
-    SessionClosed,
     StreamFailed,
     Unsupported,
 )
@@ -48,6 +52,8 @@ _log = logging.getLogger("lidario")
 
 LEAVE_TIMEOUT_S = 2.0
 STOP_ATTEMPTS = 3
+_CURABLE = (DeviceLost, StreamFailed, ResponseTimeout, DeviceFault, RemoteProtocolError)
+"""What a new line to the same device may cure; not what the user or lidario did wrong."""
 
 
 class _Stopped(LidarError):
@@ -61,12 +67,16 @@ class Scanner:
         totals: Counters since the session was opened.
         latest: The last scan, or None.
         inquiry: Asks the device when a stream fails.
+        come_back: Called with the reason, and the number of scans so far, when the line to the device is no good
+            any more; then `adopt` is expected, or `end`. None where such an error ends the streams or the session.
     """
 
     def __init__(self, dialogue: Dialogue, device: Device, latency: float) -> None:
         self._readers = Readers(self._deserted)
         self.totals: Totals = Totals(AssemblerStats())
         self.latest: Scan | None = None
+        self.come_back: Callable[[LidarError, int], None] | None = None
+        self._continued: Scan | None = None
         self._dialogue = dialogue
         self._device = device
         self._latency = latency
@@ -79,12 +89,11 @@ class Scanner:
         self._worker: asyncio.Task[None] | None = None
         self._worker_has_lock = False
         self._modes: tuple[ScanMode, ...] = ()
-        self._over: SessionClosed | None = None
+        self._over: LidarError | None = None
         self._trouble = Trouble(_log)
         self._failure: Failure | None = None
         self.inquiry: Inquiry = Inquiry(dialogue, device, self.totals, self._trouble)
-        dialogue.on_lost = self._lost
-        dialogue.stopper.on_still = self._still
+        self._attach()
 
     @property
     def hub(self) -> Hub:
@@ -99,7 +108,17 @@ class Scanner:
     @property
     def is_scanning(self) -> bool:
         """Whether a stream runs, or is about to."""
-        return self._state in (State.STARTING, State.RUNNING, State.INTERRUPTED)
+        return self._state in (State.STARTING, State.RUNNING, State.INTERRUPTED, State.AWAITED)
+
+    @property
+    def over(self) -> LidarError | None:
+        """What `end` ended the session with, if it did."""
+        return self._over
+
+    @property
+    def is_away(self) -> bool:
+        """Whether there is no line to the device, and the session is about to come back."""
+        return self._state in (State.AWAY, State.AWAITED)
 
     @property
     def mode(self) -> ScanMode | None:
@@ -111,7 +130,7 @@ class Scanner:
     def join(self, mailbox: Mailbox, mode: str | int | None, force: bool) -> None:
         """As `ScanSource`."""
         self._readers.add(mailbox, mode, force)
-        if self._state in (State.IDLE, State.STOPPING):
+        if self._state in (State.IDLE, State.STOPPING, State.AWAY):
             self._ran = False
             self._go(Event.WANT)
         self._work_soon()
@@ -163,8 +182,11 @@ class Scanner:
 
         A `vital` action is one without which no stream can be started: when it fails, the streams end with it.
         """
+        asked = self._dialogue
         async with self._lock:
             self._check_open()
+            if self.is_away or self._dialogue is not asked:
+                raise DeviceLost("the line to the lidar was lost before this request was sent: ask again")
             self._dialogue.begin()
             try:
                 await self._interrupt()
@@ -185,15 +207,20 @@ class Scanner:
         async with self._lock:
             self._check_open()
             self._dialogue.begin()
-            if not self.is_scanning:
-                await self._silence()
+            try:
+                if not self.is_scanning and not self.is_away:
+                    await self._silence()
+            except DeviceLost:
+                if not self.is_away:
+                    raise
+                # It is told to stop as soon as it is back.
 
     def set_zero_offset(self, degrees: float) -> None:
         """Have the stream that runs add another zero-angle offset, clockwise degrees."""
         if self._running is not None:
             self._running.set_zero_offset(degrees)
 
-    def end(self, error: SessionClosed) -> None:
+    def end(self, error: LidarError) -> None:
         """The session is over: end every reader and operation with `error`. The device is not told."""
         if self._over is None:
             self._over = error
@@ -207,6 +234,22 @@ class Scanner:
         """Nobody holds the session any more: let go of every timer. The device is not told."""
         self._readers.cancel_linger()
         self._rest()
+
+    async def unused(self) -> None:
+        """Return when no operation holds the line that was lost. Each has failed by then, so this takes no time."""
+        async with self._lock:
+            pass
+
+    def adopt(self, dialogue: Dialogue, device: Device) -> None:
+        """There is a new line to the device: start the stream on it if one is wanted, else stop the device."""
+        self._dialogue, self._device = dialogue, device
+        self.inquiry.adopt(dialogue, device)
+        self._attach()
+        self._go(Event.RETURN)
+        if self.is_scanning:
+            self._work_soon()
+        else:
+            dialogue.stop_device()
 
     async def ended(self) -> None:
         """Return when the task that starts streams has ended, after `end`."""
@@ -222,7 +265,7 @@ class Scanner:
 
     def _work_soon(self) -> None:
         """Have the worker do what is to be done, if there is anything."""
-        if self._worker is None and self._has_work:
+        if self._worker is None and self._has_work and not self.is_away:
             self._worker = self._loop.create_task(self._work(), name="lidario: start the stream")
 
     async def _work(self) -> None:
@@ -230,6 +273,8 @@ class Scanner:
         try:
             while self._has_work:
                 async with self._lock:
+                    if self.is_away:
+                        return
                     self._dialogue.begin()
                     self._worker_has_lock = True
                     try:
@@ -324,7 +369,9 @@ class Scanner:
         self._running.begin()
 
     def _could_not_start(self, error: LidarError) -> None:
-        """Tell everybody who waits for the stream."""
+        """Tell everybody who waits for the stream, unless the session comes back."""
+        if self._depart(error):
+            return
         if self._ran:
             failure = StreamFailed(f"the stream could not be started again: {error}")
             failure.__cause__ = error
@@ -332,6 +379,37 @@ class Scanner:
         self._readers.end(error)
         if self.is_scanning:
             self._unwant()
+
+    # ------------------------------------------------------------------------------------------------ the line
+
+    def _attach(self) -> None:
+        self._dialogue.on_lost = self._lost
+        self._dialogue.stopper.on_still = self._still
+
+    def _depart(self, error: LidarError) -> bool:
+        """Let go of the line, if the session can come back from `error`; readers go on waiting.
+
+        False where it cannot: then `error` ends the streams, or the session.
+        """
+        if self.is_away:
+            return True
+        if self.come_back is None or self._over is not None or not isinstance(error, _CURABLE):
+            return False
+        if not self.is_scanning and not isinstance(error, DeviceLost):
+            return False
+        if self._continued is not None:
+            self.totals.assembled.leave_off(self._continued)
+        self._go(Event.LOSE)
+        self._failure = None
+        self._rest()
+        self._dialogue.on_lost = self._dialogue.stopper.on_still = None
+        # Where the line still works, those who wait for a response must not wait for a device that is being left.
+        lost = error if isinstance(error, DeviceLost) else DeviceLost(f"the line to the lidar is given up: {error}")
+        if lost is not error:
+            lost.__cause__ = error
+        self._dialogue.fail(lost)
+        self.come_back(error, self.totals.assembled.scans)
+        return True
 
     # ------------------------------------------------------------------------------------------------ steps
 
@@ -367,7 +445,7 @@ class Scanner:
         if self._state is State.CLOSED:
             return
         self._go(Event.UNWANT)
-        self._wanted = self._failure = None
+        self._wanted = self._failure = self._continued = self.totals.assembled.left_off = None
         self._readers.cancel_linger()
         self._rest()
         if self._worker_has_lock:
@@ -387,7 +465,7 @@ class Scanner:
             self._go(Event.STILL)
 
     def _publish(self, scan: Scan) -> None:
-        self.latest = scan
+        self.latest = self._continued = scan
         self.hub.publish(scan)
 
     def _suspect(self, failure: Failure) -> None:
@@ -400,13 +478,17 @@ class Scanner:
             self._work_soon()
 
     def _fail(self, error: StreamFailed | DeviceFault) -> None:
-        """End the stream for everybody; the session goes on."""
+        """End the stream for everybody, unless the session comes back; the session goes on."""
+        if self._depart(error):
+            return
         self._trouble.tell("the stream ended: %s", error)
         self._readers.end(error)
         self._unwant()
 
     def _lost(self, error: LidarError) -> None:
-        """The port died, or we failed: the session is over."""
+        """The port died, or we failed: the session is over, unless it comes back."""
+        if self._depart(error):
+            return
         self._trouble.tell("the session ended: %s", error)
         self._readers.end(error)
         self._readers.cancel_linger()

@@ -11,10 +11,17 @@
 
     unwant leads from STARTING, RUNNING and INTERRUPTED to STOPPING; close leads from everywhere to CLOSED.
 
+                lose                   lose
+        IDLE, STOPPING ──> AWAY       STARTING, RUNNING, INTERRUPTED ──> AWAITED
+                            │  want: AWAY ──> AWAITED, unwant: AWAITED ──> AWAY    │
+        IDLE <── return ────┘                           STARTING <── return ───────┘
+
 * IDLE: no stream is wanted.
 * STARTING: a stream is wanted and its start is under way, or waits until the device is free.
 * RUNNING: packets flow, or will as soon as the rotor is up to speed.
 * INTERRUPTED: a stream is wanted, but the device was stopped so that it can be asked something.
+* AWAY: there is no line to the device until the session has found it again (`reconnect`); no stream is wanted.
+* AWAITED: the same, and a stream is wanted.
 * STOPPING: no stream is wanted any more; the stop requests wait until the device listens.
 * CLOSED: the session is over.
 
@@ -38,6 +45,8 @@ class State(Enum):
     RUNNING = "running"
     INTERRUPTED = "interrupted"
     STOPPING = "stopping"
+    AWAY = "away"
+    AWAITED = "awaited"
     CLOSED = "closed"
 
 
@@ -50,17 +59,27 @@ class Event(Enum):
     RESUME = "the device was asked and is free again"
     UNWANT = "nobody wants scans any more"
     STILL = "the stop requests were written"
+    LOSE = "the line to the device is no good any more"
+    RETURN = "there is a new line to the device"
     CLOSE = "the session ends"
 
 
 _S, _E = State, Event
 
 TRANSITIONS: Final[dict[State, dict[Event, State]]] = {
-    _S.IDLE: {_E.WANT: _S.STARTING, _E.UNWANT: _S.STOPPING, _E.CLOSE: _S.CLOSED},
-    _S.STARTING: {_E.STARTED: _S.RUNNING, _E.UNWANT: _S.STOPPING, _E.CLOSE: _S.CLOSED},
-    _S.RUNNING: {_E.INTERRUPT: _S.INTERRUPTED, _E.UNWANT: _S.STOPPING, _E.CLOSE: _S.CLOSED},
-    _S.INTERRUPTED: {_E.RESUME: _S.STARTING, _E.UNWANT: _S.STOPPING, _E.CLOSE: _S.CLOSED},
-    _S.STOPPING: {_E.STILL: _S.IDLE, _E.WANT: _S.STARTING, _E.UNWANT: _S.STOPPING, _E.CLOSE: _S.CLOSED},
+    _S.IDLE: {_E.WANT: _S.STARTING, _E.UNWANT: _S.STOPPING, _E.LOSE: _S.AWAY, _E.CLOSE: _S.CLOSED},
+    _S.STARTING: {_E.STARTED: _S.RUNNING, _E.UNWANT: _S.STOPPING, _E.LOSE: _S.AWAITED, _E.CLOSE: _S.CLOSED},
+    _S.RUNNING: {_E.INTERRUPT: _S.INTERRUPTED, _E.UNWANT: _S.STOPPING, _E.LOSE: _S.AWAITED, _E.CLOSE: _S.CLOSED},
+    _S.INTERRUPTED: {_E.RESUME: _S.STARTING, _E.UNWANT: _S.STOPPING, _E.LOSE: _S.AWAITED, _E.CLOSE: _S.CLOSED},
+    _S.STOPPING: {
+        _E.STILL: _S.IDLE,
+        _E.WANT: _S.STARTING,
+        _E.UNWANT: _S.STOPPING,
+        _E.LOSE: _S.AWAY,
+        _E.CLOSE: _S.CLOSED,
+    },
+    _S.AWAY: {_E.WANT: _S.AWAITED, _E.UNWANT: _S.AWAY, _E.RETURN: _S.IDLE, _E.CLOSE: _S.CLOSED},
+    _S.AWAITED: {_E.UNWANT: _S.AWAY, _E.RETURN: _S.STARTING, _E.CLOSE: _S.CLOSED},
     _S.CLOSED: {_E.CLOSE: _S.CLOSED},
 }
 """State -> event -> next state. Whatever is not here cannot happen."""

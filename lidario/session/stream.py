@@ -168,7 +168,7 @@ class ScanStream:
     Iteration ends when `Lidar.stop` is called. It raises `StreamFailed` when the device falls silent, makes no
     revolutions or cannot be started, and `DeviceFault` when it has stopped to protect itself and a reset is of no
     use; the session goes on after both. It raises `DeviceLost` when the port died, and `SessionClosed`
-    when the session is closed by another task.
+    when the session is closed by another task. With `open_lidar(reconnect=...)` it waits while the device is away.
 
     Cancelling ``__anext__`` loses no scan, and does not end the stream.
     """

@@ -112,3 +112,15 @@ def test_a_device_that_is_unplugged_is_lost_but_counted() -> None:
     assert scans
     assert f"{len(scans)} scan" in ended.stderr
     assert ended.stderr.splitlines()[-1].startswith("error: ")
+
+
+def test_it_goes_on_after_the_lidar_was_unplugged() -> None:
+    source = "sim://rplidar-s2?via=memory&fault=replug:2s"
+    lost = invoke_driven("scan", source, "-n", "15", "--json")
+    assert lost.exit_code == 5
+    result = invoke_driven("scan", source, "-n", "15", "--json", "--reconnect")
+    assert result.exit_code == 0, result.output
+    numbers = [json.loads(line)["seq"] for line in result.stdout.splitlines()]
+    assert len(numbers) == 15
+    assert numbers[-1] > 20
+    assert "1 reconnect" in result.stderr

@@ -16,6 +16,7 @@ import pytest
 from lidario.model import Stats
 from lidario.revolution.assemble import AssemblerStats
 from lidario.session.lidar import Lidar
+from lidario.session.scanner import Scanner
 from lidario.wire.link import Link
 
 __all__ = ["BYTES", "PACKETS", "Ledgers", "assert_link_closes", "assert_stats_close", "ledgers_made"]
@@ -60,29 +61,34 @@ class Ledgers:
 
     Attributes:
         links: Every link.
-        sessions: Every session: itself as long as it lives, and the counters that outlive it.
+        sessions: Every session: itself as long as it lives, and what outlives it: the links it has had, and the
+            counters.
     """
 
     links: list[Link] = field(default_factory=list)
-    sessions: list[tuple[ref[Lidar], Link, AssemblerStats]] = field(default_factory=list)
+    sessions: list[tuple[ref[Lidar], list[Link], AssemblerStats]] = field(default_factory=list)
 
     def assert_closed(self) -> None:
         """Fail when one of them does not close."""
         for link in self.links:
             assert_link_closes(link)
-        for lidar, link, assembled in self.sessions:
+        for lidar, links, assembled in self.sessions:
             alive = lidar()
             if alive is not None:
                 assert_stats_close(alive.stats)
-            accounted = link.stats.unread_packets + _sum(assembled, PACKETS)
-            assert link.stats.packets == accounted, f"{accounted} packets accounted for in {link.stats} {assembled}"
+            unread = sum(link.stats.unread_packets for link in links)
+            packets = sum(link.stats.packets for link in links)
+            accounted = unread + _sum(assembled, PACKETS)
+            assert packets == accounted, (
+                f"{accounted} packets accounted for in {[link.stats for link in links]} {assembled}"
+            )
 
 
 @contextmanager
 def ledgers_made() -> Iterator[Ledgers]:
     """Collect every link and session that is made in the block, whoever makes it."""
     found = Ledgers()
-    make_link, make_lidar = Link.__init__, Lidar.__init__
+    make_link, make_lidar, adopt = Link.__init__, Lidar.__init__, Scanner.adopt
 
     def link_made(self: Link) -> None:
         make_link(self)
@@ -90,9 +96,16 @@ def ledgers_made() -> Iterator[Ledgers]:
 
     def lidar_made(self: Lidar, *args: Any, **kwargs: Any) -> None:
         make_lidar(self, *args, **kwargs)
-        found.sessions.append((ref(self), self._dialogue._link, self._scanner.totals.assembled))
+        found.sessions.append((ref(self), [self._dialogue._link], self._scanner.totals.assembled))
+
+    def adopted(self: Scanner, dialogue: Any, device: Any) -> None:
+        for _, links, assembled in found.sessions:
+            if assembled is self.totals.assembled:
+                links.append(dialogue._link)
+        adopt(self, dialogue, device)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Link, "__init__", link_made)
         patch.setattr(Lidar, "__init__", lidar_made)
+        patch.setattr(Scanner, "adopt", adopted)
         yield found

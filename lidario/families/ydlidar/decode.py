@@ -247,7 +247,7 @@ def _revolution_packets(samples: float, most: int) -> float:
 
 def _fill(angle: NDArray[np.float32], distance: NDArray[np.float32], packets: Packets, heads: _Heads) -> None:
     """Write degrees, counted on past 360, and millimetres of all samples."""
-    first, way, counts, _ = heads
+    first, way, counts, _, _ = heads
     words = np.frombuffer(packets.data, "<u2")
     at = place = 0
     for size, count in packets.blocks:

@@ -1,0 +1,669 @@
+"""A session with `reconnect` finds its device again and goes on, or gives up at its limit: in driven time."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import itertools
+import logging
+import math
+import re
+import weakref
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lidario import (
+    DeviceLost,
+    InvalidValue,
+    Lidar,
+    LidarError,
+    Reconnect,
+    Scan,
+    ScanStream,
+    SessionClosed,
+    open_lidar,
+)
+from lidario.session.reconnect import Step
+from tests.support.cable import Cable, cable_to
+from tests.support.devices import both_families, left_still, make_rig, names, take
+from tests.support.ledger import assert_stats_close
+from tests.support.loop import DrivenLoop, driven, run_driven
+
+PROMISE_S = 2.0
+"""Longest time from the moment at which the device responds again to the next scan."""
+ON_THE_WAY_S = [0.001, 0.02, 0.045, 0.06, 0.08, 0.15]
+"""Moments after an attempt has begun: it is asked what it is, then how it is, then it scans."""
+MODES = {"rplidar": "Standard", "ydlidar": None}
+
+
+def now() -> float:
+    return asyncio.get_running_loop().time()
+
+
+def now_ns() -> int:
+    return round(now() * 1e9)
+
+
+async def next_attempt(cable: Cable, after_s: float) -> None:
+    """Return so long after the next attempt to reach the device was begun."""
+    attempts = len(cable.attempts)
+    async with asyncio.timeout(5.0):
+        while len(cable.attempts) == attempts:
+            await asyncio.sleep(0.001)
+    await asyncio.sleep(after_s)
+
+
+async def next_after(stream: ScanStream, moment: float) -> Scan:
+    """The first scan that was measured after `moment`."""
+    while True:
+        scan = await asyncio.wait_for(anext(stream), 30.0)
+        if scan.stamp_ns > moment * 1e9:
+            return scan
+
+
+@both_families
+@driven
+async def test_it_goes_on_after_the_cable_was_pulled_out(family: str) -> None:
+    rig = make_rig(family)
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True) as lidar:
+            async with lidar.scans(MODES[family]) as stream:
+                last = [await anext(stream) for _ in range(3)][-1]
+                cable.pull()
+                pulled = now()
+                await asyncio.sleep(3.0)
+                assert (lidar.is_connected, lidar.is_scanning, lidar.stats.reconnects) == (False, True, 0)
+                cable.plug()
+                responds = now() + rig.device.boot_s
+                first = await next_after(stream, pulled)
+                assert now() <= responds + PROMISE_S
+                second = await anext(stream)
+                assert (lidar.is_connected, lidar.stats.reconnects) == (True, 1)
+                assert_stats_close(lidar.stats)
+            assert first.mode == last.mode
+            assert math.isclose(first.rpm, last.rpm, rel_tol=0.05)
+            # The gap can be seen: the number jumps by as many revolutions as the rotor would have made.
+            gap_s = (first.stamp_ns - last.stamp_ns) * 1e-9
+            assert abs(first.seq - last.seq - gap_s / rig.turn_s) <= 2
+            assert second.seq == first.seq + 1
+            assert lidar.stats.reconnects == 1
+            # A scan may have been dropped while the test slept.
+            assert lidar.stats.missed_scans >= first.seq - last.seq - 2
+            assert lidar.stats.scans + lidar.stats.missed_scans > second.seq
+    assert left_still(rig)
+
+
+def restarts(device: Any) -> None:
+    device.reboot(now_ns())
+
+
+def protects_itself(device: Any) -> None:
+    device.protection_stop(0x8001)
+
+
+def freezes_and_is_switched_off(device: Any) -> None:
+    device.freeze(now_ns())
+    asyncio.get_running_loop().call_later(4.0, lambda: device.reboot(now_ns()))
+
+
+def is_mute_for_a_while(device: Any) -> None:
+    device.mute = True
+    asyncio.get_running_loop().call_later(4.0, lambda: setattr(device, "mute", False))
+
+
+@both_families
+@pytest.mark.parametrize(
+    ("trouble", "responds_s"),
+    [
+        (restarts, 1.0),
+        (protects_itself, 0.0),
+        pytest.param(
+            freezes_and_is_switched_off,
+            5.0,
+            marks=pytest.mark.discards("a frozen device hears nothing, and gives no sign of it"),
+        ),
+        (is_mute_for_a_while, 4.0),
+    ],
+)
+def test_it_goes_on_after(family: str, trouble: Callable[[Any], None], responds_s: float) -> None:
+    async def main() -> None:
+        rig = make_rig(family)
+        async with rig.open(reconnect=True) as lidar:
+            async with lidar.scans() as stream:
+                last = await anext(stream)
+                trouble(rig.device)
+                began = now()
+                first = await next_after(stream, began + 0.5)
+                # Silence is noticed after 0.9 s; a Protection Stop is cured by a reset, which boots for 1 s.
+                silence_s = 0.9 if responds_s < 1 else 0.0
+                boot_s = rig.device.boot_s if trouble is protects_itself else 0.0
+                assert now() <= began + responds_s + silence_s + boot_s + PROMISE_S
+                assert first.seq > last.seq + 5
+            assert lidar.stats.reconnects == 1
+            assert lidar.health.ok
+        assert left_still(rig)
+
+    run_driven(main)
+
+
+@driven
+async def test_a_setting_is_made_again() -> None:
+    rig = make_rig("ydlidar")
+    rig.device.zero_offset = 40
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True) as lidar:
+            await lidar.set_power_down_protection(True)
+            await lidar.set_scan_frequency(9.0)
+            await lidar.set_zero_offset(True)
+            async with lidar.scans() as stream:
+                before = await anext(stream)
+                cable.pull()
+                cable.plug()
+                pulled = now()
+                rig.device.zero_offset = 80
+                after = await next_after(stream, pulled)
+                assert math.isclose(after.rpm, 540, rel_tol=0.03)
+                assert after.seam != before.seam
+                # Without the keepalives it would stop by itself after three seconds.
+                await next_after(stream, now() + 5.0)
+                assert lidar.stats.keepalives >= 4
+            assert lidar.stats.reconnects == 1
+
+
+@driven
+async def test_speed_and_mode_are_those_of_before() -> None:
+    rig = make_rig("rplidar")
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True) as lidar:
+            await lidar.set_scan_frequency(12.0)
+            async with lidar.scans("Standard") as stream, lidar.scans() as other:
+                await anext(stream)
+                cable.pull()
+                cable.plug()
+                pulled = now()
+                for each in (stream, other):
+                    scan = await next_after(each, pulled)
+                    assert scan.mode == "Standard"
+                    assert math.isclose(scan.rpm, 720, rel_tol=0.03)
+            assert await lidar.get_scan_frequency() == 12.0
+            # A device that comes back while nothing is wanted takes its settings, too.
+            cable.pull()
+            cable.plug()
+            await asyncio.sleep(3.0)
+            assert lidar.stats.reconnects == 2
+            scan = await lidar.scan("Standard")
+            assert math.isclose(scan.rpm, 720, rel_tol=0.03)
+
+
+@both_families
+@driven
+async def test_another_lidar_on_the_same_port_is_not_taken_for_it(
+    family: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    rig, other = make_rig(family), make_rig(family, seed=7)
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True) as lidar:
+            serial = lidar.info.serial
+            async with lidar.scans() as stream:
+                await anext(stream)
+                cable.pull()
+                cable.plug(other.device)
+                await asyncio.sleep(5.0)
+                assert not lidar.is_connected
+                told = [each.message for each in caplog.records if "another lidar" in each.message]
+                assert len(told) == 1, "said once, not at each attempt"
+                assert serial in told[0]
+                assert not any("scan" in name for name in names(other))
+                cable.pull()
+                cable.plug()
+                await next_after(stream, now())
+                assert lidar.info.serial == serial
+    assert not other.device.scanning
+    assert not other.device.motor_on
+    assert left_still(rig)
+
+
+@both_families
+@driven
+async def test_it_gives_up_at_the_limit_with_the_first_error(family: str) -> None:
+    rig = make_rig(family)
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=Reconnect(limit_s=10.0)) as lidar:
+            async with lidar.scans() as stream:
+                await anext(stream)
+                cable.pull()
+                began = now()
+                with pytest.raises(DeviceLost, match=r"did not come back within 10 s .*no such port") as caught:
+                    await read_to_the_end(stream)
+            assert math.isclose(now() - began, 10.0, abs_tol=0.2)
+            chain = [caught.value, *causes(caught.value)]
+            assert any("unplugged" in str(each) for each in chain[1:])
+            with pytest.raises(DeviceLost, match="did not come back"):
+                await lidar.get_health()
+            with pytest.raises(DeviceLost, match="did not come back"):
+                await anext(lidar.scans())
+            assert not lidar.is_connected
+            # It backs off: the waits grow, up to half a second.
+            waits = [after - before for before, after in itertools.pairwise(cable.attempts[1:])]
+            assert waits == sorted(waits)
+            assert math.isclose(waits[0], 0.1, abs_tol=0.01)
+            assert math.isclose(waits[-1], 0.5, abs_tol=0.01)
+
+
+def causes(error: BaseException) -> list[BaseException]:
+    found = []
+    cause = error.__cause__
+    while cause is not None:
+        found.append(cause)
+        cause = cause.__cause__
+    return found
+
+
+@both_families
+@driven
+async def test_a_device_that_responds_but_never_scans_does_not_put_the_limit_off(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open(reconnect=Reconnect(limit_s=30.0)) as lidar:
+        async with lidar.scans() as stream:
+            await anext(stream)
+            rig.device.reboot(now_ns())
+            rig.device.spin_up_s = 1e6
+            began = now()
+            with pytest.raises(DeviceLost, match="did not come back within 30 s"):
+                await read_to_the_end(stream)
+        # A start that is under way at the limit is waited for: five seconds without a packet.
+        assert now() - began < 37.0
+        assert 2 < lidar.stats.reconnects < 20
+    assert left_still(rig)
+
+
+@both_families
+@driven
+async def test_questions_end_at_once_while_it_is_away(family: str) -> None:
+    rig = make_rig(family)
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True) as lidar:
+            modes = await lidar.get_modes()
+            async with lidar.scans() as stream:
+                await anext(stream)
+                asked = asyncio.ensure_future(lidar.get_health())
+                waits = asyncio.ensure_future(lidar.get_info())
+                await asyncio.sleep(0.0005)
+                cable.pull()
+                began = now()
+                for question in (asked, waits):
+                    with pytest.raises(DeviceLost):
+                        await question
+                for call in (lidar.get_health, lidar.get_scan_frequency, lidar.reset):
+                    with pytest.raises(DeviceLost, match=r"has been away for .* ask again") as caught:
+                        await call()
+                    assert any("unplugged" in str(each) for each in causes(caught.value))
+                with pytest.raises(DeviceLost):
+                    await lidar.set_scan_frequency(8.0)
+                assert now() - began < 0.1
+                assert await lidar.get_modes() == modes
+                assert "away" in repr(lidar)
+                cable.plug()
+                await next_after(stream, began)
+                assert (await lidar.get_health()).ok
+
+
+@both_families
+@driven
+async def test_a_stream_that_is_begun_while_it_is_away_waits(family: str) -> None:
+    rig = make_rig(family)
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True) as lidar:
+            cable.pull()
+            await asyncio.sleep(1.0)
+            assert not lidar.is_connected
+            waiting = asyncio.ensure_future(lidar.scan())
+            await asyncio.sleep(1.0)
+            assert not waiting.done()
+            assert lidar.is_scanning
+            cable.plug()
+            scan = await asyncio.wait_for(waiting, 5.0)
+            assert scan.seq == 0, "nothing was read before, so nothing was missed"
+    assert left_still(rig)
+
+
+@both_families
+@pytest.mark.parametrize("returns", [True, False])
+def test_stop_while_it_is_away(family: str, returns: bool) -> None:
+    async def main() -> None:
+        rig = make_rig(family)
+        with cable_to(rig) as cable:
+            async with rig.open(reconnect=True) as lidar:
+                stream = lidar.scans()
+                await anext(stream)
+                reader = asyncio.ensure_future(read_to_the_end(stream))
+                cable.pull()
+                await asyncio.sleep(1.0)
+                began = now()
+                await lidar.stop()
+                assert now() - began < 0.1
+                await reader
+                assert not lidar.is_scanning
+                if returns:
+                    cable.plug(boots=False)  # it had power all the time, and goes on scanning
+                    assert rig.device.scanning
+                    await asyncio.sleep(3.0)
+                    assert lidar.is_connected
+                    assert left_still(rig)
+                    assert len(await take(lidar, 2)) == 2
+
+    run_driven(main)
+
+
+async def read_to_the_end(stream: ScanStream) -> None:
+    async with asyncio.timeout(60.0):
+        async for _ in stream:
+            pass
+
+
+@both_families
+@driven
+async def test_the_stop_requests_go_to_the_new_port(family: str) -> None:
+    rig = make_rig(family)
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True) as lidar:
+            async for scan in lidar.scans():
+                if scan.seq == 1:
+                    cable.pull()
+                    cable.plug()
+                elif lidar.stats.reconnects:
+                    break
+            assert rig.device.scanning
+        assert left_still(rig)
+
+
+@driven
+async def test_the_motor_that_shall_go_on_does() -> None:
+    rig = make_rig("rplidar")
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True, keep_spinning=True) as lidar, lidar.scans() as stream:
+            await anext(stream)
+            cable.pull()
+            cable.plug(boots=False)
+            await next_after(stream, now())
+        assert rig.device.motor_on
+        assert not rig.device.scanning
+
+
+@pytest.mark.parametrize("after_s", ON_THE_WAY_S)
+def test_nor_is_it_stopped_when_the_session_is_closed_on_the_way(after_s: float) -> None:
+    async def main() -> None:
+        rig = make_rig("rplidar")
+        with cable_to(rig) as cable:
+            async with rig.open(reconnect=True, keep_spinning=True) as lidar:
+                await lidar.scan()
+                cable.pull()
+                await asyncio.sleep(2.0)
+                cable.plug(boots=False)
+                await next_attempt(cable, after_s)
+        assert rig.device.motor_on
+        assert not rig.device.scanning
+
+    run_driven(main)
+
+
+@both_families
+@pytest.mark.parametrize("after_s", ON_THE_WAY_S)
+def test_the_loop_is_closed_on_the_way(family: str, after_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = make_rig(family)
+    loop = DrivenLoop()
+    monkeypatch.setattr("lidario.port.port.time.sleep", loop.block)
+
+    async def main() -> Lidar:
+        lidar = await rig.open(reconnect=True)
+        stream = lidar.scans()
+        await anext(stream)
+        cable.pull()
+        await asyncio.sleep(2.0)
+        cable.plug(boots=False)
+        await next_attempt(cable, after_s)
+        return lidar
+
+    with cable_to(rig) as cable:
+        lidar = loop.run_until_complete(main())
+        loop.close()
+        del lidar
+        gc.collect()
+    assert left_still(rig)
+
+
+@driven
+async def test_taps_see_the_new_line() -> None:
+    rig = make_rig("rplidar")
+    seen: list[str] = []
+
+    def tap(direction: str, data: bytes, now: int) -> None:
+        seen.append(direction)
+
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True) as lidar:
+            lidar.tap(tap)
+            async with lidar.scans() as stream:
+                await anext(stream)
+                cable.pull()
+                seen.clear()
+                cable.plug()
+                await next_after(stream, now())
+                assert {"in", "out"} <= set(seen)
+                lidar.untap(tap)
+                seen.clear()
+                await anext(stream)
+                assert not seen
+
+
+@both_families
+@pytest.mark.parametrize("after_s", ON_THE_WAY_S)
+def test_a_session_that_nobody_holds_any_more_ends_while_it_is_away(family: str, after_s: float) -> None:
+    async def main() -> None:
+        rig = make_rig(family)
+        with cable_to(rig) as cable:
+            lidar = await rig.open(reconnect=True)
+            await lidar.scan()
+            gone = weakref.ref(lidar)
+            cable.pull()
+            await asyncio.sleep(3.0)
+            cable.plug(boots=False)
+            await next_attempt(cable, after_s)
+            del lidar
+            gc.collect()
+            assert gone() is None
+            await asyncio.sleep(3.0)
+            attempts = len(cable.attempts)
+            await asyncio.sleep(3.0)
+            assert len(cable.attempts) == attempts
+            assert left_still(rig)
+
+    run_driven(main)
+
+
+@driven
+async def test_two_sessions_come_back_at_once() -> None:
+    rigs = [make_rig(family) for family in ("rplidar", "ydlidar")]
+    with cable_to(rigs[0]) as first, cable_to(rigs[1]) as second:
+        async with rigs[0].open(reconnect=True) as one, rigs[1].open(reconnect=True) as two:
+            a, b = one.scans(), two.scans()
+            await asyncio.gather(anext(a), anext(b))
+            for cable in (first, second):
+                cable.pull()
+            await asyncio.sleep(2.0)
+            for cable in (first, second):
+                cable.plug()
+            pulled = now()
+            await asyncio.gather(next_after(a, pulled), next_after(b, pulled))
+            assert now() < pulled + 1.0 + PROMISE_S
+    assert left_still(rigs[0])
+    assert left_still(rigs[1])
+
+
+@both_families
+@driven
+async def test_a_program_that_blocks_its_loop_meanwhile(family: str) -> None:
+    rig = make_rig(family)
+    loop = asyncio.get_running_loop()
+    assert isinstance(loop, DrivenLoop)
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True) as lidar, lidar.scans() as stream:
+            await anext(stream)
+            cable.pull()
+            cable.plug()
+            for _ in range(12):
+                loop.block(0.7)
+                await asyncio.sleep(0.01)
+            await next_after(stream, now())
+            assert lidar.stats.reconnects >= 1
+    assert left_still(rig)
+
+
+@both_families
+@pytest.mark.exhaustive("points", sample=[8], full=[60])
+def test_the_cable_is_pulled_out_again_at_every_step_of_coming_back(family: str, points: int) -> None:
+    async def main(step: int) -> int:
+        rig = make_rig(family)
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, DrivenLoop)
+        with cable_to(rig) as cable:
+            async with rig.open(reconnect=True) as lidar, lidar.scans() as stream:
+                await anext(stream)
+                cable.pull()
+                cable.plug()
+                first = loop.turns
+
+                def act(turn: int) -> None:
+                    if turn == first + step:
+                        cable.pull()
+                        cable.plug()
+
+                loop.at_turn = act if step else None
+                async with asyncio.timeout(30.0):
+                    while lidar.stats.reconnects == 0 or loop.turns < first + step:
+                        await asyncio.sleep(0.05)
+                await next_after(stream, now())
+                await next_after(stream, now() + 1.0)
+                turns = loop.turns - first
+                loop.at_turn = None
+        assert left_still(rig)
+        return turns
+
+    turns = run_driven(lambda: main(0))
+    for step in range(1, turns, max(1, turns // points)):
+        run_driven(lambda step=step: main(step))  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("model", ["rplidar-s2", "ydlidar-4ros"])
+@driven
+async def test_a_source_with_faults_comes_back(model: str) -> None:
+    async with open_lidar(f"sim://{model}?via=memory&fault=replug:3s", reconnect=True) as lidar:
+        async with lidar.scans() as stream:
+            await asyncio.sleep(0)
+            scans = [await anext(stream) for _ in range(30)]
+        assert lidar.stats.reconnects == 1
+        jumps = [after.seq - before.seq for before, after in itertools.pairwise(scans)]
+        assert sum(jump > 5 for jump in jumps) == 1
+
+
+@driven
+async def test_without_it_a_lost_device_ends_the_session() -> None:
+    async with open_lidar("sim://rplidar-s2?via=memory&fault=replug:3s") as lidar:
+        with pytest.raises(DeviceLost, match="unplugged"):
+            async for _ in lidar.scans():
+                assert lidar.is_connected
+        assert not lidar.is_connected
+        with pytest.raises(DeviceLost, match="unplugged"):
+            await lidar.get_health()
+
+
+@driven
+async def test_the_first_opening_fails_as_without_it() -> None:
+    rig = make_rig("rplidar")
+    with cable_to(rig) as cable:
+        cable.pull()
+        with pytest.raises(LidarError, match="no such port"):
+            await rig.open(reconnect=True)
+
+
+@driven
+async def test_a_closed_session_stays_closed() -> None:
+    rig = make_rig("rplidar")
+    with cable_to(rig) as cable:
+        lidar = await rig.open(reconnect=True)
+        cable.pull()
+        await asyncio.sleep(1.0)
+        await asyncio.wait_for(lidar.close(), 2.0)
+        cable.plug()
+        attempts = len(cable.attempts)
+        await asyncio.sleep(5.0)
+        assert len(cable.attempts) == attempts
+        with pytest.raises(SessionClosed):
+            await lidar.get_health()
+
+
+@driven
+async def test_a_mistake_of_ours_ends_the_session(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = make_rig("rplidar")
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True) as lidar:
+
+            async def fail(*_: object) -> None:
+                raise ZeroDivisionError
+
+            monkeypatch.setattr("lidario.session.places.Places.candidates", fail)
+            async with lidar.scans() as stream:
+                await anext(stream)
+                cable.pull()
+                with pytest.raises(LidarError, match="please report this"):
+                    await read_to_the_end(stream)
+
+
+def test_the_documented_programs_run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "reconnect.md").read_text(encoding="utf-8")
+    programs = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    assert len(programs) == 2
+    monkeypatch.setattr("asyncio.events.new_event_loop", DrivenLoop)
+    for program in programs:
+        exec(program.replace("?fault", "?via=memory&fault"), {})
+    assert "revolutions missing, 1 reconnects" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"limit_s": 0},
+        {"limit_s": math.nan},
+        {"limit_s": "soon"},
+        {"first_wait_s": 0},
+        {"first_wait_s": 1.0, "longest_wait_s": 0.5},
+        {"longest_wait_s": math.inf},
+    ],
+)
+def test_a_policy_that_cannot_be_right_is_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(InvalidValue, match="the limit and the waits"):
+        Reconnect(**wrong)
+
+
+@driven
+async def test_what_happens_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "lidario")
+    rig = make_rig("rplidar")
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True) as lidar:
+            cable.pull()
+            await asyncio.sleep(60.0)
+            assert lidar._reconnector is not None
+            assert lidar._reconnector.step is Step.WAITING
+            cable.plug()
+            await asyncio.sleep(3.0)
+    told = [each.message for each in caplog.records]
+    assert [message.partition(":")[0] for message in told] == [
+        "the line to the lidar is lost, and the session comes back",
+        "the lidar is not back yet",
+        told[-1],
+    ]
+    assert "is back on memory, after 6" in told[-1]

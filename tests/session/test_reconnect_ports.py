@@ -1,0 +1,149 @@
+"""Coming back through the kernel, at true pace: a link, another name, a port that is held, a network connection.
+
+What happens at each step is in `test_reconnect` on a driven clock. Here the threads, the kernel and the clock are
+real, and so are the names of ports.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from functools import partial
+from pathlib import Path
+
+import pytest
+import serial
+
+from lidario import DeviceLost, Reconnect, Scan, ScanStream, open_lidar
+from lidario.port.background import run_in_thread
+from lidario.session.discovery import PortInfo
+from lidario.sim.serve import TcpServer
+from tests.cli.processes import served
+from tests.support.children import is_still, requests, until
+from tests.support.devices import make_rig
+from tests.support.terminals import WaitingPtyServer
+
+BOUND_S = 30.0
+PROMISE_S = 2.0
+BOOT_S = 0.5
+GAP_S = 0.2
+
+
+async def first_scan_of_the_new_line(stream: ScanStream, after_ns: int) -> Scan:
+    async with asyncio.timeout(BOUND_S):
+        async for scan in stream:
+            if scan.stamp_ns > after_ns:
+                return scan
+    raise AssertionError("the stream ended")
+
+
+@pytest.mark.parametrize("family", ["rplidar", "ydlidar"])
+async def test_within_two_seconds_through_a_link(family: str, tmp_path: Path) -> None:
+    device = make_rig(family).device
+    device.boot_s = BOOT_S
+    path = tmp_path / "usb-CP2102_0001-if00-port0"
+    with WaitingPtyServer(device) as server:
+        server.link(path)
+        async with open_lidar(str(path), family=family, reconnect=True) as lidar, lidar.scans() as stream:
+            last = await anext(stream)
+            name = server.path
+            await run_in_thread(lambda: server.replug(GAP_S))
+            pulled = time.monotonic_ns()
+            await run_in_thread(lambda: until(server.plugged.is_set))
+            responds = time.monotonic() + BOOT_S
+            assert server.path != name
+            scan = await first_scan_of_the_new_line(stream, pulled)
+            assert time.monotonic() < responds + PROMISE_S
+            assert scan.seq > last.seq + 2
+            assert lidar.stats.reconnects == 1
+        until(lambda: is_still(server))
+
+
+@pytest.mark.parametrize("by", ["id", "path"])
+async def test_under_another_name_held_for_a_while_beside_other_ports(
+    by: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = make_rig("rplidar").device
+    device.boot_s = BOOT_S
+    with WaitingPtyServer(device) as server, served("rplidar-s1") as bystander:
+        first = server.path
+
+        def listed() -> list[PortInfo]:
+            paths = [bystander.path, *([server.path] if server.plugged.is_set() else [])]
+            return [PortInfo(path, "", "CP2102", "") for path in paths]
+
+        monkeypatch.setattr("lidario.session.discovery.list_serial_ports", listed)
+        source = f"id:{device.serial.hex()}" if by == "id" else first
+        async with open_lidar(source, reconnect=True) as lidar, lidar.scans() as stream:
+            await anext(stream)
+            asked = len(requests(bystander))
+            await run_in_thread(lambda: server.replug(GAP_S))
+            pulled = time.monotonic_ns()
+            await run_in_thread(lambda: until(server.plugged.is_set))
+            assert server.path != first
+            with serial.Serial(server.path, exclusive=True):
+                # Another program looks at the new port first, as ModemManager does.
+                await asyncio.sleep(2 * BOOT_S)
+                assert not lidar.is_connected
+            freed = time.monotonic()
+            await first_scan_of_the_new_line(stream, pulled)
+            assert time.monotonic() < freed + PROMISE_S
+            assert len(requests(bystander)) == asked, "a port that was there all the time is not written to"
+            # And once more: now it is known where it was last.
+            await run_in_thread(lambda: server.replug(GAP_S))
+            await first_scan_of_the_new_line(stream, time.monotonic_ns())
+            assert lidar.stats.reconnects == 2
+        until(lambda: is_still(server))
+
+
+async def test_two_that_change_their_names_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    rigs = [make_rig("rplidar", seed=seed) for seed in (1, 2)]
+    for rig in rigs:
+        rig.device.boot_s = BOOT_S
+    with WaitingPtyServer(rigs[0].device) as one, WaitingPtyServer(rigs[1].device) as two:
+
+        def listed() -> list[PortInfo]:
+            return [PortInfo(each.path, "", "CP2102", "") for each in (one, two) if each.plugged.is_set()]
+
+        monkeypatch.setattr("lidario.session.discovery.list_serial_ports", listed)
+        policy = Reconnect(limit_s=BOUND_S)
+        async with (
+            open_lidar(one.path, family="rplidar", reconnect=policy) as a,
+            open_lidar(two.path, family="rplidar", reconnect=policy) as b,
+        ):
+            streams = a.scans(), b.scans()
+            await asyncio.gather(*(anext(stream) for stream in streams))
+            await asyncio.gather(*(run_in_thread(partial(each.replug, GAP_S)) for each in (one, two)))
+            pulled = time.monotonic_ns()
+            await asyncio.gather(*(first_scan_of_the_new_line(stream, pulled) for stream in streams))
+            assert [each.info.serial for each in (a, b)] == [rig.device.serial.hex().upper() for rig in rigs]
+        until(lambda: is_still(one) and is_still(two))
+
+
+async def test_a_network_connection_that_was_closed() -> None:
+    device = make_rig("ydlidar").device
+    device.boot_s = BOOT_S
+    with TcpServer(device) as server:
+        source = "tcp://{}:{}".format(*server.address)
+        async with open_lidar(source, family="ydlidar", reconnect=True) as lidar, lidar.scans() as stream:
+            await anext(stream)
+            await run_in_thread(lambda: server.replug(GAP_S))
+            await first_scan_of_the_new_line(stream, time.monotonic_ns())
+            assert lidar.stats.reconnects == 1
+        until(lambda: not device.scanning)
+
+
+@pytest.mark.parametrize("via", ["pty", "tcp"])
+async def test_a_simulated_source_ends_with_the_session(via: str) -> None:
+    source = f"sim://rplidar-s2?via={via}&fault=unplug:1s"
+    async with open_lidar(source, reconnect=Reconnect(limit_s=0.3)) as lidar:
+        with pytest.raises(DeviceLost, match=r"did not come back within 0\.3 s"):
+            async with asyncio.timeout(BOUND_S):
+                await lidar.scan()
+
+
+async def test_a_session_that_is_closed_while_it_is_away_leaves_nothing() -> None:
+    async with open_lidar("sim://rplidar-s2?fault=replug:1s", reconnect=True) as lidar:
+        async with asyncio.timeout(BOUND_S):
+            while lidar.is_connected:
+                await asyncio.sleep(0.01)

@@ -1,0 +1,145 @@
+"""Two tasks at once while a session comes back: one reads, the other acts, at steps of the event loop.
+
+Task A reads while the device is unplugged for a moment, restarts, or stops to protect itself. When the loop has
+gone round so many times, task B stops, closes, cancels A, starts a stream of its own, or asks. After each:
+
+* both have ended, with a result or with the one error that is documented for it;
+* the device scans when a stream is wanted, and hands out scans; it is still when none is;
+* after the session was closed no timer is left (tasks, threads and descriptors: `tests.conftest`).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+
+import pytest
+
+from lidario import DeviceLost, SessionClosed
+from tests.session.test_two_tasks import Scene, b_cancels, b_closes, b_starts, b_stops, both, timers
+from tests.support.cable import Cable, cable_to
+from tests.support.devices import FAMILIES, make_rig
+from tests.support.discards import all_obeyed
+from tests.support.loop import DrivenLoop, run_driven
+
+pytestmark = pytest.mark.discards("a device that restarts or protects itself gives no sign of it")
+
+LONGEST_S = 20.0
+OUT_S = 0.3
+AGAIN_S = 1.5
+GOLDEN = 0.618
+"""Multiples of this, without their whole parts, are spread evenly."""
+MODES = {"rplidar": "Standard", "ydlidar": None}
+"""Slow ones, which are cheap to simulate."""
+Trouble = Callable[[Scene, Cable], None]
+
+
+def is_unplugged(scene: Scene, cable: Cable) -> None:
+    cable.pull()
+    asyncio.get_running_loop().call_later(OUT_S, cable.plug)
+
+
+def restarts(scene: Scene, cable: Cable) -> None:
+    scene.rig.device.reboot(round(asyncio.get_running_loop().time() * 1e9))
+
+
+def protects_itself(scene: Scene, cable: Cable) -> None:
+    scene.rig.device.protection_stop(0x8001)
+
+
+async def b_asks(scene: Scene) -> None:
+    with suppress(DeviceLost):
+        await scene.lidar.get_info()
+
+
+async def b_sets(scene: Scene) -> None:
+    with suppress(DeviceLost):
+        await scene.lidar.set_scan_frequency(8.0, verify=False)
+
+
+TROUBLES: tuple[Trouble, ...] = (is_unplugged, restarts, protects_itself)
+B: tuple[Callable[[Scene], Awaitable[object]], ...] = (b_stops, b_closes, b_cancels, b_starts, b_asks, b_sets)
+
+
+async def cell(family: str, trouble: Trouble, b: Callable[[Scene], Awaitable[object]] | None, step: int) -> int:
+    """One meeting of the two; with no B, how often the loop goes round while A runs."""
+    rig = make_rig(family)
+    rig.device.boot_s = 0.5
+    loop = asyncio.get_running_loop()
+    assert isinstance(loop, DrivenLoop)
+    with cable_to(rig) as cable:
+        lidar = await rig.open(reconnect=True)
+        scene = Scene(rig, lidar)
+        stream = scene.stream(MODES[family])
+        await anext(stream)
+
+        async def a(scene: Scene) -> None:
+            trouble(scene, cable)
+            # A question that is asked while it boots may be what notices that it is back.
+            began = loop.time()
+            while not lidar.stats.reconnects and loop.time() < began + AGAIN_S:
+                await anext(stream)
+
+        before = loop.turns
+        if b is None:
+            await a(scene)
+        else:
+            await both(scene, a, b, step)
+        turns = loop.turns - before
+        await as_it_should_be(scene)
+        await lidar.close()
+        await asyncio.sleep(2.0)
+        gc.collect()
+        assert not rig.device.scanning
+        assert not rig.device.motor_on
+        assert not timers(loop), timers(loop)
+        if trouble is is_unplugged:
+            all_obeyed([rig.device])
+    return turns
+
+
+async def as_it_should_be(scene: Scene) -> None:
+    """The device scans where a stream is wanted, else it is still: some seconds later, when it is back."""
+    lidar, device = scene.lidar, scene.rig.device
+    closed = False
+    try:
+        lidar._check_open()
+        async with asyncio.timeout(LONGEST_S):
+            while not lidar.is_connected:
+                await asyncio.sleep(0.1)
+    except SessionClosed:
+        closed = True
+    if scene.wanted and not closed:
+        assert lidar.is_scanning
+        for stream in scene.wanted:
+            async with asyncio.timeout(LONGEST_S):
+                for _ in range(3):
+                    await anext(stream)
+        assert device.scanning
+    else:
+        await asyncio.sleep(3.0)
+        assert not lidar.is_scanning
+        assert not device.scanning
+        assert not device.motor_on
+
+
+@pytest.mark.exhaustive("points", sample=[1], full=[12])
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("b", B, ids=lambda work: work.__name__)
+@pytest.mark.parametrize("trouble", TROUBLES, ids=lambda work: work.__name__)
+def test_two_tasks_while_it_comes_back(
+    family: str, trouble: Trouble, b: Callable[[Scene], Awaitable[object]], points: int
+) -> None:
+    turns = run_driven(lambda: cell(family, trouble, None, 0))
+    stride = max(1, turns // points)
+    # Each pair begins at another step, so that also a sample goes through the whole of coming back.
+    number = TROUBLES.index(trouble) * len(B) + B.index(b)
+    for step in range(1 + round(stride * (GOLDEN * number % 1.0)), turns + 2, stride):
+        try:
+            run_driven(lambda step=step: cell(family, trouble, b, step))  # type: ignore[misc]
+        except Exception as error:
+            raise AssertionError(
+                f"{trouble.__name__} x {b.__name__} at step {step} of {turns}: {error!r}"
+            ) from error

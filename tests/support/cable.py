@@ -1,0 +1,66 @@
+"""A cable in memory, between sessions and simulated devices: it can be pulled out, and put into another device."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+from lidario import ConnectFailed
+from lidario.port import simulated
+from lidario.port.port import Port
+from tests.support.devices import Rig
+
+__all__ = ["Cable", "cable_to"]
+
+
+class Cable:
+    """What a session on `rig.device` is connected by, as often as it connects.
+
+    Attributes:
+        device: What is at its other end; None while it is pulled out.
+        attempts: When it was tried to connect, on the loop's clock.
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        self.device: Any = rig.device
+        self.attempts: list[float] = []
+        self._rig = rig
+        self._ports: list[Port] = []
+        self._connect = simulated.connect_in_memory
+
+    def connect(self, device: Any, faults: Any = None, *, name: str = "memory") -> Port:
+        """In place of `connect_in_memory`."""
+        if device is not self._rig.device:
+            return self._connect(device, faults, name=name)
+        self.attempts.append(asyncio.get_running_loop().time())
+        if self.device is None:
+            raise ConnectFailed("no such port", reason="missing")
+        self._ports.append(self._connect(self.device, faults, name=name))
+        return self._ports[-1]
+
+    def pull(self) -> None:
+        """Pull it out: the port dies."""
+        self.device = None
+        ports, self._ports = self._ports, []
+        for port in ports:
+            if port._line is not None and not port._line.is_closing():
+                port._line._end(OSError("the line was unplugged"))  # type: ignore[attr-defined]
+
+    def plug(self, device: Any = None, *, boots: bool = True) -> None:
+        """Put it in again, into `device` or the one from before, which is switched on by that and boots."""
+        self.device = device or self._rig.device
+        if boots:
+            self.device.reboot(round(asyncio.get_running_loop().time() * 1e9))
+
+
+@contextmanager
+def cable_to(rig: Rig) -> Iterator[Cable]:
+    """The cable to `rig.device` for all sessions that are opened in the block."""
+    cable = Cable(rig)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(simulated, "connect_in_memory", cable.connect)
+        yield cable
