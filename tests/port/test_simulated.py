@@ -6,6 +6,7 @@ import asyncio
 import logging
 import os
 import threading
+from math import inf
 from typing import Any
 
 import pytest
@@ -28,12 +29,12 @@ class Mistake(Exception):
 class Broken:
     """A simulated device of a user's, with a mistake in one method that shows when it has been called so often."""
 
-    def __init__(self, where: str, calls: int = 0) -> None:
+    def __init__(self, where: str, calls: float = 0) -> None:
         self.baudrate = 1_000_000
         self.log: list[Any] = []
         self.scanning = self.motor_on = False
         self._where = where
-        self._calls = calls
+        self.calls = calls
 
     def receive(self, data: bytes, now: int) -> None:
         self._step("receive")
@@ -48,8 +49,8 @@ class Broken:
 
     def _step(self, where: str) -> None:
         if where == self._where:
-            self._calls -= 1
-            if self._calls < 0:
+            self.calls -= 1
+            if self.calls < 0:
                 raise Mistake("in a user's world")
 
 
@@ -92,10 +93,12 @@ async def test_a_mistake_in_a_served_device_is_the_cause_of_the_loss(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, way: str, where: str
 ) -> None:
     caplog.set_level(logging.WARNING)
-    monkeypatch.setattr("lidario.port.simulated.make_device", lambda source: (Broken(where, 3), None))
+    device = Broken(where, inf)
+    monkeypatch.setattr("lidario.port.simulated.make_device", lambda source: (device, None))
     before = threading.active_count(), open_files()
     port, sink = await open_simulated(parse_source(f"sim://rplidar-s2?via={way}")), Sink()
     port.attach(sink)
+    device.calls = 3  # only now: its thread may be ahead of the opening
     async with asyncio.timeout(PATIENCE_S):
         while not sink.lost:
             port.write(b"request")
