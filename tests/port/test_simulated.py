@@ -6,6 +6,7 @@ import asyncio
 import logging
 import os
 import threading
+from math import inf
 from typing import Any
 
 import pytest
@@ -26,21 +27,16 @@ class Mistake(Exception):
 
 
 class Broken:
-    """A simulated device of a user's, with a mistake in one method that shows when it has been called so often.
+    """A simulated device of a user's, with a mistake in one method that shows when it has been called so often."""
 
-    With `once_asked` only calls after the first request count: then the port is open, however long that takes.
-    """
-
-    def __init__(self, where: str, calls: int = 0, *, once_asked: bool = False) -> None:
+    def __init__(self, where: str, calls: float = 0) -> None:
         self.baudrate = 1_000_000
         self.log: list[Any] = []
         self.scanning = self.motor_on = False
         self._where = where
-        self._calls = calls
-        self._waits = once_asked
+        self.calls = calls
 
     def receive(self, data: bytes, now: int) -> None:
-        self._waits = False
         self._step("receive")
 
     def transmit(self, now: int) -> bytes:
@@ -52,9 +48,9 @@ class Broken:
         return now + 1_000_000
 
     def _step(self, where: str) -> None:
-        if where == self._where and not self._waits:
-            self._calls -= 1
-            if self._calls < 0:
+        if where == self._where:
+            self.calls -= 1
+            if self.calls < 0:
                 raise Mistake("in a user's world")
 
 
@@ -97,12 +93,12 @@ async def test_a_mistake_in_a_served_device_is_the_cause_of_the_loss(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, way: str, where: str
 ) -> None:
     caplog.set_level(logging.WARNING)
-    monkeypatch.setattr(
-        "lidario.port.simulated.make_device", lambda source: (Broken(where, 3, once_asked=True), None)
-    )
+    device = Broken(where, inf)
+    monkeypatch.setattr("lidario.port.simulated.make_device", lambda source: (device, None))
     before = threading.active_count(), open_files()
     port, sink = await open_simulated(parse_source(f"sim://rplidar-s2?via={way}")), Sink()
     port.attach(sink)
+    device.calls = 3  # only now: its thread may be ahead of the opening
     async with asyncio.timeout(PATIENCE_S):
         while not sink.lost:
             port.write(b"request")
