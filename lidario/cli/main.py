@@ -17,10 +17,12 @@ from lidario.cli.doctor import doctor
 from lidario.cli.errors import ExitCode, exit_code, report
 from lidario.cli.info import info
 from lidario.cli.motor import motor
+from lidario.cli.plot import plot
 from lidario.cli.scan import scan
 from lidario.cli.sim import sim
 from lidario.cli.stats import stats
 from lidario.cli.udev import udev
+from lidario.cli.watch import watch
 
 __all__ = ["Lidario", "cli"]
 
@@ -92,7 +94,9 @@ def cli(context: click.Context) -> int | None:
     return show((), as_json=False, next_steps=True) if context.invoked_subcommand is None else None
 
 
-_VERBS: tuple[click.Command, ...] = (devices, info, scan, stats, doctor, udev, motor, sim, completion)
+_VERBS: tuple[click.Command, ...] = (
+    devices, info, scan, watch, plot, stats, doctor, udev, motor, sim, completion
+)  # fmt: skip
 
 for _verb in _VERBS:
     cli.add_command(_with_traceback(_verb))

@@ -51,7 +51,19 @@ def test_version_needs_no_extra() -> None:
 def test_help_names_every_verb() -> None:
     told = invoke("--help")
     assert told.exit_code == 0
-    for verb in ("devices", "info", "scan", "stats", "doctor", "udev", "motor", "sim", "completion"):
+    for verb in (
+        "devices",
+        "info",
+        "scan",
+        "watch",
+        "plot",
+        "stats",
+        "doctor",
+        "udev",
+        "motor",
+        "sim",
+        "completion",
+    ):
         assert f"\n  {verb} " in told.stdout
 
 
