@@ -22,6 +22,7 @@ from lidario.cli.scan import scan
 from lidario.cli.sim import sim
 from lidario.cli.stats import stats
 from lidario.cli.udev import udev
+from lidario.cli.view import view
 from lidario.cli.watch import watch
 
 __all__ = ["Lidario", "cli"]
@@ -95,7 +96,7 @@ def cli(context: click.Context) -> int | None:
 
 
 _VERBS: tuple[click.Command, ...] = (
-    devices, info, scan, watch, plot, stats, doctor, udev, motor, sim, completion
+    devices, info, scan, view, watch, plot, stats, doctor, udev, motor, sim, completion
 )  # fmt: skip
 
 for _verb in _VERBS:

@@ -64,7 +64,7 @@ def watch(source: str, mode: str | None) -> int:
 
 async def _draw(feed: Feed, writer: Writer) -> None:
     changed = asyncio.Event()
-    feed.notify(changed.set)
+    feed.on_scan = feed.on_change = lambda _: changed.set()
     reading = asyncio.create_task(feed.run())
     reading.add_done_callback(lambda _: changed.set())
     entered = False

@@ -37,17 +37,11 @@ class Feed:
         line: What the line carried in the last second; None before the first second is over.
         scans: Scans so far.
         losses: Times it was lost.
+        on_scan: Called with this feed for each scan.
+        on_change: Called with this feed for each change of state.
     """
 
-    def __init__(
-        self,
-        source: str,
-        *,
-        mode: str | int | None = None,
-        on_scan: Callable[[Feed], None] = lambda _: None,
-        on_change: Callable[[Feed], None] = lambda _: None,
-    ) -> None:
-        """Args of `on_scan` and `on_change`: this feed; called for each scan, and for each change of state."""
+    def __init__(self, source: str, *, mode: str | int | None = None) -> None:
         self.source = source
         self.mode = mode
         self.state: FeedState = "connecting"
@@ -57,13 +51,9 @@ class Feed:
         self.line: Traffic | None = None
         self.scans: int = 0
         self.losses: int = 0
-        self._on_scan = on_scan
-        self._on_change = on_change
+        self.on_scan: Callable[[Feed], object] = lambda _: None
+        self.on_change: Callable[[Feed], object] = lambda _: None
         self._attempts = 0
-
-    def notify(self, call: Callable[[], None]) -> None:
-        """Have `call` called for each scan and each change of state, in place of what was called before."""
-        self._on_scan = self._on_change = lambda _: call()
 
     async def run(self) -> None:
         """Read until cancelled; laser and motor are off when it returns.
@@ -102,10 +92,10 @@ class Feed:
                     # Not from the opening on: the rotor needs its time, and nothing comes meanwhile.
                     before, since = lidar.stats, loop.time()
                     self.state, self.reason = "scanning", ""
-                    self._on_change(self)
+                    self.on_change(self)
                 if loop.time() - since >= _TRAFFIC_S:
                     before, since = self._measure(lidar.stats, before, loop.time() - since, lidar.baudrate)
-                self._on_scan(self)
+                self.on_scan(self)
 
     def _measure(self, now: Stats, before: Stats, seconds: float, baudrate: int) -> tuple[Stats, float]:
         self.line = traffic(before, now, seconds, baudrate)
@@ -115,4 +105,4 @@ class Feed:
         self._attempts += 1
         self.losses += self.state != "lost"
         self.state, self.reason, self.line = "lost", reason, None
-        self._on_change(self)
+        self.on_change(self)
