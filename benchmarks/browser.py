@@ -13,12 +13,14 @@ import shutil
 import subprocess
 import tempfile
 import time
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self
 from urllib.request import Request, urlopen
 
-from websockets.sync.client import ClientConnection, connect
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
 
 __all__ = ["Browser", "Page", "find_browser"]
 
@@ -93,7 +95,7 @@ class Browser:
             Request(f"http://{self._address}/json/new?about:blank", method="PUT"), timeout=PATIENCE_S
         ) as got:
             socket = json.load(got)["webSocketDebuggerUrl"]
-        page = Page(connect(socket, max_size=None, compression=None))
+        page = Page(socket)
         self._pages.append(page)
         page.call("Page.enable")
         page.call("Runtime.enable")
@@ -114,14 +116,20 @@ class Page:
         complaints: What the page wrote to the console as an error, and exceptions that nothing caught.
     """
 
-    def __init__(self, socket: ClientConnection) -> None:
+    def __init__(self, address: str) -> None:
         self.complaints: list[str] = []
-        self._socket = socket
+        self._held = ExitStack()
+        self._socket = self._held.enter_context(connect(address, max_size=None, compression=None))
         self._number = 0
+        self._closed = False
 
     def close(self) -> None:
-        """Let go of the tab."""
-        self._socket.close()
+        """Close the tab; harmless when done before."""
+        if not self._closed:
+            self._closed = True
+            with suppress(ConnectionClosed):
+                self.call("Page.close")
+            self._held.close()
 
     def call(self, method: str, **arguments: Any) -> dict[str, Any]:
         """Call a method of the protocol, and return its result.

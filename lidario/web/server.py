@@ -17,7 +17,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from importlib.resources import files
 from types import TracebackType
-from typing import Final, Self
+from typing import Any, Final, Self, cast
+from weakref import WeakSet
 
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.datastructures import Headers
@@ -100,6 +101,7 @@ class LiveServer:
         self._host, self._port = host, port
         self._door = Door(token)
         self._viewers: set[_Viewer] = set()
+        self._connections: WeakSet[ServerConnection] = WeakSet()
         self._packed: dict[int, tuple[Scan, bytes]] = {}
         self._server: Server | None = None
         self._ticking: asyncio.Task[None] | None = None
@@ -126,6 +128,7 @@ class LiveServer:
             self._look_after, self._host, self._port,
             process_request=self._judge, compression=None, max_size=MOST_BYTES, max_queue=4,
             close_timeout=CLOSE_S, server_header=None, logger=_log,
+            create_connection=cast("type[ServerConnection]", self._connect),
         )  # fmt: skip
         shown = "localhost" if self._host in ("127.0.0.1", "::1") else self._host
         self.url = f"http://{shown}:{self.port}/" + (f"?token={self._door.token}" if self._door.token else "")
@@ -139,6 +142,11 @@ class LiveServer:
         assert self._ticking is not None
         self._ticking.cancel()
         self._server.close()
+        # Browsers open connections in advance, and say nothing on them: closing would wait for their request.
+        watching = {viewer.connection for viewer in self._viewers}
+        for connection in self._connections - watching:
+            if hasattr(connection, "transport"):
+                connection.transport.abort()
         await self._server.wait_closed()
         with suppress(asyncio.CancelledError):
             await self._ticking
@@ -165,6 +173,11 @@ class LiveServer:
                 viewer.messages = 0
                 viewer.states = True
                 viewer.wake.set()
+
+    def _connect(self, *arguments: Any, **options: Any) -> ServerConnection:
+        connection = ServerConnection(*arguments, **options)
+        self._connections.add(connection)
+        return connection
 
     def _judge(self, _: ServerConnection, request: Request) -> Response | None:
         headers = request.headers

@@ -55,6 +55,7 @@ def test_help_names_every_verb() -> None:
         "devices",
         "info",
         "scan",
+        "view",
         "watch",
         "plot",
         "stats",
