@@ -10,7 +10,21 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from benchmarks import blocked, damage, decode, flatout, latency, live, memory, readme, scale, stages, start, vendor
+from benchmarks import (
+    blocked,
+    damage,
+    decode,
+    flatout,
+    latency,
+    live,
+    memory,
+    readme,
+    scale,
+    stages,
+    start,
+    vendor,
+    view,
+)
 from benchmarks.peers import set_up
 from benchmarks.plots import draw
 from benchmarks.processes import ROOT
@@ -30,6 +44,7 @@ _BENCHMARKS: dict[str, Callable[[Setting], Result]] = {
     "start": start.run,
     "vendor": vendor.run,
     "damage": damage.run,
+    "view": view.run,
 }
 _RESULTS = ROOT / "benchmarks" / "results"
 

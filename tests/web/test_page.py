@@ -203,6 +203,7 @@ def test_an_empty_scan_and_damage_are_said_in_words(opened: Open) -> None:
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=BOUND)
         page.until("document.body.innerText.includes('no connection to lidario, trying again')")
+        assert "scanning" not in page.text()
         # The refused attempts to connect are the browser's complaints, not the page's.
         page.complaints.clear()
 
