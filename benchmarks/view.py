@@ -45,6 +45,7 @@ _NOTE_PAINTED: Final = (
     " was(); })(confirmed)"
 )
 """The page confirms a scan when it has drawn it."""
+_SCANS_A_SECOND: Final = 300
 _TEN_MINUTES: Final = 6000
 """Scans of ten minutes at 10 Hz."""
 
@@ -210,6 +211,8 @@ async def grown(scans: int) -> tuple[float, int]:
                 while isinstance(await reading.recv(), str):
                     pass
                 await reading.send("a")
+                # Slower than the server lets a viewer talk.
+                await asyncio.sleep(1 / _SCANS_A_SECOND)
             return _resident_kb() - begun, status
 
 

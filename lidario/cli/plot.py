@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import os
 import time
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -80,19 +82,16 @@ def _title(info: DeviceInfo, scans: list[Scan]) -> str:
 def _needs_matplotlib() -> None:
     # Drawn into a file, never on a screen; and without it, matplotlib may look for one.
     os.environ.setdefault("MPLBACKEND", "Agg")
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError:
+    if find_spec("matplotlib") is None:
         raise click.UsageError(
             "a PNG needs matplotlib, which is not installed: pip install matplotlib, or write an .svg"
-        ) from None
+        )
 
 
 def _png(path: Path, scans: list[Scan], title: str, polar: bool) -> None:
-    import matplotlib.pyplot as plt
-
     from lidario.cli.chart import COLOURS, reach_of
 
+    plt = import_module("matplotlib.pyplot")
     reach = reach_of(scans)
     figure = plt.figure(figsize=(8, 8), dpi=150)
     axes: Any = figure.add_subplot(projection="polar" if polar else None)

@@ -22,7 +22,7 @@ from lidario.cli.parameters import complete_source, seconds_of
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from lidario import Lidar, Scan
+    from lidario import Lidar, Scan, ScanStream
     from lidario.web.traffic import Traffic
 
 __all__ = ["Measured", "measure", "stats", "verdict"]
@@ -134,19 +134,18 @@ async def measure(source: str, seconds: float, mode: str | int | None, into: Mea
     async with open_lidar(source) as lidar, lidar.scans(mode) as scans:
         into.model, into.serial = lidar.info.model, lidar.info.serial
         await anext(scans)
-        await _for_a_while(lidar, scans.__anext__, seconds, into)
+        await _for_a_while(lidar, scans, seconds, into)
 
 
-async def _for_a_while(lidar: Lidar, following: object, seconds: float, into: Measured) -> None:
+async def _for_a_while(lidar: Lidar, scans: ScanStream, seconds: float, into: Measured) -> None:
     from lidario.web.traffic import traffic
 
-    assert callable(following)
     loop = asyncio.get_running_loop()
     before, began, cpu = lidar.stats, loop.time(), time.process_time()
     try:
         async with asyncio.timeout(seconds):
             while True:
-                into.add(await following())
+                into.add(await anext(scans))
     except TimeoutError:
         pass
     finally:
