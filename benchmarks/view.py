@@ -41,7 +41,7 @@ __all__ = ["grown", "run", "table_of"]
 RATE: Final = "S2 DenseBoost"
 _NOTE_PAINTED: Final = (
     "confirmed = (was => () => {"
-    " if (due) seen.all.push(now() - Math.max(...scans.map(kept => kept.at(-1).ended)));"
+    " if (unconfirmed) seen.all.push(now() - Math.max(...scans.map(kept => kept.at(-1).ended)));"
     " was(); })(confirmed)"
 )
 """The page confirms a scan when it has drawn it."""
@@ -207,7 +207,7 @@ async def grown(scans: int) -> tuple[float, int]:
                 if number == 0:
                     begun = _resident_kb()
                 feed.latest = _scan(number + 50)
-                server.show(feed)
+                server.publish_scan(feed)
                 while isinstance(await reading.recv(), str):
                     pass
                 await reading.send("a")

@@ -127,7 +127,7 @@ async def _serve(feeds: list[Feed], places: list[Mount], port: int, lan: bool) -
                 begun.clear()
                 _raise_of(reading)
         for feed in feeds:
-            feed.on_scan, feed.on_change = server.show, server.tell
+            feed.on_scan, feed.on_change = server.publish_scan, server.publish_states
         _announce(server, lan)
         await asyncio.wait(reading, return_when=asyncio.FIRST_COMPLETED)
         _raise_of(reading)

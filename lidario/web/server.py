@@ -26,7 +26,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from lidario import Scan
-from lidario.web.doors import Door, Refusal
+from lidario.web.access import AccessRules, Refusal
 from lidario.web.feed import Feed
 from lidario.web.frames import Mount, pack_scan, pack_state
 
@@ -68,7 +68,7 @@ class _Viewer:
         self.wake = asyncio.Event()
         self.wake.set()
 
-    def hear(self, message: str | bytes) -> bool:
+    def receive(self, message: str | bytes) -> bool:
         """Take in a message; False where it is none of ours."""
         self.messages += 1
         if self.messages > MOST_MESSAGES:
@@ -99,7 +99,7 @@ class LiveServer:
         self.sent: int = 0
         self._feeds, self._mounts = list(feeds), list(mounts)
         self._host, self._port = host, port
-        self._door = Door(token)
+        self._rules = AccessRules(token)
         self._viewers: set[_Viewer] = set()
         self._connections: WeakSet[ServerConnection] = WeakSet()
         self._packed: dict[int, tuple[Scan, bytes]] = {}
@@ -125,13 +125,13 @@ class LiveServer:
             OSError: The port is taken, or not allowed.
         """
         self._server = await serve(
-            self._look_after, self._host, self._port,
-            process_request=self._judge, compression=None, max_size=MOST_BYTES, max_queue=4,
+            self._serve_viewer, self._host, self._port,
+            process_request=self._check_request, compression=None, max_size=MOST_BYTES, max_queue=4,
             close_timeout=CLOSE_S, server_header=None, logger=_log,
             create_connection=cast("type[ServerConnection]", self._connect),
         )  # fmt: skip
         shown = "localhost" if self._host in ("127.0.0.1", "::1") else self._host
-        self.url = f"http://{shown}:{self.port}/" + (f"?token={self._door.token}" if self._door.token else "")
+        self.url = f"http://{shown}:{self.port}/" + (f"?token={self._rules.token}" if self._rules.token else "")
         self._ticking = asyncio.create_task(self._tick())
         return self
 
@@ -151,7 +151,7 @@ class LiveServer:
         with suppress(asyncio.CancelledError):
             await self._ticking
 
-    def show(self, feed: Feed) -> None:
+    def publish_scan(self, feed: Feed) -> None:
         """Hand the latest scan of `feed` to all viewers; call it for each scan."""
         if feed.latest is None or not self._viewers:
             return
@@ -160,7 +160,7 @@ class LiveServer:
             viewer.waiting[number] = feed.latest
             viewer.wake.set()
 
-    def tell(self, _: Feed) -> None:
+    def publish_states(self, _: Feed) -> None:
         """Send the states of all lidars to all viewers; call it for each change."""
         for viewer in self._viewers:
             viewer.states = True
@@ -179,9 +179,9 @@ class LiveServer:
         self._connections.add(connection)
         return connection
 
-    def _judge(self, _: ServerConnection, request: Request) -> Response | None:
+    def _check_request(self, _: ServerConnection, request: Request) -> Response | None:
         headers = request.headers
-        verdict = self._door.admit(request.path, headers.get_all("Host"), headers.get_all("Origin"))
+        verdict = self._rules.check(request.path, headers.get_all("Host"), headers.get_all("Origin"))
         if verdict == "page":
             return _response(200, "OK", self._page, "html")
         if isinstance(verdict, Refusal):
@@ -190,7 +190,7 @@ class LiveServer:
             return _response(503, "Busy", b"too many viewers\n")
         return None
 
-    async def _look_after(self, connection: ServerConnection) -> None:
+    async def _serve_viewer(self, connection: ServerConnection) -> None:
         viewer = _Viewer(connection)
         for number, feed in enumerate(self._feeds):
             if feed.latest is not None:
@@ -199,7 +199,7 @@ class LiveServer:
         sending = asyncio.create_task(self._send(viewer))
         try:
             async for message in connection:
-                if not viewer.hear(message):
+                if not viewer.receive(message):
                     await connection.close(1008, "that is no message of the page")
                     break
         except ConnectionClosed:

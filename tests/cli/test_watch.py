@@ -12,6 +12,7 @@ import subprocess
 import sys
 import termios
 import time
+from collections.abc import Callable
 from select import select
 
 import numpy as np
@@ -77,22 +78,26 @@ def test_it_wants_a_terminal() -> None:
 
 
 def test_on_a_terminal_until_ctrl_c() -> None:
+    # Where tests run in several processes, they hold the width of the terminal that pytest writes to.
+    environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
+    environment |= {"TERM": "xterm-256color", "PYTHONIOENCODING": "utf-8"}
     ours, theirs = os.openpty()
     resize(theirs, 30, 110)
     with served("rplidar-s2") as server, os.fdopen(ours, "rb", buffering=0):
         process = subprocess.Popen(
             [sys.executable, "-W", "error", "-m", "lidario", "watch", server.path],
             cwd=ROOT, stdin=theirs, stdout=theirs, stderr=subprocess.PIPE, text=True,
-            env={**os.environ, "TERM": "xterm-256color", "PYTHONIOENCODING": "utf-8"},
+            env=environment,
         )  # fmt: skip
         os.close(theirs)
+        screen = Screen(ours)
         try:
-            assert "scanning" in read_until(ours, "\x1b[J")
+            assert "scanning" in screen.until("\x1b[J")
             resize(ours, 20, 60)
-            last = read_until(ours, "\x1b[J", lambda text: "forward is up" in text and "nearest" not in text)
+            last = screen.until("\x1b[J", lambda text: "forward is up" in text and "nearest" not in text)
             assert len(last.splitlines()) <= 20
             process.send_signal(signal.SIGINT)
-            assert "\x1b[?1049l" in read_until(ours, "\x1b[?1049l")
+            assert "\x1b[?1049l" in screen.until("\x1b[?1049l")
             assert process.stderr is not None
             said = process.stderr.read()
             assert process.wait(BOUND) == 0
@@ -109,15 +114,21 @@ def resize(handle: int, rows: int, columns: int) -> None:
     fcntl.ioctl(handle, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
 
 
-def read_until(handle: int, end: str, right: object = lambda _: True) -> str:
-    """The first piece that ends with `end` and is `right`."""
-    assert callable(right)
-    text, deadline = "", time.monotonic() + BOUND
-    while time.monotonic() < deadline:
-        if select([handle], [], [], 1.0)[0]:
-            text += os.read(handle, 65536).decode("utf-8", "replace")
-        *pieces, text = text.split(end)
-        for piece in pieces:
-            if right(piece):
-                return piece + end
-    raise AssertionError("it never came")
+class Screen:
+    """What a process writes to a terminal, piece by piece."""
+
+    def __init__(self, handle: int) -> None:
+        self._handle = handle
+        self._unread = ""
+
+    def until(self, end: str, right: Callable[[str], object] = lambda _: True) -> str:
+        """The first piece that ends with `end` and is `right`."""
+        deadline = time.monotonic() + BOUND
+        while time.monotonic() < deadline:
+            while end in self._unread:
+                piece, _, self._unread = self._unread.partition(end)
+                if right(piece):
+                    return piece + end
+            if select([self._handle], [], [], 1.0)[0]:
+                self._unread += os.read(self._handle, 65536).decode("utf-8", "replace")
+        raise AssertionError("it never came")

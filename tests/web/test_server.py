@@ -38,7 +38,7 @@ def viewer(server: LiveServer, query: str = "", origin: str | None = "") -> conn
 
 def publish(server: LiveServer, feed: Feed, seq: int) -> None:
     feed.latest = scan([1.0] * 3200, [1000.0] * 3200, seq=seq)
-    server.show(feed)
+    server.publish_scan(feed)
 
 
 async def scan_of(connection: ClientConnection) -> tuple[int, int]:
@@ -138,7 +138,7 @@ async def test_a_change_of_state_is_told_and_a_time_is_sent_back() -> None:
     async with serving() as (server, feeds), viewer(server) as connection:
         await asyncio.wait_for(connection.recv(), BOUND)
         feeds[0].state, feeds[0].reason = "lost", "it is gone"
-        server.tell(feeds[0])
+        server.publish_states(feeds[0])
         lidar = json.loads(await asyncio.wait_for(connection.recv(), BOUND))["lidars"][0]
         assert (lidar["state"], lidar["reason"]) == ("lost", "it is gone")
         await connection.send("t1700000000000.125")
@@ -163,7 +163,7 @@ async def test_strangers_are_refused(query: str, origin: str | None) -> None:
         assert server.viewers == 0
 
 
-async def test_the_token_opens_both_doors() -> None:
+async def test_the_token_gives_the_page_and_the_scans() -> None:
     async with serving(token="right") as (server, _):
         assert server.url.endswith(f":{server.port}/?token=right")
         assert (await get(server, "/?token=right", "robot.lan"))[0].startswith(b"HTTP/1.1 200 ")

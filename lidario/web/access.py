@@ -1,4 +1,4 @@
-"""Who may come in: every request is judged by its path, its Host, its Origin and its token, and by nothing else.
+"""Which requests are allowed: each is judged by its path, its Host, its Origin and its token, and by nothing else.
 
 On the loopback interface every user of this machine may look, and a browser is the danger: any page that it shows
 may try to connect to this server. So the Host must be a name of this machine itself (a foreign name could be
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 from urllib.parse import parse_qs, urlsplit
 
-__all__ = ["Door", "Refusal"]
+__all__ = ["AccessRules", "Refusal"]
 
 _LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
 
@@ -32,7 +32,7 @@ class Refusal:
 
 
 @dataclass(frozen=True, slots=True)
-class Door:
+class AccessRules:
     """The rules of one server.
 
     Attributes:
@@ -41,7 +41,7 @@ class Door:
 
     token: str = ""
 
-    def admit(self, path: str, hosts: list[str], origins: list[str]) -> Literal["page", "socket"] | Refusal:
+    def check(self, path: str, hosts: list[str], origins: list[str]) -> Literal["page", "socket"] | Refusal:
         """Judge a request by its path with the query, and by the values of its Host and Origin headers."""
         try:
             where, query = urlsplit(path).path, parse_qs(urlsplit(path).query)
