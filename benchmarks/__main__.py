@@ -25,6 +25,7 @@ from benchmarks import (
     stages,
     start,
     vendor,
+    view,
 )
 from benchmarks.peers import set_up
 from benchmarks.plots import draw
@@ -47,6 +48,7 @@ BENCHMARKS: dict[str, Callable[[Setting], Result]] = {
     "faults": faults.run,
     "damage": damage.run,
     "garbage": garbage.run,
+    "view": view.run,
 }
 _RESULTS = ROOT / "benchmarks" / "results"
 

@@ -23,6 +23,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from benchmarks.browser import find_browser
 from tests.support.discards import all_obeyed, devices_made, may_discard, some_discarded
 from tests.support.leaks import leaves_no_task, leaves_nothing
 from tests.support.ledger import ledgers_made
@@ -36,6 +37,8 @@ settings.register_profile("ci", deadline=None, derandomize=True, max_examples=40
 settings.register_profile("search", deadline=None, max_examples=1500, suppress_health_check=NEVER_MIND)
 settings.register_profile("sample", settings.get_profile("ci"), max_examples=20)
 
+NEEDS_BROWSER = ("test_page.py",)
+"""Test modules that are not run where no Chromium is installed; the summary says so."""
 NEEDS_LINUX = re.compile(
     r"^\s*(import|from) (pty|tty|termios|fcntl|resource)\b|PtyServer|tests\.support\.terminals|/proc/"
     r"|import .*\bserved\b",
@@ -46,9 +49,18 @@ NEEDS_LINUX = re.compile(
 
 def pytest_ignore_collect(collection_path: Path) -> bool | None:
     """Elsewhere, leave out the test modules that are about what only Linux has."""
+    if collection_path.name in NEEDS_BROWSER and (find_browser() is None or platform.system() != "Linux"):
+        return True
     if platform.system() == "Linux" or not re.fullmatch(r"test_\w+\.py", collection_path.name):
         return None
     return True if NEEDS_LINUX.search(collection_path.read_text(encoding="utf-8")) else None
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say what was not run, and how it can be."""
+    if find_browser() is None:
+        names = ", ".join(NEEDS_BROWSER)
+        terminalreporter.write_line(f"not run: {names}: no Chromium is installed; sudo apt-get install chromium")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -24,6 +24,7 @@ LAYERS = (
     {"session"},
     {"blocking"},
     {"__init__"},
+    {"web"},
     {"cli", "__main__"},
 )
 """Each may import its own and those before it."""
@@ -123,7 +124,7 @@ def test_imports_point_one_way(path: Path) -> None:
         target = layer(name)
         assert RANK[target] <= RANK[own], f"{named(path)} imports {name}"
         if target == "__init__":
-            assert own in ("cli", "__main__"), f"{named(path)} imports the package as a whole"
+            assert own in ("web", "cli", "__main__"), f"{named(path)} imports the package as a whole"
 
 
 @every_file
@@ -190,8 +191,14 @@ def test_the_host_side_decodes_nothing_with_the_devices_packers(path: Path) -> N
 @pytest.mark.parametrize("path", sorted((PACKAGE / "cli").glob("*.py")), ids=named)
 def test_the_command_uses_the_names_a_user_would(path: Path) -> None:
     for name in ours(path):
-        public = name == "lidario" or name.startswith(("lidario.cli", "lidario.sim"))
+        public = name == "lidario" or name.startswith(("lidario.cli", "lidario.sim", "lidario.web"))
         assert public or name in ("lidario.families.registry", "lidario.families"), name
+
+
+@pytest.mark.parametrize("path", sorted((PACKAGE / "web").glob("*.py")), ids=named)
+def test_the_page_uses_the_names_a_user_would(path: Path) -> None:
+    for name in ours(path):
+        assert name == "lidario" or name.startswith("lidario.web"), name
 
 
 # --------------------------------------------------------------------------------------------- vendors' names

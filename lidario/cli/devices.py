@@ -106,10 +106,12 @@ def _tell_next(responding: list[str]) -> None:
         tips = [
             (f"lidario info{source}", "model, health and scan modes"),
             (f"lidario scan{source}", "a picture"),
+            (f"lidario view{source}", "live in the browser"),
         ]
     else:
         model = FAMILIES[0].simulated[0]
         tips = [
+            ("lidario doctor", "what may be wrong"),
             ("lidario devices PORT", "ask a port that was not asked"),
             (f"lidario scan sim://{model}", "without a lidar: a simulated one"),
             ("lidario sim", "a simulated one for another program"),

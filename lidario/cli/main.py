@@ -11,11 +11,19 @@ import click
 import rich  # noqa: F401  (imported here so that a missing package is reported before a verb starts)
 
 from lidario import __version__
+from lidario.cli.completion import completion
 from lidario.cli.devices import devices, show
+from lidario.cli.doctor import doctor
 from lidario.cli.errors import ExitCode, exit_code, report
 from lidario.cli.info import info
+from lidario.cli.motor import motor
+from lidario.cli.plot import plot
 from lidario.cli.scan import scan
 from lidario.cli.sim import sim
+from lidario.cli.stats import stats
+from lidario.cli.udev import udev
+from lidario.cli.view import view
+from lidario.cli.watch import watch
 
 __all__ = ["Lidario", "cli"]
 
@@ -87,5 +95,11 @@ def cli(context: click.Context) -> int | None:
     return show((), as_json=False, next_steps=True) if context.invoked_subcommand is None else None
 
 
-for _verb in (devices, info, scan, sim):
+_VERBS: tuple[click.Command, ...] = (
+    devices, info, scan, view, watch, plot, stats, doctor, udev, motor, sim, completion
+)  # fmt: skip
+
+for _verb in _VERBS:
     cli.add_command(_with_traceback(_verb))
+    for _part in _verb.commands.values() if isinstance(_verb, click.Group) else ():
+        _with_traceback(_part)

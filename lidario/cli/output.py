@@ -55,6 +55,12 @@ class Writer:
         self._pieces.put((text, done))
         await done
 
+    def put(self, text: str) -> None:
+        """Have `text` written after what was handed over before, without waiting; errors are not told."""
+        done = asyncio.get_running_loop().create_future()
+        done.add_done_callback(lambda future: future.exception())
+        self._pieces.put((text, done))
+
     def close(self) -> bool:
         """Let the thread finish; False when it cannot, because the reader does not read."""
         self._pieces.put(None)

@@ -8,6 +8,7 @@ show the distance where the terminal has colours; where it cannot show braille, 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -29,6 +30,8 @@ ROWS_BESIDE: Final = 7
 """Lines of a terminal that are left for the rest of the output and the prompt."""
 ON_PICTURE: Final = 0.99
 SMALLEST_M: Final = 0.5
+STEPS_A_DECADE: Final = 10
+"""Scales of a drawing that is drawn again and again; each is a quarter larger than the one before."""
 
 _DOTS: Final = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], np.uint8)
 _BRAILLE: Final = 0x2800
@@ -57,33 +60,46 @@ class _Grid:
     outside: int
 
 
-def picture(scan: Scan, target: Console) -> Text:
-    """Draw `scan` to fit `target`."""
+def picture(scan: Scan, target: Console, *, size: tuple[int, int] | None = None) -> Text:
+    """Draw `scan` to fit `target`.
+
+    Args:
+        scan: What to draw.
+        target: Where it will be printed; its colours and characters are used.
+        size: Columns and rows of the drawing, for one that is drawn again and again: then it has all its rows, and
+        a
+            scale that changes in steps, so that it does not move with each scan. None: to fit `target`, as high as
+            need be.
+    """
     if not scan.valid.any():
         return Text("no returns in any direction: there is nothing to draw")
-    columns = min(target.width - 1, MOST_COLUMNS)
-    rows = ROWS_OFF_TERMINAL
+    columns, rows = min(target.width - 1, MOST_COLUMNS), ROWS_OFF_TERMINAL
     if target.is_terminal:
         rows = min(max(target.height - ROWS_BESIDE, LEAST_ROWS), MOST_ROWS)
+    if size is not None:
+        columns, rows = size
     # Odd numbers, so that there is a cell in the middle.
-    grid = _rasterise(scan, max(columns - 1 + columns % 2, 3), rows - 1 + rows % 2)
+    columns, rows = max(columns - 1 + columns % 2, 3), max(rows - 1 + rows % 2, 3)
+    grid = _rasterise(scan, columns, rows, steady=size is not None)
     plain = target.options.ascii_only
     coloured = target.color_system is not None and not target.no_color
     text = Text(no_wrap=True, overflow="crop")
-    for row in _drawn_rows(grid):
+    for row in _drawn_rows(grid) if size is None else range(rows):
         text.append_text(_line(grid, row, plain=plain, coloured=coloured))
         text.append("\n")
     text.append_text(_legend(grid, plain=plain, coloured=coloured))
     return text
 
 
-def _rasterise(scan: Scan, columns: int, rows: int) -> _Grid:
+def _rasterise(scan: Scan, columns: int, rows: int, *, steady: bool) -> _Grid:
     points = scan.xy()[scan.valid].astype(np.float64)
     ranges = scan.ranges[scan.valid].astype(np.float64)
     # Metres a dot that each point would need to be on the picture; x is up, y to the left.
     needed = np.maximum(np.abs(points[:, 0]) / (2 * rows), np.abs(points[:, 1]) / columns)
     dot_m = float(np.quantile(needed, ON_PICTURE)) * 1.02
     dot_m = max(dot_m, SMALLEST_M / (2 * rows))
+    if steady:
+        dot_m = 10 ** (math.ceil(math.log10(dot_m) * STEPS_A_DECADE) / STEPS_A_DECADE)
     across = np.floor(columns - points[:, 1] / dot_m).astype(np.intp)
     down = np.floor(2 * rows - points[:, 0] / dot_m).astype(np.intp)
     inside = (across >= 0) & (across < 2 * columns) & (down >= 0) & (down < 4 * rows)

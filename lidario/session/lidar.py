@@ -102,6 +102,11 @@ class Lidar:
         return self._scanner.mode
 
     @property
+    def baudrate(self) -> int:
+        """Speed of the line in bits a second; 0 where it has none, or where it is unknown."""
+        return self._dialogue.baudrate
+
+    @property
     def measured_scan_frequency(self) -> float | None:
         """Measured revolutions a second, from the latest scan; None before the first."""
         return None if self._scanner.latest is None else self._scanner.latest.rpm / 60

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import pytest
 
-from benchmarks import damage, decode, garbage, stages, vendor
+from benchmarks import damage, decode, garbage, stages, vendor, view
 from benchmarks.contest import late_by, lost_scans
 from benchmarks.report import Result, Setting, spread
 from benchmarks.streams import KINDS, RATES, recording
@@ -114,6 +114,27 @@ def test_what_the_vendors_driver_read_is_compared_with_the_device(
     assert of.mode == "DenseBoost"
     assert of.wrong() == wrong
     assert vendor.Run(device, {}, "it crashed").wrong() == ["it crashed"]
+
+
+async def test_viewers_of_the_page_leave_no_memory_behind_and_a_wrong_token_is_refused() -> None:
+    more_kb, status = await view.grown(300)
+    assert status == 403
+    # 300 scans are 3800 kB, and two viewers may hold two each.
+    assert more_kb < 1000
+
+
+def test_the_table_of_the_page_is_markdown() -> None:
+    stalled = {
+        name + what: 1.0 for name in ("alone", "beside three that stopped reading") for what in ("", ", CPU")
+    }
+    data = {
+        "page_bytes": 1, "cpu": {"viewers: 0": [1.0], "viewers: 1": [1.5]}, "paint_ms": [], "arrival_ms": [1.0],
+        "stalled": stalled, "refused": {"no origin": 403}, "growth_kb": 4.0,
+    }  # fmt: skip
+    lines = [line for line in view.table_of(data).markdown().splitlines() if line.startswith("|")]
+    assert len({line.count("|") for line in lines}) == 1
+    assert any("+0.50 %" in line for line in lines)
+    assert any("not run: no Chromium" in line for line in lines)
 
 
 @pytest.mark.exhaustive("how", sample=list(damage.DAMAGES)[::3], full=list(damage.DAMAGES))

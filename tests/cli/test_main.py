@@ -51,7 +51,20 @@ def test_version_needs_no_extra() -> None:
 def test_help_names_every_verb() -> None:
     told = invoke("--help")
     assert told.exit_code == 0
-    for verb in ("devices", "info", "scan", "sim"):
+    for verb in (
+        "devices",
+        "info",
+        "scan",
+        "view",
+        "watch",
+        "plot",
+        "stats",
+        "doctor",
+        "udev",
+        "motor",
+        "sim",
+        "completion",
+    ):
         assert f"\n  {verb} " in told.stdout
 
 

@@ -1,0 +1,101 @@
+"""Makes the pictures of the README: ``python -m benchmarks.pictures``. Chromium is needed.
+
+The page is what ``lidario view`` serves, after some seconds of a simulated lidar. The terminal is a frame of
+``lidario watch``, set by the browser, so that it looks the same wherever it is made.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import signal
+import subprocess
+import sys
+from html import escape
+
+from rich.console import Console
+from rich.style import Style
+from rich.text import Text
+
+from benchmarks.browser import Browser
+from benchmarks.processes import ROOT
+from lidario.cli.watch import frame
+from lidario.web.feed import Feed
+
+__all__ = ["as_html", "main"]
+
+FOLDER = ROOT / "docs" / "pictures"
+SOURCE = "sim://rplidar-s2?via=memory&seed=4"
+WIDTH, HEIGHT = 100, 30
+_LETTER, _LINE = 8.43, 17
+_PLAIN = "#d6d9de"
+
+
+def main() -> int:
+    """Make both; returns the exit code."""
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    text = asyncio.run(_frame())
+    with Browser() as browser:
+        (FOLDER / "view.png").write_bytes(_page(browser))
+        page = browser.open("about:blank", width=round(WIDTH * _LETTER) + 32, height=HEIGHT * _LINE + 28)
+        page.ask(f"document.documentElement.innerHTML = {as_html(text)!r}")
+        (FOLDER / "watch.png").write_bytes(page.picture())
+    for path in sorted(FOLDER.glob("*.png")):
+        print(f"{path.relative_to(ROOT)}  {path.stat().st_size / 1000:.0f} kB")
+    return 0
+
+
+def _page(browser: Browser) -> bytes:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "lidario", "view", SOURCE, "--port", "0"],
+        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+    )  # fmt: skip
+    assert process.stdout is not None
+    with process:
+        page = browser.open(process.stdout.readline().strip(), width=1000, height=600)
+        page.until("seen.painted > 30 && lidars[0].load !== null")
+        picture = page.picture()
+        page.close()
+        process.send_signal(signal.SIGINT)
+    return picture
+
+
+async def _frame() -> str:
+    """One frame of the terminal, with its colours."""
+    feed = Feed(SOURCE)
+    enough = asyncio.Event()
+    feed.on_scan = lambda each: enough.set() if each.line is not None else None
+    reading = asyncio.create_task(feed.run())
+    await enough.wait()
+    target = Console(
+        file=io.StringIO(), width=WIDTH, height=HEIGHT, force_terminal=True, color_system="truecolor", _environ={}
+    )
+    text = frame(feed, target)
+    reading.cancel()
+    await asyncio.wait([reading])
+    return text
+
+
+def as_html(ansi: str) -> str:
+    """A page that shows the lines of a terminal as they are there."""
+    console = Console(width=WIDTH, color_system="truecolor", force_terminal=True, _environ={})
+    lines = [Text.from_ansi(line) for line in ansi.splitlines()]
+    body = "\n".join("".join(_span(*segment[:2]) for segment in line.render(console)) for line in lines)
+    return (
+        f"<body style='margin:0;background:#16181c;color:{_PLAIN}'><pre style='margin:14px 16px;"
+        f"font:14px/{_LINE}px DejaVu Sans Mono,monospace'>{body}</pre></body>"
+    )
+
+
+def _span(text: str, style: Style | None) -> str:
+    # The type may lack these characters, and others have other widths.
+    cell = "<i style='display:inline-block;width:1ch;font-style:normal;text-align:center'>{}</i>"
+    shown = "".join(cell.format(each) if each > "\u2500" else escape(each) for each in text.rstrip("\n"))
+    if style is None or (style.color is None and not style.bold):
+        return shown
+    colour = style.color.get_truecolor().hex if style.color else _PLAIN
+    return f"<span style='color:{colour};font-weight:{700 if style.bold else 400}'>{shown}</span>"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,233 @@
+"""``lidario doctor``: everything that commonly keeps a lidar from working, each line ok or with its cure.
+
+First the machine, which can be examined without a device: brltty and ModemManager, which take serial ports for
+braille displays and modems, and the machine's own supply. Then each port: its adapter, its access, and what
+responds there at which speed. At last what responds is asked for its health and for a second of scans.
+
+The exit code is the one that `lidario scan` would end with.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Literal
+
+import click
+
+from lidario.cli.errors import ExitCode, exit_code
+from lidario.cli.machine import ADAPTERS, Machine
+from lidario.cli.output import console, dump, emit, progress, rendered
+from lidario.cli.parameters import complete_source
+from lidario.cli.udev import is_unique
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from lidario import LidarError, PortInfo
+
+__all__ = ["Finding", "doctor", "of_adapter", "of_machine"]
+
+SCAN_S = 1.0
+SLOW_LATENCY_MS = 4
+"""An FTDI adapter gathers for 16 ms unless it is told otherwise; a revolution takes 100 ms."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One line.
+
+    Attributes:
+        what: What was examined.
+        state: ``ok``; ``hint``: it may cause trouble; ``bad``: it does.
+        text: What was found.
+        cure: What to do; empty where nothing need be done.
+        port: Port or source that it is about; empty for the machine.
+    """
+
+    what: str
+    state: Literal["ok", "hint", "bad"]
+    text: str
+    cure: str = ""
+    port: str = ""
+
+
+@click.command()
+@click.argument("source", default="auto", shell_complete=complete_source)
+@click.option("--json", "as_json", is_flag=True, help="A list for programs.")
+def doctor(source: str, as_json: bool) -> int:
+    """Examine this machine, its ports and the lidars on them; say what to do.
+
+    Asking a device that scans stops it. Without a SOURCE all ports are examined whose adapter is a kind that lidars
+    are sold with.
+    """
+    from lidario import list_serial_ports
+    from lidario.cli.running import run
+
+    machine = Machine()
+    ports = list_serial_ports()
+    adapters = [port for port in ports if port.adapter]
+    findings = of_machine(machine, [port.path for port in adapters])
+    named = source not in ("", "auto")
+    sources = [source] if named else [port.path for port in adapters]
+    by_path = {port.path: port for port in ports}
+    codes: list[int] = []
+    for each in sources:
+        if each in by_path:
+            findings += of_adapter(machine, by_path[each])
+        with progress(f"asking {each} …"):
+            found, code = run(lambda each=each: _of_device(each, by_path.get(each)))  # type: ignore[misc]
+        findings += found
+        codes.append(code)
+    if not sources:
+        findings.append(_nothing_plugged(ports))
+        codes = [ExitCode.NO_DEVICE]
+    if as_json:
+        dump([asdict(finding) for finding in findings])
+    else:
+        target = console()
+        emit(rendered(target, _table(findings)))
+    # Several ports, and a lidar on one of them: that one is what `auto` opens.
+    return ExitCode.OK if ExitCode.OK in codes else codes[0]
+
+
+def of_machine(machine: Machine, ports: list[str]) -> list[Finding]:
+    """What programs and supply of the machine mean for ports such as these; nothing is opened."""
+    found: list[Finding] = []
+    numbers = [(usb.vendor, usb.product) for usb in map(machine.usb, ports) if usb is not None]
+    if not numbers:
+        # The adapter may be missing just because brltty has taken it.
+        numbers = [(f"{each.vendor:04x}", f"{each.product:04x}") for each in ADAPTERS.values()]
+    claims = any(machine.brltty_claims(*pair) for pair in numbers)
+    if claims:
+        found.append(
+            Finding("brltty", "bad", "takes the adapter for a braille display, and its port disappears",
+                    "sudo apt remove brltty   unless a braille display is in use; then plug the lidar in again")
+        )  # fmt: skip
+    else:
+        found.append(Finding("brltty", "ok", "does not take such adapters"))
+    if machine.runs("ModemManager"):
+        found.append(
+            Finding("ModemManager", "hint", "runs, and writes to new ports for some seconds to find a modem",
+                    "lidario udev | sudo tee /etc/udev/rules.d/99-lidar.rules   tells it to leave the port alone")
+        )  # fmt: skip
+    else:
+        found.append(Finding("ModemManager", "ok", "does not run"))
+    if machine.is_undervolted():
+        found.append(
+            Finding("power", "bad", "the supply of this machine has fallen too low",
+                    "a stronger supply, or a powered USB hub for the lidar (5 V, 1.5 A when its motor starts)")
+        )  # fmt: skip
+    return found
+
+
+def of_adapter(machine: Machine, port: PortInfo) -> list[Finding]:
+    """What the adapter behind a port is, and whether its name stays the same; nothing is opened."""
+    usb = machine.usb(port.path)
+    if not port.adapter:
+        text = f"{port.description or 'unknown'}: lidars are not sold with it"
+        return [Finding("adapter", "hint", text, port=port.path)]
+    fastest = ADAPTERS[port.adapter].fastest if port.adapter in ADAPTERS else 0
+    speed = f", up to {fastest} baud" if fastest else ""
+    found = [Finding("adapter", "ok", port.adapter + speed, port=port.path)]
+    if usb is not None and usb.latency_ms is not None and usb.latency_ms > SLOW_LATENCY_MS:
+        found.append(
+            Finding("adapter", "hint", f"gathers bytes for {usb.latency_ms} ms, so that scans come late by as much",
+                    f"echo 1 | sudo tee /sys/class/tty/{port.path.rpartition('/')[2]}/device/latency_timer",
+                    port.path)
+        )  # fmt: skip
+    if usb is not None and not is_unique(usb.serial):
+        found.append(
+            Finding("name", "hint", "the adapter has no serial number of its own: two such lidars may swap names",
+                    f"lidario udev {port.path} --name front   or open it as id:SERIAL", port.path)
+        )  # fmt: skip
+    elif usb is not None:
+        text = port.by_id or "the adapter has a serial number of its own"
+        found.append(Finding("name", "ok", text, port=port.path))
+    return found
+
+
+async def _of_device(source: str, port: PortInfo | None) -> tuple[list[Finding], int]:
+    """What responds there, and the exit code that `lidario scan` would end with."""
+    from lidario import LidarError, open_lidar
+
+    found: list[Finding] = []
+    try:
+        async with open_lidar(source) as lidar:
+            at = f" at {lidar.baudrate} baud" if lidar.baudrate else ""
+            found.append(Finding("access", "ok", "may be opened, and no other program holds it", port=source))
+            name = f"{lidar.info.model}, firmware {lidar.info.firmware}, serial number {lidar.info.serial}"
+            found.append(Finding("response", "ok", f"{name}{at}", port=source))
+            found += _of_speed(source, port, lidar.baudrate)
+            note = f": {lidar.health.note}" if lidar.health.note else ""
+            is_fine = lidar.health.status.value == "ok"
+            text = f"{lidar.health.status.value}, code {lidar.health.code}{note}" if not is_fine else "ok"
+            found.append(Finding("health", "ok" if is_fine else "hint", text, port=source))
+        found.append(await _of_scans(source))
+    except LidarError as error:
+        found.append(_failed(source, error))
+        return found, exit_code(error)
+    return found, ExitCode.OK
+
+
+def _of_speed(source: str, port: PortInfo | None, baudrate: int) -> list[Finding]:
+    adapter = ADAPTERS.get(port.adapter) if port is not None else None
+    if adapter is None or not adapter.fastest or baudrate <= adapter.fastest:
+        return []
+    text = f"{baudrate} baud is more than the adapter is made for ({adapter.fastest})"
+    return [Finding("speed", "hint", text, "an adapter that is made for it", source)]
+
+
+async def _of_scans(source: str) -> Finding:
+    from lidario.cli.stats import Measured, measure, percent, verdict
+
+    measured = Measured()
+    await measure(source, SCAN_S, None, measured)
+    word, reason = verdict(measured)
+    rate = f"{measured.hertz:.1f} Hz, " if measured.periods else ""
+    points = sum(measured.points) // max(len(measured.points), 1)
+    text = f"{rate}{points} points a scan, {percent(measured.no_return)} without a return"
+    if word == "good":
+        return Finding("scans", "ok", text, port=source)
+    return Finding("scans", "bad" if word == "damaged" else "hint", f"{word}: {text}", reason, source)
+
+
+def _failed(source: str, error: LidarError) -> Finding:
+    """The text of an error has the cause in its first line and the cure behind it."""
+    from lidario import ConnectFailed, DeviceFault
+
+    reason = error.reason if isinstance(error, ConnectFailed) else ""
+    what = {"permission": "access", "busy": "access", "missing": "port", "source": "source", "refused": "port"}
+    text, _, cure = str(error).partition("\n")
+    if not cure and reason == "silent":
+        cure = "power (5 V, 1.5 A when the motor starts), cable, and the adapter's speed switch"
+    return Finding(
+        "health" if isinstance(error, DeviceFault) else what.get(reason, "response"), "bad", text, cure, source
+    )
+
+
+def _nothing_plugged(ports: list[PortInfo]) -> Finding:
+    others = ", ".join(port.path for port in ports)
+    cure = "plug it in; `sudo dmesg | tail` tells whether the system sees it, or whether a cable only carries power"
+    if others:
+        cure = f"lidario doctor {ports[0].path}   examines a port that is there ({others}); else " + cure
+    return Finding("port", "bad", "no port has an adapter that lidars are sold with", cure)
+
+
+def _table(findings: list[Finding]) -> Table:
+    from rich.table import Table
+    from rich.text import Text
+
+    colours = {"ok": "green", "hint": "yellow", "bad": "bold red"}
+    table = Table.grid(padding=(0, 2))
+    for _ in range(2):
+        table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
+    place = ""
+    for finding in findings:
+        if finding.port != place:
+            place = finding.port
+            table.add_row("", "", Text(place, "bold"))
+        table.add_row(Text(finding.state, colours[finding.state]), finding.what, finding.text)
+        if finding.cure:
+            table.add_row("", "", Text("→ " + finding.cure.replace("\n", "\n  ")))
+    return table

@@ -1,0 +1,116 @@
+"""What the system says of itself and of a serial adapter: read from ``/proc``, ``/sys`` and ``/usr``.
+
+All paths stand below `Machine.root`, so that a test can describe a machine as a folder. What cannot be read counts
+as not there: other systems than Linux have none of it.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+__all__ = ["ADAPTERS", "Adapter", "Machine", "Usb"]
+
+
+@dataclass(frozen=True, slots=True)
+class Adapter:
+    """A kind of USB adapter that lidars are sold with.
+
+    Attributes:
+        vendor: USB vendor number.
+        product: USB product number.
+        fastest: Highest speed in bits a second that its data sheet names; 0 where the speed means nothing to it.
+    """
+
+    vendor: int
+    product: int
+    fastest: int
+
+
+ADAPTERS: Final = {
+    "CP2102": Adapter(0x10C4, 0xEA60, 1_000_000),
+    "CH340": Adapter(0x1A86, 0x7523, 2_000_000),
+    "CH9102": Adapter(0x1A86, 0x55D4, 4_000_000),
+    "STM32 virtual port": Adapter(0x0483, 0x5740, 0),
+    "PL2303": Adapter(0x067B, 0x2303, 6_000_000),
+    "FT232": Adapter(0x0403, 0x6001, 3_000_000),
+    "FT231X": Adapter(0x0403, 0x6015, 3_000_000),
+}
+"""By the names that `lidario.PortInfo.adapter` uses. Speeds are those of the makers' data sheets."""
+
+
+@dataclass(frozen=True, slots=True)
+class Usb:
+    """A USB device, as the system knows it.
+
+    Attributes:
+        vendor: Vendor number, four hexadecimal digits.
+        product: Product number, four hexadecimal digits.
+        serial: The serial number of the adapter; empty where it has none.
+        place: Where it is plugged in, such as ``1-1.4``.
+        latency_ms: For how long it gathers bytes before it sends them to the host; None where it does not tell.
+    """
+
+    vendor: str
+    product: str
+    serial: str
+    place: str
+    latency_ms: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """This machine; or a description of one, in a folder.
+
+    Attributes:
+        root: The folder in which ``proc``, ``sys`` and ``usr`` stand.
+    """
+
+    root: Path = Path("/")
+
+    def runs(self, name: str) -> bool:
+        """Whether a process of that name runs."""
+        return any(_text(path) == name[:15] for path in self.root.glob("proc/[0-9]*/comm"))
+
+    def brltty_claims(self, vendor: str, product: str) -> bool:
+        """Whether brltty, a driver of braille displays, takes every adapter with these numbers for one."""
+        wanted = f"{vendor}/{product}/".casefold()
+        for folder in ("usr/lib/udev/rules.d", "lib/udev/rules.d", "etc/udev/rules.d"):
+            for path in self.root.glob(f"{folder}/*brltty*.rules"):
+                lines = _text(path).casefold().splitlines()
+                if any(wanted in line and not line.lstrip().startswith("#") for line in lines):
+                    return True
+        return False
+
+    def is_undervolted(self) -> bool:
+        """Whether a Raspberry Pi has seen its own supply fall too low."""
+        names = self.root.glob("sys/class/hwmon/hwmon*/name")
+        return any(_text(path.parent / "in0_lcrit_alarm") == "1" for path in names if _text(path) == "rpi_volt")
+
+    def usb(self, port: str) -> Usb | None:
+        """The adapter behind a port such as ``/dev/ttyUSB0``; None where there is none."""
+        name = os.path.basename(os.path.realpath(port))
+        begin = self.root / "sys/class/tty" / name / "device"
+        if not begin.exists():
+            return None
+        latency = _text(begin / "latency_timer")
+        place = begin.resolve()
+        for folder in (place, *place.parents):
+            if (folder / "idVendor").is_file():
+                return Usb(
+                    _text(folder / "idVendor").lower(),
+                    _text(folder / "idProduct").lower(),
+                    _text(folder / "serial"),
+                    folder.name,
+                    int(latency) if latency.isdecimal() else None,
+                )
+        return None
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8", errors="replace").strip()
+    except OSError:
+        return ""

@@ -1,0 +1,104 @@
+"""``lidario motor``: let the rotor turn, stop it, or choose its speed.
+
+No request only turns the rotor on every device: some start it with the laser. So the verb starts a stream, waits
+until the speed is measured, and ends the stream with the motor left on. A device whose motor stops with its laser
+cannot do that. There ``start`` is refused, and ``speed`` sets what the next stream will have.
+"""
+
+from __future__ import annotations
+
+import click
+
+from lidario.cli.errors import ExitCode
+from lidario.cli.output import dump, emit, progress
+from lidario.cli.parameters import complete_source
+
+__all__ = ["motor"]
+
+_SOURCE = click.argument("source", default="auto", shell_complete=complete_source)
+_JSON = click.option("--json", "as_json", is_flag=True, help="One object for programs.")
+
+
+@click.group()
+def motor() -> None:
+    """Start or stop the motor, or set its speed."""
+
+
+@motor.command()
+@_SOURCE
+@_JSON
+def start(source: str, as_json: bool) -> int:
+    """Let the rotor turn, with the laser off."""
+    return _run(source, None, as_json)
+
+
+@motor.command()
+@_SOURCE
+@_JSON
+def stop(source: str, as_json: bool) -> int:
+    """Stop laser and motor, whatever an earlier program left running."""
+    from lidario.cli.running import run
+
+    with progress(f"stopping {source} …"):
+        run(lambda: _stop(source))
+    _tell(as_json, "stopped", None)
+    return ExitCode.OK
+
+
+@motor.command()
+@click.argument("hertz", metavar="HZ", type=click.FloatRange(min=0, min_open=True))
+@_SOURCE
+@_JSON
+def speed(hertz: float, source: str, as_json: bool) -> int:
+    """Let the rotor turn at HZ revolutions a second.
+
+    A device whose motor stops with its laser takes the speed when it scans next.
+    """
+    return _run(source, hertz, as_json)
+
+
+def _run(source: str, hertz: float | None, as_json: bool) -> int:
+    from lidario.cli.running import run
+
+    with progress("waiting for the rotor …"):
+        state, measured = run(lambda: _turn(source, hertz))
+    _tell(as_json, state, measured)
+    return ExitCode.OK
+
+
+def _tell(as_json: bool, state: str, hertz: float | None) -> None:
+    if as_json:
+        dump({"motor": state, "hertz": None if hertz is None else round(hertz, 3)})
+    elif state == "turning":
+        emit("the motor turns" + (f" at {hertz:.2f} Hz ({60 * hertz:.0f} rpm)\n" if hertz is not None else "\n"))
+    elif state == "set" and hertz is not None:
+        emit(f"{hertz:.2f} Hz ({60 * hertz:.0f} rpm) is set; the motor of this device turns only while it scans\n")
+    else:
+        emit("laser and motor are off\n")
+
+
+async def _turn(source: str, hertz: float | None) -> tuple[str, float | None]:
+    """Returns what was done, and the speed in revolutions a second."""
+    from lidario import Unsupported, open_lidar
+
+    try:
+        async with open_lidar(source, keep_spinning=True) as lidar, lidar.scans() as scans:
+            await anext(scans)
+            if hertz is not None:
+                await lidar.set_scan_frequency(hertz)
+            return "turning", lidar.measured_scan_frequency
+    except Unsupported as error:
+        if hertz is None:
+            raise Unsupported(
+                f"the motor of this lidar stops with its laser: `lidario scan -n 0 {source}` runs both until Ctrl-C"
+            ) from error
+    async with open_lidar(source) as lidar:
+        return "set", await lidar.set_scan_frequency(hertz)
+
+
+async def _stop(source: str) -> None:
+    """Open and close: a session that ends writes the requests that stop laser and motor."""
+    from lidario import open_lidar
+
+    async with open_lidar(source) as lidar:
+        await lidar.stop()

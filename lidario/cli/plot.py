@@ -1,0 +1,112 @@
+"""``lidario plot``: scans as a picture in a file, fit for a report.
+
+SVG needs nothing. PNG is drawn by matplotlib, where that is installed.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from lidario.cli.errors import ExitCode
+from lidario.cli.output import emit, message, progress
+from lidario.cli.parameters import complete_source
+
+if TYPE_CHECKING:
+    from lidario import DeviceInfo, Scan
+
+__all__ = ["plot"]
+
+
+@click.command()
+@click.argument("source", default="auto", shell_complete=complete_source)
+@click.option("-o", "--output", default="scan.svg", show_default=True, metavar="FILE",
+              help="Where to: a name that ends with .svg or .png.")  # fmt: skip
+@click.option("-n", "count", default=1, show_default=True, type=click.IntRange(1, 100), metavar="N",
+              help="How many scans, one drawn over the other.")  # fmt: skip
+@click.option("--polar", is_flag=True, help="On rings and rays instead of a grid.")
+@click.option("--mode", metavar="MODE", help="Scan mode by name or id, as `lidario info` lists them.")
+def plot(source: str, output: str, count: int, polar: bool, mode: str | None) -> int:
+    """Draw scans into a file, to scale: forward is up.
+
+    The name of the file is printed.
+    """
+    from lidario.cli.running import run
+
+    path = Path(output)
+    kind = path.suffix.lower()
+    if kind not in (".svg", ".png"):
+        raise click.BadParameter(f"{output!r} ends neither with .svg nor with .png", param_hint="-o")
+    if path.is_dir() or not path.absolute().parent.is_dir():
+        raise click.BadParameter(f"{output!r} is a folder, or stands in none", param_hint="-o")
+    if kind == ".png":
+        _needs_matplotlib()
+    by_id = int(mode) if mode is not None and mode.isdecimal() else mode
+    with progress(f"waiting for {source} …"):
+        info, scans = run(lambda: _read(source, count, by_id))
+    title = _title(info, scans)
+    try:
+        if kind == ".svg":
+            from lidario.cli.chart import svg
+
+            path.write_text(svg(scans, title, polar=polar), encoding="utf-8")
+        else:
+            _png(path, scans, title, polar)
+    except OSError as error:
+        raise click.FileError(output, error.strerror or str(error)) from error
+    emit(f"{path}\n")
+    if not any(scan.valid.any() for scan in scans):
+        message("there is nothing on it: no returns in any direction")
+    return ExitCode.OK
+
+
+async def _read(source: str, count: int, mode: str | int | None) -> tuple[DeviceInfo, list[Scan]]:
+    from lidario import open_lidar
+
+    async with open_lidar(source) as lidar, lidar.scans(mode, depth=count) as scans:
+        return lidar.info, [await anext(scans) for _ in range(count)]
+
+
+def _title(info: DeviceInfo, scans: list[Scan]) -> str:
+    when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(scans[0].wall_stamp_ns / 1e9))
+    what = f"{len(scans)} scans" if len(scans) > 1 else f"{len(scans[0])} samples"
+    return f"{info.model} ({info.serial[:8]}), {scans[0].mode}, {what}, {when}"
+
+
+def _needs_matplotlib() -> None:
+    # Drawn into a file, never on a screen; and without it, matplotlib may look for one.
+    os.environ.setdefault("MPLBACKEND", "Agg")
+    if find_spec("matplotlib") is None:
+        raise click.UsageError(
+            "a PNG needs matplotlib, which is not installed: pip install matplotlib, or write an .svg"
+        )
+
+
+def _png(path: Path, scans: list[Scan], title: str, polar: bool) -> None:
+    from lidario.cli.chart import COLOURS, reach_of
+
+    plt = import_module("matplotlib.pyplot")
+    reach = reach_of(scans)
+    figure = plt.figure(figsize=(8, 8), dpi=150)
+    axes: Any = figure.add_subplot(projection="polar" if polar else None)
+    for number, scan in enumerate(scans):
+        seen, points = scan.valid, scan.xy()
+        across, up = (scan.angles[seen], scan.ranges[seen]) if polar else (points[seen, 1], points[seen, 0])
+        axes.plot(across, up, ".", markersize=2.5, color=COLOURS[number % len(COLOURS)], alpha=0.8)
+    if polar:
+        axes.set_theta_zero_location("N")
+        axes.set_ylim(0, reach)
+    else:
+        axes.plot(0, 0, "k^")
+        axes.set(xlim=(reach, -reach), ylim=(-reach, reach), aspect="equal")
+        axes.set(xlabel="y, to the left (m)", ylabel="x, forward (m)")
+        axes.grid(color="#dddddd")
+    axes.set_title(title)
+    figure.savefig(path)
+    plt.close(figure)

@@ -1,0 +1,251 @@
+"""``lidario stats``: how well a lidar, its line and this machine do, measured for some seconds.
+
+The verdict is one word, with its reason behind it. It names what costs most first: damage on the line, then a
+machine that is too slow, a rotor that turns unevenly, and a sensor that sees nothing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import click
+import numpy as np
+
+from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.output import console, dump, emit, progress, rendered
+from lidario.cli.parameters import complete_source, seconds_of
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from lidario import Lidar, Scan, ScanStream
+    from lidario.web.traffic import Traffic
+
+__all__ = ["Measured", "measure", "stats", "verdict"]
+
+TOLERABLE_DAMAGE = 0.005
+"""One packet in 200; a scan has about 80, so that fewer than every second scan has a gap."""
+UNEVEN = 0.03
+"""Share of the revolution's time. Rotors of this kind hold their speed within 1 to 2 %."""
+NOTHING_SEEN = 0.995
+FULL_LINE = 0.95
+
+
+@dataclass
+class Measured:
+    """What was read.
+
+    Attributes:
+        stamps: Seconds at which the scans began, with the numbers of the scans.
+        points: Samples of each scan.
+        returns: Samples with a return of each scan.
+        line: What the line carried.
+        seconds: How long it was measured.
+        cpu: Share of one core that this process used; of a simulated lidar too, which is in the same process.
+        model: Name of the model.
+        serial: Its serial number.
+        mode: Scan mode.
+    """
+
+    stamps: list[tuple[int, float]] = field(default_factory=list)
+    points: list[int] = field(default_factory=list)
+    returns: list[int] = field(default_factory=list)
+    line: Traffic | None = None
+    seconds: float = 0.0
+    cpu: float = 0.0
+    model: str = ""
+    serial: str = ""
+    mode: str = ""
+
+    def add(self, scan: Scan) -> None:
+        """Take in a scan."""
+        self.stamps.append((scan.seq, scan.stamp_ns / 1e9))
+        self.points.append(len(scan))
+        self.returns.append(int(np.count_nonzero(scan.valid)))
+        self.mode = scan.mode
+
+    @property
+    def periods(self) -> list[float]:
+        """Seconds of each revolution that was followed by the next one."""
+        pairs = zip(self.stamps, self.stamps[1:], strict=False)
+        return [later - earlier for (seq, earlier), (following, later) in pairs if following == seq + 1]
+
+    @property
+    def hertz(self) -> float:
+        """Revolutions a second; NaN where no two scans followed each other."""
+        return 1 / float(np.mean(self.periods)) if self.periods else math.nan
+
+    @property
+    def jitter(self) -> float:
+        """Standard deviation of the time of a revolution, in seconds; NaN as `hertz`."""
+        return float(np.std(self.periods)) if self.periods else math.nan
+
+    @property
+    def no_return(self) -> float:
+        """Share of the samples without a return; NaN without samples."""
+        return 1 - sum(self.returns) / sum(self.points) if sum(self.points) else math.nan
+
+
+@click.command()
+@click.argument("source", default="auto", shell_complete=complete_source)
+@click.option("-t", "--time", "seconds", default="10s", show_default=True, callback=seconds_of, metavar="TIME",
+              help="How long to measure, such as 10s or 2min.")  # fmt: skip
+@click.option("--mode", metavar="MODE", help="Scan mode by name or id, as `lidario info` lists them.")
+@click.option("--json", "as_json", is_flag=True, help="One object for programs.")
+def stats(source: str, seconds: float, mode: str | None, as_json: bool) -> int:
+    """Rate, evenness, points, damage, load of the line and of this machine; and a verdict.
+
+    A revolution before the measuring begins is not counted. The exit code tells whether it could be measured, and
+    the verdict how good it was.
+    """
+    from lidario.cli.running import run
+
+    by_id = int(mode) if mode is not None and mode.isdecimal() else mode
+    measured = Measured()
+    stopped: Stopped | None = None
+    try:
+        with progress(f"measuring for {seconds:g} s …"):
+            run(lambda: measure(source, seconds, by_id, measured))
+    except Stopped as caught:
+        stopped = caught
+    if measured.line is not None and measured.stamps:
+        if as_json:
+            dump(_record(measured))
+        else:
+            target = console()
+            emit(rendered(target, _table(measured)))
+    if stopped is not None:
+        raise stopped
+    return ExitCode.OK
+
+
+async def measure(source: str, seconds: float, mode: str | int | None, into: Measured) -> None:
+    """Read scans for so long; what was read until then is in `into` also when it is cancelled.
+
+    Raises:
+        LidarError: As `open_lidar` and the stream.
+    """
+    from lidario import open_lidar
+
+    async with open_lidar(source) as lidar, lidar.scans(mode) as scans:
+        into.model, into.serial = lidar.info.model, lidar.info.serial
+        await anext(scans)
+        await _for_a_while(lidar, scans, seconds, into)
+
+
+async def _for_a_while(lidar: Lidar, scans: ScanStream, seconds: float, into: Measured) -> None:
+    from lidario.web.traffic import traffic
+
+    loop = asyncio.get_running_loop()
+    before, began, cpu = lidar.stats, loop.time(), time.process_time()
+    try:
+        async with asyncio.timeout(seconds):
+            while True:
+                into.add(await anext(scans))
+    except TimeoutError:
+        pass
+    finally:
+        into.seconds = loop.time() - began
+        into.cpu = (time.process_time() - cpu) / max(into.seconds, 1e-9)
+        into.line = traffic(before, lidar.stats, into.seconds, lidar.baudrate)
+
+
+def verdict(measured: Measured) -> tuple[str, str]:
+    """One word, and its reason with what to do."""
+    line = measured.line
+    assert line is not None
+    if line.missed_scans or line.damaged > TOLERABLE_DAMAGE:
+        missed = f" and {line.missed_scans} revolutions lost" if line.missed_scans else ""
+        return "damaged", (
+            f"{percent(line.damaged)} of the packets damaged{missed}. "
+            "Check the cable, the plug, and the power supply (5 V, 1.5 A)"
+        )
+    if line.discarded_bytes:
+        return "slow", f"this machine was too busy to read: {line.discarded_bytes} bytes were thrown away"
+    if line.dropped_scans:
+        return "slow", f"this program was too slow for {line.dropped_scans} scans"
+    if line.load is not None and line.load > FULL_LINE:
+        return "full", f"the line carries {percent(line.load)} of what it can; a mode with fewer samples is safer"
+    if not measured.periods:
+        return "short", "no two scans followed each other: measure for longer"
+    if measured.jitter * measured.hertz > UNEVEN:
+        return "uneven", (
+            f"the time of a revolution varies by {percent(measured.jitter * measured.hertz)}. "
+            "Check the power supply and that the rotor turns freely"
+        )
+    if measured.no_return > NOTHING_SEEN:
+        return "blind", "no returns: is the cover off, is the window clean, is anything in range?"
+    reason = "nothing lost, and an even revolution"
+    return (
+        "good",
+        reason if not line.lost_packets else f"{percent(line.damaged)} of the packets damaged, few enough",
+    )
+
+
+def percent(share: float) -> str:
+    """A share for people, with at least two digits that say something."""
+    value = 100 * share
+    return f"{value:.0f} %" if value >= 9.95 or value == 0 else f"{value:.1f} %" if value >= 0.1 else "under 0.1 %"
+
+
+def _table(measured: Measured) -> Table:
+    from rich.table import Table
+
+    line = measured.line
+    assert line is not None
+    word, reason = verdict(measured)
+    table = Table.grid(padding=(0, 2))
+    table.add_column(style="bold")
+    table.add_column(overflow="fold")
+    load = f", {percent(line.load)} of the line" if line.load is not None else ""
+    rows = [
+        ("lidar", f"{measured.model}, serial number {measured.serial}, mode {measured.mode}"),
+        ("measured", f"{len(measured.points)} scans in {measured.seconds:.1f} s"),
+        ("rate", f"{measured.hertz:.2f} Hz ({60 * measured.hertz:.0f} rpm)" if measured.periods else "not known"),
+        ("jitter", f"{1000 * measured.jitter:.2f} ms a revolution" if measured.periods else "not known"),
+        ("points", f"{np.mean(measured.points):.0f} a scan, {percent(measured.no_return)} without a return"),
+        ("damage", f"{line.lost_packets} of {line.packets + line.lost_packets} packets ({percent(line.damaged)})"),
+        ("lost", f"{line.missed_scans} revolutions on the line, {line.dropped_scans} scans in this program"),
+        ("link", f"{line.bytes_a_second / 1000:.1f} kB/s{load}"),
+        ("CPU", f"{percent(measured.cpu)} of a core"),
+        ("verdict", f"{word}: {reason}"),
+    ]
+    for name, value in rows:
+        table.add_row(name, value)
+    return table
+
+
+def _record(measured: Measured) -> dict[str, object]:
+    line = measured.line
+    assert line is not None
+    word, reason = verdict(measured)
+    return {
+        "model": measured.model,
+        "serial": measured.serial,
+        "mode": measured.mode,
+        "seconds": round(measured.seconds, 3),
+        "scans": len(measured.points),
+        "hertz": _finite(measured.hertz, 4),
+        "jitter_ms": _finite(1000 * measured.jitter, 4),
+        "points": _finite(float(np.mean(measured.points)), 1),
+        "no_return": _finite(measured.no_return, 5),
+        "packets": line.packets,
+        "lost_packets": line.lost_packets,
+        "damaged": round(line.damaged, 6),
+        "missed_scans": line.missed_scans,
+        "dropped_scans": line.dropped_scans,
+        "skipped_bytes": line.skipped_bytes,
+        "bytes_per_second": round(line.bytes_a_second, 1),
+        "link_load": None if line.load is None else round(line.load, 4),
+        "cpu": round(measured.cpu, 4),
+        "verdict": word,
+        "reason": reason,
+    }
+
+
+def _finite(value: float, digits: int) -> float | None:
+    return round(value, digits) if math.isfinite(value) else None

@@ -1,0 +1,191 @@
+"""``lidario view``: the live page in a browser, for one lidar or several.
+
+It serves this machine alone. ``--lan`` opens it to the network, with a random token in the printed address. Over
+SSH the line is printed that brings the page to the machine one sits at.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import getpass
+import os
+import re
+import secrets
+import socket
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.output import emit, message, progress
+from lidario.cli.parameters import complete_source
+
+if TYPE_CHECKING:
+    from lidario.web.feed import Feed
+    from lidario.web.frames import Mount
+    from lidario.web.server import LiveServer
+
+__all__ = ["view"]
+
+MOST_LIDARS: Final = 16
+
+
+@click.command()
+@click.argument("sources", metavar="[SOURCE]...", nargs=-1, shell_complete=complete_source)
+@click.option("--port", default=8080, show_default=True, type=click.IntRange(0, 65535), metavar="N",
+              help="Port of the page; 0 for any that is free.")  # fmt: skip
+@click.option("--lan", is_flag=True, help="Open to the network, for those who have the printed address.")
+@click.option("--mount", "mounts", multiple=True, metavar="X,Y,YAW",
+              help="Where a lidar is mounted: metres forward, metres left, degrees counter-clockwise. "
+                   "Once for each SOURCE, in their order.")  # fmt: skip
+@click.option("--colour", "colours", multiple=True, metavar="#RRGGBB",
+              help="Colour of a lidar, once for each SOURCE.")  # fmt: skip
+@click.option("--mode", metavar="MODE", help="Scan mode by name or id, as `lidario info` lists them.")
+def view(
+    sources: tuple[str, ...],
+    port: int,
+    lan: bool,
+    mounts: tuple[str, ...],
+    colours: tuple[str, ...],
+    mode: str | None,
+) -> int:
+    """Show live scans in a browser, until Ctrl-C.
+
+    The address of the page is printed. A lidar that is lost is opened again as soon as it is back.
+    """
+    _needs_websockets()
+    from lidario.cli.running import run
+    from lidario.web.feed import Feed
+
+    sources = sources or ("auto",)
+    if len(sources) > MOST_LIDARS:
+        raise click.UsageError(f"a page shows {MOST_LIDARS} lidars at most", click.get_current_context())
+    by_id = int(mode) if mode is not None and mode.isdecimal() else mode
+    feeds = [Feed(source, mode=by_id) for source in sources]
+    places = _places(len(sources), mounts, colours)
+    try:
+        run(lambda: _serve(feeds, places, port, lan))
+    except Stopped:
+        message("")
+    for feed in feeds:
+        lost = f", lost {feed.losses} time{'s' if feed.losses > 1 else ''}" if feed.losses else ""
+        message(f"{feed.source}: {feed.scans} scans{lost}")
+    return ExitCode.OK
+
+
+def _needs_websockets() -> None:
+    try:
+        import websockets  # noqa: F401
+    except ImportError:
+        raise click.UsageError(
+            "the page needs websockets, which is not installed: pip install 'lidario-asyncio[cli]'"
+        ) from None
+
+
+def _places(count: int, mounts: tuple[str, ...], colours: tuple[str, ...]) -> list[Mount]:
+    from lidario.web.frames import Mount
+
+    context = click.get_current_context()
+    if len(mounts) > count or len(colours) > count:
+        raise click.UsageError("more mounts or colours than sources", context)
+    found = []
+    for number in range(count):
+        text = mounts[number] if number < len(mounts) else "0,0,0"
+        colour = colours[number] if number < len(colours) else ""
+        if colour and not re.fullmatch(r"#[0-9a-fA-F]{6}", colour):
+            raise click.BadParameter(f"{colour!r} is not a colour such as #1b5fc1", param_hint="--colour")
+        try:
+            x, y, yaw = map(float, text.split(","))
+            found.append(Mount(x, y, yaw, colour))
+        except ValueError:
+            raise click.BadParameter(f"{text!r} is not X,Y,YAW, such as 0.3,0,90", param_hint="--mount") from None
+    return found
+
+
+async def _serve(feeds: list[Feed], places: list[Mount], port: int, lan: bool) -> None:
+    """Read all feeds, and serve them from the first scan of each on; the first error of an opening ends it."""
+    from lidario.web.server import LiveServer
+
+    token = secrets.token_urlsafe(16) if lan else ""
+    # Binding to all interfaces is what --lan asks for.
+    server = LiveServer(feeds, places, host="0.0.0.0" if lan else "127.0.0.1", port=port, token=token)
+    try:
+        await server.__aenter__()
+    except OSError as error:
+        raise _cannot_listen(port, error) from error
+    reading: list[asyncio.Task[None]] = []
+    try:
+        begun = asyncio.Event()
+        for feed in feeds:
+            feed.on_scan = lambda _: begun.set()
+            reading.append(asyncio.create_task(feed.run()))
+            reading[-1].add_done_callback(lambda _: begun.set())
+        with progress("waiting for the first scan …"):
+            while not all(feed.latest for feed in feeds):
+                await begun.wait()
+                begun.clear()
+                _raise_of(reading)
+        for feed in feeds:
+            feed.on_scan, feed.on_change = server.publish_scan, server.publish_states
+        _announce(server, lan)
+        await asyncio.wait(reading, return_when=asyncio.FIRST_COMPLETED)
+        _raise_of(reading)
+    finally:
+        for task in reading:
+            task.cancel()
+        # First of all: it writes the stop requests.
+        if reading:
+            await asyncio.wait(reading)
+        await server.__aexit__(None, None, None)
+
+
+def _raise_of(reading: list[asyncio.Task[None]]) -> None:
+    """Raise the error of the first task that has one; feeds end in no other way."""
+    for task in reading:
+        if task.done():
+            task.result()
+
+
+def _cannot_listen(port: int, error: OSError) -> Exception:
+    from lidario import ConnectFailed
+
+    if error.errno == errno.EADDRINUSE:
+        return ConnectFailed(
+            f"port {port} of this machine is taken. --port 0 takes any that is free", reason="busy"
+        )
+    if error.errno == errno.EACCES:
+        return ConnectFailed(f"port {port} is not allowed to this user. --port 8080 is", reason="permission")
+    return ConnectFailed(f"cannot listen on port {port}: {error.strerror or error}", reason="missing")
+
+
+def _announce(server: LiveServer, lan: bool) -> None:
+    """The address on stdout, for people and for scripts; everything else on stderr."""
+    url = server.url.replace("//0.0.0.0:", f"//{_own_address()}:")
+    emit(f"{url}\n")
+    if lan:
+        message("open to the network, for those who have this address; unencrypted")
+    connection = os.environ.get("SSH_CONNECTION", "").split()
+    if len(connection) == 4 and not lan:
+        here = f"{_user()}@{connection[2]}"
+        message("on the machine you sit at, then open the address there:")
+        message(f"  ssh -L {server.port}:localhost:{server.port} {here}")
+    message("Ctrl-C ends it")
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return "USER"
+
+
+def _own_address() -> str:
+    """The address by which others on the network reach this machine, as far as it can tell."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            # Nothing is sent: the system only chooses the interface. The address is one for documentation.
+            probe.connect(("192.0.2.1", 9))
+            return str(probe.getsockname()[0])
+        except OSError:
+            return socket.gethostname()

@@ -1,0 +1,108 @@
+"""A lidar that is watched: opened, read, and opened again whenever it was lost.
+
+The first opening must succeed; its error is the caller's. From then on nothing ends it but a cancellation: a viewer
+would rather see "lost, reconnecting" than an end. A port may have another name when it is plugged in again, so the
+lidar is also looked for by its serial number.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Final, Literal
+
+from lidario import DeviceInfo, LidarError, Scan, Stats, open_lidar
+from lidario.web.traffic import Traffic, traffic
+
+__all__ = ["Feed", "FeedState"]
+
+FeedState = Literal["connecting", "scanning", "lost"]
+
+_BACK_OFF_S: Final = (0.25, 0.5, 1.0, 2.0)
+"""Pauses before each attempt to open it again; the last one is repeated."""
+_TRAFFIC_S: Final = 1.0
+"""Time over which damage and load are measured."""
+
+
+class Feed:
+    """One lidar and the latest of it.
+
+    Attributes:
+        source: Where it was asked for.
+        mode: Scan mode that was asked for; None for the typical one.
+        state: ``connecting`` until the first scan, then ``scanning``, or ``lost`` while it is away.
+        reason: Why it was lost, or what the last attempt said; empty while it scans.
+        info: What the device says it is; None before it was opened.
+        latest: The latest scan; it stays when the lidar is lost. None before the first.
+        line: What the line carried in the last second; None before the first second is over.
+        scans: Scans so far.
+        losses: Times it was lost.
+        on_scan: Called with this feed for each scan.
+        on_change: Called with this feed for each change of state.
+    """
+
+    def __init__(self, source: str, *, mode: str | int | None = None) -> None:
+        self.source = source
+        self.mode = mode
+        self.state: FeedState = "connecting"
+        self.reason: str = ""
+        self.info: DeviceInfo | None = None
+        self.latest: Scan | None = None
+        self.line: Traffic | None = None
+        self.scans: int = 0
+        self.losses: int = 0
+        self.on_scan: Callable[[Feed], object] = lambda _: None
+        self.on_change: Callable[[Feed], object] = lambda _: None
+        self._attempts = 0
+
+    async def run(self) -> None:
+        """Read until cancelled; laser and motor are off when it returns.
+
+        Raises:
+            LidarError: It could not be opened, or sent no scan, at the first time.
+        """
+        while True:
+            try:
+                await self._read(self._where())
+            except LidarError as error:
+                if self.latest is None:
+                    raise
+                self._lose(str(error).partition("\n")[0])
+            else:
+                self._lose("another program stopped it")
+            await asyncio.sleep(_BACK_OFF_S[min(self._attempts, len(_BACK_OFF_S)) - 1])
+
+    def _where(self) -> str:
+        """The source; at every second attempt to open it again, its serial number: a port may change its name."""
+        is_port = self.source == "auto" or "://" not in self.source or self.source.startswith("serial:")
+        if self._attempts % 2 and is_port and self.info is not None:
+            return f"id:{self.info.serial}"
+        return self.source
+
+    async def _read(self, source: str) -> None:
+        loop = asyncio.get_running_loop()
+        async with open_lidar(source) as lidar, lidar.scans(self.mode) as scans:
+            self.info = lidar.info
+            before, since = lidar.stats, loop.time()
+            async for scan in scans:
+                self.latest = scan
+                self.scans += 1
+                self._attempts = 0
+                if self.state != "scanning":
+                    # Not from the opening on: the rotor needs its time, and nothing comes meanwhile.
+                    before, since = lidar.stats, loop.time()
+                    self.state, self.reason = "scanning", ""
+                    self.on_change(self)
+                if loop.time() - since >= _TRAFFIC_S:
+                    before, since = self._measure(lidar.stats, before, loop.time() - since, lidar.baudrate)
+                self.on_scan(self)
+
+    def _measure(self, now: Stats, before: Stats, seconds: float, baudrate: int) -> tuple[Stats, float]:
+        self.line = traffic(before, now, seconds, baudrate)
+        return now, asyncio.get_running_loop().time()
+
+    def _lose(self, reason: str) -> None:
+        self._attempts += 1
+        self.losses += self.state != "lost"
+        self.state, self.reason, self.line = "lost", reason, None
+        self.on_change(self)

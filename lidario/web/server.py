@@ -1,0 +1,259 @@
+"""The server of the live page: scans to any number of viewers, the latest wins.
+
+A viewer confirms each scan when it has drawn it, and is sent no more than `AHEAD` that are not confirmed. What
+comes meanwhile replaces what waits: one scan for each lidar. So a viewer that is slow, hidden, or stops reading
+gets fewer scans and never old ones, and holds at most `AHEAD` of them in memory, here and in the buffers on the
+way. The others do not notice. A scan is packed when the first viewer takes it, once for all.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import hashlib
+import logging
+import re
+from collections.abc import Sequence
+from contextlib import suppress
+from importlib.resources import files
+from types import TracebackType
+from typing import Any, Final, Self, cast
+from weakref import WeakSet
+
+from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+
+from lidario import Scan
+from lidario.web.access import AccessRules, Refusal
+from lidario.web.feed import Feed
+from lidario.web.frames import Mount, pack_scan, pack_state
+
+__all__ = ["LiveServer"]
+
+AHEAD: Final = 2
+"""One scan on its way while another is drawn."""
+STATE_S: Final = 1.0
+MOST_VIEWERS: Final = 32
+MOST_BYTES: Final = 64
+"""Longest message of a viewer: a letter and a time."""
+MOST_MESSAGES: Final = 400
+"""Messages a viewer may send in `STATE_S`: confirmations of all lidars, and a time."""
+CLOSE_S: Final = 1.0
+
+_log = logging.getLogger("lidario.web")
+_log.addHandler(logging.NullHandler())  # what strangers send is nothing that the user must read
+
+
+class _Viewer:
+    """One browser.
+
+    Attributes:
+        waiting: The latest scan of each lidar that was not sent yet.
+        unconfirmed: Scans that were sent and not confirmed.
+        states: Whether the states are to be sent.
+        echo: The viewer's time, to be sent back with them.
+        messages: Messages received since the states were sent to all.
+        wake: Set where there may be something to send.
+    """
+
+    def __init__(self, connection: ServerConnection) -> None:
+        self.connection = connection
+        self.waiting: dict[int, Scan] = {}
+        self.unconfirmed: int = 0
+        self.states: bool = True
+        self.echo: float | None = None
+        self.messages: int = 0
+        self.wake = asyncio.Event()
+        self.wake.set()
+
+    def receive(self, message: str | bytes) -> bool:
+        """Take in a message; False where it is none of ours."""
+        self.messages += 1
+        if self.messages > MOST_MESSAGES:
+            return False
+        if message == "a":
+            self.unconfirmed = max(0, self.unconfirmed - 1)
+        elif isinstance(message, str) and re.fullmatch(r"t\d{1,15}(\.\d{1,9})?", message, re.ASCII):
+            self.echo, self.states = float(message[1:]), True
+        else:
+            return False
+        self.wake.set()
+        return True
+
+
+class LiveServer:
+    """Serves the page and the scans of some feeds; a context manager.
+
+    Attributes:
+        url: The address to open, with the token where one is needed.
+        sent: Scans sent, over all viewers.
+    """
+
+    def __init__(
+        self, feeds: Sequence[Feed], mounts: Sequence[Mount], *, host: str, port: int, token: str = ""
+    ) -> None:
+        """Args: what is shown and where it is mounted; address and port to listen at, 0 for any; the token."""
+        self.url: str = ""
+        self.sent: int = 0
+        self._feeds, self._mounts = list(feeds), list(mounts)
+        self._host, self._port = host, port
+        self._rules = AccessRules(token)
+        self._viewers: set[_Viewer] = set()
+        self._connections: WeakSet[ServerConnection] = WeakSet()
+        self._packed: dict[int, tuple[Scan, bytes]] = {}
+        self._server: Server | None = None
+        self._ticking: asyncio.Task[None] | None = None
+        self._page = _page()
+
+    @property
+    def viewers(self) -> int:
+        """How many look at it now."""
+        return len(self._viewers)
+
+    @property
+    def port(self) -> int:
+        """The port it listens at."""
+        assert self._server is not None
+        return int(next(iter(self._server.sockets)).getsockname()[1])
+
+    async def __aenter__(self) -> Self:
+        """Listen.
+
+        Raises:
+            OSError: The port is taken, or not allowed.
+        """
+        self._server = await serve(
+            self._serve_viewer, self._host, self._port,
+            process_request=self._check_request, compression=None, max_size=MOST_BYTES, max_queue=4,
+            close_timeout=CLOSE_S, server_header=None, logger=_log,
+            create_connection=cast("type[ServerConnection]", self._connect),
+        )  # fmt: skip
+        shown = "localhost" if self._host in ("127.0.0.1", "::1") else self._host
+        self.url = f"http://{shown}:{self.port}/" + (f"?token={self._rules.token}" if self._rules.token else "")
+        self._ticking = asyncio.create_task(self._tick())
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        assert self._server is not None
+        assert self._ticking is not None
+        self._ticking.cancel()
+        self._server.close()
+        # Browsers open connections in advance, and say nothing on them: closing would wait for their request.
+        watching = {viewer.connection for viewer in self._viewers}
+        for connection in self._connections - watching:
+            if hasattr(connection, "transport"):
+                connection.transport.abort()
+        await self._server.wait_closed()
+        with suppress(asyncio.CancelledError):
+            await self._ticking
+
+    def publish_scan(self, feed: Feed) -> None:
+        """Hand the latest scan of `feed` to all viewers; call it for each scan."""
+        if feed.latest is None or not self._viewers:
+            return
+        number = self._feeds.index(feed)
+        for viewer in self._viewers:
+            viewer.waiting[number] = feed.latest
+            viewer.wake.set()
+
+    def publish_states(self, _: Feed) -> None:
+        """Send the states of all lidars to all viewers; call it for each change."""
+        for viewer in self._viewers:
+            viewer.states = True
+            viewer.wake.set()
+
+    async def _tick(self) -> None:
+        while True:
+            await asyncio.sleep(STATE_S)
+            for viewer in self._viewers:
+                viewer.messages = 0
+                viewer.states = True
+                viewer.wake.set()
+
+    def _connect(self, *arguments: Any, **options: Any) -> ServerConnection:
+        connection = ServerConnection(*arguments, **options)
+        self._connections.add(connection)
+        return connection
+
+    def _check_request(self, _: ServerConnection, request: Request) -> Response | None:
+        headers = request.headers
+        verdict = self._rules.check(request.path, headers.get_all("Host"), headers.get_all("Origin"))
+        if verdict == "page":
+            return _response(200, "OK", self._page, "html")
+        if isinstance(verdict, Refusal):
+            return _response(verdict.status, "Refused", verdict.reason.encode() + b"\n")
+        if len(self._viewers) >= MOST_VIEWERS:
+            return _response(503, "Busy", b"too many viewers\n")
+        return None
+
+    async def _serve_viewer(self, connection: ServerConnection) -> None:
+        viewer = _Viewer(connection)
+        for number, feed in enumerate(self._feeds):
+            if feed.latest is not None:
+                viewer.waiting[number] = feed.latest
+        self._viewers.add(viewer)
+        sending = asyncio.create_task(self._send(viewer))
+        try:
+            async for message in connection:
+                if not viewer.receive(message):
+                    await connection.close(1008, "that is no message of the page")
+                    break
+        except ConnectionClosed:
+            pass
+        finally:
+            self._viewers.discard(viewer)
+            sending.cancel()
+            with suppress(asyncio.CancelledError, ConnectionClosed):
+                await sending
+
+    async def _send(self, viewer: _Viewer) -> None:
+        with suppress(ConnectionClosed):
+            while True:
+                await viewer.wake.wait()
+                viewer.wake.clear()
+                if viewer.states:
+                    viewer.states, echo = False, viewer.echo
+                    viewer.echo = None
+                    await viewer.connection.send(pack_state(self._feeds, self._mounts, echo))
+                while viewer.waiting and viewer.unconfirmed < AHEAD:
+                    # In turn: the first one goes, and stands last when it is there again.
+                    number = next(iter(viewer.waiting))
+                    scan = viewer.waiting.pop(number)
+                    viewer.unconfirmed += 1
+                    self.sent += 1
+                    await viewer.connection.send(self._bytes_of(number, scan))
+
+    def _bytes_of(self, number: int, scan: Scan) -> bytes:
+        packed = self._packed.get(number)
+        if packed is None or packed[0] is not scan:
+            packed = self._packed[number] = scan, pack_scan(number, scan)
+        return packed[1]
+
+
+def _page() -> bytes:
+    return files("lidario.web").joinpath("page.html").read_bytes()
+
+
+def _response(status: int, phrase: str, body: bytes, kind: str = "plain") -> Response:
+    script = re.search(rb"<script>(.*?)</script>", body, re.DOTALL)
+    digest = base64.b64encode(hashlib.sha256(script[1] if script else b"").digest()).decode()
+    policy = (
+        f"default-src 'none'; script-src 'sha256-{digest}'; style-src 'unsafe-inline'; connect-src 'self'; "
+        "img-src data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    )
+    headers = Headers(
+        [
+            ("Content-Type", f"text/{kind}; charset=utf-8"),
+            ("Content-Length", str(len(body))),
+            ("Content-Security-Policy", policy),
+            ("X-Content-Type-Options", "nosniff"),
+            ("Referrer-Policy", "no-referrer"),
+            ("Cache-Control", "no-store"),
+            ("Connection", "close"),
+        ]
+    )
+    return Response(status, phrase, headers, body)

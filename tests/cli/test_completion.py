@@ -1,0 +1,44 @@
+"""``lidario completion``, and what a shell is told when it asks."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from tests.cli.processes import BOUND, ROOT, invoke
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_script_of_each_shell(shell: str) -> None:
+    ended = invoke("completion", shell)
+    assert ended.exit_code == 0
+    assert f"_LIDARIO_COMPLETE={shell}_complete" in ended.stdout
+    assert "lidario completion" in ended.stderr
+
+
+def test_another_shell_is_a_usage_error() -> None:
+    assert invoke("completion", "cmd").exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        ("lidario ", {"devices", "stats", "doctor", "motor", "completion"}),
+        ("lidario st", {"stats"}),
+        ("lidario motor ", {"start", "stop", "speed"}),
+        ("lidario stats --", {"--json", "--mode", "--time"}),
+        ("lidario stats sim://rplidar-s", {"sim://rplidar-s1", "sim://rplidar-s2", "sim://rplidar-s3"}),
+        ("lidario doctor au", {"auto"}),
+    ],
+)
+def test_what_is_offered(words: str, offered: set[str]) -> None:
+    asked = {"_LIDARIO_COMPLETE": "bash_complete", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+    ended = subprocess.run(
+        [sys.executable, "-W", "error", "-m", "lidario"],
+        cwd=ROOT, env={**os.environ, **asked}, capture_output=True, text=True, timeout=BOUND, check=False,
+    )  # fmt: skip
+    assert ended.returncode == 0
+    assert offered <= {line.partition(",")[2] for line in ended.stdout.splitlines()}

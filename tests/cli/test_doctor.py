@@ -1,0 +1,209 @@
+"""``lidario doctor`` and ``udev``, on machines that are folders."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import lidario
+from lidario.cli.doctor import Finding, of_adapter, of_machine
+from lidario.cli.machine import ADAPTERS, Machine
+from lidario.cli.udev import is_unique, rule_for
+from lidario.session.discovery import KNOWN_ADAPTERS
+from tests.cli.processes import invoke, invoke_driven
+
+PORT = lidario.PortInfo("/dev/ttyUSB9", "", "CP2102", "CP2102 bridge")
+
+
+@pytest.fixture
+def machine(tmp_path: Path) -> Machine:
+    """One with an adapter at ttyUSB9 whose serial number is that of thousands."""
+    plug = tmp_path / "sys/devices/usb1/1-1.4"
+    tty = plug / "1-1.4:1.0/ttyUSB9"
+    tty.mkdir(parents=True)
+    for name, text in (("idVendor", "10c4"), ("idProduct", "ea60"), ("serial", "0001")):
+        (plug / name).write_text(text + "\n")
+    known = tmp_path / "sys/class/tty/ttyUSB9"
+    known.mkdir(parents=True)
+    (known / "device").symlink_to(tty)
+    return Machine(tmp_path)
+
+
+def write(machine: Machine, path: str, text: str) -> None:
+    file = machine.root / path
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text)
+
+
+def of(findings: list[Finding], what: str) -> Finding:
+    (found,) = [each for each in findings if each.what == what]
+    return found
+
+
+def test_the_table_of_adapters_is_the_one_that_ports_are_known_by() -> None:
+    assert {(each.vendor, each.product): name for name, each in ADAPTERS.items()} == KNOWN_ADAPTERS
+
+
+def test_a_machine_with_nothing_wrong(machine: Machine) -> None:
+    assert {each.state for each in of_machine(machine, [PORT.path])} == {"ok"}
+
+
+def test_brltty_is_bad_where_it_takes_this_adapter(machine: Machine) -> None:
+    write(machine, "usr/lib/udev/rules.d/85-brltty.rules", 'ENV{PRODUCT}=="1a86/7523/*", ENV{BRLTTY}="x"\n')
+    assert of(of_machine(machine, [PORT.path]), "brltty").state == "ok"
+    # Without a port it may be brltty that has taken it.
+    assert of(of_machine(machine, []), "brltty").state == "bad"
+    write(machine, "usr/lib/udev/rules.d/90-brltty-usb.rules", '#E=="10c4/ea60/*"\nE=="10C4/EA60/*", ENV{B}="x"\n')
+    found = of(of_machine(machine, [PORT.path]), "brltty")
+    assert found.state == "bad"
+    assert "apt remove brltty" in found.cure
+
+
+def test_a_rule_that_is_commented_out_takes_nothing(machine: Machine) -> None:
+    write(machine, "etc/udev/rules.d/85-brltty.rules", '# ENV{PRODUCT}=="10c4/ea60/*"\n')
+    assert of(of_machine(machine, [PORT.path]), "brltty").state == "ok"
+
+
+def test_modem_manager_is_a_hint(machine: Machine) -> None:
+    write(machine, "proc/77/comm", "ModemManager\n")
+    assert of(of_machine(machine, [PORT.path]), "ModemManager").state == "hint"
+
+
+def test_a_machine_whose_supply_falls(machine: Machine) -> None:
+    write(machine, "sys/class/hwmon/hwmon3/name", "rpi_volt\n")
+    write(machine, "sys/class/hwmon/hwmon3/in0_lcrit_alarm", "0\n")
+    assert all(each.what != "power" for each in of_machine(machine, []))
+    write(machine, "sys/class/hwmon/hwmon3/in0_lcrit_alarm", "1\n")
+    assert of(of_machine(machine, []), "power").state == "bad"
+
+
+def test_an_adapter_is_told_with_its_speed_and_its_name(machine: Machine) -> None:
+    found = of_adapter(machine, PORT)
+    assert "1000000 baud" in of(found, "adapter").text
+    assert of(found, "name").state == "hint"
+    assert "lidario udev /dev/ttyUSB9" in of(found, "name").cure
+    (machine.root / "sys/devices/usb1/1-1.4/serial").write_text("B12D9E\n")
+    assert of(of_adapter(machine, PORT), "name").state == "ok"
+
+
+def test_an_adapter_that_gathers_bytes(machine: Machine) -> None:
+    write(machine, "sys/class/tty/ttyUSB9/device/latency_timer", "16\n")
+    late = [each for each in of_adapter(machine, PORT) if each.state == "hint" and "16 ms" in each.text]
+    assert len(late) == 1
+
+
+def test_a_port_of_another_kind(machine: Machine) -> None:
+    (found,) = of_adapter(machine, lidario.PortInfo("/dev/ttyS0", "", "", "built in"))
+    assert (found.state, found.text) == ("hint", "built in: lidars are not sold with it")
+
+
+def test_a_rule_by_serial_number_or_by_place(machine: Machine) -> None:
+    usb = machine.usb(PORT.path)
+    assert usb is not None
+    rule = rule_for(usb, "front")
+    assert 'KERNELS=="1-1.4"' in rule
+    assert 'SYMLINK+="front"' in rule
+    assert "ATTRS{serial}" not in rule
+    (machine.root / "sys/devices/usb1/1-1.4/serial").write_text("B12D9E\n")
+    usb = machine.usb(PORT.path)
+    assert usb is not None
+    rule = rule_for(usb, "front")
+    assert 'ATTRS{serial}=="B12D9E"' in rule
+    assert "KERNELS" not in rule
+
+
+@pytest.mark.parametrize(
+    ("serial", "unique"),
+    [("B12D9E", True), ("0001", False), ("", False), ('x", RUN+="/bin/sh', False), ("a\nb", False)],
+)
+def test_what_an_adapter_says_never_becomes_more_than_a_number(serial: str, unique: bool) -> None:
+    assert is_unique(serial) is unique
+
+
+def test_the_rule_of_the_command(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidario.cli.udev.Machine", lambda: machine)
+    monkeypatch.setattr("lidario.list_serial_ports", lambda: [PORT])
+    ended = invoke("udev", "--name", "front")
+    assert ended.exit_code == 0
+    assert ended.stdout.count('SYMLINK+="front"') == 1
+    assert "99-lidar.rules" in ended.stderr
+    told = json.loads(invoke("udev", PORT.path, "--json").stdout)
+    assert (told["name"], told["port"]) == ("/dev/lidar", PORT.path)
+    assert invoke("udev", "/dev/ttyUSB8").exit_code == 3
+    for name in ("../sda", "a b", 'a"', "", "-x"):
+        assert invoke("udev", f"--name={name}").exit_code == 2
+
+
+def test_the_rule_without_an_adapter(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidario.list_serial_ports", list)
+    ended = invoke("udev")
+    assert ended.exit_code == 0
+    assert ended.stdout.count("SUBSYSTEM==") == len(ADAPTERS)
+    assert "SYMLINK" not in ended.stdout
+
+
+@pytest.fixture
+def _own_machine(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidario.cli.doctor.Machine", lambda: machine)
+
+
+@pytest.mark.usefixtures("_own_machine")
+def test_a_lidar_with_nothing_wrong() -> None:
+    ended = invoke_driven("doctor", "sim://rplidar-s2?via=memory", "--json")
+    assert ended.exit_code == 0
+    told = json.loads(ended.stdout)
+    assert {each["state"] for each in told} == {"ok"}
+    assert {"response", "health", "scans"} <= {each["what"] for each in told}
+    assert "1000000 baud" in next(each["text"] for each in told if each["what"] == "response")
+
+
+@pytest.mark.usefixtures("_own_machine")
+@pytest.mark.parametrize(
+    ("fault", "code", "what"), [("drop:0.1%", 0, "scans"), ("garbage", 5, "response"), ("silent:0s", 5, "response")]
+)
+def test_trouble_is_named_with_a_cure(fault: str, code: int, what: str) -> None:
+    ended = invoke_driven("doctor", f"sim://rplidar-s2?via=memory&fault={fault}", "--json")
+    assert ended.exit_code == code
+    (bad,) = [each for each in json.loads(ended.stdout) if each["state"] == "bad"]
+    assert bad["what"] == what
+    assert bad["cure"]
+
+
+@pytest.mark.usefixtures("_own_machine")
+@pytest.mark.parametrize(
+    ("reason", "code", "what"),
+    [("permission", 4, "access"), ("busy", 4, "access"), ("missing", 3, "port"), ("silent", 5, "response")],
+)
+def test_a_port_that_cannot_be_opened(
+    monkeypatch: pytest.MonkeyPatch, reason: lidario.ConnectReason, code: int, what: str
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise lidario.ConnectFailed("no\nsudo do this", reason=reason)
+
+    monkeypatch.setattr("lidario.open_lidar", fail)
+    monkeypatch.setattr("lidario.list_serial_ports", lambda: [PORT])
+    ended = invoke("doctor", "--json")
+    assert ended.exit_code == code
+    bad = json.loads(ended.stdout)[-1]
+    assert (bad["what"], bad["text"], bad["cure"], bad["port"]) == (what, "no", "sudo do this", PORT.path)
+    people = invoke("doctor")
+    assert people.exit_code == code
+    assert "→ sudo do this" in people.stdout
+
+
+@pytest.mark.usefixtures("_own_machine")
+def test_nothing_is_plugged_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidario.list_serial_ports", lambda: [lidario.PortInfo("/dev/ttyS0", "", "", "built in")])
+    ended = invoke("doctor", "--json")
+    assert ended.exit_code == 3
+    bad = json.loads(ended.stdout)[-1]
+    assert (bad["state"], bad["what"]) == ("bad", "port")
+    assert "/dev/ttyS0" in bad["cure"]
+
+
+@pytest.mark.usefixtures("_own_machine")
+def test_a_source_that_is_none() -> None:
+    ended = invoke("doctor", "sim://nosuchmodel", "--json")
+    assert ended.exit_code == 2

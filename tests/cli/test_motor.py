@@ -1,0 +1,52 @@
+"""``lidario motor``: what the device does afterwards."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from lidario.families.registry import FAMILIES
+from tests.cli.processes import invoke, served, until
+
+FIRST, SECOND = (family.simulated[0] for family in FAMILIES)
+
+
+def test_start_leaves_the_motor_on_and_the_laser_off_and_stop_ends_it() -> None:
+    with served(FIRST) as server:
+        ended = invoke("motor", "start", server.path, "--json")
+        assert ended.exit_code == 0
+        assert json.loads(ended.stdout)["motor"] == "turning"
+        until(lambda: not server.device.scanning)
+        assert server.device.motor_on
+        assert invoke("motor", "stop", server.path).exit_code == 0
+        until(lambda: not server.device.motor_on)
+
+
+def test_speed_is_measured_where_the_motor_turns_alone() -> None:
+    with served(FIRST) as server:
+        ended = invoke("motor", "speed", "12", server.path, "--json")
+        assert ended.exit_code == 0
+        told = json.loads(ended.stdout)
+        assert told["motor"] == "turning"
+        assert told["hertz"] == pytest.approx(12, rel=0.05)
+        until(lambda: not server.device.scanning)
+        assert server.device.motor_on
+
+
+def test_where_the_motor_stops_with_the_laser() -> None:
+    with served(SECOND) as server:
+        ended = invoke("motor", "start", server.path)
+        assert ended.exit_code == 2
+        assert "lidario scan -n 0" in ended.stderr
+        ended = invoke("motor", "speed", "9", server.path, "--json")
+        assert ended.exit_code == 0
+        assert json.loads(ended.stdout) == {"motor": "set", "hertz": 9.0}
+        assert not server.device.motor_on
+
+
+@pytest.mark.parametrize("hertz", ["0", "-3", "fast", "1000"])
+def test_a_speed_that_cannot_be(hertz: str) -> None:
+    ended = invoke("motor", "speed", "--", hertz, "sim://rplidar-s2?via=memory")
+    assert ended.exit_code == 2
+    assert ended.stderr.startswith("error: ")

@@ -1,0 +1,106 @@
+"""``lidario plot``: what the file shows."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from lidario.cli.chart import reach_of, step_of, svg
+from tests.cli.processes import invoke, invoke_driven
+from tests.cli.test_picture import FULL_TURN, scan_of
+
+SVG = "{http://www.w3.org/2000/svg}"
+S2 = "sim://rplidar-s2?via=memory"
+
+
+def dots(text: str) -> list[np.ndarray[tuple[int, ...], np.dtype[np.float64]]]:
+    """Places of the points of each scan, shape (n, 2): to the right and down."""
+    root = ElementTree.fromstring(text)
+    paths = [each.get("d", "") for each in root.iter(f"{SVG}path") if each.get("stroke-linecap") == "round"]
+    return [np.array(re.findall(r"M([\d.]+) ([\d.]+)h0", path), float).reshape(-1, 2) for path in paths]
+
+
+def test_a_circle_is_round_and_to_scale() -> None:
+    (places,) = dots(svg([scan_of(FULL_TURN, np.full(3600, 2.0))], "x"))
+    assert len(places) == 3600
+    radii = np.hypot(*(places - 400).T)
+    # 340 dots are the reach.
+    assert radii == pytest.approx(2.0 * 340 / 2.5, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("angle", "right", "down"), [(0.0, 0, -1), (np.pi / 2, -1, 0), (-np.pi / 2, 1, 0), (np.pi, 0, 1)]
+)
+@pytest.mark.parametrize("polar", [False, True])
+def test_forward_is_up_and_left_is_left(angle: float, right: int, down: int, polar: bool) -> None:
+    ((place,),) = dots(svg([scan_of(np.array([angle]), np.array([3.0]))], "x", polar=polar))
+    assert np.sign(np.round(place - 400)).tolist() == [right, down]
+
+
+def test_the_grid_is_labelled_in_metres_to_scale() -> None:
+    scan = scan_of(FULL_TURN, np.full(3600, 2.0))
+    root = ElementTree.fromstring(svg([scan], "x"))
+    places = {each.text: float(each.get("x", "0")) for each in root.iter(f"{SVG}text") if each.get("y") == "758.0"}
+    assert places["2"] == pytest.approx(400 - 2.0 * 340 / 2.5, abs=0.1)
+    assert places["0"] == 400
+
+
+@pytest.mark.parametrize("reach", [0.05, 0.3, 1, 4.2, 7, 18, 40, 200])
+def test_a_grid_has_a_number_of_lines_that_can_be_read(reach: float) -> None:
+    assert reach / step_of(reach) <= 5
+
+
+def test_one_far_beam_does_not_shrink_the_room() -> None:
+    ranges = np.full(3600, 2.0)
+    ranges[7] = 30.0
+    assert reach_of([scan_of(FULL_TURN, ranges)]) == reach_of([scan_of(FULL_TURN, np.full(3600, 2.0))])
+
+
+def test_a_title_is_text_whatever_is_in_it() -> None:
+    root = ElementTree.fromstring(svg([scan_of(FULL_TURN, np.full(3600, np.nan))], "<script>&"))
+    texts = [each.text for each in root.iter(f"{SVG}text")]
+    assert "<script>&" in texts
+    assert "no returns in any direction" in texts
+
+
+@pytest.mark.parametrize("options", [[], ["--polar", "-n", "3"]])
+def test_the_command_writes_it(tmp_path: Path, options: list[str]) -> None:
+    path = tmp_path / "a b.svg"
+    ended = invoke_driven("plot", S2, "-o", str(path), *options)
+    assert ended.exit_code == 0
+    assert ended.stdout == f"{path}\n"
+    drawn = dots(path.read_text(encoding="utf-8"))
+    assert len(drawn) == (3 if options else 1)
+    assert min(map(len, drawn)) > 3000
+
+
+def test_an_empty_scan_is_said(tmp_path: Path) -> None:
+    ended = invoke_driven("plot", S2 + "&world=empty", "-o", str(tmp_path / "x.svg"))
+    assert ended.exit_code == 0
+    assert "no returns" in ended.stderr
+
+
+@pytest.mark.parametrize("name", ["x.jpg", "x", "nosuchfolder/x.svg", "folder.svg"])
+def test_a_file_that_cannot_be_meant(tmp_path: Path, name: str) -> None:
+    (tmp_path / "folder.svg").mkdir()
+    ended = invoke_driven("plot", S2, "-o", str(tmp_path / name))
+    assert ended.exit_code == 2
+    assert ended.stderr.startswith("error: ")
+
+
+def test_a_png_without_matplotlib_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    ended = invoke_driven("plot", S2, "-o", str(tmp_path / "x.png"))
+    assert ended.exit_code == 2
+    assert "pip install matplotlib" in ended.stderr
+
+
+def test_a_missing_device_leaves_no_file(tmp_path: Path) -> None:
+    ended = invoke("plot", "/dev/nosuchport", "-o", str(tmp_path / "x.svg"))
+    assert ended.exit_code == 3
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,129 @@
+"""``lidario stats``: what it measures, and the word it finds for it."""
+
+from __future__ import annotations
+
+import json
+import signal
+
+import pytest
+
+import lidario
+from lidario.cli.stats import Measured, verdict
+from lidario.web.traffic import Traffic, traffic
+from tests.cli.processes import BOUND, invoke, invoke_driven, served, started, until
+
+S2 = "sim://rplidar-s2?via=memory&world=circle"
+
+
+def line(**changes: float) -> Traffic:
+    usual = {
+        "packets": 800, "lost_packets": 0, "missed_scans": 0, "dropped_scans": 0, "skipped_bytes": 0,
+        "discarded_bytes": 0, "bytes_a_second": 67_000.0, "load": 0.67,
+    }  # fmt: skip
+    return Traffic(**{**usual, **changes})  # type: ignore[arg-type]
+
+
+def measured(periods: list[float] | None = None, *, returns: int = 3000, **changes: float) -> Measured:
+    stamps, now = [(0, 0.0)], 0.0
+    for seq, period in enumerate(periods or [0.1] * 10):
+        now += period
+        stamps.append((seq + 1, now))
+    count = len(stamps)
+    return Measured(stamps, [3200] * count, [returns] * count, line(**changes), now)
+
+
+def test_a_clean_line_is_good_and_every_figure_is_right() -> None:
+    ended = invoke_driven("stats", S2, "-t", "2s", "--json")
+    assert ended.exit_code == 0
+    told = json.loads(ended.stdout, parse_constant=pytest.fail)
+    assert told["verdict"] == "good"
+    assert told["seconds"] == 2.0
+    assert told["scans"] in (19, 20)
+    assert told["hertz"] == pytest.approx(10, rel=0.02)
+    assert told["points"] == pytest.approx(3200, rel=0.02)
+    assert (told["no_return"], told["lost_packets"], told["missed_scans"], told["dropped_scans"]) == (0, 0, 0, 0)
+    # 84 bytes carry 40 samples of 31.25 µs, at 1 Mbaud.
+    assert told["bytes_per_second"] == pytest.approx(84 / 40 * 32000, rel=0.02)
+    assert told["link_load"] == pytest.approx(0.672, rel=0.02)
+    assert 0 < told["jitter_ms"] < 2
+
+
+def test_a_line_without_a_speed_has_no_load() -> None:
+    assert traffic(lidario.Stats(), lidario.Stats(bytes_received=1000), 2.0, 0).load is None
+    assert traffic(lidario.Stats(), lidario.Stats(bytes_received=1000), 2.0, 10_000).load == 0.5
+
+
+def test_damage_is_told_with_its_cure() -> None:
+    ended = invoke_driven("stats", S2 + "&fault=drop:0.1%", "-t", "1s", "--json")
+    assert ended.exit_code == 0
+    told = json.loads(ended.stdout)
+    assert told["verdict"] == "damaged"
+    # One of 84 bytes is missing: 1 - 0.999**84.
+    assert told["damaged"] == pytest.approx(0.08, abs=0.05)
+    assert "cable" in told["reason"]
+
+
+def test_a_sensor_that_sees_nothing() -> None:
+    told = json.loads(invoke_driven("stats", S2.replace("circle", "empty"), "-t", "1s", "--json").stdout)
+    assert (told["verdict"], told["no_return"]) == ("blind", 1.0)
+
+
+@pytest.mark.parametrize(
+    ("what", "word"),
+    [
+        (measured(), "good"),
+        (measured(lost_packets=2), "good"),
+        (measured(lost_packets=8), "damaged"),
+        (measured(missed_scans=1), "damaged"),
+        (measured(dropped_scans=1), "slow"),
+        (measured(discarded_bytes=1), "slow"),
+        (measured(load=0.97), "full"),
+        (measured([0.09, 0.11] * 5), "uneven"),
+        (measured(returns=0), "blind"),
+        (Measured([(0, 0.0)], [3200], [3200], line()), "short"),
+        # The line comes first: what it loses makes everything else worse.
+        (measured([0.09, 0.11] * 5, lost_packets=80, returns=0), "damaged"),
+    ],
+)
+def test_the_verdict_is_one_word_and_a_reason(what: Measured, word: str) -> None:
+    told, reason = verdict(what)
+    assert told == word
+    assert reason
+
+
+def test_a_lost_revolution_is_no_jitter() -> None:
+    what = measured()
+    what.stamps = [(0, 0.0), (1, 0.1), (3, 0.3), (4, 0.4)]
+    assert what.periods == pytest.approx([0.1, 0.1])
+    assert what.jitter == pytest.approx(0)
+
+
+def test_for_people_it_fits_a_terminal() -> None:
+    ended = invoke_driven("stats", S2, "-t", "500ms")
+    assert ended.exit_code == 0
+    lines = ended.stdout.splitlines()
+    assert lines[-1].startswith("verdict")
+    assert max(map(len, lines)) <= 80
+
+
+@pytest.mark.parametrize("time", ["0s", "-1s", "ten", "10 parsecs", "", "1e9s", "nan"])
+def test_what_is_no_duration(time: str) -> None:
+    ended = invoke("stats", S2, "-t", time)
+    assert ended.exit_code == 2
+    assert "is not a duration" in ended.stderr
+
+
+def test_a_silent_device_is_no_data() -> None:
+    ended = invoke_driven("stats", S2 + "&fault=silent:1s", "-t", "5s", "--json")
+    assert ended.exit_code == 5
+
+
+def test_ctrl_c_ends_it_with_130_and_stops_the_device() -> None:
+    with served("rplidar-s2") as server:
+        with started("stats", server.path, "-t", "1h", "--json") as process:
+            until(lambda: server.device.scanning)
+            process.send_signal(signal.SIGINT)
+            _, said = process.communicate(timeout=BOUND)
+        assert process.returncode == 130
+        assert "Traceback" not in said
+        until(lambda: not server.device.scanning)

@@ -1,0 +1,86 @@
+"""``lidario view``: what it prints, whom it lets in, how it ends. The page itself: tests/web/test_page.py."""
+
+from __future__ import annotations
+
+import re
+import signal
+import socket
+import sys
+from urllib.request import urlopen
+
+import pytest
+
+from tests.cli.processes import BOUND, invoke, line_of, served, started, until
+
+MEMORY = "sim://rplidar-s2?via=memory"
+
+
+def test_it_prints_the_address_serves_the_page_and_ends_with_everything_off() -> None:
+    with served("rplidar-s2") as server:
+        with started("view", server.path, "--port", "0") as process:
+            url = line_of(process.stdout).strip()
+            assert re.fullmatch(r"http://localhost:\d+/", url)
+            with urlopen(url, timeout=BOUND) as page:
+                assert b"<canvas" in page.read()
+            assert server.device.scanning
+            process.send_signal(signal.SIGINT)
+            rest, said = process.communicate(timeout=BOUND)
+        assert (process.returncode, rest) == (0, "")
+        assert re.search(r": \d+ scans\n", said)
+        assert "Traceback" not in said
+        until(lambda: not server.device.scanning and not server.device.motor_on)
+
+
+@pytest.mark.parametrize(("ssh", "lan"), [("", False), ("10.0.0.5 50000 10.0.0.7 22", False), ("", True)])
+def test_what_is_printed(monkeypatch: pytest.MonkeyPatch, ssh: str, lan: bool) -> None:
+    monkeypatch.setenv("SSH_CONNECTION", ssh)
+    monkeypatch.setenv("USER", "robot")
+    monkeypatch.setenv("LOGNAME", "robot")
+    with started("view", MEMORY, "--port", "0", *["--lan"] * lan) as process:
+        url = line_of(process.stdout).strip()
+        process.send_signal(signal.SIGTERM)
+        _, said = process.communicate(timeout=BOUND)
+    assert process.returncode == 0
+    found = re.fullmatch(r"http://([\w.-]+):(\d+)/(\?token=[\w-]{20,})?", url)
+    assert found is not None
+    assert bool(found[3]) is lan
+    assert (found[1] != "0.0.0.0") is True
+    assert ("network" in said) is lan
+    assert (f"ssh -L {found[2]}:localhost:{found[2]} robot@10.0.0.7" in said) is bool(ssh)
+
+
+def test_a_port_that_is_taken() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        ended = invoke("view", MEMORY, "--port", str(port))
+    assert ended.exit_code == 4
+    assert f"port {port} of this machine is taken" in ended.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (["/dev/nosuchport"], 3),
+        ([MEMORY, "/dev/nosuchport"], 3),
+        (["sim://nosuchmodel"], 2),
+        ([MEMORY, "--mode", "nosuchmode"], 2),
+        ([MEMORY, "--port", "70000"], 2),
+        ([MEMORY, "--mount", "1,2"], 2),
+        ([MEMORY, "--mount", "1,2,nan"], 2),
+        ([MEMORY, "--mount", "0,0,0", "--mount", "0,0,0"], 2),
+        ([MEMORY, "--colour", "red"], 2),
+        ([MEMORY] * 17, 2),
+    ],
+)
+def test_how_it_ends_when_it_cannot_begin(arguments: list[str], code: int) -> None:
+    ended = invoke("view", "--port", "0", *arguments)
+    assert ended.exit_code == code
+    assert ended.stdout == ""
+    assert ended.stderr.startswith("error: ") or "\nerror: " in ended.stderr
+
+
+def test_without_websockets_it_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "websockets", None)
+    ended = invoke("view", MEMORY)
+    assert ended.exit_code == 2
+    assert "pip install 'lidario-asyncio[cli]'" in ended.stderr

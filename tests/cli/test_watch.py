@@ -1,0 +1,134 @@
+"""``lidario watch``: one frame in all sizes, and the command on a terminal."""
+
+from __future__ import annotations
+
+import fcntl
+import io
+import os
+import re
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Callable
+from select import select
+
+import numpy as np
+import pytest
+from rich.console import Console
+from rich.text import Text
+
+from lidario import DeviceInfo, Stats
+from lidario.cli.watch import frame
+from lidario.web.feed import Feed
+from lidario.web.traffic import traffic
+from tests.cli.processes import BOUND, ROOT, invoke, served, until
+from tests.cli.test_picture import FULL_TURN, scan_of
+
+
+def feed(ranges: float = 2.0, **changes: object) -> Feed:
+    made = Feed("x")
+    made.latest = scan_of(FULL_TURN, np.full(3600, ranges))
+    made.info = DeviceInfo("family", "Model X1", 1, "1.0", 1, "AB")
+    made.state = "scanning"
+    for name, value in changes.items():
+        setattr(made, name, value)
+    return made
+
+
+def drawn(what: Feed, width: int, height: int) -> list[str]:
+    target = Console(file=io.StringIO(), width=width, height=height, force_terminal=True, color_system=None)
+    return [Text.from_ansi(line).plain for line in frame(what, target).splitlines()]
+
+
+@pytest.mark.parametrize(("width", "height"), [(40, 12), (80, 24), (100, 30), (200, 60), (20, 6)])
+def test_a_frame_fits_its_terminal(width: int, height: int) -> None:
+    lines = drawn(feed(), width, height)
+    assert len(lines) <= height
+    assert max(len(line.rstrip()) for line in lines) <= width
+    assert sum("⠀" < character <= "⣿" for line in lines for character in line) > 10
+
+
+def test_the_figures_stand_beside_or_below() -> None:
+    beside = drawn(feed(), 110, 30)
+    assert any(re.search(r"nearest\s+2\.00 m", line) for line in beside[:10])
+    below = drawn(feed(), 80, 24)
+    assert "2.00 m" in below[-1]
+
+
+def test_states_are_said_in_words() -> None:
+    assert "no returns" in " ".join(drawn(feed(np.nan), 110, 30))
+    lost = " ".join(" ".join(drawn(feed(state="lost", reason="it is gone"), 110, 30)).split())
+    assert "lost, reconnecting" in lost
+    damaged = feed(line=traffic(Stats(), Stats(packets=97, lost_packets=3), 1.0, 0))
+    assert "3.0 % damaged" in " ".join(drawn(damaged, 110, 30))
+
+
+def test_a_picture_that_is_drawn_again_stays_where_it_is() -> None:
+    """A few millimetres more do not change the scale, and so not one cell of the rest."""
+    assert drawn(feed(2.0), 80, 24)[-2] == drawn(feed(2.02), 80, 24)[-2]
+
+
+def test_it_wants_a_terminal() -> None:
+    ended = invoke("watch", "sim://rplidar-s2")
+    assert ended.exit_code == 2
+    assert "lidario scan -n 0" in ended.stderr
+
+
+def test_on_a_terminal_until_ctrl_c() -> None:
+    # Where tests run in several processes, they hold the width of the terminal that pytest writes to.
+    environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
+    environment |= {"TERM": "xterm-256color", "PYTHONIOENCODING": "utf-8"}
+    ours, theirs = os.openpty()
+    resize(theirs, 30, 110)
+    with served("rplidar-s2") as server, os.fdopen(ours, "rb", buffering=0):
+        process = subprocess.Popen(
+            [sys.executable, "-W", "error", "-m", "lidario", "watch", server.path],
+            cwd=ROOT, stdin=theirs, stdout=theirs, stderr=subprocess.PIPE, text=True,
+            env=environment,
+        )  # fmt: skip
+        os.close(theirs)
+        screen = Screen(ours)
+        try:
+            assert "scanning" in screen.until("\x1b[J")
+            resize(ours, 20, 60)
+            last = screen.until("\x1b[J", lambda text: "forward is up" in text and "nearest" not in text)
+            assert len(last.splitlines()) <= 20
+            process.send_signal(signal.SIGINT)
+            assert "\x1b[?1049l" in screen.until("\x1b[?1049l")
+            assert process.stderr is not None
+            said = process.stderr.read()
+            assert process.wait(BOUND) == 0
+        finally:
+            process.kill()
+            process.wait(BOUND)
+            assert process.stderr is not None
+            process.stderr.close()
+        assert re.fullmatch(r"\d+ scans of .*\n", said)
+        until(lambda: not server.device.scanning)
+
+
+def resize(handle: int, rows: int, columns: int) -> None:
+    fcntl.ioctl(handle, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
+
+
+class Screen:
+    """What a process writes to a terminal, piece by piece."""
+
+    def __init__(self, handle: int) -> None:
+        self._handle = handle
+        self._unread = ""
+
+    def until(self, end: str, right: Callable[[str], object] = lambda _: True) -> str:
+        """The first piece that ends with `end` and is `right`."""
+        deadline = time.monotonic() + BOUND
+        while time.monotonic() < deadline:
+            while end in self._unread:
+                piece, _, self._unread = self._unread.partition(end)
+                if right(piece):
+                    return piece + end
+            if select([self._handle], [], [], 1.0)[0]:
+                self._unread += os.read(self._handle, 65536).decode("utf-8", "replace")
+        raise AssertionError("it never came")

@@ -1,0 +1,1 @@
+"""The live page: its parts, its server, and the page itself in a browser."""

@@ -1,0 +1,107 @@
+"""A feed opens its lidar again, says so, and leaves it still."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import suppress
+
+import pytest
+
+import lidario
+from lidario.web.feed import Feed
+from tests.support.loop import driven
+
+S2 = "sim://rplidar-s2?via=memory"
+
+
+async def ended(task: asyncio.Task[None]) -> None:
+    task.cancel()
+    with suppress(asyncio.CancelledError):
+        await task
+
+
+@driven
+async def test_it_reads_and_measures_the_line() -> None:
+    feed = Feed(S2 + "&fault=drop:0.1%")
+    changes: list[str] = []
+    feed.on_change = lambda changed: changes.append(changed.state)
+    task = asyncio.create_task(feed.run())
+    await asyncio.sleep(6)
+    assert changes == ["scanning"]
+    assert feed.latest is not None
+    assert feed.scans > 20
+    assert feed.line is not None
+    assert 0.03 < feed.line.damaged < 0.15
+    assert feed.line.load == pytest.approx(0.67, abs=0.03)
+    await ended(task)
+
+
+@driven
+async def test_a_lidar_that_was_lost_is_opened_again() -> None:
+    feed = Feed(S2 + "&fault=unplug:5s")
+    changes: list[tuple[str, str]] = []
+    feed.on_change = lambda changed: changes.append((changed.state, changed.reason))
+    task = asyncio.create_task(feed.run())
+    await asyncio.sleep(12)
+    states = [state for state, _ in changes]
+    assert states[:3] == ["scanning", "lost", "scanning"]
+    assert "unplugged" in changes[1][1]
+    assert changes[2][1] == ""
+    assert feed.losses >= 1
+    await ended(task)
+
+
+@driven
+async def test_the_first_opening_must_succeed() -> None:
+    with pytest.raises(lidario.ConnectFailed):
+        await Feed(S2 + "&fault=garbage").run()
+
+
+async def test_what_is_missing_is_said_at_once() -> None:
+    with pytest.raises(lidario.ConnectFailed) as caught:
+        await Feed("/dev/nosuchport").run()
+    assert caught.value.reason == "missing"
+
+
+class Away:
+    """`open_lidar` on a port that goes away; what it was asked to open."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[str, float]] = []
+
+    def __call__(self, source: str) -> object:
+        self.asked.append((source, asyncio.get_running_loop().time()))
+        if len(self.asked) == 1:
+            return lidario.open_lidar(S2 + "&fault=unplug:3s&serial=" + "AB" * 16)
+        raise lidario.ConnectFailed("no such port", reason="missing")
+
+
+@driven
+async def test_a_port_that_may_have_another_name_is_looked_for_by_its_serial_number() -> None:
+    away = Away()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("lidario.web.feed.open_lidar", away)
+        feed = Feed("/dev/ttyUSB0")
+        task = asyncio.create_task(feed.run())
+        await asyncio.sleep(15)
+        assert (feed.state, feed.reason, feed.losses) == ("lost", "no such port", 1)
+        # What was seen last can still be shown.
+        assert feed.latest is not None
+        sources = [source for source, _ in away.asked]
+        assert sources[:4] == ["/dev/ttyUSB0", "id:" + "AB" * 16, "/dev/ttyUSB0", "id:" + "AB" * 16]
+        steps = [later - earlier for (_, earlier), (_, later) in zip(away.asked[1:], away.asked[2:], strict=False)]
+        assert steps[:4] == pytest.approx([0.5, 1.0, 2.0, 2.0])
+        await ended(task)
+
+
+@pytest.mark.parametrize("after", [0.01, 0.5, 4.0])
+@driven
+async def test_cancelling_leaves_laser_and_motor_off(after: float) -> None:
+    device = lidario.simulate("rplidar-s2")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("lidario.web.feed.open_lidar", lambda _: lidario.open_lidar(device))
+        task = asyncio.create_task(Feed("x").run())
+        await asyncio.sleep(after)
+        await ended(task)
+    assert not device.scanning
+    assert not device.motor_on

@@ -1,0 +1,241 @@
+"""The page in a real browser, used as a person uses it.
+
+Where no Chromium is installed these tests are not run, and the summary says so: `tests/conftest.py`.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from benchmarks.browser import Browser, Page
+from tests.cli.processes import BOUND, line_of, started, until
+
+S2 = "sim://rplidar-s2?via=memory&serial=" + "AB" * 16
+Open = Callable[..., Page]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with Browser() as opened:
+        yield opened
+
+
+@pytest.fixture
+def opened(browser: Browser) -> Iterator[Open]:
+    """Opens tabs; at the end of the test they are closed, and none has complained."""
+    pages: list[Page] = []
+
+    def open_page(url: str, **how: object) -> Page:
+        pages.append(browser.open(url, **how))  # type: ignore[arg-type]
+        return pages[-1]
+
+    yield open_page
+    for page in pages:
+        page.close()
+    assert [page.complaints for page in pages] == [[]] * len(pages)
+
+
+@pytest.fixture(scope="module")
+def url() -> Iterator[str]:
+    """The page of one simulated lidar, for all tests that only look."""
+    with started("view", S2, "--port", "0") as process:
+        yield line_of(process.stdout).strip()
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=BOUND)
+
+
+def ink(page: Page) -> int:
+    """How many dots of the canvas have a colour that is neither ground nor grid: all the grey ones."""
+    return int(
+        page.ask(
+            "(d => { let n = 0; for (let i = 0; i < d.length; i += 4)"
+            " if (Math.max(d[i], d[i+1], d[i+2]) - Math.min(d[i], d[i+1], d[i+2]) > 40) n++; return n; })"
+            "(pen.getImageData(0, 0, canvas.width, canvas.height).data)"
+        )
+    )
+
+
+def test_scans_are_drawn_and_the_panel_tells_of_them(url: str, opened: Open) -> None:
+    page = opened(url)
+    page.until("seen.painted > 3")
+    assert ink(page) > 1000
+    page.until("document.body.innerText.includes('link load') && lidars[0].load !== null")
+    page.until("[...document.querySelectorAll('dd')].some(each => /^6\\d %$/.test(each.textContent))")
+    rows = "[...document.querySelectorAll('dt')].map(each => [each.textContent, each.nextSibling.textContent])"
+    told = dict(page.ask(rows))
+    assert told["state"] == "scanning"
+    assert told["mode"] == "DenseBoost"
+    assert 3000 < int(told["points"]) < 3400
+    assert told["rate"].endswith(" Hz")
+    assert told["serial"] == "AB" * 6
+    assert " m at " in told["nearest"]
+    assert told["damaged"] == "0 %"
+
+
+def test_the_room_is_drawn_where_it_is(url: str, opened: Open) -> None:
+    """The picture of the page against the scan that it was made of, in the browser's own numbers."""
+    page = opened(url)
+    page.until("seen.painted > 1")
+    page.key(" ")
+    page.until("view.paused && !dirty")
+    hit = json.loads(
+        page.ask(
+            "(s => { let n = 0, all = 0; for (let i = 0; i < s.count; i += 20) if (s.ranges[i]) {"
+            " const a = s.angles[i] * Math.PI / 32768, r = s.ranges[i] / 1000;"
+            " const [x, y] = place(r * Math.cos(a), r * Math.sin(a));"
+            " if (x < 1 || y < 1 || x > innerWidth - 300 || y > innerHeight - 60) continue; all++;"
+            " const d = pen.getImageData(Math.floor(x), Math.floor(y), 1, 1).data;"
+            " if (Math.max(d[0], d[1], d[2]) - Math.min(d[0], d[1], d[2]) > 40) n++; }"
+            " return JSON.stringify([n, all]); })(scans[0].at(-1))"
+        )
+    )
+    assert hit[1] > 100
+    assert hit[0] > 0.97 * hit[1]
+    # Forward is up, and left is left.
+    assert page.ask("place(1, 0)[1] < place(0, 0)[1] && place(0, 1)[0] < place(0, 0)[0]")
+
+
+def test_pause_stops_the_picture_and_goes_on(url: str, opened: Open) -> None:
+    page = opened(url)
+    page.until("seen.painted > 1")
+    page.click("#pause")
+    page.until("document.querySelector('#words').textContent === 'paused'")
+    assert page.ask("document.querySelector('#pause').getAttribute('aria-pressed')") == "true"
+    before = page.ask("[scans[0].at(-1).seq, seen.scans]")
+    # Scans still come, and are not shown.
+    page.until(f"seen.scans > {before[1] + 3}")
+    assert page.ask("scans[0].at(-1).seq") == before[0]
+    page.click("#pause")
+    page.until(f"scans[0].at(-1).seq > {before[0]}")
+
+
+def test_zoom_and_pan_by_wheel_pointer_and_keys(url: str, opened: Open) -> None:
+    page = opened(url)
+    page.until("seen.painted > 1")
+    scale = page.ask("view.scale")
+    under = page.ask("[(room().center - 200) / view.scale + view.x, (room().middle - 300) / view.scale + view.y]")
+    page.wheel(300, 200, -400)
+    page.until(f"view.scale > {scale * 1.3}")
+    # What was under the pointer is still there.
+    assert page.ask(f"place({under[0]}, {under[1]})") == pytest.approx([300, 200], abs=1.5)
+    page.key("-")
+    page.key("+")
+    begin = page.ask("place(0, 0)")
+    page.drag((400, 300), (450, 320))
+    assert page.ask("place(0, 0)") == pytest.approx([begin[0] + 50, begin[1] + 20], abs=1.5)
+    page.key("ArrowLeft")
+    assert page.ask("place(0, 0)") == pytest.approx([begin[0] + 90, begin[1] + 20], abs=1.5)
+    page.key("0")
+    page.until(f"Math.abs(view.scale - {scale}) < {scale * 0.3} && view.x === 0 && view.y === 0")
+
+
+def test_a_trail_and_other_colours(url: str, opened: Open) -> None:
+    page = opened(url)
+    page.until("scans[0] && scans[0].length > 5")
+    page.key("t")
+    page.until("view.trail && !dirty")
+    page.key("c")
+    page.key("c")
+    page.until("document.querySelector('#hue').textContent === 'Colour: lidar'")
+    page.until("!dirty")
+    assert ink(page) > 500
+
+
+def test_the_picture_is_saved(url: str, opened: Open, browser: Browser) -> None:
+    page = opened(url)
+    page.until("seen.painted > 1")
+    page.key("s")
+    until(lambda: [each for each in browser.downloads.glob("lidario-*.png") if each.stat().st_size])
+    (saved,) = browser.downloads.glob("lidario-*.png")
+    assert saved.read_bytes().startswith(b"\x89PNG\r\n")
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_light_and_dark_as_the_system_has_it_until_it_is_chosen(url: str, opened: Open, dark: bool) -> None:
+    page = opened(url, dark=dark)
+    page.until("seen.painted > 1 && !dirty")
+    ground = "pen.getImageData(canvas.width - 1, canvas.height / 2, 1, 1).data[0]"
+    assert (page.ask(ground) < 100) is dark
+    page.key("d")
+    page.until("!dirty")
+    page.until(f"({ground} < 100) === {str(not dark).lower()}")
+
+
+def test_on_a_phone_nothing_is_outside_and_nothing_hides_the_lidar(url: str, opened: Open) -> None:
+    page = opened(url, width=390, height=844, phone=True)
+    page.until("seen.painted > 1 && lidars.length")
+    assert page.ask("document.documentElement.scrollWidth") <= 390
+    boxes = page.ask(
+        "[...document.querySelectorAll('button, section')].map(each => (r => [r.left, r.top, r.right, r.bottom])"
+        "(each.getBoundingClientRect()))"
+    )
+    middle = page.ask("place(0, 0)")
+    for left, top, right, bottom in boxes:
+        assert 0 <= left < right <= 390
+        assert 0 <= top < bottom <= 844
+        assert not (left < middle[0] < right and top < middle[1] < bottom)
+    # A finger needs 38 dots.
+    assert min(page.ask("[...document.querySelectorAll('button')].map(each => each.offsetHeight)")) >= 38
+
+
+def test_every_control_is_reached_by_the_keyboard_and_has_a_name(url: str, opened: Open) -> None:
+    page = opened(url)
+    page.until("seen.painted > 1")
+    reached = set()
+    for _ in range(12):
+        page.key("Tab")
+        reached.add(page.ask("document.activeElement.id"))
+    assert {"view", "pause", "in", "out", "fit", "trail", "hue", "save", "theme"} <= reached
+    names = "[...document.querySelectorAll('button')].map(b => b.getAttribute('aria-label') || b.textContent)"
+    assert all(page.ask(names))
+
+
+def test_an_empty_scan_and_damage_are_said_in_words(opened: Open) -> None:
+    empty = "sim://rplidar-s2?via=memory&world=empty"
+    with started("view", empty, "sim://ydlidar-4ros?via=memory&fault=drop:0.05%", "--port", "0") as process:
+        page = opened(line_of(process.stdout).strip())
+        page.until("document.body.innerText.includes('no returns in any direction')")
+        page.until("/[\\d.]+ % damaged/.test(document.body.innerText)")
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=BOUND)
+        page.until("document.body.innerText.includes('no connection to lidario, trying again')")
+        assert "scanning" not in page.text()
+        # The refused attempts to connect are the browser's complaints, not the page's.
+        page.complaints.clear()
+
+
+def test_two_lidars_stand_where_they_are_mounted(opened: Open) -> None:
+    places = ["--mount", "0.5,0,0", "--mount=-1,0.8,90", "--colour", "#ff0000", "--colour", "#00ff00"]
+    with started("view", S2, "sim://ydlidar-4ros?via=memory", "--port", "0", *places) as process:
+        page = opened(line_of(process.stdout).strip())
+        page.until("scans.filter(Boolean).length === 2 && lidars.length === 2")
+        assert page.ask("lidars.map(each => [each.x, each.y, each.yaw])") == [[0.5, 0, 0], [-1, 0.8, 90]]
+        page.until("!dirty")
+        for number, colour in enumerate(([255, 0, 0], [0, 255, 0])):
+            spot = f"place(lidars[{number}].x, lidars[{number}].y)"
+            drawn = page.ask(f"[...pen.getImageData(...{spot}.map(Math.round), 1, 1).data].slice(0, 3)")
+            assert drawn == colour
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=BOUND)
+        page.until("!connected")
+        page.complaints.clear()
+
+
+def test_after_unplugging_it_says_so_and_comes_back(opened: Open) -> None:
+    with started("view", S2 + "&fault=unplug:3s", "--port", "0") as process:
+        page = opened(line_of(process.stdout).strip())
+        page.until("document.body.innerText.includes('lost, reconnecting')")
+        # The last scan is still there.
+        last = page.ask("scans[0].at(-1).seq")
+        assert ink(page) > 300
+        page.until(f"lidars[0].state === 'scanning' && scans[0].at(-1).seq !== {last}")
+        page.until("!document.body.innerText.includes('lost, reconnecting')")
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=BOUND)
+        assert process.returncode == 0
+        page.until("!connected")
+        page.complaints.clear()
