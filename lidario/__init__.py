@@ -15,8 +15,11 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from lidario.version import __version__
+
 if TYPE_CHECKING:
     from lidario.errors import (
+        BadRecording,
         Busy,
         ConnectFailed,
         ConnectReason,
@@ -27,6 +30,7 @@ if TYPE_CHECKING:
         LidarError,
         LocalProtocolError,
         ProtocolError,
+        RecordingFailed,
         RemoteProtocolError,
         ResponseTimeout,
         SessionClosed,
@@ -36,6 +40,7 @@ if TYPE_CHECKING:
     from lidario.laserscan import BeamOrder, LaserScan, NoReturn
     from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, Scan, ScanMode, Stats
     from lidario.port.port import Tap
+    from lidario.recording.record import Recording
     from lidario.session.discovery import Found, PortInfo, list_lidars, list_serial_ports
     from lidario.session.lidar import Lidar
     from lidario.session.opening import OpenLidar, open_lidar
@@ -45,9 +50,8 @@ if TYPE_CHECKING:
     from lidario.sim.world import Wall, WorldLike
     from lidario.simulation import simulate
 
-__version__ = "0.1.0"
-
 __all__ = [
+    "BadRecording",
     "BeamOrder",
     "Busy",
     "ConnectFailed",
@@ -69,6 +73,8 @@ __all__ = [
     "PortInfo",
     "ProtocolError",
     "Received",
+    "Recording",
+    "RecordingFailed",
     "RemoteProtocolError",
     "ResponseTimeout",
     "SampleRate",
@@ -92,6 +98,7 @@ __all__ = [
 ]
 
 _HOMES = {
+    "recording.record": ("Recording",),
     "session.discovery": ("Found", "PortInfo", "list_lidars", "list_serial_ports"),
     "laserscan": ("BeamOrder", "LaserScan", "NoReturn"),
     "model": ("DeviceInfo", "Health", "HealthStatus", "SampleRate", "Scan", "ScanMode", "Stats"),

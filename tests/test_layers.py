@@ -14,11 +14,12 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 VENDORS = sorted(path.name for path in (PACKAGE / "families").iterdir() if (path / "device.py").is_file())
 
 LAYERS = (
-    {"errors", "model", "laserscan", "source"},
+    {"errors", "model", "laserscan", "source", "version"},
     {"wire"},
     {"families", "sim"},
     {"revolution", "simulation"},
     {"port"},
+    {"recording"},
     {"session"},
     {"__init__"},
     {"cli", "__main__"},

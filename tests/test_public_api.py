@@ -12,6 +12,7 @@ import pytest
 import lidario
 
 PUBLIC = [
+    "BadRecording",
     "BeamOrder",
     "Busy",
     "ConnectFailed",
@@ -33,6 +34,8 @@ PUBLIC = [
     "PortInfo",
     "ProtocolError",
     "Received",
+    "Recording",
+    "RecordingFailed",
     "RemoteProtocolError",
     "ResponseTimeout",
     "SampleRate",
@@ -57,6 +60,7 @@ PUBLIC = [
 ALIASES = {"BeamOrder", "ConnectReason", "NoReturn", "Tap", "Wall"}
 """Type aliases: they carry no docstring at run time."""
 ERRORS = {
+    "BadRecording": lidario.LidarError,
     "Busy": lidario.LidarError,
     "ConnectFailed": lidario.LidarError,
     "DeviceFault": lidario.LidarError,
@@ -65,6 +69,7 @@ ERRORS = {
     "InvalidValue": lidario.LidarError,
     "LocalProtocolError": lidario.ProtocolError,
     "ProtocolError": lidario.LidarError,
+    "RecordingFailed": lidario.LidarError,
     "RemoteProtocolError": lidario.ProtocolError,
     "ResponseTimeout": lidario.LidarError,
     "SessionClosed": lidario.LidarError,

@@ -169,6 +169,16 @@ class Port(asyncio.Protocol):
         return os.getpid() != self._pid
 
     @property
+    def is_live(self) -> bool:
+        """Whether a device is at the other end, which can fall silent; a recording cannot."""
+        return True
+
+    @property
+    def wall_offset_ns(self) -> int:
+        """Nanoseconds from the event loop's clock to the wall clock."""
+        return time.time_ns() - round(self._loop.time() * 1e9)
+
+    @property
     def is_tapped(self) -> bool:
         """Whether anybody sees the chunks."""
         return bool(self._taps)

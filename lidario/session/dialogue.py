@@ -23,6 +23,7 @@ import anyio
 from lidario.errors import InternalError, LidarError, ResponseTimeout
 from lidario.families.base import Device, Script, Timing
 from lidario.port.port import Port, Schedule, Tap
+from lidario.recording.chronicle import Chronicle
 from lidario.revolution.together import join_runs
 from lidario.session.stopper import CLOCK_S, PATIENCE_S, Stopper
 from lidario.session.twin import twin_of
@@ -58,11 +59,13 @@ class Dialogue:
         on_lost: Called once, with the error, when the dialogue is over for good before it was closed.
         fatal: What ended the dialogue for good, or None.
         stopper: What leaves the device still.
+        chronicle: What happened so far, for recordings.
     """
 
     def __init__(self, port: Port, device: Device, timing: Timing) -> None:
         self.on_lost: Callable[[LidarError], None] | None = None
         self.fatal: LidarError | None = None
+        self.chronicle: Chronicle = Chronicle()
         self._port = port
         self._link = Link()
         self._device = device
@@ -113,6 +116,30 @@ class Dialogue:
     def bytes_received(self) -> int:
         """All bytes that came in so far."""
         return self._link.stats.bytes_received
+
+    @property
+    def bytes_fed(self) -> int:
+        """As `Link.fed`."""
+        return self._link.fed
+
+    @property
+    def stream_at(self) -> int:
+        """As `Link.stream_at`."""
+        return self._link.stream_at
+
+    @property
+    def is_live(self) -> bool:
+        """As `Port.is_live`."""
+        return self._port.is_live
+
+    @property
+    def wall_offset_ns(self) -> int:
+        """As `Port.wall_offset_ns`."""
+        return self._port.wall_offset_ns
+
+    def now(self) -> int:
+        """As `Port.now`."""
+        return self._port.now()
 
     def deliver_to(self, callback: Callable[[Packets], None] | None) -> None:
         """Call `callback` with each run of packets, those that came since the descriptor first; None for nobody."""
@@ -212,7 +239,12 @@ class Dialogue:
                 return b""
             self._response_due = self._loop.time() + timeout
             try:
-                return await self._wait(timeout, _For.RESPONSE)
+                payload = await self._wait(timeout, _For.RESPONSE)
+                if request.stream is None:
+                    self.chronicle.responded(request.data, request.expects.type, payload)
+                else:
+                    self.chronicle.started(request.data)
+                return payload
             except TimeoutError:
                 self._link.forget()
             except BaseException:

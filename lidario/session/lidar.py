@@ -11,7 +11,9 @@ listen at that moment, by a timer some milliseconds later.
 from __future__ import annotations
 
 import asyncio
+import os
 import weakref
+from pathlib import Path
 from types import TracebackType
 from typing import NoReturn, Self
 
@@ -19,9 +21,11 @@ from lidario.errors import InvalidValue, LocalProtocolError, RemoteProtocolError
 from lidario.families.base import Device
 from lidario.model import DeviceInfo, Health, SampleRate, Scan, ScanMode, Stats
 from lidario.port.port import Tap
+from lidario.recording.record import Recording
 from lidario.session.connect import Connection
 from lidario.session.dialogue import Dialogue
 from lidario.session.handshake import healthy, restart
+from lidario.session.recorded import RecordedSession
 from lidario.session.scanner import Scanner
 from lidario.session.stream import ScanStream
 from lidario.session.twin import twin_of
@@ -52,6 +56,9 @@ class Lidar:
         self._timing = connection.family.timing
         self._dialogue.stopper.keep_spinning = keep_spinning
         self._scanner = Scanner(connection.dialogue, connection.device, latency)
+        self._recorded = RecordedSession(
+            connection.dialogue, self._scanner, source, lambda: (self.info, self.health)
+        )
         self._closed = False
         self._loop = asyncio.get_running_loop()
         self._abandoned = weakref.finalize(self, _abandon, connection.dialogue, self._scanner)
@@ -243,6 +250,24 @@ class Lidar:
         """Take `tap` out again. Harmless when it is not in."""
         self._dialogue.remove_tap(tap)
 
+    def record(self, path: str | os.PathLike[str], *, scans: bool = False, overwrite: bool = False) -> Recording:
+        """Record every byte in both directions to an MCAP file, for use in ``async with``.
+
+        Recording slows the session down by nothing that can be measured: a thread writes. It ends with the block,
+        or with the session, or by itself where the disk is full or too slow; then the log and `Recording.error` say
+        so, and the session goes on. ``open_lidar("run.mcap")`` plays it.
+
+        Args:
+            path: The file to make.
+            scans: Whether to write each scan too, as ``sensor_msgs/msg/LaserScan`` on the topic ``/scan``.
+            overwrite: Whether a file that is there already may be replaced.
+
+        Raises:
+            RecordingFailed: When the block is entered: the file cannot be made, or ``mcap`` is not installed.
+        """
+        self._check_open()
+        return Recording(Path(path), self._recorded, scans=scans, overwrite=overwrite)
+
     async def close(self) -> None:
         """Stop laser and motor and close the port; returns when it is closed. Harmless when done before.
 
@@ -257,6 +282,7 @@ class Lidar:
         # Not earlier: a KeyboardInterrupt may come anywhere above, and then the finalizer stops the device.
         self._abandoned.detach()
         await self._scanner.ended()
+        await self._recorded.close()
 
     async def __aenter__(self) -> Self:
         self._check_open()

@@ -83,6 +83,7 @@ class Scanner:
         self._modes: tuple[ScanMode, ...] = ()
         self._over: SessionClosed | None = None
         self._trouble = Trouble(_log)
+        self._watchers: tuple[Callable[[Scan], None], ...] = ()
         dialogue.on_lost = self._lost
         dialogue.stopper.on_still = self._still
 
@@ -186,6 +187,14 @@ class Scanner:
             self._dialogue.begin()
             if not self.is_scanning:
                 await self._silence()
+
+    def watch(self, watcher: Callable[[Scan], None]) -> None:
+        """Call `watcher` with each scan, before its readers get it."""
+        self._watchers = (*self._watchers, watcher)
+
+    def unwatch(self, watcher: Callable[[Scan], None]) -> None:
+        """Call it no more; ignored where it is not there."""
+        self._watchers = tuple(each for each in self._watchers if each != watcher)
 
     def set_zero_offset(self, degrees: float) -> None:
         """Have the stream that runs add another zero-angle offset, clockwise degrees."""
@@ -351,6 +360,8 @@ class Scanner:
 
     def _publish(self, scan: Scan) -> None:
         self.latest = scan
+        for watcher in self._watchers:
+            watcher(scan)
         self.hub.publish(scan)
 
     def _fail(self, error: StreamFailed) -> None:
