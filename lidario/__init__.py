@@ -19,8 +19,8 @@ from lidario.version import __version__
 
 if TYPE_CHECKING:
     from lidario.errors import (
-        BadRecording,
         Busy,
+        CannotRecord,
         ConnectFailed,
         ConnectReason,
         DeviceFault,
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
         LidarError,
         LocalProtocolError,
         ProtocolError,
-        RecordingFailed,
         RemoteProtocolError,
         ResponseTimeout,
         SessionClosed,
@@ -51,9 +50,9 @@ if TYPE_CHECKING:
     from lidario.simulation import simulate
 
 __all__ = [
-    "BadRecording",
     "BeamOrder",
     "Busy",
+    "CannotRecord",
     "ConnectFailed",
     "ConnectReason",
     "DeviceFault",
@@ -74,7 +73,6 @@ __all__ = [
     "ProtocolError",
     "Received",
     "Recording",
-    "RecordingFailed",
     "RemoteProtocolError",
     "ResponseTimeout",
     "SampleRate",

@@ -15,8 +15,7 @@
     │   ├── LocalProtocolError   asked for something that is illegal in this state
     │   └── RemoteProtocolError  the device sent a response that cannot be right
     ├── DeviceFault              the device reports an error that a reset did not clear
-    ├── BadRecording             a file of which nothing can be read
-    ├── RecordingFailed          a recording cannot be written, or not any further
+    ├── CannotRecord             a recording cannot be written, or not any further
     └── Unsupported              this device or firmware lacks the command or mode
 
 Noise on the line is none of these: damaged bytes are counted in `Stats`, never raised. Exceptions of the
@@ -36,8 +35,8 @@ if TYPE_CHECKING:
     from lidario.model import Health
 
 __all__ = [
-    "BadRecording",
     "Busy",
+    "CannotRecord",
     "ConnectFailed",
     "ConnectReason",
     "DeviceFault",
@@ -47,7 +46,6 @@ __all__ = [
     "LidarError",
     "LocalProtocolError",
     "ProtocolError",
-    "RecordingFailed",
     "RemoteProtocolError",
     "ResponseTimeout",
     "SessionClosed",
@@ -171,9 +169,5 @@ class Unsupported(LidarError):
     """This device or firmware lacks the command, the mode or the format."""
 
 
-class BadRecording(LidarError):
-    """Nothing can be read of a recording: it is none, or it was cut before its first packet."""
-
-
-class RecordingFailed(LidarError):
+class CannotRecord(LidarError):
     """A recording cannot be written, or not any further: no permission, no space, or a disk that is too slow."""

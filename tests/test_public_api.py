@@ -12,9 +12,9 @@ import pytest
 import lidario
 
 PUBLIC = [
-    "BadRecording",
     "BeamOrder",
     "Busy",
+    "CannotRecord",
     "ConnectFailed",
     "ConnectReason",
     "DeviceFault",
@@ -35,7 +35,6 @@ PUBLIC = [
     "ProtocolError",
     "Received",
     "Recording",
-    "RecordingFailed",
     "RemoteProtocolError",
     "ResponseTimeout",
     "SampleRate",
@@ -60,7 +59,6 @@ PUBLIC = [
 ALIASES = {"BeamOrder", "ConnectReason", "NoReturn", "Tap", "Wall"}
 """Type aliases: they carry no docstring at run time."""
 ERRORS = {
-    "BadRecording": lidario.LidarError,
     "Busy": lidario.LidarError,
     "ConnectFailed": lidario.LidarError,
     "DeviceFault": lidario.LidarError,
@@ -69,7 +67,7 @@ ERRORS = {
     "InvalidValue": lidario.LidarError,
     "LocalProtocolError": lidario.ProtocolError,
     "ProtocolError": lidario.LidarError,
-    "RecordingFailed": lidario.LidarError,
+    "CannotRecord": lidario.LidarError,
     "RemoteProtocolError": lidario.ProtocolError,
     "ResponseTimeout": lidario.LidarError,
     "SessionClosed": lidario.LidarError,

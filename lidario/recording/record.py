@@ -1,8 +1,8 @@
 """Recording a session while it runs: a tap that costs next to nothing, and a thread that writes.
 
-The event loop only appends to a queue. The thread wakes four times a second and writes what is there. The queue is
-bounded: when the disk is so slow that it fills, or is full, the recording ends in order and the session goes on. What
-could not be recorded is counted, and the log says why.
+The event loop only appends to a queue. The thread wakes four times a second and writes what is there. The queue
+is bounded: when the disk is so slow that it fills, or is full, the recording ends in order and the session goes
+on. What could not be recorded is counted, and the log says why.
 
 A chunk of the file is complete when a second of the session is in it, and it is handed to the operating system at
 once. So a program that is killed loses at most the last second.
@@ -20,7 +20,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import NoReturn, Protocol, Self
 
-from lidario.errors import LocalProtocolError, RecordingFailed
+from lidario.errors import CannotRecord, LocalProtocolError
 from lidario.model import Scan
 from lidario.recording.about import About
 from lidario.recording.ros_messages import encode_laserscan
@@ -70,7 +70,7 @@ class Recording:
 
     def __init__(self, path: Path, session: Recorded, *, scans: bool, overwrite: bool) -> None:
         self.path: Path = path
-        self.error: RecordingFailed | None = None
+        self.error: CannotRecord | None = None
         self.chunks: int = 0
         self.scans: int = 0
         self._session = session
@@ -110,7 +110,7 @@ class Recording:
         """Create the file and begin; ``async with`` does so.
 
         Raises:
-            RecordingFailed: The file cannot be written, or exists already. Cancelling leaves a file without scans.
+            CannotRecord: The file cannot be written, or exists already. Cancelling leaves a file without scans.
         """
         if self._thread is not None:
             raise LocalProtocolError("a recording can be started once: lidar.record() makes another one")
@@ -138,9 +138,7 @@ class Recording:
         if thread is not None:
             await _until(lambda: not thread.is_alive(), CLOSE_TIMEOUT_S)
             if thread.is_alive():
-                self._fail(
-                    RecordingFailed(f"{self.path}: the disk has not taken the rest for {CLOSE_TIMEOUT_S:g} s")
-                )
+                self._fail(CannotRecord(f"{self.path}: the disk has not taken the rest for {CLOSE_TIMEOUT_S:g} s"))
 
     async def __aenter__(self) -> Self:
         await self.start()
@@ -182,7 +180,7 @@ class Recording:
     def _add(self, now: int, size: int, write: Callable[[FileWriter, int], None]) -> bool:
         size += _ITEM_BYTES
         if not self._over and self._put + size - self._taken > QUEUE_BYTES:
-            self._fail(RecordingFailed(f"{self.path}: the disk is too slow, so the recording ends here"))
+            self._fail(CannotRecord(f"{self.path}: the disk is too slow, so the recording ends here"))
         if self._over:
             self._lost_here += size - _ITEM_BYTES
             return False
@@ -195,7 +193,7 @@ class Recording:
         self._over = True
         self._ending.set()
 
-    def _fail(self, error: RecordingFailed) -> None:
+    def _fail(self, error: CannotRecord) -> None:
         """The recording cannot go on; the first error is kept."""
         if self.error is None:
             self.error = error
@@ -212,10 +210,10 @@ class Recording:
             self._open.set()
             self._write(self._writer)
             self._writer.close()
-        except RecordingFailed as error:
+        except CannotRecord as error:
             self._fail(error)
         except Exception as error:
-            failure = RecordingFailed(f"lidario failed when it wrote {self.path} ({error!r}); please report this")
+            failure = CannotRecord(f"lidario failed when it wrote {self.path} ({error!r}); please report this")
             failure.__cause__ = error
             self._fail(failure)
         finally:

@@ -1,7 +1,7 @@
 """The three ROS 2 messages that a recording holds: their definitions, and their CDR encoding.
 
-CDR is the binary form of ROS 2 messages: four bytes that name the byte order, then the fields in order, each aligned
-to its own size, counted from behind those four bytes. It is written by hand because a general encoder takes
+CDR is the binary form of ROS 2 messages: four bytes that name the byte order, then the fields in order, each
+aligned to its own size, counted from behind those four bytes. It is written by hand because a general encoder takes
 hundreds of times as long. The tests compare it with an independent decoder.
 
 The definitions are in the form that rosbag2 stores (``ros2msg``): the fields of the message, then those of each

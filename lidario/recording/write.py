@@ -1,8 +1,8 @@
 """Writing the file of a recording: MCAP with one chunk a second, so that no cut loses more.
 
-The package ``mcap`` makes the bytes, and this module hands them to the operating system, one whole chunk at a time.
-So a write that fails half-way, because the disk is full, can be taken back: the file ends behind the last chunk that
-is complete.
+The package ``mcap`` makes the bytes, and this module hands them to the operating system, one whole chunk at a
+time. So a write that fails half-way, because the disk is full, can be taken back: the file ends behind the last
+chunk that is complete.
 
 Nothing here knows an event loop; `lidario.recording.record` calls it from a thread.
 """
@@ -14,7 +14,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from lidario.errors import RecordingFailed
+from lidario.errors import CannotRecord
 from lidario.recording.about import NAME, About
 from lidario.recording.ros_messages import (
     LASERSCAN_DEFINITION,
@@ -73,14 +73,14 @@ class FileWriter:
         size: Bytes of the file so far.
 
     Raises:
-        RecordingFailed: It cannot be written, or the package ``mcap`` is missing.
+        CannotRecord: It cannot be written, or the package ``mcap`` is missing.
     """
 
     def __init__(self, path: Path, about: About, *, overwrite: bool = False) -> None:
         try:
             from mcap.writer import CompressionType, Writer
         except ModuleNotFoundError:
-            raise RecordingFailed(
+            raise CannotRecord(
                 "recording needs mcap, which is not installed: pip install 'lidario-asyncio[mcap]'"
             ) from None
         self.path = path
@@ -125,7 +125,7 @@ class FileWriter:
         """End the chunk and hand it to the operating system.
 
         Raises:
-            RecordingFailed: It does not take it. The file ends behind the chunk before.
+            CannotRecord: It does not take it. The file ends behind the chunk before.
         """
         self._writer.flush()
         self._write_out()
@@ -134,7 +134,7 @@ class FileWriter:
         """Write the index and close the file.
 
         Raises:
-            RecordingFailed: The last bytes do not fit. The file is readable without them.
+            CannotRecord: The last bytes do not fit. The file is readable without them.
         """
         try:
             self._writer.finish()
@@ -170,8 +170,8 @@ class FileWriter:
         self.size = self._sink.tell()
 
 
-def _failed(path: Path, error: OSError) -> RecordingFailed:
+def _failed(path: Path, error: OSError) -> CannotRecord:
     if isinstance(error, FileExistsError):
-        return RecordingFailed(f"{path} exists already, and a recording replaces no file unless it is asked to")
+        return CannotRecord(f"{path} exists already, and a recording replaces no file unless it is asked to")
     why = error.strerror or str(error)
-    return RecordingFailed(f"{path} cannot be written: {why[:1].lower()}{why[1:]}")
+    return CannotRecord(f"{path} cannot be written: {why[:1].lower()}{why[1:]}")

@@ -263,7 +263,7 @@ class Lidar:
             overwrite: Whether a file that is there already may be replaced.
 
         Raises:
-            RecordingFailed: When the block is entered: the file cannot be made, or ``mcap`` is not installed.
+            CannotRecord: When the block is entered: the file cannot be made, or ``mcap`` is not installed.
         """
         self._check_open()
         return Recording(Path(path), self._recorded, scans=scans, overwrite=overwrite)

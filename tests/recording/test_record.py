@@ -14,6 +14,7 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.msg import get_types_from_msg
+from rosbags.typesys.store import Typestore
 
 import lidario
 from lidario.recording import record as record_module
@@ -27,14 +28,14 @@ both_sources = pytest.mark.parametrize("source", SOURCES)
 
 
 @pytest.fixture
-def store():
+def store() -> Typestore:
     types = get_typestore(Stores.ROS2_HUMBLE)
     types.register(get_types_from_msg(RAW_DEFINITION, RAW_TYPE))
     return types
 
 
 @both_sources
-def test_every_chunk_in_both_directions_is_in_the_file(tmp_path: Path, source: str, store) -> None:
+def test_every_chunk_in_both_directions_is_in_the_file(tmp_path: Path, source: str, store: Typestore) -> None:
     live = record(tmp_path / "a.mcap", source, 5)
     assert (live.error, live.lost_bytes) == ("", 0)
     with open(live.path, "rb") as file:
@@ -62,7 +63,7 @@ def test_every_chunk_in_both_directions_is_in_the_file(tmp_path: Path, source: s
 
 
 @both_sources
-def test_rosbags_reads_scans_that_equal_to_laserscan(tmp_path: Path, source: str, store) -> None:
+def test_rosbags_reads_scans_that_equal_to_laserscan(tmp_path: Path, source: str, store: Typestore) -> None:
     live = record(tmp_path / "a.mcap", source, 4, scans=True)
     with Reader(live.path) as reader:
         assert {each.topic: each.msgtype for each in reader.connections} == {
@@ -92,7 +93,7 @@ def test_rosbags_reads_scans_that_equal_to_laserscan(tmp_path: Path, source: str
     assert events.count("began") == events.count("ended") == 1
 
 
-def test_the_definition_of_the_scan_is_that_of_ros(store) -> None:
+def test_the_definition_of_the_scan_is_that_of_ros(store: Typestore) -> None:
     ours = get_types_from_msg(LASERSCAN_DEFINITION, LASERSCAN_TYPE)
     for name in ours:
         assert list(ours[name][1]) == list(store.fielddefs[name][1]), name
@@ -175,7 +176,7 @@ def test_a_file_that_cannot_be_made_is_said_at_once(tmp_path: Path, name: str, w
 
     async def main() -> None:
         async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
-            with pytest.raises(lidario.RecordingFailed, match=why):
+            with pytest.raises(lidario.CannotRecord, match=why):
                 async with lidar.record(tmp_path / name):
                     pass
             assert (await lidar.get_health()).ok
@@ -191,7 +192,7 @@ def test_without_the_package_one_sentence_says_what_to_install(
 
     async def main() -> None:
         async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
-            with pytest.raises(lidario.RecordingFailed, match=r"pip install 'lidario-asyncio\[mcap\]'"):
+            with pytest.raises(lidario.CannotRecord, match=r"pip install 'lidario-asyncio\[mcap\]'"):
                 async with lidar.record(tmp_path / "a.mcap"):
                     pass
 
