@@ -30,6 +30,7 @@ if TYPE_CHECKING:
         LidarError,
         LocalProtocolError,
         ProtocolError,
+        RecordingError,
         RemoteProtocolError,
         ResponseTimeout,
         SessionClosed,
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from lidario.laserscan import BeamOrder, LaserScan, NoReturn
     from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, Scan, ScanMode, Stats
     from lidario.port.port import Tap
+    from lidario.recording.offline import ScanArrays, decode, decode_arrays
     from lidario.recording.record import Recording
     from lidario.session.discovery import Found, PortInfo, list_lidars, list_serial_ports
     from lidario.session.lidar import Lidar
@@ -73,10 +75,12 @@ __all__ = [
     "ProtocolError",
     "Received",
     "Recording",
+    "RecordingError",
     "RemoteProtocolError",
     "ResponseTimeout",
     "SampleRate",
     "Scan",
+    "ScanArrays",
     "ScanMode",
     "ScanStream",
     "SessionClosed",
@@ -88,6 +92,8 @@ __all__ = [
     "Wall",
     "WorldLike",
     "__version__",
+    "decode",
+    "decode_arrays",
     "list_lidars",
     "list_serial_ports",
     "open_lidar",
@@ -101,6 +107,7 @@ _HOMES = {
     "laserscan": ("BeamOrder", "LaserScan", "NoReturn"),
     "model": ("DeviceInfo", "Health", "HealthStatus", "SampleRate", "Scan", "ScanMode", "Stats"),
     "port.port": ("Tap",),
+    "recording.offline": ("ScanArrays", "decode", "decode_arrays"),
     "session.lidar": ("Lidar",),
     "session.opening": ("OpenLidar", "open_lidar"),
     "session.run": ("run",),

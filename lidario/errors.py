@@ -9,6 +9,7 @@
     ├── InternalError            lidario itself failed: a mistake of ours; the session is over
     ├── SessionClosed            used after close
     ├── Busy                     a second reader of one stream, or a port that another program holds
+    ├── RecordingError           a recording in which nothing can be read
     ├── InvalidValue             an argument that cannot be right; also a ValueError
     ├── ResponseTimeout          no response to a request in time; also a TimeoutError
     ├── ProtocolError
@@ -46,6 +47,7 @@ __all__ = [
     "LidarError",
     "LocalProtocolError",
     "ProtocolError",
+    "RecordingError",
     "RemoteProtocolError",
     "ResponseTimeout",
     "SessionClosed",
@@ -110,6 +112,10 @@ class SessionClosed(LidarError):
 
 class Busy(LidarError):
     """Two tasks wanted what only one may have at a time."""
+
+
+class RecordingError(LidarError):
+    """Nothing can be read in a recording: it holds no measurement stream, or none of the family that was named."""
 
 
 class InvalidValue(LidarError, ValueError):

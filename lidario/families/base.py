@@ -12,7 +12,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Final, NamedTuple, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,12 +31,14 @@ __all__ = [
     "Device",
     "Family",
     "Keepalive",
+    "RawStream",
     "Samples",
     "Script",
     "Stream",
     "Timing",
     "agreed",
     "health_of",
+    "raw_stream",
 ]
 
 T = TypeVar("T")
@@ -161,6 +163,36 @@ class Stream:
     zero_offset_deg: float = 0.0
 
 
+class RawStream(NamedTuple):
+    """A measurement stream among bytes that were recorded without times.
+
+    Attributes:
+        begin: Offset of its first byte, behind its descriptor.
+        stream: What it is.
+    """
+
+    begin: int
+    stream: Stream
+
+
+_LONGEST_REVOLUTION: Final = 65536
+"""Samples after which a recorded revolution that does not end is given up; several times what any device takes."""
+
+
+def raw_stream(begin: int, wire: StreamFormat, decoder: Decoder, sample_us: float) -> RawStream:
+    """A recorded stream of which nothing is known but its format and the time of a sample."""
+    stream = Stream(
+        format=wire,
+        decoder=decoder,
+        # The device's own name of the mode is not among the bytes.
+        mode=ScanMode(0, wire.name, sample_us, 0.0, wire.answer_type),
+        sample_ns=sample_us * 1e3,
+        spin_up_s=0.0,
+        slowest_turn_s=_LONGEST_REVOLUTION * sample_us * 1e-6,
+    )
+    return RawStream(begin, stream)
+
+
 @dataclass(frozen=True, slots=True)
 class Timing:
     """How long the devices of a family take.
@@ -269,9 +301,13 @@ class Family:
         baudrates: Line speeds its models use, the likeliest first.
         timing: How long its devices take.
         device: Makes the object for a newly opened port.
+        stream_of: The format and the decoder of a stream, by the answer type of its descriptor; None for a type that
+            is not known.
         formats: Every packet format it may send.
         simulated: Names of its simulated models.
         simulate: Makes a simulated device: ``simulate(model, world=…, serial=…, seed=…)``.
+        find_stream: Finds the measurement stream in recorded bytes: ``find_stream(data, sample_us)``, with the time
+            of a sample in microseconds, or None for what the format usually takes. None where there is no stream.
     """
 
     name: str
@@ -279,6 +315,8 @@ class Family:
     baudrates: tuple[int, ...]
     timing: Timing
     device: Callable[[], Device]
+    stream_of: Callable[[int], tuple[StreamFormat, Decoder] | None]
     formats: tuple[Callable[[], StreamFormat], ...]
     simulated: tuple[str, ...]
     simulate: Callable[..., SimulatedDevice]
+    find_stream: Callable[[memoryview, float | None], RawStream | None]

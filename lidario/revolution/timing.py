@@ -12,7 +12,7 @@ from lidario.families.base import Samples
 from lidario.revolution.partial import PartialRevolution
 from lidario.wire.events import Packets
 
-__all__ = ["first_sample_ns"]
+__all__ = ["DEVICE_DELAY_SAMPLES", "first_sample_ns"]
 
 BITS_A_BYTE = 10
 """On a serial line with one start and one stop bit."""

@@ -56,11 +56,13 @@ class Packets:
         blocks: Their sizes: neighbours of one size together.
         arrivals: When they came: pairs ``(packets, at_ns)``, so many of them were complete at that time; ascending,
             the last pair is for all of them. More than one pair only when they were collected from several reads.
+        skipped: Bytes that belong to no packet, between the packet before and the first of these.
     """
 
     data: bytes
     blocks: tuple[Block, ...]
     arrivals: tuple[Arrival, ...]
+    skipped: int = 0
 
     @property
     def count(self) -> int:

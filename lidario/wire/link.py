@@ -169,6 +169,12 @@ class Link:
         """
         self._abandoned = self.state is LinkState.AWAIT_RESPONSE
 
+    def enter_stream(self, stream_format: StreamFormat) -> None:
+        """What comes from now on is a measurement stream that was announced before, as in a file."""
+        self._drain()
+        self._format = stream_format
+        self.state = LinkState.STREAMING
+
     def drained(self) -> None:
         """The line has fallen quiet after a STOP: from now on a byte that nobody asked for is stray."""
         if self.state is LinkState.DRAINING:
@@ -264,7 +270,9 @@ class Link:
             if end == at:
                 break
             if blocks:
-                self._end_noise()
+                skipped, self._noise = self._noise, 0
+                if skipped:
+                    self.stats.skipped_stretches += 1
                 if self._arrivals:
                     arrivals = self._arrivals_of(packet_offsets(blocks), at, now)
                 else:
@@ -272,7 +280,7 @@ class Link:
                 self.stats.packets += arrivals[-1][0]
                 self.stats.packet_bytes += middle - at
                 with memoryview(data) as view:
-                    self._events.append(Packets(bytes(view[at:middle]), blocks, arrivals))
+                    self._events.append(Packets(bytes(view[at:middle]), blocks, arrivals, skipped))
             if end > middle:
                 self._skip(wire, data, middle, end)
             at = end
@@ -300,11 +308,6 @@ class Link:
             return
         self._noise += end - start
         self.stats.skipped_bytes += end - start
-
-    def _end_noise(self) -> None:
-        if self._noise:
-            self.stats.skipped_stretches += 1
-            self._noise = 0
 
     def _stray(self, size: int) -> None:
         if size:

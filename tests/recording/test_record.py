@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,6 +35,10 @@ def store() -> Typestore:
     return types
 
 
+def decoded(store: Typestore, data: bytes, name: str) -> Any:
+    return store.deserialize_cdr(data, name)
+
+
 @both_sources
 def test_every_chunk_in_both_directions_is_in_the_file(tmp_path: Path, source: str, store: Typestore) -> None:
     live = record(tmp_path / "a.mcap", source, 5)
@@ -43,7 +48,7 @@ def test_every_chunk_in_both_directions_is_in_the_file(tmp_path: Path, source: s
         (about,) = [each.metadata for each in reader.iter_metadata()]
         offset = int(about["clock_offset_ns"])
         found = [
-            (message.log_time - offset, store.deserialize_cdr(message.data, RAW_TYPE))
+            (message.log_time - offset, decoded(store, message.data, RAW_TYPE))
             for _, _, message in reader.iter_messages(topics=[RAW_TOPIC])
         ]
         summary = reader.get_summary()
@@ -70,12 +75,12 @@ def test_rosbags_reads_scans_that_equal_to_laserscan(tmp_path: Path, source: str
             RAW_TOPIC: RAW_TYPE, EVENTS_TOPIC: "std_msgs/msg/String", SCAN_TOPIC: LASERSCAN_TYPE,
         }  # fmt: skip
         scans = [
-            (at_ns, store.deserialize_cdr(data, LASERSCAN_TYPE))
+            (at_ns, decoded(store, data, LASERSCAN_TYPE))
             for connection, at_ns, data in reader.messages()
             if connection.topic == SCAN_TOPIC
         ]
         events = [
-            json.loads(store.deserialize_cdr(data, "std_msgs/msg/String").data)["event"]
+            json.loads(decoded(store, data, "std_msgs/msg/String").data)["event"]
             for connection, _, data in reader.messages()
             if connection.topic == EVENTS_TOPIC
         ]

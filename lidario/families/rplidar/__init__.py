@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from lidario.families.base import Family, Timing
 from lidario.families.rplidar.device import RplidarDevice
 from lidario.families.rplidar.formats import FORMATS
+from lidario.families.rplidar.raw import find_stream, stream_of
 
 if TYPE_CHECKING:
     from lidario.sim.device import SimulatedDevice
@@ -63,4 +64,6 @@ FAMILY = Family(
     formats=tuple(FORMATS.values()),
     simulated=SIMULATED,
     simulate=_simulate,
+    find_stream=find_stream,
+    stream_of=stream_of,
 )

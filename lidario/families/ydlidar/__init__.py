@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 from lidario.families.base import Family, Timing
 from lidario.families.ydlidar.device import Device4Ros
 from lidario.families.ydlidar.formats import PointCloud
+from lidario.families.ydlidar.raw import find_stream, stream_of
 
 if TYPE_CHECKING:
     from lidario.sim.device import SimulatedDevice
@@ -55,5 +56,7 @@ FAMILY: Final = Family(
     formats=(PointCloud,),
     simulated=SIMULATED,
     simulate=_simulate,
+    find_stream=find_stream,
+    stream_of=stream_of,
 )
 """The family's row of the registry."""

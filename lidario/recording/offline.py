@@ -1,0 +1,205 @@
+"""Raw bytes to scans, without a device, a session or an event loop.
+
+The bytes are those that a device sent, without times. They pass through the same `Link`, `Assembler` and decoders
+as live ones, in blocks that hold some ten revolutions: as many as a processor's cache holds together with what is
+decoded from them. Time is counted in samples, from 0 at the first byte of the stream: bytes that were damaged take
+the time of the samples that they would have held, bytes that are missing take none.
+
+Nothing larger is held than one block and its scans, and those that the caller keeps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.errors import InvalidValue, RecordingError
+from lidario.families.arguments import finite
+from lidario.families.base import Family, RawStream
+from lidario.families.registry import FAMILIES, family_named
+from lidario.model import Scan
+from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.revolution.timing import DEVICE_DELAY_SAMPLES
+from lidario.wire.events import Packets
+from lidario.wire.link import Link, LinkStats
+
+__all__ = ["OfflineDecoder", "RawBytes", "ScanArrays", "decode", "decode_arrays"]
+
+RawBytes: TypeAlias = bytes | bytearray | memoryview
+"""Or anything else that has one dimension of bytes in one piece, as `mmap` or an array of uint8."""
+
+_BLOCK = 64 * 1024
+"""Bytes decoded at a time."""
+_TRIED = 32 * 1024
+"""Bytes from the beginning of a stream that must tell whose packets they are."""
+_MOST_US = 1e6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanArrays:
+    """The samples of many scans, back to back; n samples in k scans. The arrays belong to the caller.
+
+    Attributes:
+        device_angles: Degrees, float32, clockwise, in [0, 360), shape (n,).
+        device_distances: Millimetres, float32, 0 where nothing came back, shape (n,).
+        intensities: uint8, shape (n,); None where the format carries none.
+        starts: Index of each scan's first sample, then n; int64, shape (k + 1,).
+        stamps_ns: When each scan's first sample was measured, nanoseconds from 0 at the begin of the stream; int64,
+            shape (k,).
+        lost_packets: Packets of each scan that were damaged or lost; int64, shape (k,).
+    """
+
+    device_angles: NDArray[np.float32]
+    device_distances: NDArray[np.float32]
+    intensities: NDArray[np.uint8] | None
+    starts: NDArray[np.int64]
+    stamps_ns: NDArray[np.int64]
+    lost_packets: NDArray[np.int64]
+
+
+def decode(data: RawBytes, *, family: str | None = None, sample_us: float | None = None) -> Iterator[Scan]:
+    """Decode recorded bytes of one device, one revolution after the other.
+
+    As live, the parts of a revolution at the beginning and at the end are left out. Stamps count from 0 at the
+    begin of the stream, wall-clock stamps too. It does no input or output and needs no event loop; its arguments
+    and the scans can be pickled, so it can run on other processes.
+
+    Args:
+        data: The bytes as they were received; they are not changed, and must not change meanwhile. Where a family
+            has several formats, from the descriptor of the stream on, and what is before it is skipped; where it
+            has one, from the descriptor or the first packet on.
+        family: Short name of the family, as in ``family=`` of a source; None to tell it from the bytes.
+        sample_us: Microseconds a sample; None for what the format usually takes.
+
+    Raises:
+        RecordingError: There is no measurement stream in the bytes. Damaged bytes raise nothing.
+        InvalidValue: `sample_us` is not a number above 0 and up to 1000000.
+        ConnectFailed: There is no such family (reason ``source``).
+        TypeError: `data` is not bytes.
+    """
+    return iter(OfflineDecoder(data, family=family, sample_us=sample_us))
+
+
+def decode_arrays(data: RawBytes, *, family: str | None = None, sample_us: float | None = None) -> ScanArrays:
+    """As `decode`, all scans at once as a few arrays.
+
+    Args:
+        data: As for `decode`.
+        family: As for `decode`.
+        sample_us: As for `decode`.
+
+    Raises:
+        RecordingError: There is no measurement stream in the bytes.
+        InvalidValue: `sample_us` is not a number above 0 and up to 1000000.
+        ConnectFailed: There is no such family (reason ``source``).
+        TypeError: `data` is not bytes.
+    """
+    scans = list(OfflineDecoder(data, family=family, sample_us=sample_us))
+    starts = np.zeros(len(scans) + 1, np.int64)
+    np.cumsum([len(scan) for scan in scans], out=starts[1:])
+    parts = [scan.intensities for scan in scans if scan.intensities is not None]
+    return ScanArrays(
+        device_angles=_joined([scan.device_angles for scan in scans]),
+        device_distances=_joined([scan.device_distances for scan in scans]),
+        intensities=np.concatenate(parts) if parts else None,
+        starts=starts,
+        stamps_ns=np.array([scan.stamp_ns for scan in scans], np.int64),
+        lost_packets=np.array([scan.lost_packets for scan in scans], np.int64),
+    )
+
+
+def _joined(parts: list[NDArray[np.float32]]) -> NDArray[np.float32]:
+    return np.concatenate(parts) if parts else np.empty(0, np.float32)
+
+
+class OfflineDecoder:
+    """Decodes recorded bytes as `decode` does, and counts what became of them. It is iterated over once.
+
+    Args:
+        data: As for `decode`.
+        family: As for `decode`.
+        sample_us: As for `decode`.
+
+    Raises:
+        RecordingError: There is no measurement stream in the bytes.
+        InvalidValue: `sample_us` is not a number above 0 and up to 1000000.
+        ConnectFailed: There is no such family (reason ``source``).
+        TypeError: `data` is not bytes.
+
+    Attributes:
+        family: The family whose stream it is.
+        stream: What it is: format, mode, time of a sample.
+        begin: Offset in `data` at which it begins.
+    """
+
+    def __init__(self, data: RawBytes, *, family: str | None = None, sample_us: float | None = None) -> None:
+        self._data = memoryview(data).cast("B")
+        if sample_us is not None and not 0 < finite(sample_us, "sample_us") <= _MOST_US:
+            raise InvalidValue(f"sample_us is above 0 and at most {_MOST_US:.0f}, not {sample_us!r}")
+        self.family, found = _recognise(self._data, family, None if sample_us is None else float(sample_us))
+        self.begin, self.stream = found
+        self._link = Link()
+        self._link.enter_stream(self.stream.format)
+        self._assembler = Assembler(self.stream)
+        self._samples = 0.0
+
+    @property
+    def link_stats(self) -> LinkStats:
+        """What became of the bytes so far."""
+        return self._link.stats
+
+    @property
+    def assembler_stats(self) -> AssemblerStats:
+        """What became of the packets so far."""
+        return self._assembler.stats
+
+    @property
+    def elapsed_ns(self) -> int:
+        """Time that the samples decoded so far took."""
+        return round(self._samples * self.stream.sample_ns)
+
+    def __iter__(self) -> Iterator[Scan]:
+        for at in range(self.begin, len(self._data), _BLOCK):
+            self._link.receive_data(self._data[at : at + _BLOCK], 0)
+            for event in self._link.events_received():
+                if isinstance(event, Packets):
+                    yield from self._assembler.add(self._dated(event))
+        self._assembler.end()
+
+    def _dated(self, packets: Packets) -> Packets:
+        """The packets, arrived as soon after their last sample as live ones can be."""
+        samples = self.stream.format.samples_in(packets.blocks)
+        if packets.skipped:
+            self._samples += packets.skipped * samples / len(packets.data)
+        self._samples += samples
+        arrived_ns = round((self._samples - 1 + DEVICE_DELAY_SAMPLES) * self.stream.sample_ns)
+        return Packets(packets.data, packets.blocks, ((packets.count, arrived_ns),), packets.skipped)
+
+
+def _recognise(data: memoryview, family: str | None, sample_us: float | None) -> tuple[Family, RawStream]:
+    """Whose stream is in the bytes, and where it begins."""
+    families = FAMILIES if family is None else (family_named(family),)
+    best: tuple[int, Family] | None = None
+    for each in families:
+        found = each.find_stream(data, sample_us)
+        if found is None:
+            continue
+        # Two families may announce their streams alike: the one whose packets follow is right.
+        link = Link()
+        link.enter_stream(found.stream.format)
+        link.receive_data(data[found.begin : found.begin + _TRIED], 0)
+        if best is None or link.stats.packet_bytes > best[0]:
+            best = (link.stats.packet_bytes, each)
+    if best is None or not (best[0] or family):
+        of = "" if family is None else f" of the family {family!r}"
+        raise RecordingError(
+            f"no measurement stream{of} among {len(data)} bytes; it must be recorded from its start on"
+        )
+    # A fresh format and decoder: those that were tried remember what they have seen.
+    again = best[1].find_stream(data, sample_us)
+    assert again is not None
+    return best[1], again

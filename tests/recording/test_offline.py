@@ -1,0 +1,192 @@
+"""Raw bytes to scans: what the live way makes of them, whoever's bytes they are, whatever is wrong with them."""
+
+import math
+import mmap
+import pickle
+import random
+import subprocess
+import sys
+from collections.abc import Callable
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lidario
+from lidario.errors import ConnectFailed, InvalidValue, RecordingError
+from lidario.recording.offline import OfflineDecoder
+from tests.support.ledger import PACKETS, assert_link_closes
+from tests.support.streams import CASES, KINDS, Case, assembled, named
+
+every_case = pytest.mark.parametrize("case", CASES, ids=named)
+every_kind = pytest.mark.parametrize("case", KINDS, ids=named)
+
+INFO = bytes.fromhex("a55a1400000004") + bytes(range(20))
+HEALTH = bytes.fromhex("a55a03000000060000 00".replace(" ", ""))
+
+
+def whole(case: Case) -> bytes:
+    return case.descriptor + case.raw
+
+
+@every_case
+def test_scans_are_those_of_the_live_way(case: Case) -> None:
+    expected = assembled(case, case.raw).scans
+    scans = list(lidario.decode(whole(case), sample_us=case.sample_us))
+    assert len(scans) == len(expected) >= 2
+    for scan, live in zip(scans, expected, strict=True):
+        np.testing.assert_array_equal(scan.device_angles, live.device_angles)
+        np.testing.assert_array_equal(scan.device_distances, live.device_distances)
+        assert (scan.intensities is None) == (live.intensities is None)
+        if scan.intensities is not None and live.intensities is not None:
+            np.testing.assert_array_equal(scan.intensities, live.intensities)
+        assert (scan.seq, scan.lost_packets) == (live.seq, 0)
+
+
+@every_case
+def test_stamps_count_samples_from_the_begin_of_the_stream(case: Case) -> None:
+    scans = list(lidario.decode(whole(case), sample_us=100.0))
+    first = next(at for at, sample in enumerate(case.samples) if sample is case.turns[0][0])
+    begins = [first + sum(len(turn) for turn in case.turns[:at]) for at in range(len(case.turns))]
+    # The first packet may be one whose length is only known by those behind it: nothing of that is in the time.
+    assert [scan.stamp_ns for scan in scans] == [at * 100_000 for at in begins]
+    assert [scan.wall_stamp_ns for scan in scans] == [scan.stamp_ns for scan in scans]
+    assert {scan.time_increment_ns for scan in scans} == {100_000}
+
+
+@every_kind
+def test_arrays_are_the_scans_back_to_back(case: Case) -> None:
+    scans = list(lidario.decode(whole(case)))
+    arrays = lidario.decode_arrays(whole(case))
+    assert arrays.starts.tolist() == np.cumsum([0, *map(len, scans)]).tolist()
+    for scan, (begin, end) in zip(scans, pairwise(arrays.starts.tolist()), strict=True):
+        np.testing.assert_array_equal(arrays.device_angles[begin:end], scan.device_angles)
+        np.testing.assert_array_equal(arrays.device_distances[begin:end], scan.device_distances)
+        if scan.intensities is None:
+            assert arrays.intensities is None
+        else:
+            assert arrays.intensities is not None
+            np.testing.assert_array_equal(arrays.intensities[begin:end], scan.intensities)
+    assert arrays.stamps_ns.tolist() == [scan.stamp_ns for scan in scans]
+    assert arrays.lost_packets.tolist() == [0] * len(scans)
+    kinds = {arrays.device_angles.dtype, arrays.device_distances.dtype}
+    assert kinds == {np.dtype(np.float32)}
+    assert {arrays.starts.dtype, arrays.stamps_ns.dtype, arrays.lost_packets.dtype} == {np.dtype(np.int64)}
+
+
+@every_kind
+def test_whose_bytes_they_are_is_told_by_what_follows(case: Case) -> None:
+    assert OfflineDecoder(whole(case)).family.name == case.truth.family
+    assert OfflineDecoder(INFO + HEALTH + whole(case)).stream.format.name == case.make_format().name
+
+
+@every_kind
+def test_responses_before_the_stream_are_skipped(case: Case) -> None:
+    plain = lidario.decode_arrays(whole(case))
+    behind = lidario.decode_arrays(INFO + HEALTH + whole(case), family=case.truth.family)
+    np.testing.assert_array_equal(behind.device_distances, plain.device_distances)
+    assert behind.stamps_ns.tolist() == plain.stamps_ns.tolist()
+
+
+def test_the_second_family_needs_no_header() -> None:
+    case = KINDS[-1]
+    headless = lidario.decode_arrays(b"\x00\xaa" + case.raw)
+    np.testing.assert_array_equal(headless.device_distances, lidario.decode_arrays(whole(case)).device_distances)
+
+
+@every_kind
+def test_usual_rates_are_told_by_the_format(case: Case) -> None:
+    usual = {0x81: 62.5, 0x82: 125, 0x83: 100, 0x84: 62.5, 0x85: 31.25, 0x86: 31.25}
+    expected = 50.0 if case.truth.family == "ydlidar" else usual[case.answer_type]
+    assert OfflineDecoder(whole(case)).stream.mode.sample_us == expected
+    assert OfflineDecoder(whole(case), sample_us=7).stream.sample_ns == 7000
+
+
+@pytest.mark.parametrize("made", [bytes, bytearray, memoryview, partial(np.frombuffer, dtype=np.uint8)])
+def test_any_bytes_will_do(made: Callable[[bytes], Any]) -> None:
+    case = KINDS[4]
+    arrays = lidario.decode_arrays(made(whole(case)))
+    np.testing.assert_array_equal(arrays.device_distances, lidario.decode_arrays(whole(case)).device_distances)
+
+
+def test_a_mapped_file_is_read_in_place(tmp_path: Path) -> None:
+    path = tmp_path / "raw.bin"
+    path.write_bytes(whole(KINDS[0]))
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as mapped:
+        count = len(list(lidario.decode(mapped)))  # type: ignore[arg-type]
+    assert count == len(KINDS[0].turns)
+
+
+@every_kind
+def test_damage_is_counted_and_raises_nothing(case: Case) -> None:
+    random_bytes = random.Random(3)
+    damaged = bytearray(case.raw)
+    for _ in range(12):
+        damaged[random_bytes.randrange(len(damaged))] ^= 1 << random_bytes.randrange(8)
+    del damaged[len(damaged) // 2 : len(damaged) // 2 + 7]
+    decoder = OfflineDecoder(case.descriptor + damaged, family=case.truth.family)
+    scans = list(decoder)
+    assert len(scans) >= len(case.turns) - 2
+    assert decoder.link_stats.skipped_bytes > 0
+    assert decoder.assembler_stats.lost_packets > 0
+    assert all(earlier.stamp_ns < later.stamp_ns for earlier, later in pairwise(scans))
+    link = decoder._link
+    assert_link_closes(link)
+    assert sum(getattr(decoder.assembler_stats, name) for name in PACKETS) == link.stats.packets
+    assert decoder.assembler_stats.unfinished_packets == 0
+
+
+def test_damaged_bytes_take_the_time_of_the_samples_they_held() -> None:
+    case = KINDS[4]
+    intact = [scan.stamp_ns for scan in lidario.decode(whole(case))]
+    damaged = bytearray(whole(case))
+    damaged[7 + 84 * 100 + 50] ^= 0xFF
+    assert [scan.stamp_ns for scan in lidario.decode(damaged)] == intact
+
+
+@pytest.mark.parametrize("data", [b"", b"\xa5", b"\x00" * 5000, bytes(range(256)) * 40, INFO + HEALTH])
+def test_bytes_without_a_stream_are_refused_when_asked(data: bytes) -> None:
+    with pytest.raises(RecordingError, match="no measurement stream"):
+        lidario.decode(data)
+    with pytest.raises(RecordingError, match="no measurement stream"):
+        lidario.decode_arrays(data)
+
+
+def test_another_family_than_named_is_refused() -> None:
+    with pytest.raises(RecordingError, match="ydlidar"):
+        lidario.decode(whole(KINDS[4]), family="ydlidar")
+    with pytest.raises(ConnectFailed, match="no lidar family"):
+        lidario.decode(whole(KINDS[4]), family="velodyne")
+
+
+def test_a_descriptor_with_nothing_behind_it_has_no_scans() -> None:
+    arrays = lidario.decode_arrays(KINDS[4].descriptor, family="rplidar")
+    assert (len(arrays.device_angles), arrays.starts.tolist(), len(arrays.stamps_ns)) == (0, [0], 0)
+
+
+@pytest.mark.parametrize("sample_us", [0, -1.0, math.nan, math.inf, 1e7, "31"])
+def test_a_time_of_a_sample_that_cannot_be_is_refused(sample_us: Any) -> None:
+    with pytest.raises(InvalidValue, match="sample_us"):
+        lidario.decode(whole(KINDS[4]), sample_us=sample_us)
+
+
+def test_text_is_not_bytes() -> None:
+    with pytest.raises(TypeError):
+        lidario.decode("raw.bin")  # type: ignore[arg-type]
+
+
+def test_what_goes_in_and_comes_out_can_be_pickled() -> None:
+    function, arguments = pickle.loads(pickle.dumps((lidario.decode_arrays, (whole(KINDS[5]),))))
+    arrays = pickle.loads(pickle.dumps(function(*arguments)))
+    np.testing.assert_array_equal(arrays.starts, lidario.decode_arrays(whole(KINDS[5])).starts)
+    scan = next(lidario.decode(whole(KINDS[5])))
+    assert len(pickle.loads(pickle.dumps(scan))) == len(scan)
+
+
+def test_no_event_loop_is_loaded_for_it() -> None:
+    program = "import sys, lidario; lidario.decode; print('asyncio' in sys.modules or 'serial' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout.strip() == "False"
