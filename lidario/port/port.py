@@ -25,7 +25,7 @@ import os
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 from lidario.errors import DeviceLost
 
@@ -177,6 +177,9 @@ class Port(asyncio.Protocol):
     def wall_offset_ns(self) -> int:
         """Nanoseconds from the event loop's clock to the wall clock."""
         return time.time_ns() - round(self._loop.time() * 1e9)
+
+    def follow(self, audience: Any) -> None:
+        """Name the session to which a recording is played; a live device does not care."""
 
     @property
     def is_tapped(self) -> bool:

@@ -56,6 +56,7 @@ class Lidar:
         self._timing = connection.family.timing
         self._dialogue.stopper.keep_spinning = keep_spinning
         self._scanner = Scanner(connection.dialogue, connection.device, latency)
+        connection.port.follow(self._scanner)
         self._recorded = RecordedSession(
             connection.dialogue, self._scanner, source, lambda: (self.info, self.health)
         )

@@ -133,6 +133,33 @@ class Scanner:
         with anyio.CancelScope(shield=True), anyio.move_on_after(LEAVE_TIMEOUT_S):
             await self._dialogue.stopper.written()
 
+    # ------------------------------------------------------------------------------------------------ a replay
+
+    @property
+    def is_waiting(self) -> bool:
+        """As `Audience`."""
+        return self.hub.is_waiting
+
+    def on_taken(self, callback: Callable[[], None]) -> None:
+        """As `Audience`."""
+        self.hub.on_taken(callback)
+
+    def restart(self) -> None:
+        """As `Audience`."""
+        if self._state is State.RUNNING and not self._worker_has_lock:
+            self.totals.interruptions += 1
+            self._go(Event.INTERRUPT)
+            self._rest()
+            if len(self.hub):
+                self._go(Event.RESUME)
+            self._work_soon()
+
+    def finish(self) -> None:
+        """As `Audience`."""
+        if self.is_scanning:
+            self._end_readers(None)
+            self._unwant()
+
     # ------------------------------------------------------------------------------------------------ operations
 
     async def modes(self) -> tuple[ScanMode, ...]:
