@@ -40,8 +40,10 @@ if TYPE_CHECKING:
     from lidario.laserscan import BeamOrder, LaserScan, NoReturn
     from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, Scan, ScanMode, Stats
     from lidario.port.port import Tap
+    from lidario.recording.decode_file import decode_file, decode_file_arrays
     from lidario.recording.offline import ScanArrays, decode, decode_arrays
     from lidario.recording.record import Recording
+    from lidario.recording.summary import RecordingSummary, summarize
     from lidario.session.discovery import Found, PortInfo, list_lidars, list_serial_ports
     from lidario.session.lidar import Lidar
     from lidario.session.opening import OpenLidar, open_lidar
@@ -76,6 +78,7 @@ __all__ = [
     "Received",
     "Recording",
     "RecordingError",
+    "RecordingSummary",
     "RemoteProtocolError",
     "ResponseTimeout",
     "SampleRate",
@@ -94,15 +97,20 @@ __all__ = [
     "__version__",
     "decode",
     "decode_arrays",
+    "decode_file",
+    "decode_file_arrays",
     "list_lidars",
     "list_serial_ports",
     "open_lidar",
     "run",
     "simulate",
+    "summarize",
 ]
 
 _HOMES = {
+    "recording.decode_file": ("decode_file", "decode_file_arrays"),
     "recording.record": ("Recording",),
+    "recording.summary": ("RecordingSummary", "summarize"),
     "session.discovery": ("Found", "PortInfo", "list_lidars", "list_serial_ports"),
     "laserscan": ("BeamOrder", "LaserScan", "NoReturn"),
     "model": ("DeviceInfo", "Health", "HealthStatus", "SampleRate", "Scan", "ScanMode", "Stats"),

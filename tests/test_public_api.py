@@ -36,6 +36,7 @@ PUBLIC = [
     "Received",
     "Recording",
     "RecordingError",
+    "RecordingSummary",
     "RemoteProtocolError",
     "ResponseTimeout",
     "SampleRate",
@@ -54,11 +55,14 @@ PUBLIC = [
     "__version__",
     "decode",
     "decode_arrays",
+    "decode_file",
+    "decode_file_arrays",
     "list_lidars",
     "list_serial_ports",
     "open_lidar",
     "run",
     "simulate",
+    "summarize",
 ]
 ALIASES = {"BeamOrder", "ConnectReason", "NoReturn", "Tap", "Wall"}
 """Type aliases: they carry no docstring at run time."""

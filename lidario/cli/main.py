@@ -13,7 +13,10 @@ import rich  # noqa: F401  (imported here so that a missing package is reported 
 from lidario import __version__
 from lidario.cli.devices import devices, show
 from lidario.cli.errors import ExitCode, exit_code, report
+from lidario.cli.export import export
 from lidario.cli.info import info
+from lidario.cli.play import play
+from lidario.cli.record import record
 from lidario.cli.scan import scan
 from lidario.cli.sim import sim
 
@@ -81,11 +84,11 @@ def cli(context: click.Context) -> int | None:
     Without a verb: lists the lidars that are plugged in, and what to type next.
 
     A SOURCE is a serial port (/dev/ttyUSB0, COM3), tcp://host:port, id:SERIAL (the lidar's own serial number),
-    a simulator (sim://MODEL?world=room&fault=drop:1%; `lidario sim --list` names the models), or auto, which
-    is the default: the only lidar that responds.
+    a simulator (sim://MODEL?world=room&fault=drop:1%; `lidario sim --list` names the models), a recording
+    (run.mcap, raw.bin; run.mcap?rate=10&loop=1), or auto, which is the default: the only lidar that responds.
     """
     return show((), as_json=False, next_steps=True) if context.invoked_subcommand is None else None
 
 
-for _verb in (devices, info, scan, sim):
+for _verb in (devices, info, scan, record, play, export, sim):
     cli.add_command(_with_traceback(_verb))

@@ -18,10 +18,10 @@ from lidario.errors import ConnectFailed, RecordingError
 from lidario.families.base import Decoder, Family, Stream
 from lidario.families.registry import family_named
 from lidario.recording.about import NAME, About
-from lidario.recording.chronicle import Responded, StreamBegan, StreamEnded, StreamEvent, event_of
+from lidario.recording.chronicle import Responded, StreamBegan, StreamEnded, StreamEvent, event_of, text_of
 from lidario.recording.mcap_records import MAGIC, Channel, Damage, Message, Metadata, read_records
 from lidario.recording.ros_messages import parse_raw, parse_text
-from lidario.recording.write import EVENTS_TOPIC, RAW_TOPIC
+from lidario.recording.write import EVENTS_TOPIC, RAW_TOPIC, FileWriter
 from lidario.wire.formats import StreamFormat
 
 __all__ = ["McapRecording", "Piece", "StoredStream", "StoredStreams", "is_mcap"]
@@ -204,6 +204,19 @@ class McapRecording:
                 if place < end or stream.end is None:
                     break
                 number += 1
+
+    def copy_to(self, writer: FileWriter) -> Iterator[int]:
+        """Add every chunk and event to `writer`, while it is iterated over; gives the time of each."""
+        at_ns = 0
+        for record in self._records():
+            if isinstance(record, Message):
+                raw = parse_raw(record.data)
+                if raw is not None:
+                    at_ns = record.at_ns
+                    writer.add_chunk(at_ns, *raw)
+                    yield at_ns
+            elif isinstance(record, StreamBegan | StreamEnded | Responded):
+                writer.add_event(at_ns, text_of(record))
 
     def _records(self) -> Iterator[About | Message | StreamEvent | Damage]:
         """What matters of the file: its beginning, the raw chunks, the chronicle, and its end if it was cut."""

@@ -107,6 +107,11 @@ class FileWriter:
             self._file.close()
             raise
 
+    @property
+    def count_of_scans(self) -> int:
+        """Scans added so far."""
+        return self._numbers.get(SCAN_TOPIC, 0)
+
     def add_chunk(self, at_ns: int, sent: bool, data: bytes) -> None:
         """Add a chunk of bytes; `at_ns` is nanoseconds since the Unix epoch, here and below."""
         self._add(RAW_TOPIC, at_ns, encode_raw(sent, data))
