@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+from lidario.errors import RecordingError
 from lidario.model import DeviceInfo
 from lidario.recording.about import About
 from lidario.recording.chronicle import Responded, StreamBegan
@@ -53,7 +54,10 @@ class RawRecording:
                 head = file.read(_SEARCHED)
         except OSError as error:
             raise unreadable(path, error) from error
-        decoder = OfflineDecoder(head, family=family, sample_us=sample_us)
+        try:
+            decoder = OfflineDecoder(head, family=family, sample_us=sample_us)
+        except RecordingError as error:
+            raise RecordingError(f"{path}: {error}") from None
         stream, found = decoder.stream, decoder.family
         info = DeviceInfo(found.name, f"{found.title} (model not recorded)", 0, "", 0, "")
         self.about: About = About(info, source=str(path))
