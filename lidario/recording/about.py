@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from lidario.model import DeviceInfo, Health, HealthStatus
-from lidario.recording.chronicle import StreamEvent, event_of, text_of
+from lidario.recording.chronicle import MOST_NS, StreamEvent, event_of, text_of
 
 __all__ = ["NAME", "NOT_TOLD", "About"]
 
@@ -75,7 +75,8 @@ class About:
         def number(name: str) -> int:
             digits = texts.get(name, "")
             sign, digits = (-1, digits[1:]) if digits.startswith("-") else (1, digits)
-            return sign * int(digits) if digits.isascii() and digits.isdigit() and len(digits) < MOST_DIGITS else 0
+            value = int(digits) if digits.isascii() and digits.isdigit() and len(digits) < MOST_DIGITS else 0
+            return sign * min(value, MOST_NS)
 
         statuses = {status.value: status for status in HealthStatus}
         status = statuses.get(text("health"))

@@ -10,14 +10,20 @@ Places in the stream are counted in received bytes since the port was opened (`L
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 
 from lidario.model import ScanMode
 
-__all__ = ["Chronicle", "Responded", "StreamBegan", "StreamEnded", "StreamEvent", "event_of", "text_of"]
+__all__ = ["MOST_NS", "Chronicle", "Responded", "StreamBegan", "StreamEnded", "StreamEvent", "event_of", "text_of"]
 
+MOST_NS = 1 << 62
+"""Bound of all times and places in a file: the year 2116. Sums of two still fit in 64 bits with a sign."""
+MOST_TURN_S = 3600.0
+MOST_BAUD = 100_000_000
+MOST_METRES = 1e6
+SHORTEST_SAMPLE_US, LONGEST_SAMPLE_US = 0.01, 1e5
+"""Far beyond every device. Figures outside are no figures of a device, and later steps could not bear them."""
 MOST_RESPONSES = 512
 """Different requests whose responses are kept; devices have a few dozen."""
 
@@ -174,11 +180,11 @@ def event_of(text: str) -> StreamEvent | None:
                 request=bytes.fromhex(record["request"]),
                 mode=mode_of(record["mode"]),
                 packet_size=_whole(record["packet_size"]) & 0x3FFF_FFFF,
-                sample_ns=_number(record["sample_ns"]),
-                slowest_turn_s=_number(record["slowest_turn_s"]),
-                baudrate=_whole(record["baudrate"]),
-                wall_offset_ns=int(record["wall_offset_ns"]),
-                zero_offset_deg=_number(record["zero_offset_deg"], negative=True),
+                sample_ns=_sample(record["sample_ns"], 1e3),
+                slowest_turn_s=_number(record["slowest_turn_s"], 1e-3, MOST_TURN_S),
+                baudrate=_whole(record["baudrate"], MOST_BAUD),
+                wall_offset_ns=_signed(record["wall_offset_ns"]),
+                zero_offset_deg=_number(record["zero_offset_deg"], -360.0, 360.0),
             )
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         pass
@@ -194,20 +200,31 @@ def mode_of(record: dict[str, object]) -> ScanMode:
     return ScanMode(
         id=_whole(record["id"]),
         name="".join(each for each in str(record["name"])[:64] if each.isprintable()),
-        sample_us=_number(record["sample_us"]),
-        max_distance=_number(record["max_distance"]),
+        sample_us=_sample(record["sample_us"], 1.0),
+        max_distance=_number(record["max_distance"], 0.0, MOST_METRES),
         answer_type=_whole(record["answer_type"]) & 0xFF,
         typical=record.get("typical") is True,
     )
 
 
-def _whole(value: object) -> int:
-    if not isinstance(value, int) or not 0 <= value < 1 << 62:
+def _whole(value: object, most: int = MOST_NS) -> int:
+    if not isinstance(value, int) or not 0 <= value <= most:
         raise ValueError(value)
     return value
 
 
-def _number(value: object, *, negative: bool = False) -> float:
-    if not isinstance(value, int | float) or not math.isfinite(value) or (value < 0 and not negative):
+def _signed(value: object) -> int:
+    if not isinstance(value, int) or not -MOST_NS <= value <= MOST_NS:
+        raise ValueError(value)
+    return value
+
+
+def _number(value: object, least: float, most: float) -> float:
+    if not isinstance(value, int | float) or not least <= value <= most:  # NaN is not
         raise ValueError(value)
     return float(value)
+
+
+def _sample(value: object, microsecond: float) -> float:
+    """The time of a sample; 0 where it is not known."""
+    return 0.0 if value == 0 else _number(value, SHORTEST_SAMPLE_US * microsecond, LONGEST_SAMPLE_US * microsecond)

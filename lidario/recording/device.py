@@ -7,11 +7,12 @@ without waiting. What was never asked while it was recorded cannot be answered, 
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeVar
 
-from lidario.errors import ResponseTimeout, Unsupported
+from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.base import Device, Script, Stream
 from lidario.model import DeviceInfo, Health, SampleRate, ScanMode
 from lidario.recording.read import StoredStream, StoredStreams
@@ -141,7 +142,8 @@ class RecordedDevice(Device):
             return result
         except ResponseTimeout:
             raise Unsupported(f"the recording does not tell {what}: the device was not asked for it") from None
-        except (ValueError, LookupError, ArithmeticError) as error:
+        except (RemoteProtocolError, ValueError, LookupError, ArithmeticError, struct.error) as error:
+            # Scripts rely on lengths that were checked when the response was received.
             raise Unsupported(f"the recording does not tell {what}: what it holds cannot be read") from error
 
 

@@ -18,7 +18,7 @@ from lidario.errors import ConnectFailed, RecordingError
 from lidario.families.base import Decoder, Family, Stream
 from lidario.families.registry import family_named
 from lidario.recording.about import NAME, About
-from lidario.recording.chronicle import Responded, StreamBegan, StreamEnded, StreamEvent, event_of, text_of
+from lidario.recording.chronicle import MOST_NS, Responded, StreamBegan, StreamEnded, StreamEvent, event_of, text_of
 from lidario.recording.mcap_records import MAGIC, Channel, Damage, Message, Metadata, read_records
 from lidario.recording.ros_messages import parse_raw, parse_text
 from lidario.recording.write import EVENTS_TOPIC, RAW_TOPIC, FileWriter
@@ -200,7 +200,8 @@ class McapRecording:
                 end = place if stream.end is None else stream.end
                 low, high = max(begin, stream.began.at), min(place, end)
                 if low < high:
-                    yield Piece(number, record.at_ns - offset_ns, raw[1][low - begin : high - begin])
+                    at_ns = min(max(record.at_ns - offset_ns, -MOST_NS // 2), MOST_NS // 2)
+                    yield Piece(number, at_ns, raw[1][low - begin : high - begin])
                 if place < end or stream.end is None:
                     break
                 number += 1
@@ -212,7 +213,7 @@ class McapRecording:
             if isinstance(record, Message):
                 raw = parse_raw(record.data)
                 if raw is not None:
-                    at_ns = record.at_ns
+                    at_ns = min(record.at_ns, MOST_NS)
                     writer.add_chunk(at_ns, *raw)
                     yield at_ns
             elif isinstance(record, StreamBegan | StreamEnded | Responded):

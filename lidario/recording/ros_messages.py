@@ -70,6 +70,7 @@ _LENGTH = struct.Struct("<I")
 _TIME_AND_LENGTH = struct.Struct("<iII")
 _SEVEN = struct.Struct("<7f")
 _SECOND = 1_000_000_000
+_MOST_SECONDS = (1 << 31) - 1
 
 
 def encode_raw(sent: bool, data: bytes) -> bytes:
@@ -104,8 +105,9 @@ def parse_text(message: bytes | memoryview) -> str | None:
 
 
 def encode_laserscan(scan: LaserScan) -> bytes:
-    """A scan as ``sensor_msgs/msg/LaserScan``. Stamps before 1970 and after 2038 do not fit in the message."""
+    """A scan as ``sensor_msgs/msg/LaserScan``. A stamp after 2038 does not fit in the message."""
     seconds, nanoseconds = divmod(scan.stamp_ns, _SECOND)
+    seconds = min(max(seconds, -_MOST_SECONDS), _MOST_SECONDS)
     frame = scan.frame_id.encode() + b"\0"
     head = _TIME_AND_LENGTH.pack(seconds, nanoseconds, len(frame)) + frame
     return b"".join(

@@ -5,14 +5,25 @@ from __future__ import annotations
 import random
 import struct
 import tracemalloc
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
 
 import lidario
+from lidario.recording.chronicle import text_of
+from lidario.recording.decode_file import FileDecoder
+from lidario.recording.export import export_mcap, export_npz
 from lidario.recording.files import open_stored
 from lidario.recording.mcap_records import MAGIC
 from lidario.recording.read import McapRecording
+from lidario.recording.ros_messages import parse_raw
+from lidario.recording.write import RAW_TOPIC, FileWriter
+from tests.support.loop import run_driven
 from tests.support.recorded import Live, record
 
 SOURCES = ("sim://rplidar-s2", "sim://ydlidar-4ros")
@@ -81,10 +92,10 @@ def test_flipped_bytes_never_raise_anything_else(live: Live, tmp_path: Path, see
             recording = open_stored(bad)
         except (lidario.RecordingError, lidario.ConnectFailed):
             continue
-        for _ in recording.pieces():
-            pass
         for stream in recording.streams:
             assert stream.open().sample_ns >= 0
+        for scan in lidario.decode_file(bad):
+            assert len(scan) > 0
 
 
 def _record(opcode: int, content: bytes, length: int | None = None) -> bytes:
@@ -127,9 +138,6 @@ def test_what_is_no_recording_is_said(tmp_path: Path, content: bytes) -> None:
 
 
 def test_a_compressed_file_says_what_makes_it_readable(live: Live, tmp_path: Path) -> None:
-    from mcap.reader import make_reader
-    from mcap.writer import Writer
-
     packed = tmp_path / "packed.mcap"
     with open(live.path, "rb") as source, open(packed, "wb") as target:
         reader, writer = make_reader(source), Writer(target)
@@ -144,6 +152,86 @@ def test_a_compressed_file_says_what_makes_it_readable(live: Live, tmp_path: Pat
         writer.finish()  # type: ignore[no-untyped-call]
     with pytest.raises(lidario.RecordingError, match="mcap decompress"):
         open_stored(packed)
+
+
+EXTREME = {
+    "as it is": {},
+    "no time of a sample": {"sample_ns": 0.0},
+    "the shortest sample": {"sample_ns": 5e-324},
+    "the longest sample": {"sample_ns": 1e300},
+    "no revolution": {"slowest_turn_s": 0.0},
+    "an endless revolution": {"slowest_turn_s": 1e300},
+    "a slow line": {"baudrate": 1},
+    "far future": {"wall_offset_ns": 2**80},
+    "far past": {"wall_offset_ns": -(2**80)},
+    "turned": {"zero_offset_deg": 1e300},
+}
+CLOCKS: dict[str, Callable[[int], int]] = {
+    "true": lambda at_ns: at_ns,
+    "still": lambda at_ns: 5,
+    "backwards": lambda at_ns: 2**63 - at_ns,
+    "the end of time": lambda at_ns: 2**64 - 1,
+}
+
+
+EITHER = [(claim, "true") for claim in EXTREME] + [("as it is", clock) for clock in CLOCKS]
+
+
+@pytest.fixture(scope="module", params=SOURCES)
+def tiny(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Live:
+    return record(tmp_path_factory.mktemp("tiny") / "a.mcap", request.param, 3)
+
+
+@pytest.mark.exhaustive("which", sample=EITHER, full=[(claim, clock) for claim in EXTREME for clock in CLOCKS])
+def test_figures_that_cannot_be_right_never_raise_anything_foreign(
+    tiny: Live, tmp_path: Path, which: tuple[str, str]
+) -> None:
+    live, claims, clock = tiny, EXTREME[which[0]], CLOCKS[which[1]]
+    forged = tmp_path / "forged.mcap"
+    recording = McapRecording(live.path)
+    writer = FileWriter(forged, replace(recording.about, events=()))
+    writer.add_event(clock(0), text_of(replace(recording.streams[0].began, **claims)))  # type: ignore[arg-type]
+    with open(live.path, "rb") as file:
+        for _, _, message in make_reader(file).iter_messages(topics=[RAW_TOPIC]):
+            raw = parse_raw(message.data)
+            assert raw is not None
+            writer.add_chunk(clock(message.log_time), *raw)
+    writer.close()
+    for form, export in (("npz", export_npz), ("mcap", export_mcap)):
+        try:
+            export(FileDecoder(forged), tmp_path / f"out.{form}")
+        except lidario.RecordingError:
+            assert claims
+    with suppress(lidario.RecordingError):
+        replay(forged)
+
+
+def replay(path: Path) -> None:
+    async def main() -> None:
+        async with lidario.open_lidar(f"{path}?rate=0") as lidar:
+            async for scan in lidar.scans():
+                assert len(scan.to_laserscan().ranges) > 0
+
+    run_driven(main)
+
+
+@pytest.mark.parametrize("payload", [b"", b"\0", bytes(300), b"\xff" * 20])
+def test_responses_that_cannot_be_right_are_said(live: Live, tmp_path: Path, payload: bytes) -> None:
+    forged = tmp_path / "forged.mcap"
+    recording = McapRecording(live.path)
+    events = [replace(each, payload=payload) for each in recording.responses.values()]
+    writer = FileWriter(forged, replace(recording.about, events=(*events, recording.streams[0].began)))
+    writer.add_chunk(1, False, b"x" * (recording.streams[0].began.at + 5))
+    writer.close()
+
+    async def main() -> None:
+        async with lidario.open_lidar(forged) as lidar:
+            assert lidar.info.family == live.info.family
+            for ask in (lidar.get_health, lidar.get_modes, lidar.get_scan_frequency, lidar.get_sample_rate):
+                with suppress(lidario.LidarError):
+                    await ask()
+
+    run_driven(main)
 
 
 def test_texts_of_a_file_are_made_printable(tmp_path: Path, live: Live) -> None:
