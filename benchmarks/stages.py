@@ -9,12 +9,12 @@ even to who does nothing else.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from benchmarks.report import Result, Setting, Table, median, spread
 from benchmarks.streams import KINDS, RATES, Kind, capture, recording
-from lidario.families.base import Decoder, Samples, Stream
+from lidario.families.base import Decoder, Samples, SteadySamples, Stream
 from lidario.revolution.assemble import Assembler
 from lidario.revolution.seam import Seam
 from lidario.wire.events import Packets
@@ -38,6 +38,14 @@ class _Timed:
     def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         start = time.perf_counter()
         samples = self._decoder.decode(packets, following, room, seam)
+        self.seconds += time.perf_counter() - start
+        return samples
+
+    def decode_steady(
+        self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None
+    ) -> SteadySamples | None:
+        start = time.perf_counter()
+        samples = self._decoder.decode_steady(packets, following, ends, room, seam)
         self.seconds += time.perf_counter() - start
         return samples
 

@@ -34,6 +34,7 @@ __all__ = [
     "RawStream",
     "Samples",
     "Script",
+    "SteadySamples",
     "Stream",
     "Timing",
     "agreed",
@@ -73,7 +74,8 @@ def health_of(status: int, code: int) -> Health:
     return Health(HealthStatus.WARNING, code, f"it reports health status {status}, which is not defined")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+# Not frozen: with so many fields that would cost as much as a call of numpy, once a revolution.
+@dataclass(slots=True, eq=False)
 class Samples:
     """The decoded packets of one stretch of stream; arrays of shape (room + n,), in measuring order.
 
@@ -106,6 +108,31 @@ class Samples:
     certain: bool = True
 
 
+@dataclass(slots=True, eq=False)
+class SteadySamples:
+    """The decoded packets of several revolutions without a gap; arrays of shape (room + n,), in measuring order.
+
+    Attributes:
+        angle_deg: As in `Samples`.
+        distance_mm: As in `Samples`.
+        intensity: As in `Samples`.
+        packet_ends: Samples up to the end of the last packet of each revolution.
+        before_seam: Samples up to where the rotor passed the seam in that packet.
+        revolution_packets: How many packets a whole revolution has at its speed, of each revolution.
+        revolution_samples: The same, samples.
+        settle: Makes the decoder remember these packets, as `Decoder.decode` does at once.
+    """
+
+    angle_deg: NDArray[np.float32]
+    distance_mm: NDArray[np.float32]
+    intensity: NDArray[np.uint8] | None
+    packet_ends: Sequence[int]
+    before_seam: Sequence[int]
+    revolution_packets: Sequence[float]
+    revolution_samples: Sequence[float]
+    settle: Callable[[], None]
+
+
 class Decoder(Protocol):
     """Turns packets into samples; one object follows one stream, in order."""
 
@@ -121,6 +148,23 @@ class Decoder(Protocol):
                 in is cheaper than joining arrays.
             seam: Heading at which the revolution ends, so that `Samples.before_seam` can be told; None where no
                 packet lies across its end.
+        """
+        ...
+
+    def decode_steady(
+        self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None
+    ) -> SteadySamples | None:
+        """Decode several revolutions at once, where nothing is missing; None where something may be.
+
+        The samples are those that `decode` makes of one revolution after the other, to the last bit. Nothing is
+        remembered until `SteadySamples.settle` is called, so that `decode` may be used instead.
+
+        Args:
+            packets: The packets of all revolutions.
+            following: The packet after the last one.
+            ends: Packets up to the end of each revolution.
+            room: As for `decode`.
+            seam: As for `decode`, of each revolution.
         """
         ...
 

@@ -12,82 +12,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import replace
 
 from lidario.families.base import Samples, Stream
-from lidario.model import Scan, read_only
-from lidario.revolution.count import NOISE, Beginning, RevolutionCount
+from lidario.model import Scan
+from lidario.revolution.build import build_scan, turned_by
+from lidario.revolution.count import RevolutionCount
+from lidario.revolution.judge import beginning_of, is_broken, is_complete, share_over
 from lidario.revolution.partial import PartialRevolution, SampleArrays
 from lidario.revolution.seam import Seam, Split
-from lidario.revolution.timing import first_sample_ns
+from lidario.revolution.stats import AssemblerStats
+from lidario.revolution.steady import decode_block, is_ready
+from lidario.revolution.timing import byte_ns_at, first_sample_ns
 from lidario.wire.blocks import packet_offsets, some_blocks
 from lidario.wire.events import Arrival, Packets
-from lidario.wire.formats import HEADING_MASK
 
 __all__ = ["Assembler", "AssemblerStats"]
 
-_BROKEN_SHARE = 0.9
-"""Share of a revolution that may be missing in time, not seen as a jump of the angle, before it is broken."""
-
+_WORTH_A_BLOCK = 2
+"""Revolutions that end together from which they are decoded at once. Live there is one, rarely more."""
 _ENDLESS_REVOLUTIONS = 2
 """Slowest revolutions' time after which a revolution that has not ended is given up."""
-
-_FIRST_PACKETS = 0.9
-_FIRST_SHARE = 0.01
-"""Packets' arcs behind the seam, or share of 360 degrees, within which a revolution begins; farther on, its
-beginning was lost."""
-_WHOLE = 0.99
-"""Share of a revolution that samples without a gap must be, for their time to tell the speed."""
-_BEFORE_SEAM = 1 / 12
-"""Part of 360 degrees by which a heading may tremble back behind the seam."""
-
-_FEWEST_PACKETS = 3
-_UNEVEN = 1.5
-"""A revolution of which the angles are not certain is delivered when it has so many packets, and took at most so
-many times the time of what it holds and misses."""
-
-
-@dataclass(slots=True)
-class AssemblerStats:
-    """Running totals. All but `unfinished_packets` only grow.
-
-    Every packet that was added is counted in exactly one of the fields that end in ``_packets``, but for
-    `lost_packets`. A packet at the seam is counted with the revolution that it begins in.
-
-    Attributes:
-        scans: Revolutions delivered.
-        broken_scans: Revolutions thrown away.
-        lost_packets: Packets missing, also those of revolutions not delivered, and of those of which nothing came.
-        missed_scans: Revolutions that are missing between the delivered ones: the broken ones, and those of which
-            nothing came.
-        scan_packets: Packets of revolutions delivered.
-        discarded_packets: Packets of revolutions not delivered: broken ones, and the parts of one at the beginning
-            and the end of each stream.
-        unfinished_packets: Packets of the revolution in the making.
-    """
-
-    scans: int = 0
-    broken_scans: int = 0
-    lost_packets: int = 0
-    missed_scans: int = 0
-    scan_packets: int = 0
-    discarded_packets: int = 0
-    unfinished_packets: int = 0
-
-    def break_scan(self) -> None:
-        """Count a whole revolution that is thrown away."""
-        self.broken_scans += 1
-        self.missed_scans += 1
-
-    def finish(self, packets: int, *, delivered: bool) -> None:
-        """Count packets of a revolution that has ended."""
-        self.unfinished_packets -= packets
-        if delivered:
-            self.scan_packets += packets
-        else:
-            self.discarded_packets += packets
 
 
 class Assembler:
@@ -105,7 +50,7 @@ class Assembler:
     ) -> None:
         self.stats: AssemblerStats = stats or AssemblerStats()
         self._stream = stream
-        self._baudrate = baudrate
+        self._byte_ns = byte_ns_at(baudrate)
         self._wall_offset_ns = wall_offset_ns
         self._seam = Seam(stream.format.full_turn, stream.format.first_seam)
         self._endless_ns = _ENDLESS_REVOLUTIONS * 1e9 * stream.slowest_turn_s
@@ -126,18 +71,59 @@ class Assembler:
             return []
         scans: list[Scan] = []
         offsets = packet_offsets(event.blocks)
-        begin = 0
-        for split in splits:
-            if split.packet > begin:
-                self._keep(self._part(event, begin, split.packet, offsets))
-            held = self.stats.unfinished_packets
-            scan = self._end(split, event.data[offsets[split.packet] : offsets[split.packet + 1]])
-            self.stats.finish(held, delivered=scan is not None)
-            if scan is not None:
-                scans.append(scan)
-            begin = split.packet
+        begin = done = 0
+        while done < len(splits):
+            left = len(splits) - done
+            if left >= _WORTH_A_BLOCK and not is_ready(self._stream, self._partial, self._count):
+                # The first revolutions of a stream, and those behind a gap, teach what the others are measured by.
+                left = 1
+            elif left >= _WORTH_A_BLOCK:
+                block = self._add_block(event, offsets, splits[done:], begin)
+                if block:
+                    scans += block
+                    begin = splits[-1].packet
+                    break
+                # Something is not as it should be, somewhere. Behind it all may be well again.
+                left = max(1, left // 2)
+            for split in splits[done : done + left]:
+                if split.packet > begin:
+                    self._keep(self._part(event, begin, split.packet, offsets))
+                held = self.stats.unfinished_packets
+                scan = self._end(split, event.data[offsets[split.packet] : offsets[split.packet + 1]])
+                self.stats.finish(held, delivered=scan is not None)
+                if scan is not None:
+                    scans.append(scan)
+                begin = split.packet
+            done += left
         self._keep(self._part(event, begin, event.count, offsets))
         return scans
+
+    def _add_block(self, event: Packets, offsets: Sequence[int], splits: Sequence[Split], begin: int) -> list[Scan]:
+        """All revolutions up to the last split, decoded at once; none where something may be missing."""
+        block = decode_block(
+            self._stream,
+            self._partial,
+            event,
+            offsets,
+            splits,
+            begin,
+            seam=self._seam.angle,
+            count=self._count,
+            last_spanned_ns=self._last_spanned_ns,
+            byte_ns=self._byte_ns,
+        )
+        if block is None:
+            return []
+        block.samples.settle()
+        self._count.settle(block.beginning)
+        self._partial = block.next
+        self._last_spanned_ns = block.revolutions[-1].spanned_ns
+        self.stats.unfinished_packets += block.packets
+        self.stats.finish(self.stats.unfinished_packets, delivered=True)
+        return [
+            self._deliver(each.arrays, each.start_ns, each.spanned_ns, self._stream.sample_ns, each.interval_ns, 0)
+            for each in block.revolutions
+        ]
 
     def end(self) -> None:
         """The stream has ended: discard the revolution in the making. Harmless when done before."""
@@ -146,6 +132,8 @@ class Assembler:
 
     def _part(self, packets: Packets, begin: int, end: int, offsets: Sequence[int]) -> Packets:
         """The packets from number `begin` to before number `end`."""
+        blocks = some_blocks(packets.blocks, begin, end)
+        data = packets.data[offsets[begin] : offsets[end]]
         arrivals: list[Arrival] = []
         complete, at_ns = packets.arrivals[-1]  # bound for type checkers too: there is always one
         for complete, at_ns in packets.arrivals:
@@ -158,8 +146,7 @@ class Assembler:
             behind = self._stream.format.samples_in(some_blocks(packets.blocks, end, complete))
             at_ns -= round(behind * self._stream.sample_ns)
         arrivals.append((end - begin, at_ns))
-        blocks = some_blocks(packets.blocks, begin, end)
-        return Packets(packets.data[offsets[begin] : offsets[end]], blocks, tuple(arrivals))
+        return Packets(data, blocks, tuple(arrivals))
 
     def _keep(self, packets: Packets) -> None:
         """Add packets to the revolution in the making."""
@@ -231,19 +218,22 @@ class Assembler:
             samples,
             sample_ns=self._stream.sample_ns,
             packet_bytes=self._stream.format.shortest if packets is None else len(packets.data) / packets.count,
-            baudrate=self._baudrate,
+            byte_ns=self._byte_ns,
         )
-        sample_ns = self._sample_ns(len(arrays), ended.last_ns - start_ns, lost)
+        elapsed_ns = ended.last_ns - start_ns
+        sample_ns = self._sample_ns(len(arrays), elapsed_ns, lost)
         spanned_ns = len(arrays) * sample_ns
         if samples is not None:
             spanned_ns += lost * sample_ns * samples.ends[-1] / len(samples.ends)
-        ordinary_ns = self._last_spanned_ns or spanned_ns
-        broken = ended.last_ns - start_ns > spanned_ns + _BROKEN_SHARE * ordinary_ns
-        broken |= not _known(packets, samples, ended.last_ns - start_ns, sample_ns)
-        if samples is not None and samples.certain:
-            # More than one revolution by its angles: they went back by so little that it looked like jitter.
-            within = len(arrays) + (samples.lost - samples.lost_behind) * samples.ends[-1] / len(samples.ends)
-            broken |= within > _UNEVEN * samples.revolution_samples
+        broken = is_broken(
+            packets,
+            samples,
+            len(arrays),
+            elapsed_ns=elapsed_ns,
+            spanned_ns=spanned_ns,
+            ordinary_ns=self._last_spanned_ns or spanned_ns,
+            sample_ns=sample_ns,
+        )
         revolution_ns = self._passed(ended, packets, samples, start_ns, sample_ns, spanned_ns, broken)
         if not ended.whole:
             return None
@@ -251,35 +241,34 @@ class Assembler:
             self.stats.break_scan()
             return None
         self._last_spanned_ns = spanned_ns
-        if math.isnan(revolution_ns) and not lost:
+        if math.isnan(revolution_ns) and not lost and is_complete(samples, spanned_ns, sample_ns):
             # The revolution before was not seen: what this one holds tells its speed.
-            complete = (
-                samples is None
-                or not samples.certain
-                or spanned_ns > _WHOLE * samples.revolution_samples * sample_ns
-            )
-            revolution_ns = spanned_ns if complete else math.nan
+            revolution_ns = spanned_ns
+        arrays.angle = turned_by(arrays.angle, self._stream.zero_offset_deg)
+        return self._deliver(arrays, start_ns, spanned_ns, sample_ns, revolution_ns, lost)
+
+    def _deliver(
+        self,
+        arrays: SampleArrays,
+        start_ns: int,
+        spanned_ns: float,
+        sample_ns: float,
+        interval_ns: float,
+        lost: int,
+    ) -> Scan:
         seq = self.stats.scans + self.stats.missed_scans
         self.stats.scans += 1
-        return _build(
+        return build_scan(
             self._stream,
             arrays,
             start_ns=start_ns,
             wall_ns=start_ns + self._wall_offset_ns,
             spanned_ns=spanned_ns,
             sample_ns=sample_ns,
-            interval_ns=revolution_ns,
+            interval_ns=interval_ns,
             seq=seq,
             lost=lost,
         )
-
-    def _sample_ns(self, samples: int, elapsed_ns: int, lost: int) -> float:
-        """Nanoseconds a sample: as the device says, or as the last revolution without a gap took."""
-        if self._stream.sample_ns:
-            return self._stream.sample_ns
-        if not lost or not self._measured_sample_ns:
-            self._measured_sample_ns = elapsed_ns / samples
-        return self._measured_sample_ns
 
     def _passed(
         self,
@@ -292,80 +281,34 @@ class Assembler:
         broken: bool,
     ) -> float:
         """Count what is missing since the revolution before; return what one takes, NaN when it was not seen."""
-        if packets is None or samples is None or not (ended.whole or self._stream.format.first_seam is not None):
+        wire = self._stream.format
+        if packets is None or samples is None or not (ended.whole or wire.first_seam is not None):
             # Where only marks tell where revolutions begin, the first part may be longer than one.
             self._count.restart()
             return math.nan
-        packet_ns = samples.ends[-1] / len(samples.ends) * sample_ns
-        # A read that was completed only behind a gap dates what came before it too late. What follows is on time.
-        behind_ns = samples.lost_behind * packet_ns if self._partial.carried is None else 0.0
-        from_end_ns = round(ended.last_ns - spanned_ns + behind_ns)
-        late = samples.certain and start_ns - from_end_ns > NOISE * samples.revolution_samples * sample_ns
-        here = Beginning(
-            from_end_ns if late else start_ns,
-            over=0.0 if ended.carried is not None or not ended.behind_gap else self._over(packets, samples),
-            revolution_ns=samples.revolution_samples * sample_ns if samples.certain else 0.0,
-            revolution_packets=samples.revolution_packets,
-            packet_ns=sample_ns * samples.revolution_samples / samples.revolution_packets
-            if samples.certain
-            else packet_ns,
-            packets=packets.count,
-            lost=samples.lost,
-            broken=broken and ended.whole,
+        passed = self._count.follow(
+            beginning_of(
+                packets,
+                samples,
+                start_ns=start_ns,
+                last_ns=ended.last_ns,
+                spanned_ns=spanned_ns,
+                sample_ns=sample_ns,
+                over=0.0
+                if ended.carried is not None or not ended.behind_gap
+                else share_over(wire, packets, samples, self._seam.angle or 0),
+                gap_behind=self._partial.carried is None,
+                broken=broken and ended.whole,
+            )
         )
-        passed = self._count.follow(here)
         self.stats.lost_packets += passed.lost
         self.stats.missed_scans += passed.unseen
         return passed.revolution_ns
 
-    def _over(self, packets: Packets, samples: Samples) -> float:
-        """Share of the revolution before its first packet; 0 when that one is the first behind the seam."""
-        wire, blocks = self._stream.format, some_blocks(packets.blocks, 0, 1)
-        first = Packets(packets.data[: blocks[0].size], blocks, ((1, 0),))
-        heading = int(wire.headings(first)[0]) & HEADING_MASK
-        over = (heading - (self._seam.angle or 0)) % wire.full_turn / wire.full_turn
-        behind = over * samples.revolution_packets
-        return over if behind > _FIRST_PACKETS and _FIRST_SHARE < over < 1 - _BEFORE_SEAM else 0.0
-
-
-def _known(packets: Packets | None, samples: Samples | None, elapsed_ns: int, sample_ns: float) -> bool:
-    """Whether the angles of a revolution can be relied on: its step is certain, or nothing speaks against it."""
-    if packets is None or samples is None or samples.certain:
-        return True
-    expected = (packets.count + samples.lost) * samples.ends[-1] / packets.count * sample_ns
-    return packets.count >= _FEWEST_PACKETS and elapsed_ns <= _UNEVEN * expected
-
-
-def _build(
-    stream: Stream,
-    arrays: SampleArrays,
-    *,
-    start_ns: int,
-    wall_ns: int,
-    spanned_ns: float,
-    sample_ns: float,
-    interval_ns: float,
-    seq: int,
-    lost: int,
-) -> Scan:
-    degrees = arrays.angle
-    if stream.zero_offset_deg:
-        degrees = ((degrees.astype(np.float64) + stream.zero_offset_deg) % 360.0).astype(np.float32)
-        # Just below 360 degrees, single precision rounds up to 360.
-        degrees[degrees >= 360.0] = 0.0
-    return Scan(
-        device_angles=read_only(degrees),
-        device_distances=read_only(arrays.distance),
-        intensities=None if arrays.intensity is None else read_only(arrays.intensity),
-        stamp_ns=start_ns,
-        wall_stamp_ns=wall_ns,
-        time_increment_ns=round(sample_ns),
-        duration_ns=round(spanned_ns),
-        rpm=60e9 / interval_ns if interval_ns > 0 else math.nan,
-        seq=seq,
-        dropped_before=0,
-        lost_packets=lost,
-        mode=stream.mode.name,
-        max_range=stream.mode.max_distance,
-        seam=stream.zero_offset_deg % 360.0,
-    )
+    def _sample_ns(self, samples: int, elapsed_ns: int, lost: int) -> float:
+        """Nanoseconds a sample: as the device says, or as the last revolution without a gap took."""
+        if self._stream.sample_ns:
+            return self._stream.sample_ns
+        if not lost or not self._measured_sample_ns:
+            self._measured_sample_ns = elapsed_ns / samples
+        return self._measured_sample_ns

@@ -11,6 +11,7 @@ stamps are right again. So where the angles show no gap, a revolution is counted
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -76,6 +77,38 @@ class RevolutionCount:
         """The stream began anew: nothing is known of the revolution before."""
         self._last = None
         self._late = 0.0
+
+    @property
+    def last(self) -> Beginning | None:
+        """The revolution before; None when nothing is known of it, or when the stamps are late at the moment."""
+        return None if self._late else self._last
+
+    def intervals(self, starts: Sequence[int], revolutions_ns: Sequence[float]) -> list[float] | None:
+        """The time from each beginning to the next one, where `follow` would find none missing; else None.
+
+        Nothing is remembered before `settle`.
+
+        Args:
+            starts: When the revolutions that follow the last one began.
+            revolutions_ns: What each takes by its angles.
+        """
+        last = self.last
+        if last is None or not last.revolution_ns:
+            return None
+        before_ns, ordinary_ns, share = last.start_ns, last.revolution_ns, 1 - last.over
+        found: list[float] = []
+        for start_ns, revolution_ns in zip(starts, revolutions_ns, strict=True):
+            elapsed = start_ns - before_ns
+            alike = 1 / ALIKE < revolution_ns / ordinary_ns < ALIKE
+            if not alike or elapsed <= 0 or abs(elapsed / ordinary_ns - share) >= NOISE:
+                return None
+            found.append(elapsed / share)
+            before_ns, ordinary_ns, share = start_ns, revolution_ns, 1
+        return found
+
+    def settle(self, last: Beginning) -> None:
+        """Remember revolutions that `intervals` has told, by the last of them."""
+        self._last = self._sure = last
 
     def follow(self, here: Beginning) -> Passed:
         """Tell what passed since the beginning before; it is one revolution on by the angles."""

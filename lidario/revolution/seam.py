@@ -82,11 +82,18 @@ class Seam:
         return found
 
     def _splits(self, headings: Headings) -> list[Split]:
+        found: list[Split] = []
+        if not self.angle and self.angle is not None and self._only_rise(headings):
+            split = self._step(0, int(headings[0]))
+            if split:
+                found.append(split)
+            if len(headings) > 1:
+                self._rise(headings, 0, len(headings))
+            return found
         if len(headings) < HEADINGS_WORTH_AN_ARRAY or self.angle is None:
             plain = headings.tolist() if isinstance(headings, np.ndarray) else headings
             return [split for index, heading in enumerate(plain) if (split := self._step(index, heading))]
         array = np.asarray(headings)
-        found: list[Split] = []
         begin = 0
         for at in (array >= BEGINS).nonzero()[0].tolist():
             self._follow_many(array[begin:at], begin, found)
@@ -96,6 +103,16 @@ class Seam:
             begin = at + 1
         self._follow_many(array[begin:], begin, found)
         return found
+
+    @staticmethod
+    def _only_rise(headings: Headings) -> bool:
+        """Whether none falls back; then the last one is the greatest, and without a flag there, none has one."""
+        if headings[-1] >= BEGINS:
+            return False
+        if isinstance(headings, np.ndarray):
+            return not np.count_nonzero(headings[1:] < headings[:-1])
+        # Sorting what is sorted is faster than any comparing by hand.
+        return headings == sorted(headings)
 
     def _follow_many(self, headings: NDArray[np.integer[Any]], offset: int, found: list[Split]) -> None:
         """Step only onto those headings, `offset` on from the first, that fall back behind the one before."""
@@ -110,7 +127,7 @@ class Seam:
                 self._rise(away, begin, end)
             begin = end
 
-    def _rise(self, away: NDArray[np.integer[Any]], begin: int, end: int) -> None:
+    def _rise(self, away: Headings, begin: int, end: int) -> None:
         """As a walk over readings that rise from the first one, which was stepped onto."""
         self._last = int(away[end - 1])
         if self._last >= self._near:

@@ -8,11 +8,13 @@ when the revolution began, each too late by what delayed that packet, and the ea
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from lidario.families.base import Samples
 from lidario.revolution.partial import PartialRevolution
 from lidario.wire.events import Packets
 
-__all__ = ["DEVICE_DELAY_SAMPLES", "first_sample_ns"]
+__all__ = ["DEVICE_DELAY_SAMPLES", "byte_ns_at", "earliest_ns", "first_sample_ns"]
 
 BITS_A_BYTE = 10
 """On a serial line with one start and one stop bit."""
@@ -26,7 +28,7 @@ def first_sample_ns(
     *,
     sample_ns: float,
     packet_bytes: float,
-    baudrate: int,
+    byte_ns: float,
 ) -> int:
     """When the first sample was measured, by the least delayed packet before the first gap.
 
@@ -36,7 +38,7 @@ def first_sample_ns(
         samples: What they were decoded to.
         sample_ns: Nanoseconds a sample.
         packet_bytes: Mean length of a packet.
-        baudrate: Speed of the line in bits a second; 0 when bytes take no time.
+        byte_ns: Nanoseconds that a byte takes on the line.
     """
     carried = 0 if revolution.carried is None else len(revolution.carried)
     estimates: list[float] = []
@@ -48,5 +50,14 @@ def first_sample_ns(
                 # Behind a gap the number of samples since the beginning is not known exactly.
                 break
             estimates.append(at_ns - (carried + samples.ends[count - 1] - 1) * sample_ns)
-    wire_ns = packet_bytes * (BITS_A_BYTE * 1e9 / baudrate) if baudrate else 0.0
+    return earliest_ns(estimates, sample_ns, packet_bytes * byte_ns)
+
+
+def earliest_ns(estimates: Sequence[float], sample_ns: float, wire_ns: float) -> int:
+    """The earliest of several estimates, without what delays every packet: the device and the line."""
     return round(min(estimates) - DEVICE_DELAY_SAMPLES * sample_ns - wire_ns)
+
+
+def byte_ns_at(baudrate: int) -> float:
+    """Nanoseconds that a byte takes at so many bits a second; 0 for 0, where bytes take no time."""
+    return BITS_A_BYTE * 1e9 / baudrate if baudrate else 0.0

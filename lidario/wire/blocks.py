@@ -28,11 +28,16 @@ class Block(NamedTuple):
 
 def join_blocks(into: list[Block], more: Iterable[Block]) -> None:
     """Add blocks at the end of others; neighbours of one size become one block, as if parsed together."""
-    for block in more:
-        if into and into[-1].size == block.size:
-            into[-1] = Block(block.size, into[-1].packets + block.packets)
+    size, packets = into.pop() if into else (0, 0)
+    for block_size, count in more:
+        if block_size == size:
+            packets += count
         else:
-            into.append(block)
+            if packets:
+                into.append(Block(size, packets))
+            size, packets = block_size, count
+    if packets:
+        into.append(Block(size, packets))
 
 
 def some_blocks(blocks: Sequence[Block], begin: int, end: int) -> tuple[Block, ...]:

@@ -34,7 +34,7 @@ class ReceiveBuffer:
 
     def append(self, chunk: bytes | bytearray | memoryview) -> None:
         """Add bytes at the end; raises OverflowError past the limit."""
-        if len(chunk) > self.room:
+        if len(chunk) + len(self.data) > self.limit:
             raise OverflowError(f"{len(chunk)} bytes do not fit: {len(self.data)} of {self.limit} are in use")
         self.data += chunk
 

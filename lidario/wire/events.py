@@ -47,9 +47,12 @@ class Response:
     received_ns: int
 
 
-@dataclass(frozen=True, slots=True)
+# Not frozen: that makes it three times as dear to create, and one is created for every read.
+@dataclass(slots=True)
 class Packets:
     """At least one intact packet of the stream's format; several of them follow each other on the wire.
+
+    Nobody changes one that was made.
 
     Attributes:
         data: The packets, back to back.

@@ -33,7 +33,7 @@ from lidario.wire.stats import LinkStats
 
 __all__ = ["Link", "LinkState", "LinkStats"]
 
-_SLICE = 32 * 1024
+_SLICE = 64 * 1024
 _LIMIT = 2 * _SLICE
 
 
@@ -261,31 +261,30 @@ class Link:
 
     def _stream(self, now: int) -> None:
         """Parse the buffer into runs of packets and stretches of noise, as far as the bytes at hand decide it."""
-        wire, buffer, at = self._format, self._buffer, 0
-        if wire is None or len(buffer) < wire.shortest:
+        wire, data, at = self._format, self._buffer.data, 0
+        if wire is None:
             return
-        data = buffer.data
-        while len(data) - at >= wire.shortest:
+        shortest, size = wire.shortest, len(data)
+        while size - at >= shortest:
             blocks, middle, end = wire.next_stretch(data, at)
             if end == at:
                 break
             if blocks:
                 skipped, self._noise = self._noise, 0
+                stats = self.stats
                 if skipped:
-                    self.stats.skipped_stretches += 1
-                if self._arrivals:
-                    arrivals = self._arrivals_of(packet_offsets(blocks), at, now)
-                else:
-                    arrivals = ((sum([packets for _, packets in blocks]), now),)
-                self.stats.packets += arrivals[-1][0]
-                self.stats.packet_bytes += middle - at
+                    stats.skipped_stretches += 1
+                count = blocks[0][1] if len(blocks) == 1 else sum([packets for _, packets in blocks])
+                came = self._arrivals_of(packet_offsets(blocks), at, now) if self._arrivals else ((count, now),)
+                stats.packets += count
+                stats.packet_bytes += middle - at
                 with memoryview(data) as view:
-                    self._events.append(Packets(bytes(view[at:middle]), blocks, arrivals, skipped))
+                    self._events.append(Packets(bytes(view[at:middle]), blocks, came, skipped))
             if end > middle:
                 self._skip(wire, data, middle, end)
             at = end
         if at:
-            buffer.skip(at)
+            self._buffer.skip(at)
 
     def _arrivals_of(self, offsets: Sequence[int], start: int, now: int) -> tuple[Arrival, ...]:
         """How many packets had come when; `offsets` (`packet_offsets`) count from `start` in the buffer."""

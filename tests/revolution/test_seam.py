@@ -27,6 +27,14 @@ def test_a_turn_ends_where_the_headings_pass_the_seam() -> None:
     assert splits(350, 0.1, 30) == [1]
 
 
+def test_one_reading_beyond_the_near_quarter_is_followed() -> None:
+    seam = Seam(TURN, 0)
+    assert seam.splits([1_000]) == []
+    assert seam.splits([35_900]) == []  # trembled back over the seam: not a revolution
+    assert seam.splits([10]) == []
+    assert seam.splits([12_000, 24_000, 10]) == [Split(2, marked=False, broken=False)]
+
+
 @pytest.mark.parametrize("seam", [0, 9_000, 18_000, 35_999])
 def test_the_seam_may_be_anywhere(seam: int) -> None:
     degrees = [(seam / 100 + each) % 360 for each in (300, 340, 20, 60, 120, 240, 350, 10)]

@@ -14,13 +14,15 @@ very last division. Single precision holds those exactly.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import pairwise
 from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.base import Samples
+from lidario.families.base import Samples, SteadySamples
 from lidario.families.rplidar.cabins import (
     express_cabins,
     near_range_corrections,
@@ -110,28 +112,20 @@ class CapsuleDecoder(ABC):
 
     def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         """As `Decoder.decode`."""
-        words = np.frombuffer(packets.data, "<u2").reshape(-1, self.size // 2)
-        column = self.start_at // 2
-        starts = _in_range(words[:, column].astype(np.int32))
-        after = None if following is None else np.frombuffer(following, "<u2")
-        arcs = self._rotation.arcs(
-            starts, None if after is None else (int(after[column]) & ANGLE_MASK) % FULL_TURN_Q6
-        )
-        arc = arcs.arc
-        end = room + len(starts) * self.samples
-        angle, distance = np.empty(end, np.float32), np.empty(end, np.float32)
-        grid = angle[room:].reshape(-1, self.samples)
-        np.matmul(np.array((starts, arc), np.float32).T, self._steps, out=grid)
+        words, after, starts, next_start = self._read(packets, following)
+        arcs = self._rotation.arcs(starts, next_start)
         capsules = Capsules(words, after, arcs.missing)
-        intensity = self._payload(capsules, distance[room:].reshape(-1, self.samples), grid)
-        self._bring_into_turn(grid, starts, arc)
-        angle[room:] /= self._units
+        angle, distance, intensity = self._samples_of(capsules, starts, arcs.arc, room)
+        self._remember(capsules, distance)
+        count = len(starts)
         return Samples(
             angle_deg=angle,
             distance_mm=distance,
-            intensity=None if intensity is None else np.concatenate((np.empty(room, np.uint8), intensity)),
-            before_seam=end - room if seam is None else self._before_seam(starts, arc, seam),
-            ends=range(self.samples, end - room + 1, self.samples),
+            intensity=intensity,
+            before_seam=count * self.samples
+            if seam is None
+            else self._before_seam(count, int(starts[-1]), float(arcs.arc[-1]), seam),
+            ends=range(self.samples, count * self.samples + 1, self.samples),
             lost=arcs.lost,
             unbroken=arcs.unbroken,
             lost_behind=arcs.lost_behind,
@@ -139,6 +133,67 @@ class CapsuleDecoder(ABC):
             revolution_samples=FULL_TURN_Q6 / arcs.typical * self.samples if arcs.typical else 0.0,
             certain=arcs.certain,
         )
+
+    def decode_steady(
+        self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None
+    ) -> SteadySamples | None:
+        """As `Decoder.decode_steady`."""
+        words, after, starts, next_start = self._read(packets, following)
+        arcs = None if next_start is None else self._rotation.steady(starts, next_start, ends)
+        if arcs is None:
+            return None
+        capsules = Capsules(words, after, None)
+        angle, distance, intensity = self._samples_of(capsules, starts, arcs.arc, room)
+        packet_ends = [end * self.samples for end in ends]
+        last = np.array(ends) - 1
+
+        def settle() -> None:
+            self._rotation.settle(arcs)
+            self._remember(capsules, distance)
+
+        return SteadySamples(
+            angle_deg=angle,
+            distance_mm=distance,
+            intensity=intensity,
+            packet_ends=packet_ends,
+            before_seam=packet_ends
+            if seam is None
+            else [
+                self._before_seam(end, start, arc, seam)
+                for end, start, arc in zip(ends, starts[last].tolist(), arcs.arc[last].tolist(), strict=True)
+            ],
+            revolution_packets=[FULL_TURN_Q6 / each for each in arcs.typical],
+            revolution_samples=[FULL_TURN_Q6 / each * self.samples for each in arcs.typical],
+            settle=settle,
+        )
+
+    def _read(self, packets: Packets, following: bytes | None) -> tuple[Words, Words | None, Ints, int | None]:
+        """The packets and the next one as words, where each begins, and where the next one does, if it is known."""
+        words = np.frombuffer(packets.data, "<u2").reshape(-1, self.size // 2)
+        column = self.start_at // 2
+        starts = _in_range(words[:, column].astype(np.int32))
+        if following is None:
+            return words, None, starts, None
+        after = np.frombuffer(following, "<u2")
+        return words, after, starts, (int(after[column]) & ANGLE_MASK) % FULL_TURN_Q6
+
+    def _samples_of(
+        self, capsules: Capsules, starts: Ints, arc: Ints | NDArray[np.float64], room: int
+    ) -> tuple[Floats, Floats, Bytes | None]:
+        """Degrees, millimetres and intensities of all samples, behind `room` free places."""
+        end = room + len(starts) * self.samples
+        angle, distance = np.empty(end, np.float32), np.empty(end, np.float32)
+        grid = angle[room:].reshape(-1, self.samples)
+        np.matmul(np.array((starts, arc), np.float32).T, self._steps, out=grid)
+        intensity = self._payload(capsules, distance[room:].reshape(-1, self.samples), grid)
+        self._bring_into_turn(grid, starts, arc)
+        angle[room:] /= self._units
+        if intensity is not None and room:
+            intensity = np.concatenate((np.empty(room, np.uint8), intensity))
+        return angle, distance, intensity
+
+    def _remember(self, capsules: Capsules, distance: Floats) -> None:  # noqa: B027 - most formats need nothing
+        """Keep what the next packets need of these."""
 
     @abstractmethod
     def _payload(self, capsules: Capsules, distance: Floats, angle: Floats) -> Bytes | None:
@@ -148,16 +203,18 @@ class CapsuleDecoder(ABC):
         """Take 360 degrees off the angles of those few packets that may lie across 0."""
         back, ahead = self.reach
         full_turn = FULL_TURN_Q6 * self.samples
-        beyond = _extent(starts > FULL_TURN_Q6 - ahead - arc.max())
-        np.subtract(angle[beyond], full_turn, out=angle[beyond], where=angle[beyond] >= full_turn)
+        for beyond in _stretches(starts > FULL_TURN_Q6 - ahead - arc.max()):
+            few = angle[beyond]
+            np.subtract(few, full_turn, out=few, where=few >= full_turn)
         if back:
-            in_turn(angle[_extent(starts < back)], full_turn)
+            for behind in _stretches(starts < back):
+                in_turn(angle[behind], full_turn)
 
-    def _before_seam(self, starts: Ints, arc: Ints | NDArray[np.float64], seam: int) -> int:
-        """How many samples lie before the rotor passed `seam` in the last packet."""
-        left, last = FULL_TURN_Q6 - (int(starts[-1]) - seam) % FULL_TURN_Q6, float(arc[-1])
-        inside = -int(-left * self.samples // last) if last else self.samples
-        return (len(starts) - 1) * self.samples + min(inside, self.samples)
+    def _before_seam(self, packets: int, start: int, arc: float, seam: int) -> int:
+        """How many samples lie before the rotor passed `seam` in the last of so many packets."""
+        left = FULL_TURN_Q6 - (start - seam) % FULL_TURN_Q6
+        inside = -int(-left * self.samples // arc) if arc else self.samples
+        return (packets - 1) * self.samples + min(inside, self.samples)
 
 
 class DenseDecoder(CapsuleDecoder):
@@ -217,11 +274,14 @@ class UltraDenseDecoder(CapsuleDecoder):
         distance_q2, intensity = ultra_dense_cabins(
             np.ascontiguousarray(capsules.words[:, 5:]), self._last_q2, capsules.missing
         )
-        missing_behind = capsules.missing is not None and capsules.missing[-1] > 0
-        self._last_q2 = 0 if missing_behind else int(distance_q2[-1])
         distance[...] = distance_q2.reshape(distance.shape)
         distance /= 4.0
         return intensity
+
+    def _remember(self, capsules: Capsules, distance: Floats) -> None:
+        """As `CapsuleDecoder._remember`: the last distance, for the smoothing of the next one."""
+        missing_behind = capsules.missing is not None and capsules.missing[-1] > 0
+        self._last_q2 = 0 if missing_behind else int(distance[-1] * 4)
 
 
 class HqDecoder:
@@ -234,22 +294,10 @@ class HqDecoder:
 
     def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         """As `Decoder.decode`."""
-        rows = np.frombuffer(packets.data, HQ)
-        nodes = rows["nodes"]
-        after = None if following is None else int(np.frombuffer(following, HQ)["nodes"]["angle"][0, 0])
-        first = nodes["angle"][:, 0].astype(np.int32)
-        # From the first of 96 nodes to the last there are 95 steps.
-        inside = np.multiply(
-            (nodes["angle"][:, -1] - first) % FULL_TURN_Q14, self.samples / (self.samples - 1), dtype=np.float64
-        )
+        nodes, first, inside = self._read(packets)
+        after = None if following is None else self._first_angle(following)
         arcs = self._rotation.arcs_told(first, after, inside)
-        size = room + nodes.size
-        angle, distance, intensity = _empty(size)
-        angle[room:].reshape(nodes.shape)[...] = nodes["angle"]
-        distance[room:].reshape(nodes.shape)[...] = nodes["distance"]
-        intensity[room:].reshape(nodes.shape)[...] = nodes["quality"]
-        angle[room:] *= 360.0 / FULL_TURN_Q14
-        distance[room:] /= 4.0
+        angle, distance, intensity = self._samples_of(nodes, room)
         return Samples(
             angle_deg=angle,
             distance_mm=distance,
@@ -263,6 +311,54 @@ class HqDecoder:
             revolution_samples=FULL_TURN_Q14 / arcs.typical * self.samples if arcs.typical else 0.0,
             certain=arcs.certain,
         )
+
+    def decode_steady(
+        self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None
+    ) -> SteadySamples | None:
+        """As `Decoder.decode_steady`."""
+        nodes, first, inside = self._read(packets)
+        arcs = self._rotation.steady_told(first, self._first_angle(following), inside, ends)
+        if arcs is None:
+            return None
+        angle, distance, intensity = self._samples_of(nodes, room)
+        packet_ends = [end * self.samples for end in ends]
+        return SteadySamples(
+            angle_deg=angle,
+            distance_mm=distance,
+            intensity=intensity,
+            packet_ends=packet_ends,
+            before_seam=packet_ends
+            if seam is None
+            else [end * self.samples - self._behind_seam(nodes["angle"][end - 1], seam) for end in ends],
+            revolution_packets=[FULL_TURN_Q14 / each for each in arcs],
+            revolution_samples=[FULL_TURN_Q14 / each * self.samples for each in arcs],
+            settle=partial(self._rotation.settle_told, arcs[-1]),
+        )
+
+    def _read(self, packets: Packets) -> tuple[NDArray[np.void], Ints, NDArray[np.float64]]:
+        """The nodes, shape (packets, 96), the first angle of each packet, and the way during it."""
+        nodes: NDArray[np.void] = np.frombuffer(packets.data, HQ)["nodes"]
+        first = nodes["angle"][:, 0].astype(np.int32)
+        # From the first of 96 nodes to the last there are 95 steps.
+        inside = np.multiply(
+            (nodes["angle"][:, -1] - first) % FULL_TURN_Q14, self.samples / (self.samples - 1), dtype=np.float64
+        )
+        return nodes, first, inside
+
+    @staticmethod
+    def _first_angle(packet: bytes) -> int:
+        return int(np.frombuffer(packet, HQ)["nodes"]["angle"][0, 0])
+
+    @staticmethod
+    def _samples_of(nodes: NDArray[np.void], room: int) -> tuple[Floats, Floats, Bytes]:
+        """Degrees, millimetres and intensities of all nodes, behind `room` free places."""
+        angle, distance, intensity = _empty(room + nodes.size)
+        angle[room:].reshape(nodes.shape)[...] = nodes["angle"]
+        distance[room:].reshape(nodes.shape)[...] = nodes["distance"]
+        intensity[room:].reshape(nodes.shape)[...] = nodes["quality"]
+        angle[room:] *= 360.0 / FULL_TURN_Q14
+        distance[room:] /= 4.0
+        return angle, distance, intensity
 
     @staticmethod
     def _behind_seam(angles: Words, seam: int) -> int:
@@ -288,15 +384,9 @@ class NodeDecoder:
         seam: int | None = None,  # noqa: ARG002 - a node is too short to lie across it
     ) -> Samples:
         """As `Decoder.decode`."""
-        rows = np.frombuffer(packets.data, NODE)
-        angles = (rows["angle"] >> 1).astype(np.int32)
-        arcs = self._rotation.arcs(angles, None if following is None else following[1] >> 1 | following[2] << 7)
-        size = room + len(rows)
-        angle, distance, intensity = _empty(size)
-        np.divide(angles, 64.0, out=angle[room:], dtype=np.float32, casting="same_kind")
-        distance[room:] = rows["distance"]
-        distance[room:] /= 4.0
-        np.bitwise_and(rows["quality"], 0xFC, out=intensity[room:])
+        rows, angles = self._read(packets)
+        arcs = self._rotation.arcs(angles, None if following is None else self._angle(following))
+        angle, distance, intensity = self._samples_of(rows, angles, room)
         return Samples(
             angle_deg=angle,
             distance_mm=distance,
@@ -311,16 +401,67 @@ class NodeDecoder:
             certain=arcs.certain,
         )
 
+    def decode_steady(
+        self,
+        packets: Packets,
+        following: bytes,
+        ends: Sequence[int],
+        room: int = 0,
+        seam: int | None = None,  # noqa: ARG002 - a node is too short to lie across it
+    ) -> SteadySamples | None:
+        """As `Decoder.decode_steady`."""
+        rows, angles = self._read(packets)
+        arcs = self._rotation.steady(angles, self._angle(following), ends)
+        if arcs is None:
+            return None
+        angle, distance, intensity = self._samples_of(rows, angles, room)
+        a_revolution = [FULL_TURN_Q6 / each for each in arcs.typical]
+        return SteadySamples(
+            angle_deg=angle,
+            distance_mm=distance,
+            intensity=intensity,
+            packet_ends=ends,
+            before_seam=ends,
+            revolution_packets=a_revolution,
+            revolution_samples=a_revolution,
+            settle=partial(self._rotation.settle, arcs),
+        )
+
+    @staticmethod
+    def _read(packets: Packets) -> tuple[NDArray[np.void], Ints]:
+        rows: NDArray[np.void] = np.frombuffer(packets.data, NODE)
+        return rows, (rows["angle"] >> 1).astype(np.int32)
+
+    @staticmethod
+    def _angle(node: bytes) -> int:
+        return node[1] >> 1 | node[2] << 7
+
+    @staticmethod
+    def _samples_of(rows: NDArray[np.void], angles: Ints, room: int) -> tuple[Floats, Floats, Bytes]:
+        """Degrees, millimetres and intensities of all nodes, behind `room` free places."""
+        angle, distance, intensity = _empty(room + len(rows))
+        np.divide(angles, 64.0, out=angle[room:], dtype=np.float32, casting="same_kind")
+        distance[room:] = rows["distance"]
+        distance[room:] /= 4.0
+        np.bitwise_and(rows["quality"], 0xFC, out=intensity[room:])
+        return angle, distance, intensity
+
 
 def _empty(size: int) -> tuple[Floats, Floats, Bytes]:
     """Angles, distances and intensities, to be filled."""
     return np.empty(size, np.float32), np.empty(size, np.float32), np.empty(size, np.uint8)
 
 
-def _extent(these: NDArray[np.bool_]) -> slice:
-    """From the first to the last of these packets."""
+def _stretches(these: NDArray[np.bool_]) -> list[slice]:
+    """These packets, as stretches of such that follow each other; one or none in each revolution."""
     places = these.nonzero()[0]
-    return slice(int(places[0]), int(places[-1]) + 1) if len(places) else slice(0)
+    if not len(places):
+        return []
+    first, last = int(places[0]), int(places[-1])
+    if last - first < len(places):
+        return [slice(first, last + 1)]
+    parts = (np.flatnonzero(places[1:] - places[:-1] > 1) + 1).tolist()
+    return [slice(int(places[a]), int(places[b - 1]) + 1) for a, b in pairwise([0, *parts, len(places)])]
 
 
 def _in_range(starts: Ints) -> Ints:

@@ -101,6 +101,10 @@ class CapsuleFormat(StreamFormat):
             if words.max() < FULL_TURN_Q6:
                 return words
             return (words & ANGLE_MASK) % FULL_TURN_Q6 | (words & STREAM_START_BIT) * (RESTARTS // STREAM_START_BIT)
+        if len(data) >= WORTH_AN_ARRAY * self.shortest:
+            starts: list[int] = np.frombuffer(data, "<u2")[self.start_at // 2 :: self.shortest // 2].tolist()
+            if max(starts) < FULL_TURN_Q6:
+                return starts
         found: list[int] = []
         for at in range(self.start_at, len(data), self.shortest):
             angle = (data[at] | (data[at + 1] & 0x7F) << 8) % FULL_TURN_Q6

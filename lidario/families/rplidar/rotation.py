@@ -12,6 +12,7 @@ sample, the arc is known from the inside, and nothing needs to be learned.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -68,6 +69,20 @@ class Arcs(NamedTuple):
         return int(np.flatnonzero(self.missing)[0]) + 1
 
 
+class SteadyArcs(NamedTuple):
+    """What `Rotation.steady` found in several revolutions without a gap.
+
+    Attributes:
+        arc: Rotation during each packet, in heading units.
+        typical: The arc of an ordinary packet, of each revolution.
+        last: That of the last packet.
+    """
+
+    arc: NDArray[np.int32]
+    typical: list[float]
+    last: float
+
+
 class Rotation:
     """Follows the rotor through one stream.
 
@@ -100,6 +115,37 @@ class Rotation:
             return Arcs(spans, None, self._typical, certain=True)
         return self._among_gaps(self._signed(spans), following is not None)
 
+    def steady(self, headings: NDArray[np.int32], following: int, ends: Sequence[int]) -> SteadyArcs | None:
+        """The arcs of several revolutions, where `arcs` would find each of them ordinary; else None.
+
+        Nothing is remembered before `settle`.
+
+        Args:
+            headings: Those of all packets.
+            following: Where the packet behind them begins.
+            ends: Packets up to the end of each revolution.
+        """
+        if not self._certain:
+            return None
+        spans = self._spans(headings, following)
+        begins = [0, *ends[:-1]]
+        shortest = np.minimum.reduceat(spans, begins).tolist()
+        longest = np.maximum.reduceat(spans, begins).tolist()
+        totals = np.add.reduceat(spans, begins, dtype=np.int64).tolist()
+        before, typical = self._typical, list[float]()
+        for short, long, total, begin, end in zip(shortest, longest, totals, begins, ends, strict=True):
+            if not (self._jitter * before < short and long <= (1 + self._jitter) * before):
+                return None
+            before = total / (end - begin)
+            typical.append(before)
+        return SteadyArcs(spans, typical, float(spans[-1]))
+
+    def settle(self, arcs: SteadyArcs) -> None:
+        """Remember revolutions that `steady` has told, as `arcs` would have."""
+        self._typical = arcs.typical[-1]
+        self._strange = 0
+        self._last_arc = arcs.last
+
     def arcs_told(self, headings: NDArray[np.int32], following: int | None, inside: NDArray[np.float64]) -> Arcs:
         """As `arcs`, where the packets themselves tell how far the rotor turned during each, `inside`."""
         mean = float(inside.mean())
@@ -118,6 +164,31 @@ class Rotation:
         _forgive_falls(missing, spans)
         np.maximum(missing, 0, out=missing)
         return Arcs(inside, missing if missing.any() else None, self._typical, certain=True)
+
+    def steady_told(
+        self, headings: NDArray[np.int32], following: int, inside: NDArray[np.float64], ends: Sequence[int]
+    ) -> list[float] | None:
+        """The ordinary arc of several revolutions, where `arcs_told` would find no gap in any; else None.
+
+        Nothing is remembered before `settle_told`.
+        """
+        raw = self._spans(headings, following)
+        if int(raw.min()) <= 0:
+            return None
+        typical, begin = list[float](), 0
+        for end in ends:
+            mean = float(inside[begin:end].mean())
+            if float(inside[begin:end].max()) > (1 + LIKENESS) * mean:
+                return None
+            if int(raw[begin:end].max()) > (1 + self._jitter) * mean:
+                return None
+            typical.append(mean)
+            begin = end
+        return typical
+
+    def settle_told(self, arc: float) -> None:
+        """Remember revolutions that `steady_told` has told, as `arcs_told` would have."""
+        self._typical = arc
 
     def _spans(self, headings: NDArray[np.int32], following: int | None) -> NDArray[np.int32]:
         """How far ahead of each heading the next one is; the last is 0 where none follows."""

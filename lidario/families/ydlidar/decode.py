@@ -18,12 +18,13 @@ packets pass the place where the one before stood.
 from __future__ import annotations
 
 import math
-from typing import Final
+from collections.abc import Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.base import Samples
+from lidario.families.base import Samples, SteadySamples
 from lidario.families.ydlidar.formats import (
     FULL_TURN_Q6,
     HEADER_SIZE,
@@ -43,6 +44,8 @@ SLACK_SAMPLES: Final = 3.0
 """Missing samples below which a jump is taken for unsteadiness of the rotor, where no start packet is due."""
 _STEADY: Final = 2.0
 """Times the mean step that a packet's own step may be; a rotor does not change its speed within a revolution."""
+_ONE_STEP: Final = 1.5
+"""Steps: nothing is missing in a jump of one; half a step more is the least that can mean something."""
 BACKWARD_Q6: Final = 2 << 6
 """How far a packet may begin before the end of the one before, without a revolution being missing."""
 
@@ -56,22 +59,10 @@ class PointCloudDecoder:
 
     def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         """As `Decoder.decode`."""
-        heads = packet_heads(packets)
-        control, fsa = heads[:, 1], heads[:, 2]
-        counts = (control >> 8).astype(np.int32)
-        starts = (control & START_BIT).astype(np.bool_)
-        first = (fsa >> 1).astype(np.int32) % FULL_TURN_Q6
-        way = ((heads[:, 3] >> 1) - first) % FULL_TURN_Q6
-        way[counts == 1] = 0
+        heads = _Heads.of(packets)
+        first, way, counts, starts = heads
         ends = np.add.accumulate(counts).tolist()
-
-        angle, distance = np.empty(room + ends[-1], np.float32), np.empty(room + ends[-1], np.float32)
-        _fill(angle[room:], distance[room:], packets, first, way)
-        for across in (first + way >= FULL_TURN_Q6).nonzero()[0].tolist():
-            samples = int(counts[across])
-            beam = _beam_deg(int(first[across]), int(way[across]), samples)
-            angle[room + ends[across] - samples : room + ends[across]] = np.where(beam < 360.0, beam, beam - 360.0)
-
+        angle, distance = _samples_of(packets, heads, ends, room)
         most = int(counts.max())
         step = _step(way, counts, most, ends[-1])
         missing = self._missing(first, way, counts, starts, following, step, most)
@@ -86,10 +77,54 @@ class PointCloudDecoder:
             lost=int(missing.sum()),
             unbroken=int(gaps[0]) + 1 if len(gaps) else len(counts),
             lost_behind=int(missing[-1]) if len(gaps) else 0,
-            # The start packet holds one sample, the last packet of a revolution what is left.
-            revolution_packets=1.0 + math.ceil((samples_a_turn - 1) / most) if step else 0.0,
+            revolution_packets=_revolution_packets(samples_a_turn, most) if step else 0.0,
             revolution_samples=samples_a_turn,
             certain=step > 0,
+        )
+
+    def decode_steady(
+        self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None
+    ) -> SteadySamples | None:
+        """As `Decoder.decode_steady`."""
+        heads = _Heads.of(packets)
+        first, way, counts, starts = heads
+        sample_ends = np.add.accumulate(counts).tolist()
+        begins = [0, *ends[:-1]]
+        packet_ends = [sample_ends[end - 1] for end in ends]
+        most = np.maximum.reduceat(counts, begins).tolist()
+        turned = np.add.reduceat(way, begins, dtype=np.int64).tolist()
+        longest = np.maximum.reduceat(way, begins).tolist()
+        farthest = np.maximum.reduceat(_jumps(first, first + way, following), begins).tolist()
+        a_turn: list[float] = []
+        for at, (begin, end) in enumerate(zip(begins, ends, strict=True)):
+            steps = packet_ends[at] - (packet_ends[at - 1] if at else 0) - (end - begin)
+            step = turned[at] / steps if steps else 0.0
+            if not step or longest[at] > _STEADY * step * (most[at] - 1) or farthest[at] > _ONE_STEP * step:
+                return None
+            a_turn.append(FULL_TURN_Q6 / step)
+        angle, distance = _samples_of(packets, heads, sample_ends, room)
+        marked = starts.nonzero()[0]
+
+        def settle() -> None:
+            if len(marked):
+                self._seam = int(first[marked[-1]])
+
+        return SteadySamples(
+            angle_deg=angle,
+            distance_mm=distance,
+            intensity=None,
+            packet_ends=packet_ends,
+            before_seam=packet_ends
+            if seam is None
+            else [
+                packet_ends[at] - _behind_seam(int(first[end - 1]), int(way[end - 1]), int(counts[end - 1]), seam)
+                for at, end in enumerate(ends)
+            ],
+            revolution_packets=[
+                _revolution_packets(samples, each) for samples, each in zip(a_turn, most, strict=True)
+            ],
+            revolution_samples=a_turn,
+            settle=settle,
         )
 
     def _missing(
@@ -111,13 +146,8 @@ class PointCloudDecoder:
             usual = step * (counts - 1)
             way = np.where(way > _STEADY * usual, np.rint(usual), way).astype(np.int32)
         tails = first + way
-        jumps = np.empty_like(first)
-        np.subtract(first[1:], tails[:-1], out=jumps[:-1])
-        jumps[-1] = 0 if following is None else _heading(following) - tails[-1]
-        jumps %= FULL_TURN_Q6
-        jumps[jumps > FULL_TURN_Q6 - BACKWARD_Q6] = 0
-        # Nothing is missing in a jump of one step; half a step more is the least that can mean something.
-        gaps = (jumps > 1.5 * step).nonzero()[0].tolist() if step else ()
+        jumps = _jumps(first, tails, following)
+        gaps = (jumps > _ONE_STEP * step).nonzero()[0].tolist() if step else ()
         missing = np.zeros(len(first) if gaps else 0, np.intp)
         if gaps:
             self._usual = float(np.median(counts[counts > 1]))
@@ -144,6 +174,63 @@ class PointCloudDecoder:
 
     def _packets_before_seam(self, samples: float) -> int:
         return 0 if samples < SLACK_SAMPLES else math.ceil((samples - SLACK_SAMPLES) / self._usual) or 1
+
+
+class _Heads(NamedTuple):
+    """What stands before the samples of each packet, shape (packets,) each.
+
+    Attributes:
+        first: Angle of the first sample, 1/64 degrees.
+        way: From there to the last sample.
+        counts: Samples.
+        starts: Whether it is a start packet.
+    """
+
+    first: Ints
+    way: Ints
+    counts: Ints
+    starts: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, packets: Packets) -> _Heads:
+        """Those of so many packets."""
+        heads = packet_heads(packets)
+        control = heads[:, 1]
+        counts = (control >> 8).astype(np.int32)
+        first = (heads[:, 2] >> 1).astype(np.int32) % FULL_TURN_Q6
+        way = ((heads[:, 3] >> 1) - first) % FULL_TURN_Q6
+        way[counts == 1] = 0
+        return cls(first, way, counts, (control & START_BIT).astype(np.bool_))
+
+
+def _samples_of(
+    packets: Packets, heads: _Heads, ends: list[int], room: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Degrees and millimetres of all samples, behind `room` free places; `ends` counts them up to each packet."""
+    first, way, counts, _ = heads
+    angle, distance = np.empty(room + ends[-1], np.float32), np.empty(room + ends[-1], np.float32)
+    _fill(angle[room:], distance[room:], packets, first, way)
+    for across in (first + way >= FULL_TURN_Q6).nonzero()[0].tolist():
+        samples = int(counts[across])
+        beam = _beam_deg(int(first[across]), int(way[across]), samples)
+        angle[room + ends[across] - samples : room + ends[across]] = np.where(beam < 360.0, beam, beam - 360.0)
+    return angle, distance
+
+
+def _jumps(first: Ints, tails: Ints, following: bytes | None) -> Ints:
+    """How far ahead of the end of each packet the next one begins; 0 where it begins a little before that."""
+    jumps = np.empty_like(first)
+    np.subtract(first[1:], tails[:-1], out=jumps[:-1])
+    jumps[-1] = 0 if following is None else _heading(following) - tails[-1]
+    jumps %= FULL_TURN_Q6
+    jumps[jumps > FULL_TURN_Q6 - BACKWARD_Q6] = 0
+    return jumps
+
+
+def _revolution_packets(samples: float, most: int) -> float:
+    """Packets of a revolution of so many samples, at most `most` in each."""
+    # The start packet holds one sample, the last packet of a revolution what is left.
+    return 1.0 + math.ceil((samples - 1) / most)
 
 
 def _fill(

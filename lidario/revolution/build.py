@@ -1,0 +1,67 @@
+"""The arrays of one revolution and what is known of its time, made a `Scan`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.families.base import Stream
+from lidario.model import Scan, read_only
+from lidario.revolution.partial import SampleArrays
+
+__all__ = ["build_scan", "turned_by"]
+
+
+def turned_by(degrees: NDArray[np.float32], offset: float) -> NDArray[np.float32]:
+    """Angles with an offset added, in [0, 360); the same array where there is none."""
+    if not offset:
+        return degrees
+    turned = ((degrees.astype(np.float64) + offset) % 360.0).astype(np.float32)
+    # Just below 360 degrees, single precision rounds up to 360.
+    turned[turned >= 360.0] = 0.0
+    return turned
+
+
+def build_scan(
+    stream: Stream,
+    arrays: SampleArrays,
+    *,
+    start_ns: int,
+    wall_ns: int,
+    spanned_ns: float,
+    sample_ns: float,
+    interval_ns: float,
+    seq: int,
+    lost: int,
+) -> Scan:
+    """The scan of one revolution, whose angles have the zero-angle offset added; `arrays` become read-only.
+
+    Args:
+        stream: The stream it belongs to.
+        arrays: Its samples.
+        start_ns: When the first of them was measured.
+        wall_ns: The same on the wall clock.
+        spanned_ns: How long it took.
+        sample_ns: Nanoseconds a sample.
+        interval_ns: Time since the beginning of the revolution before; NaN when that is not known.
+        seq: Its number.
+        lost: Packets missing in it.
+    """
+    return Scan(
+        device_angles=read_only(arrays.angle),
+        device_distances=read_only(arrays.distance),
+        intensities=None if arrays.intensity is None else read_only(arrays.intensity),
+        stamp_ns=start_ns,
+        wall_stamp_ns=wall_ns,
+        time_increment_ns=round(sample_ns),
+        duration_ns=round(spanned_ns),
+        rpm=60e9 / interval_ns if interval_ns > 0 else math.nan,
+        seq=seq,
+        dropped_before=0,
+        lost_packets=lost,
+        mode=stream.mode.name,
+        max_range=stream.mode.max_distance,
+        seam=stream.zero_offset_deg % 360.0,
+    )

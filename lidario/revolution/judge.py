@@ -1,0 +1,123 @@
+"""What the samples and the times of a revolution tell of it: whether it is whole, and when it began."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from lidario.families.base import Samples
+from lidario.revolution.count import NOISE, Beginning
+from lidario.wire.blocks import some_blocks
+from lidario.wire.events import Packets
+from lidario.wire.formats import HEADING_MASK, StreamFormat
+
+__all__ = ["BROKEN_SHARE", "UNEVEN", "beginning_of", "is_broken", "is_complete", "share_over"]
+
+BROKEN_SHARE: Final = 0.9
+"""Share of a revolution that may be missing in time, not seen as a jump of the angle, before it is broken."""
+UNEVEN: Final = 1.5
+_FEWEST_PACKETS: Final = 3
+"""A revolution of which the angles are not certain is delivered when it has so many packets, and took at most so
+many times the time of what it holds and misses."""
+
+_FIRST_PACKETS: Final = 0.9
+_FIRST_SHARE: Final = 0.01
+"""Packets' arcs behind the seam, or share of 360 degrees, within which a revolution begins; farther on, its
+beginning was lost."""
+_BEFORE_SEAM: Final = 1 / 12
+"""Part of 360 degrees by which a heading may tremble back behind the seam."""
+_WHOLE: Final = 0.99
+"""Share of a revolution that samples without a gap must be, for their time to tell the speed."""
+
+
+def is_broken(
+    packets: Packets | None,
+    samples: Samples | None,
+    count: int,
+    *,
+    elapsed_ns: int,
+    spanned_ns: float,
+    ordinary_ns: float,
+    sample_ns: float,
+) -> bool:
+    """Whether parts of two revolutions may have met in one.
+
+    Args:
+        packets: Its packets; None when it has none.
+        samples: What they were decoded to.
+        count: Its samples.
+        elapsed_ns: Time from its first sample to the arrival of its last packet.
+        spanned_ns: Time that its samples take, and those that are known to be missing.
+        ordinary_ns: What the revolution before took.
+        sample_ns: Nanoseconds a sample.
+    """
+    if elapsed_ns > spanned_ns + BROKEN_SHARE * ordinary_ns:
+        return True
+    if packets is None or samples is None:
+        return False
+    if samples.certain:
+        # More than one revolution by its angles: they went back by so little that it looked like jitter.
+        within = count + (samples.lost - samples.lost_behind) * samples.ends[-1] / len(samples.ends)
+        return within > UNEVEN * samples.revolution_samples
+    # Nothing must speak against the angles where their step is not certain.
+    expected_ns = (packets.count + samples.lost) * samples.ends[-1] / packets.count * sample_ns
+    return packets.count < _FEWEST_PACKETS or elapsed_ns > UNEVEN * expected_ns
+
+
+def is_complete(samples: Samples | None, spanned_ns: float, sample_ns: float) -> bool:
+    """Whether a revolution without a known gap took as long as its step of the angle says."""
+    if samples is None or not samples.certain:
+        return True
+    return spanned_ns > _WHOLE * samples.revolution_samples * sample_ns
+
+
+def beginning_of(
+    packets: Packets,
+    samples: Samples,
+    *,
+    start_ns: int,
+    last_ns: int,
+    spanned_ns: float,
+    sample_ns: float,
+    over: float,
+    gap_behind: bool,
+    broken: bool,
+) -> Beginning:
+    """What a revolution that has ended tells for counting.
+
+    Args:
+        packets: Its packets.
+        samples: What they were decoded to.
+        start_ns: When its first sample was measured.
+        last_ns: Arrival of its last packet.
+        spanned_ns: Time that its samples take, and those that are known to be missing.
+        sample_ns: Nanoseconds a sample.
+        over: Share of the revolution before its first packet (`share_over`).
+        gap_behind: Whether what is missing behind its last packet belongs to it.
+        broken: Whether it is broken, though its beginning was seen.
+    """
+    packet_ns = samples.ends[-1] / len(samples.ends) * sample_ns
+    # A read that was completed only behind a gap dates what came before it too late. What follows is on time.
+    behind_ns = samples.lost_behind * packet_ns if gap_behind else 0.0
+    from_end_ns = round(last_ns - spanned_ns + behind_ns)
+    revolution_ns = samples.revolution_samples * sample_ns if samples.certain else 0.0
+    late = samples.certain and start_ns - from_end_ns > NOISE * revolution_ns
+    return Beginning(
+        from_end_ns if late else start_ns,
+        over=over,
+        revolution_ns=revolution_ns,
+        revolution_packets=samples.revolution_packets,
+        packet_ns=revolution_ns / samples.revolution_packets if samples.certain else packet_ns,
+        packets=packets.count,
+        lost=samples.lost,
+        broken=broken,
+    )
+
+
+def share_over(wire: StreamFormat, packets: Packets, samples: Samples, seam: int) -> float:
+    """Share of the revolution before its first packet; 0 when that one is the first behind the seam."""
+    blocks = some_blocks(packets.blocks, 0, 1)
+    first = Packets(packets.data[: blocks[0].size], blocks, ((1, 0),))
+    heading = int(wire.headings(first)[0]) & HEADING_MASK
+    over = (heading - seam) % wire.full_turn / wire.full_turn
+    behind = over * samples.revolution_packets
+    return over if behind > _FIRST_PACKETS and _FIRST_SHARE < over < 1 - _BEFORE_SEAM else 0.0

@@ -1,0 +1,48 @@
+"""Where every packet went, and how many revolutions: the counters of an `Assembler`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["AssemblerStats"]
+
+
+@dataclass(slots=True)
+class AssemblerStats:
+    """Running totals. All but `unfinished_packets` only grow.
+
+    Every packet that was added is counted in exactly one of the fields that end in ``_packets``, but for
+    `lost_packets`. A packet at the seam is counted with the revolution that it begins in.
+
+    Attributes:
+        scans: Revolutions delivered.
+        broken_scans: Revolutions thrown away.
+        lost_packets: Packets missing, also those of revolutions not delivered, and of those of which nothing came.
+        missed_scans: Revolutions that are missing between the delivered ones: the broken ones, and those of which
+            nothing came.
+        scan_packets: Packets of revolutions delivered.
+        discarded_packets: Packets of revolutions not delivered: broken ones, and the parts of one at the beginning
+            and the end of each stream.
+        unfinished_packets: Packets of the revolution in the making.
+    """
+
+    scans: int = 0
+    broken_scans: int = 0
+    lost_packets: int = 0
+    missed_scans: int = 0
+    scan_packets: int = 0
+    discarded_packets: int = 0
+    unfinished_packets: int = 0
+
+    def break_scan(self) -> None:
+        """Count a whole revolution that is thrown away."""
+        self.broken_scans += 1
+        self.missed_scans += 1
+
+    def finish(self, packets: int, *, delivered: bool) -> None:
+        """Count packets of a revolution that has ended."""
+        self.unfinished_packets -= packets
+        if delivered:
+            self.scan_packets += packets
+        else:
+            self.discarded_packets += packets
