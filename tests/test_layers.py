@@ -183,7 +183,7 @@ def test_the_host_side_decodes_nothing_with_the_devices_packers(path: Path) -> N
 @pytest.mark.parametrize("path", sorted((PACKAGE / "cli").glob("*.py")), ids=named)
 def test_the_command_uses_the_names_a_user_would(path: Path) -> None:
     for name in ours(path):
-        public = name == "lidario" or name.startswith(("lidario.cli", "lidario.sim"))
+        public = name == "lidario" or name.startswith(("lidario.cli", "lidario.sim", "lidario.recording"))
         assert public or name in ("lidario.families.registry", "lidario.families"), name
 
 

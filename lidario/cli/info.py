@@ -41,10 +41,11 @@ def info(source: str, as_json: bool) -> int:
     """
     from lidario.cli.running import run
     from lidario.cli.summary import show_summary
-    from lidario.source import parse_source
+    from lidario.recording.files import file_source
 
-    if parse_source(source).kind == "file":
-        return show_summary(source, as_json=as_json)
+    file = file_source(source)
+    if file is not None:
+        return show_summary(file, as_json=as_json)
 
     with progress(f"asking {source} …" if source != "auto" else "looking for a lidar …"):
         told = run(lambda: _ask(source))

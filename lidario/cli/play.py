@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import sys
 from collections import Counter
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -41,16 +42,12 @@ def play(file: str, rate: float, loop: bool, pty: bool, tcp: str | None) -> int:
 
     It responds as the recorded device had responded, and scans when it is asked to in the same way.
     """
-    from lidario.recording.files import open_stored_source
+    from lidario.recording.files import FileSource, file_source, open_stored
     from lidario.recording.played import PlayedDevice
-    from lidario.source import Source, parse_source
 
     if pty and tcp is not None:
         raise click.UsageError("--pty and --tcp exclude each other", click.get_current_context())
-    parsed = parse_source(file)
-    if parsed.kind != "file":
-        parsed = Source(file, "file", file)
-    recording = open_stored_source(parsed)
+    recording = open_stored(*(file_source(file) or FileSource(Path(file))))
     if not recording.responses:
         message("note: the recording holds no responses, so a driver that asks what the device is gets none")
     device = PlayedDevice(recording, rate=rate, loop=loop)

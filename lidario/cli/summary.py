@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidario.cli.errors import ExitCode
@@ -14,21 +13,17 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from lidario import RecordingSummary
+    from lidario.recording.files import FileSource
 
 __all__ = ["show_summary"]
 
 
-def show_summary(source: str, *, as_json: bool) -> int:
+def show_summary(file: FileSource, *, as_json: bool) -> int:
     """Decode a recording and print what it holds; returns the exit code."""
     from lidario import summarize
-    from lidario.source import parse_source
 
-    parsed = parse_source(source)
-    sample_us = parsed.options.get("sample_us")
-    with progress(f"decoding {parsed.address} …"):
-        summary = summarize(
-            Path(parsed.address), family=parsed.family, sample_us=None if sample_us is None else float(sample_us)
-        )
+    with progress(f"decoding {file.path} …"):
+        summary = summarize(file.path, family=file.family, sample_us=file.sample_us)
     if as_json:
         record = asdict(summary)
         dump({**record, "began_ns": summary.began_ns or None, "damage": summary.damage or None})
