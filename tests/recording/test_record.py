@@ -123,8 +123,12 @@ def test_a_slow_disk_ends_the_recording_and_not_the_scanning(
     async def main() -> None:
         async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
             async with lidar.record(tmp_path / "a.mcap") as recording, lidar.scans(depth=64) as stream:
-                while recording.error is None:
+                for _ in range(100):
+                    if recording.error is not None:
+                        break
                     await anext(stream)
+                else:
+                    free.set()
                 before = lidar.stats.scans
                 await anext(stream)
                 assert not recording.is_running
