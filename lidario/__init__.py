@@ -15,10 +15,13 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from lidario.version import __version__
+
 if TYPE_CHECKING:
     from lidario.blocking import SyncLidar, SyncScanStream, open_sync
     from lidario.errors import (
         Busy,
+        CannotRecord,
         ConnectFailed,
         ConnectReason,
         DeviceFault,
@@ -39,7 +42,10 @@ if TYPE_CHECKING:
     from lidario.model import DeviceInfo, Health, HealthStatus, Return, SampleRate, Scan, ScanMode, Stats
     from lidario.points import Motion, Mount, Points, PoseFunction, Velocity, merge
     from lidario.port.line import Tap
+    from lidario.recording.decode_file import decode_file, decode_file_arrays
     from lidario.recording.offline import ScanArrays, decode, decode_arrays
+    from lidario.recording.record import Recording
+    from lidario.recording.summary import RecordingSummary, summarize
     from lidario.session.discovery import Found, PortInfo, list_lidars, list_serial_ports
     from lidario.session.lidar import Lidar
     from lidario.session.opening import OpenLidar, open_lidar
@@ -50,11 +56,10 @@ if TYPE_CHECKING:
     from lidario.sim.world import Wall, WorldLike
     from lidario.simulation import simulate
 
-__version__ = "0.1.0"
-
 __all__ = [
     "BeamOrder",
     "Busy",
+    "CannotRecord",
     "ConnectFailed",
     "ConnectReason",
     "DeviceFault",
@@ -79,7 +84,9 @@ __all__ = [
     "ProtocolError",
     "Received",
     "Reconnect",
+    "Recording",
     "RecordingError",
+    "RecordingSummary",
     "RemoteProtocolError",
     "ResponseTimeout",
     "Return",
@@ -102,6 +109,8 @@ __all__ = [
     "__version__",
     "decode",
     "decode_arrays",
+    "decode_file",
+    "decode_file_arrays",
     "list_lidars",
     "list_serial_ports",
     "merge",
@@ -109,10 +118,14 @@ __all__ = [
     "open_sync",
     "run",
     "simulate",
+    "summarize",
 ]
 
 _HOMES = {
     "blocking": ("SyncLidar", "SyncScanStream", "open_sync"),
+    "recording.decode_file": ("decode_file", "decode_file_arrays"),
+    "recording.record": ("Recording",),
+    "recording.summary": ("RecordingSummary", "summarize"),
     "session.discovery": ("Found", "PortInfo", "list_lidars", "list_serial_ports"),
     "laserscan": ("BeamOrder", "LaserScan", "NoReturn"),
     "model": ("DeviceInfo", "Health", "HealthStatus", "Return", "SampleRate", "Scan", "ScanMode", "Stats"),

@@ -16,6 +16,7 @@
     │   ├── LocalProtocolError   asked for something that is illegal in this state
     │   └── RemoteProtocolError  the device sent a response that cannot be right
     ├── DeviceFault              the device reports an error that a reset did not clear
+    ├── CannotRecord             a recording cannot be written, or not any further
     └── Unsupported              this device or firmware lacks the command or mode
 
 Noise on the line is none of these: damaged bytes are counted in `Stats`, never raised. Exceptions of the
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Busy",
+    "CannotRecord",
     "ConnectFailed",
     "ConnectReason",
     "DeviceFault",
@@ -175,3 +177,7 @@ class DeviceFault(LidarError):
 
 class Unsupported(LidarError):
     """This device or firmware lacks the command, the mode or the format."""
+
+
+class CannotRecord(LidarError):
+    """A recording cannot be written, or not any further: no permission, no space, or a disk that is too slow."""

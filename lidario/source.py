@@ -7,6 +7,7 @@
 ``id:SERIAL``                                          by the lidar's own serial number
 ``tcp://host:port``, ``socket://host:port``            serial over TCP
 ``sim://MODEL?world=room&fault=drop:1%``               the simulator, its bytes through the real decoder
+``run.mcap``, ``raw.bin?rate=10&loop=1``               a recording, at true pace unless ``rate`` says otherwise
 =====================================================  ====================================================
 
 This module reads the form only. Whether a family or a simulated model of that name exists is known to
@@ -20,6 +21,7 @@ be encoded, a baud rate that does not fit) is refused here, and messages show th
 from __future__ import annotations
 
 import os
+import re
 import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -36,13 +38,18 @@ __all__ = ["Source", "as_source", "parse_source"]
 _OPTIONS = {
     "serial": {"baud", "family"},
     "tcp": {"baud", "family"},
+    "file": {"rate", "loop", "family", "sample_us"},
     "sim": {"world", "fault", "serial", "seed", "via", "baud", "family"},
 }
 _MAX_BAUD = 100_000_000
 """Far above every adapter (12 Mbaud), and below what overflows the C integer that the system call takes."""
 _MAX_SEED = 2**63 - 1
+_DECIMAL = re.compile(r"[0-9]{1,9}(\.[0-9]{1,9})?", re.ASCII)
 _UNPRINTABLE = {"Cc", "Cf", "Zl", "Zp"}
 """Unicode categories that can change what a terminal shows; no port, host or model is called so."""
+_FILES = (".mcap", ".bin")
+"""How the name of a recording ends."""
+_MOST_RATE = 1e6
 _SHOWN = 120
 """Longest part of a source that is repeated in a message."""
 
@@ -53,7 +60,7 @@ class Source:
 
     Attributes:
         text: As the user wrote it.
-        kind: ``auto``, ``serial``, ``tcp``, ``sim`` or ``id``.
+        kind: ``auto``, ``serial``, ``tcp``, ``sim``, ``id`` or ``file``.
         address: Path, ``host:port``, model or serial number; empty for ``auto``.
         options: The options after the question mark.
         device: A simulated device to connect to in memory; its kind is ``device``.
@@ -74,6 +81,11 @@ class Source:
     def family(self) -> str | None:
         """The family that was named, if any."""
         return self.options.get("family")
+
+    @property
+    def rate(self) -> float:
+        """How many times as fast as it was recorded a file is played; 0 for as fast as it is read."""
+        return float(self.options.get("rate", "1"))
 
     @property
     def host_and_port(self) -> tuple[str, int]:
@@ -97,20 +109,23 @@ def as_source(source: str | os.PathLike[str] | SimulatedDevice) -> Source:
 
 
 def parse_source(source: str | os.PathLike[str]) -> Source:
-    """Parse a source; a path object is always a serial port.
+    """Parse a source; a path object is a serial port, or a recording where its name ends as one.
 
     Raises:
         ConnectFailed: With reason ``source``, when the text is not a source; the message says why.
     """
     if not isinstance(source, str):
         text = os.fspath(source)
-        return _checked(Source(text, "serial", text))
+        return _checked(Source(text, "file" if text.casefold().endswith(_FILES) else "serial", text))
     text = source
     if text in ("", "auto"):
         return Source(text or "auto", "auto")
     if text.startswith("id:"):
         return _checked(Source(text, "id", text[3:]))
     if "://" not in text:
+        name, _, query = text.partition("?")
+        if name.casefold().endswith(_FILES):
+            return _checked(Source(text, "file", name, _options(text, "file", query)))
         return _checked(Source(text, "serial", text))
     try:
         # '#' may be part of a port's name, so nothing is split off there.
@@ -137,7 +152,8 @@ def _options(text: str, kind: str, query: str) -> dict[str, str]:
     for name, value in parse_qsl(query, keep_blank_values=True):
         if name not in _OPTIONS[kind]:
             known = ", ".join(sorted(_OPTIONS[kind]))
-            raise _refused(text, f"has an option that {kind}:// does not know: {_shown(name)}. It knows {known}")
+            owner = "a recording" if kind == "file" else f"{kind}://"
+            raise _refused(text, f"has an option that {owner} does not know: {_shown(name)}. It knows {known}")
         if name in options:
             raise _refused(text, f"cannot be read: the option {name!r} is given twice")
         options[name] = value
@@ -146,6 +162,11 @@ def _options(text: str, kind: str, query: str) -> dict[str, str]:
             text,
             f"cannot be read: baud={_shown(options['baud'])} is not a number of bits per second, such as 115200",
         )
+    for name in ("rate", "sample_us"):
+        if name in options and not _is_decimal(options[name]):
+            raise _refused(text, f"cannot be read: {name}={_shown(options[name])} is not a number from 0 on")
+    if options.get("loop", "0") not in ("0", "1"):
+        raise _refused(text, "cannot be read: loop=1 plays it again and again, loop=0 once")
     if "seed" in options and not 0 <= _number(options["seed"]) <= _MAX_SEED:
         raise _refused(text, f"cannot be read: seed={_shown(options['seed'])} is not a whole number from 0 on")
     return options
@@ -154,6 +175,11 @@ def _options(text: str, kind: str, query: str) -> dict[str, str]:
 def _number(digits: str) -> int:
     """The number in ASCII digits, else -1; int() would also take signs, spaces and digits of other scripts."""
     return int(digits) if digits.isascii() and digits.isdigit() and len(digits) < 20 else -1
+
+
+def _is_decimal(digits: str) -> bool:
+    """Whether it is a number in ASCII digits, with or without a point, that is not too large."""
+    return bool(_DECIMAL.fullmatch(digits)) and float(digits) <= _MOST_RATE
 
 
 def _serial_path(text: str, host: str, path: str) -> str:

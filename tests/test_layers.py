@@ -15,7 +15,7 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 VENDORS = sorted(path.name for path in (PACKAGE / "families").iterdir() if (path / "device.py").is_file())
 
 LAYERS = (
-    {"errors", "model", "laserscan", "points", "source"},
+    {"errors", "model", "laserscan", "points", "source", "version"},
     {"wire"},
     {"families", "sim"},
     {"revolution", "simulation"},
@@ -191,7 +191,9 @@ def test_the_host_side_decodes_nothing_with_the_devices_packers(path: Path) -> N
 @pytest.mark.parametrize("path", sorted((PACKAGE / "cli").glob("*.py")), ids=named)
 def test_the_command_uses_the_names_a_user_would(path: Path) -> None:
     for name in ours(path):
-        public = name == "lidario" or name.startswith(("lidario.cli", "lidario.sim", "lidario.web"))
+        public = name == "lidario" or name.startswith(
+            ("lidario.cli", "lidario.sim", "lidario.web", "lidario.recording")
+        )
         assert public or name in ("lidario.families.registry", "lidario.families"), name
 
 

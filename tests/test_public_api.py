@@ -14,6 +14,7 @@ import lidario
 PUBLIC = [
     "BeamOrder",
     "Busy",
+    "CannotRecord",
     "ConnectFailed",
     "ConnectReason",
     "DeviceFault",
@@ -37,8 +38,10 @@ PUBLIC = [
     "PoseFunction",
     "ProtocolError",
     "Received",
+    "Recording",
     "RecordingError",
     "Reconnect",
+    "RecordingSummary",
     "RemoteProtocolError",
     "ResponseTimeout",
     "Return",
@@ -61,6 +64,8 @@ PUBLIC = [
     "__version__",
     "decode",
     "decode_arrays",
+    "decode_file",
+    "decode_file_arrays",
     "list_lidars",
     "list_serial_ports",
     "merge",
@@ -68,6 +73,7 @@ PUBLIC = [
     "open_sync",
     "run",
     "simulate",
+    "summarize",
 ]
 ALIASES = {"BeamOrder", "ConnectReason", "Motion", "NoReturn", "PoseFunction", "Tap", "Wall"}
 """Type aliases: they carry no docstring at run time."""
@@ -80,6 +86,7 @@ ERRORS = {
     "InvalidValue": lidario.LidarError,
     "LocalProtocolError": lidario.ProtocolError,
     "ProtocolError": lidario.LidarError,
+    "CannotRecord": lidario.LidarError,
     "RecordingError": lidario.LidarError,
     "RemoteProtocolError": lidario.ProtocolError,
     "ResponseTimeout": lidario.LidarError,

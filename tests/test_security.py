@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from lidario import simulate
-from lidario.cli.sim import _on_tcp
+from lidario.cli.sim import on_tcp
 from lidario.sim.serve import TcpServer
 from tests.support.devices import both_families, change_info, make_rig
 from tests.support.loop import driven
@@ -35,7 +35,7 @@ def test_a_served_device_listens_on_the_loopback_interface() -> None:
     device = simulate()
     with TcpServer(device) as server:
         assert server.address[0] == "127.0.0.1"
-    with _on_tcp(device, ":0", None) as server:
+    with on_tcp(device, ":0", None) as server:
         assert server.address[0] == "127.0.0.1"
 
 

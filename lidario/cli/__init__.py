@@ -1,7 +1,7 @@
 """The command ``lidario``: thin verbs over the public API.
 
-One module a verb (`devices`, `info`, `scan`, `sim`), each of which imports what is heavy only when it runs; and
-what they share: `errors` maps every exception to a text and an exit code, `running` ends an event loop on a
-signal, `output` owns stdout, `picture` and `formats` convert a scan to text. This is the only package that
-imports click and rich.
+One module a verb (`devices`, `info`, `scan`, `record`, `play`, `export`, `sim`), each of which imports what is
+heavy only when it runs; and what they share: `errors` maps every exception to a text and an exit code, `running`
+ends an event loop on a signal, `output` owns stdout, `picture` and `formats` convert a scan to text, `durations`
+reads times as they are typed. This is the only package that imports click and rich.
 """

@@ -5,9 +5,10 @@
 1    unexpected
 2    usage, or a missing extra
 3    no device, or several and none named
-4    no permission, or another program holds the port
+4    no permission, another program holds the port, or a file cannot be written
 5    the device sends wrong responses or no data
 6    the device reports a fault
+7    a recording of which nothing can be read
 130  Ctrl-C in a verb that had not finished
 ===  ==================================================
 
@@ -23,6 +24,7 @@ from enum import IntEnum
 import click
 
 from lidario import (
+    CannotRecord,
     ConnectFailed,
     ConnectReason,
     DeviceFault,
@@ -30,6 +32,7 @@ from lidario import (
     InvalidValue,
     LidarError,
     ProtocolError,
+    RecordingError,
     ResponseTimeout,
     StreamFailed,
     Unsupported,
@@ -50,6 +53,7 @@ class ExitCode(IntEnum):
     NO_ACCESS = 4
     NO_DATA = 5
     UNHEALTHY = 6
+    BAD_RECORDING = 7
     INTERRUPTED = 130
 
 
@@ -80,6 +84,8 @@ _REASONS: dict[ConnectReason, ExitCode] = {
 }
 
 _KINDS: tuple[tuple[type[BaseException], ExitCode], ...] = (
+    (RecordingError, ExitCode.BAD_RECORDING),
+    (CannotRecord, ExitCode.NO_ACCESS),
     (DeviceFault, ExitCode.UNHEALTHY),
     (DeviceLost, ExitCode.NO_DATA),
     (StreamFailed, ExitCode.NO_DATA),

@@ -1,4 +1,4 @@
-"""``lidario info``: model, health and scan modes of a device."""
+"""``lidario info``: model, health and scan modes of a device; of a recording, what is in it."""
 
 from __future__ import annotations
 
@@ -35,8 +35,17 @@ class _Told:
 @click.argument("source", default="auto")
 @click.option("--json", "as_json", is_flag=True, help="One object for programs.")
 def info(source: str, as_json: bool) -> int:
-    """Model, firmware, serial number, health and scan modes of a lidar."""
+    """Model, firmware, serial number, health and scan modes of a lidar.
+
+    Of a recording: which device, how long, and what is in it; the whole file is decoded for that.
+    """
     from lidario.cli.running import run
+    from lidario.cli.summary import show_summary
+    from lidario.recording.files import file_source
+
+    file = file_source(source)
+    if file is not None:
+        return show_summary(file, as_json=as_json)
 
     with progress(f"asking {source} …" if source != "auto" else "looking for a lidar …"):
         told = run(lambda: _ask(source))

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from lidario.sim.faults import Faults
     from lidario.sim.serve import PtyServer, TcpServer
 
-__all__ = ["sim"]
+__all__ = ["HAS_PTY", "name_of", "on_pty", "on_tcp", "sim"]
 
 POLL_S = 0.1
 HAS_PTY = sys.platform != "win32"
@@ -75,8 +75,8 @@ def sim(
     device = simulate(model, world=world or "room", serial=serial, seed=seed)
     happening = _faults(faults, seed)
     if tcp is not None or not (pty or HAS_PTY):
-        return _serve(_on_tcp(device, tcp or ":0", happening), model)
-    return _serve(_on_pty(device, happening), model)
+        return _serve(on_tcp(device, tcp or ":0", happening), model)
+    return _serve(on_pty(device, happening), model)
 
 
 def _fault_table() -> str:
@@ -96,7 +96,8 @@ def _faults(words: tuple[str, ...], seed: int) -> Faults | None:
         raise click.BadParameter(str(error), param_hint="--fault") from None
 
 
-def _on_pty(device: SimulatedDevice, faults: Faults | None) -> PtyServer:
+def on_pty(device: SimulatedDevice, faults: Faults | None) -> PtyServer:
+    """Serve a device on a pseudo-terminal."""
     from lidario import ConnectFailed
     from lidario.sim.serve import PtyServer
 
@@ -108,7 +109,7 @@ def _on_pty(device: SimulatedDevice, faults: Faults | None) -> PtyServer:
         ) from error
 
 
-def _on_tcp(device: SimulatedDevice, address: str, faults: Faults | None) -> TcpServer:
+def on_tcp(device: SimulatedDevice, address: str, faults: Faults | None) -> TcpServer:
     """Listen on the loopback interface, unless the address names another."""
     from lidario import ConnectFailed
     from lidario.sim.serve import TcpServer
@@ -132,7 +133,7 @@ def _on_tcp(device: SimulatedDevice, address: str, faults: Faults | None) -> Tcp
 def _serve(server: PtyServer | TcpServer, model: str) -> int:
     from lidario.cli.running import run
 
-    name = _name(server)
+    name = name_of(server)
     began = time.monotonic()
     with server:
         emit(f"{name}\n")
@@ -148,7 +149,7 @@ def _serve(server: PtyServer | TcpServer, model: str) -> int:
     return ExitCode.OK
 
 
-def _name(server: PtyServer | TcpServer) -> str:
+def name_of(server: PtyServer | TcpServer) -> str:
     """What a client opens."""
     from lidario.sim.serve import TcpServer
 
@@ -166,7 +167,7 @@ async def _until_unplugged(server: PtyServer | TcpServer) -> None:
             plugged = not plugged
             message("plugged in again:" if plugged else "the cable is out, as --fault asks")
             if plugged:
-                emit(f"{_name(server)}\n")
+                emit(f"{name_of(server)}\n")
         await asyncio.sleep(POLL_S)  # the server is a thread, and has no event to await
 
 

@@ -372,6 +372,8 @@ class Family:
         baudrates: Line speeds its models use, the likeliest first.
         timing: How long its devices take.
         device: Makes the object for a newly opened port.
+        stream_of: The format and the decoder of a stream, by the answer type of its descriptor; None for a type
+            that is not known.
         formats: Every packet format it may send.
         simulated: Names of its simulated models.
         find_stream: Finds the measurement stream in recorded bytes: ``find_stream(data, sample_us)``, with the time
@@ -383,6 +385,7 @@ class Family:
     baudrates: tuple[int, ...]
     timing: Timing
     device: Callable[[], Device]
+    stream_of: Callable[[int], tuple[StreamFormat, Decoder] | None]
     formats: tuple[Callable[[], StreamFormat], ...]
     simulated: tuple[str, ...]
     find_stream: Callable[[memoryview, float | None], RawStream | None]

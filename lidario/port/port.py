@@ -23,6 +23,7 @@ import logging
 import os
 import time
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from lidario.errors import DeviceLost
 from lidario.port.line import Line, Receiver, Schedule, Tap
@@ -78,6 +79,19 @@ class Port(asyncio.Protocol):
     def is_forked(self) -> bool:
         """Whether this process is a child of the one that opened the port: then the port is the parent's."""
         return os.getpid() != self._pid
+
+    @property
+    def is_live(self) -> bool:
+        """Whether a device is at the other end, which can fall silent; a recording cannot."""
+        return True
+
+    @property
+    def wall_offset_ns(self) -> int:
+        """Nanoseconds from the event loop's clock to the wall clock."""
+        return time.time_ns() - round(self._loop.time() * 1e9)
+
+    def follow(self, audience: Any) -> None:
+        """Name the session to which a recording is played; a live device does not care."""
 
     @property
     def is_tapped(self) -> bool:

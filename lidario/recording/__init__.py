@@ -1,1 +1,1 @@
-"""What was received, kept and decoded again."""
+"""Recordings: every byte in both directions in a file, and reading and playing such files."""

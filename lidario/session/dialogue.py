@@ -22,6 +22,7 @@ from lidario.errors import InternalError, LidarError, ResponseTimeout
 from lidario.families.base import Device, Script, Timing
 from lidario.port.line import Schedule, Tap
 from lidario.port.port import Port
+from lidario.recording.chronicle import Chronicle
 from lidario.revolution.together import join_runs
 from lidario.session.delivery import Delivery
 from lidario.session.stopper import CLOCK_S, PATIENCE_S, Stopper
@@ -48,10 +49,12 @@ class Dialogue:
         on_lost: Called once, with the error, when the dialogue is over for good before it was closed.
         protection_stops: Times the device was found to have stopped to protect itself.
         stopper: What leaves the device still.
+        chronicle: What happened so far, for recordings.
     """
 
     def __init__(self, port: Port, device: Device, timing: Timing) -> None:
         self.on_lost: Callable[[LidarError], None] | None = None
+        self.chronicle: Chronicle = Chronicle()
         self._port = port
         self._link = Link()
         self._device = device
@@ -109,6 +112,30 @@ class Dialogue:
     def bytes_received(self) -> int:
         """All bytes that came in so far."""
         return self._link.stats.bytes_received
+
+    @property
+    def bytes_fed(self) -> int:
+        """As `Link.fed`."""
+        return self._link.fed
+
+    @property
+    def stream_at(self) -> int:
+        """As `Link.stream_at`."""
+        return self._link.stream_at
+
+    @property
+    def is_live(self) -> bool:
+        """As `Port.is_live`."""
+        return self._port.is_live
+
+    @property
+    def wall_offset_ns(self) -> int:
+        """As `Port.wall_offset_ns`."""
+        return self._port.wall_offset_ns
+
+    def now(self) -> int:
+        """As `Port.now`."""
+        return self._port.now()
 
     def deliver_to(self, callback: Callable[[Packets], None] | None) -> None:
         """Call `callback` with each run of packets, those that came since the descriptor first; None for nobody."""
@@ -213,7 +240,7 @@ class Dialogue:
             DeviceLost: The port died.
             SessionClosed: The session was closed meanwhile.
         """
-        noise = self.stats.stray_bytes
+        noise, timeout = self.stats.stray_bytes, request.timeout
         hurried = min(self._patience, self._hurried_until) < math.inf
         for _ in range(1 if hurried else request.attempts):
             await self._until_it_listens()
@@ -224,7 +251,12 @@ class Dialogue:
                 return b""
             self._response_due = self._loop.time() + timeout
             try:
-                return await self._waiting.wait(timeout, Awaited.RESPONSE)
+                payload = await self._waiting.wait(timeout, Awaited.RESPONSE)
+                if request.stream is None:
+                    self.chronicle.responded(request.data, request.expects.type, payload)
+                else:
+                    self.chronicle.started(request.data)
+                return payload
             except TimeoutError:
                 self._link.forget()
             except BaseException:

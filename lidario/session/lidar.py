@@ -13,8 +13,10 @@ listen at that moment, by a timer some milliseconds later.
 from __future__ import annotations
 
 import asyncio
+import os
 import weakref
 from collections.abc import Callable
+from pathlib import Path
 from types import TracebackType
 from typing import NoReturn, Self
 
@@ -22,10 +24,12 @@ from lidario.errors import InvalidValue, LocalProtocolError, RemoteProtocolError
 from lidario.families.base import Device, Script
 from lidario.model import DeviceInfo, Health, SampleRate, Scan, ScanMode, Stats
 from lidario.port.line import Tap
+from lidario.recording.record import Recording
 from lidario.session.connect import Connection
 from lidario.session.dialogue import Dialogue
 from lidario.session.handshake import healthy, restart
 from lidario.session.reconnect import Reconnector
+from lidario.session.recorded import RecordedSession
 from lidario.session.scanner import Scanner
 from lidario.session.stream import ScanStream
 from lidario.session.twin import twin_of
@@ -77,6 +81,10 @@ class Lidar:
         if reconnector is not None:
             reconnector.serve(_if_alive(self._adopt), self._scanner.end, self._scanner.unused)
             self._scanner.come_back = reconnector.begin
+        connection.port.follow(self._scanner)
+        self._recorded = RecordedSession(
+            connection.dialogue, self._scanner, source, lambda: (self.info, self.health)
+        )
         self._closed = False
         self._loop = asyncio.get_running_loop()
         self._abandoned = weakref.finalize(self, _abandon, connection.dialogue, self._scanner, reconnector)
@@ -305,6 +313,24 @@ class Lidar:
         """Stop calling `tap`. Ignored where it is not there."""
         self._dialogue.remove_tap(tap)
 
+    def record(self, path: str | os.PathLike[str], *, scans: bool = False, overwrite: bool = False) -> Recording:
+        """Record every byte in both directions to an MCAP file, for use in ``async with``.
+
+        Recording slows the session down by nothing that can be measured: a thread writes. It ends with the block,
+        or with the session, or by itself where the disk is full or too slow; then the log and `Recording.error` say
+        so, and the session goes on. ``open_lidar("run.mcap")`` plays it.
+
+        Args:
+            path: The file to make.
+            scans: Whether to write each scan too, as ``sensor_msgs/msg/LaserScan`` on the topic ``/scan``.
+            overwrite: Whether a file that is there already may be replaced.
+
+        Raises:
+            CannotRecord: When the block is entered: the file cannot be made, or ``mcap`` is not installed.
+        """
+        self._check_open()
+        return Recording(Path(path), self._recorded, scans=scans, overwrite=overwrite)
+
     async def close(self) -> None:
         """Stop laser and motor and close the port; returns when it is closed. Harmless when done before.
 
@@ -328,6 +354,7 @@ class Lidar:
         # Not earlier: a KeyboardInterrupt may come anywhere above, and then the finalizer stops the device.
         self._abandoned.detach()
         await self._scanner.ended()
+        await self._recorded.close()
 
     async def __aenter__(self) -> Self:
         self._check_open()
@@ -383,6 +410,7 @@ class Lidar:
         self._former.skipped_bytes += old.buffered
         self.info, self._scanner.inquiry.health = connection.info, health
         self._dialogue, self._device, self._timing = new, connection.device, connection.family.timing
+        self._recorded.adopt(new)
         self._scanner.adopt(new, connection.device)
         if self._reconnector is not None and not self.is_scanning:
             self._reconnector.proven()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 from collections.abc import Generator
 from types import TracebackType
 from typing import TYPE_CHECKING, NoReturn
@@ -105,7 +106,7 @@ class OpenLidar:
 
 
 def open_lidar(
-    source: str | SimulatedDevice = "auto",
+    source: str | os.PathLike[str] | SimulatedDevice = "auto",
     *,
     family: str | None = None,
     baudrate: int | None = None,
@@ -119,8 +120,8 @@ def open_lidar(
     reset once if it has stopped to protect itself. Cancelling it leaves laser and motor off and the port closed.
 
     Args:
-        source: Where it is, see `lidario.source`; or a simulated device of your own, which is then connected in
-            memory and lives on the event loop's clock.
+        source: Where it is, see `lidario.source`; a path is a serial port or a recording; or a simulated device of
+            your own, which is then connected in memory and lives on the event loop's clock.
         family: Name of its family; None to find out.
         baudrate: Speed of the line; None to find out.
         latency: Seconds by which a scan may be late because the port is polled only from time to time while a
@@ -136,6 +137,7 @@ def open_lidar(
         ConnectFailed: No such port, no permission, busy, silent, or ambiguous; each says which, and the cure.
         DeviceFault: The device reports an error that a reset did not cure.
         DeviceLost: The port died meanwhile.
+        RecordingError: Nothing can be read of a recording.
         RemoteProtocolError: It says each time that it is another device: the line damages what it carries.
         Unsupported: `keep_spinning` on a device whose motor stops with its laser.
     """

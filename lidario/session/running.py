@@ -11,7 +11,6 @@ whose packets stay away is not judged here: `lidario.session.inquiry` asks it.
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -117,8 +116,8 @@ class Running:
         self._publish = publish
         self._failed = failed
         self._loop = asyncio.get_running_loop()
-        wall_offset = time.time_ns() - round(self._loop.time() * 1e9)
-        self._assembler = Assembler(stream, dialogue.baudrate, wall_offset, totals.assembled)
+        self._wall_offset_ns = dialogue.wall_offset_ns
+        self._assembler = Assembler(stream, dialogue.baudrate, self._wall_offset_ns, totals.assembled)
         self._pace = Pace(stream, dialogue.baudrate, latency, dialogue.bytes_received)
         self._watchdog: asyncio.TimerHandle | None = None
         self._keepalive: asyncio.TimerHandle | None = None
@@ -135,10 +134,22 @@ class Running:
 
     def begin(self) -> None:
         """Take the packets over, and watch them."""
+        stream = self._stream
+        self._dialogue.chronicle.began(
+            self._dialogue.stream_at,
+            stream.mode,
+            stream.format.shortest,
+            stream.sample_ns,
+            stream.slowest_turn_s,
+            self._dialogue.baudrate,
+            self._wall_offset_ns,
+            stream.zero_offset_deg,
+        )
         self._dialogue.deliver_to(self._take)
         self._dialogue.set_polling(self._latency, self._pace)
-        self._watch()
-        keepalive = self._stream.keepalive
+        if self._dialogue.is_live:
+            self._watch()
+        keepalive = stream.keepalive
         if keepalive is not None:
             self._keepalive = self._loop.call_later(keepalive.interval_s, self._keep_alive)
             self._dialogue.set_repeat(keepalive.request, LATE_KEEPALIVES * keepalive.interval_s)
@@ -147,6 +158,7 @@ class Running:
         """Let go of everything; the device is not told. Harmless when done before."""
         # First: a keepalive of the thread behind the stop requests would start the device again.
         self._dialogue.set_repeat(None)
+        self._dialogue.chronicle.ended(self._dialogue.bytes_fed)
         self._dialogue.deliver_to(None)
         self._assembler.end()
         for timer in (self._watchdog, self._keepalive):

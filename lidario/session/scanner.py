@@ -93,6 +93,7 @@ class Scanner:
         self._trouble = Trouble(_log)
         self._failure: Failure | None = None
         self.inquiry: Inquiry = Inquiry(dialogue, device, self.totals, self._trouble)
+        self._watchers: tuple[Callable[[Scan], None], ...] = ()
         self._attach()
 
     @property
@@ -151,6 +152,33 @@ class Scanner:
         """As `ScanSource`."""
         with anyio.CancelScope(shield=True), anyio.move_on_after(LEAVE_TIMEOUT_S):
             await self._dialogue.stopper.written()
+
+    # ------------------------------------------------------------------------------------------------ a replay
+
+    @property
+    def is_waiting(self) -> bool:
+        """As `Audience`."""
+        return self.hub.is_waiting
+
+    def on_taken(self, callback: Callable[[], None]) -> None:
+        """As `Audience`."""
+        self.hub.on_taken(callback)
+
+    def restart(self) -> None:
+        """As `Audience`."""
+        if self._state is State.RUNNING and not self._worker_has_lock:
+            self.totals.interruptions += 1
+            self._go(Event.INTERRUPT)
+            self._rest()
+            if len(self.hub):
+                self._go(Event.RESUME)
+            self._work_soon()
+
+    def finish(self) -> None:
+        """As `Audience`."""
+        if self.is_scanning:
+            self._readers.end(None)
+            self._unwant()
 
     # ------------------------------------------------------------------------------------------------ operations
 
@@ -214,6 +242,14 @@ class Scanner:
                 if not self.is_away:
                     raise
                 # It is told to stop as soon as it is back.
+
+    def watch(self, watcher: Callable[[Scan], None]) -> None:
+        """Call `watcher` with each scan, before its readers get it."""
+        self._watchers = (*self._watchers, watcher)
+
+    def unwatch(self, watcher: Callable[[Scan], None]) -> None:
+        """Call it no more; ignored where it is not there."""
+        self._watchers = tuple(each for each in self._watchers if each != watcher)
 
     def set_zero_offset(self, degrees: float) -> None:
         """Have the stream that runs add another zero-angle offset, clockwise degrees."""
@@ -466,6 +502,8 @@ class Scanner:
 
     def _publish(self, scan: Scan) -> None:
         self.latest = self._continued = scan
+        for watcher in self._watchers:
+            watcher(scan)
         self.hub.publish(scan)
 
     def _suspect(self, failure: Failure) -> None:

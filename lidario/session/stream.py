@@ -32,6 +32,8 @@ class Mailbox:
     Attributes:
         dropped: Scans dropped since the reader last took one.
         total_dropped: Scans dropped altogether.
+        on_taken: Called when the reader has taken a scan. Where it is set, no scan is dropped: the one who set it
+            does not put more than one at a time, or few.
     """
 
     def __init__(self, depth: int) -> None:
@@ -44,6 +46,12 @@ class Mailbox:
         self._waiter: asyncio.Future[None] | None = None
         self._ended = False
         self._error: LidarError | None = None
+        self.on_taken: Callable[[], None] | None = None
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether the reader has taken every scan."""
+        return not self._scans
 
     @property
     def ended(self) -> bool:
@@ -55,7 +63,7 @@ class Mailbox:
         if self._ended:
             return 0
         dropped = 0
-        if len(self._scans) == self._depth:
+        if len(self._scans) >= self._depth and self.on_taken is None:
             self._scans.popleft()
             dropped = 1
             self.dropped += 1
@@ -92,6 +100,8 @@ class Mailbox:
             finally:
                 self._waiter = None
         scan = self._scans.popleft()
+        if self.on_taken is not None:
+            self.on_taken()
         if self.dropped:
             scan = replace(scan, dropped_before=self.dropped)
             self.dropped = 0
@@ -112,6 +122,7 @@ class Hub:
     def __init__(self) -> None:
         # In the order in which they came: a run is repeated exactly.
         self._mailboxes: dict[Mailbox, None] = {}
+        self._on_taken: Callable[[], None] | None = None
         self.dropped: int = 0
 
     def __len__(self) -> int:
@@ -120,10 +131,22 @@ class Hub:
     def add(self, mailbox: Mailbox) -> None:
         """Begin to hand scans to `mailbox`."""
         self._mailboxes[mailbox] = None
+        mailbox.on_taken = self._on_taken
 
     def discard(self, mailbox: Mailbox) -> None:
         """Hand it none any more."""
         self._mailboxes.pop(mailbox, None)
+        if self._on_taken is not None:
+            self._on_taken()
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether every reader has taken all its scans."""
+        return all(mailbox.is_empty for mailbox in self._mailboxes)
+
+    def on_taken(self, callback: Callable[[], None]) -> None:
+        """Call `callback` each time a reader has taken a scan or has left, and drop no scan any more."""
+        self._on_taken = callback
 
     def publish(self, scan: Scan) -> None:
         """Hand `scan` to everybody."""

@@ -29,6 +29,7 @@ __all__ = [
     "REQUEST_MAGIC",
     "Expected",
     "Request",
+    "encode_descriptor",
     "encode_request",
     "parse_descriptor",
     "xor_bytes",
@@ -123,6 +124,12 @@ def encode_request(command: int, payload: bytes | None = None) -> bytes:
         return bytes((REQUEST_MAGIC, command))
     head = bytes((REQUEST_MAGIC, command, len(payload))) + payload
     return head + bytes((xor_bytes(head),))
+
+
+def encode_descriptor(descriptor: Descriptor) -> bytes:
+    """The bytes of a descriptor: what `parse_descriptor` reads."""
+    word = descriptor.size & _LENGTH_MASK | descriptor.continuous << _MODE_SHIFT
+    return DESCRIPTOR_MAGIC + word.to_bytes(4, "little") + bytes((descriptor.type,))
 
 
 def parse_descriptor(data: bytes | bytearray) -> Descriptor | None:

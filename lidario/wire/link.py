@@ -70,6 +70,17 @@ class Link:
         self._noise = 0
         self._fed = 0
         self._arrivals: list[Arrival] = []
+        self._stream_at = 0
+
+    @property
+    def fed(self) -> int:
+        """Bytes fed so far: all that were received, but for those of `discard_data`."""
+        return self._fed
+
+    @property
+    def stream_at(self) -> int:
+        """Place in the bytes fed where the packets of the latest stream begin: behind its descriptor."""
+        return self._stream_at
 
     @property
     def buffered(self) -> int:
@@ -226,6 +237,7 @@ class Link:
     def _enter_stream(self, request: Request, descriptor: Descriptor) -> None:
         self._buffer.skip(DESCRIPTOR_SIZE)
         self.stats.response_bytes += DESCRIPTOR_SIZE
+        self._stream_at = self._fed - len(self._buffer)
         if self._abandoned:
             self.stats.late_responses += 1
             self._drain()

@@ -7,7 +7,8 @@ import json
 import pytest
 
 from lidario.families.registry import FAMILIES
-from tests.cli.processes import invoke, served, until
+from tests.cli.processes import invoke, served
+from tests.support.children import until
 
 FIRST, SECOND = (family.simulated[0] for family in FAMILIES)
 

@@ -10,7 +10,8 @@ import pytest
 import lidario
 from lidario.cli.stats import Measured, verdict
 from lidario.web.traffic import Traffic, traffic
-from tests.cli.processes import BOUND, invoke, invoke_driven, served, started, until
+from tests.cli.processes import BOUND, invoke, invoke_driven, served, started
+from tests.support.children import until
 
 S2 = "sim://rplidar-s2?via=memory&world=circle"
 

@@ -10,7 +10,8 @@ from urllib.request import urlopen
 
 import pytest
 
-from tests.cli.processes import BOUND, invoke, line_of, served, started, until
+from tests.cli.processes import BOUND, invoke, line_of, served, started
+from tests.support.children import until
 
 MEMORY = "sim://rplidar-s2?via=memory"
 

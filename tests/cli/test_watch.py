@@ -24,8 +24,9 @@ from lidario import DeviceInfo, Stats
 from lidario.cli.watch import frame
 from lidario.web.feed import Feed
 from lidario.web.traffic import traffic
-from tests.cli.processes import BOUND, ROOT, invoke, served, until
+from tests.cli.processes import BOUND, ROOT, invoke, served
 from tests.cli.test_picture import FULL_TURN, scan_of
+from tests.support.children import until
 
 
 def feed(ranges: float = 2.0, **changes: object) -> Feed:

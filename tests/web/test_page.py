@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from benchmarks.browser import Browser, Page
-from tests.cli.processes import BOUND, line_of, started, until
+from tests.cli.processes import BOUND, line_of, started
+from tests.support.children import until
 
 S2 = "sim://rplidar-s2?via=memory&serial=" + "AB" * 16
 Open = Callable[..., Page]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from lidario.families.base import Family, Timing
 from lidario.families.rplidar.device import RplidarDevice
 from lidario.families.rplidar.formats import FORMATS
-from lidario.families.rplidar.raw import find_stream
+from lidario.families.rplidar.raw import find_stream, stream_of
 
 __all__ = ["FAMILY"]
 
@@ -46,4 +46,5 @@ FAMILY = Family(
     formats=tuple(FORMATS.values()),
     simulated=SIMULATED,
     find_stream=find_stream,
+    stream_of=stream_of,
 )

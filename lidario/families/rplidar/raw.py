@@ -13,12 +13,13 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from lidario.families.base import RawStream, raw_stream
+from lidario.families.base import Decoder, RawStream, raw_stream
 from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.formats import FORMATS
 from lidario.wire.envelope import DESCRIPTOR_MAGIC, DESCRIPTOR_SIZE, parse_descriptor
+from lidario.wire.formats import StreamFormat
 
-__all__ = ["find_stream"]
+__all__ = ["find_stream", "stream_of"]
 
 _USUAL_US: Final = {0x81: 62.5, 0x82: 125.0, 0x83: 100.0, 0x84: 62.5, 0x85: 31.25, 0x86: 31.25}
 _DESCRIPTORS: Final = re.compile(re.escape(DESCRIPTOR_MAGIC) + rb".{3}\x40.", re.DOTALL)
@@ -36,3 +37,8 @@ def find_stream(data: memoryview, sample_us: float | None) -> RawStream | None:
                 found.start() + DESCRIPTOR_SIZE, wire(), DECODERS[answer](), sample_us or _USUAL_US[answer]
             )
     return None
+
+
+def stream_of(response_type: int) -> tuple[StreamFormat, Decoder] | None:
+    """As `Family.stream_of`."""
+    return (FORMATS[response_type](), DECODERS[response_type]()) if response_type in FORMATS else None

@@ -11,7 +11,7 @@ from typing import Final
 from lidario.families.base import Family, Timing
 from lidario.families.ydlidar.device import Device4Ros
 from lidario.families.ydlidar.formats import PointCloud
-from lidario.families.ydlidar.raw import find_stream
+from lidario.families.ydlidar.raw import find_stream, stream_of
 
 __all__ = ["FAMILY"]
 
@@ -40,5 +40,6 @@ FAMILY: Final = Family(
     formats=(PointCloud,),
     simulated=SIMULATED,
     find_stream=find_stream,
+    stream_of=stream_of,
 )
 """The family's row of the registry."""

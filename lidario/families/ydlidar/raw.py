@@ -9,11 +9,12 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from lidario.families.base import RawStream, raw_stream
+from lidario.families.base import Decoder, RawStream, raw_stream
 from lidario.families.ydlidar.decode import PointCloudDecoder
 from lidario.families.ydlidar.formats import PointCloud
+from lidario.wire.formats import StreamFormat
 
-__all__ = ["find_stream"]
+__all__ = ["find_stream", "stream_of"]
 
 _USUAL_US: Final = 50.0
 _HEADER: Final = re.compile(rb"\xa5\x5a.{3}[\x40-\x7f]\x81", re.DOTALL)
@@ -37,3 +38,8 @@ def _first_packet(data: memoryview, wire: PointCloud) -> int | None:
         if 0 < size <= len(packet) and wire.intact(packet, 0, size):
             return found.start()
     return None
+
+
+def stream_of(response_type: int) -> tuple[StreamFormat, Decoder] | None:
+    """As `Family.stream_of`; there is one format."""
+    return (PointCloud(), PointCloudDecoder()) if response_type == PointCloud.response_type else None

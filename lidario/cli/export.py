@@ -1,0 +1,111 @@
+"""``lidario export``: the scans of recordings as NPZ, CSV or MCAP; several files at once, on processes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from lidario.cli.errors import ExitCode
+from lidario.cli.output import message, progress
+
+if TYPE_CHECKING:
+    from lidario.recording.decode_file import FileDecoder
+
+__all__ = ["export"]
+
+FORMS = (".npz", ".csv", ".mcap")
+
+
+@click.command()
+@click.argument("files", metavar="FILE...", nargs=-1, required=True)
+@click.argument("out", metavar="OUT")
+@click.option("-j", "jobs", type=click.IntRange(min=1), default=1, show_default=True, metavar="N",
+              help="How many files at the same time.")  # fmt: skip
+@click.option("--family", metavar="NAME", help="Of bare bytes, where it cannot be told from them.")
+@click.option("--sample-us", type=click.FloatRange(min=0, min_open=True), metavar="US",
+              help="Of bare bytes: microseconds a sample; by default as the format usually takes.")  # fmt: skip
+@click.option("--force", is_flag=True, help="Replace files that are there already.")
+def export(
+    files: tuple[str, ...], out: str, jobs: int, family: str | None, sample_us: float | None, force: bool
+) -> int:
+    """Write the scans of recordings to OUT.npz, OUT.csv or OUT.mcap.
+
+    Of several files, OUT has {} where the name of each one belongs, as in scans/{}.npz. NPZ holds the device's own
+    figures: clockwise degrees and millimetres. CSV has a row for each sample, as `lidario scan --csv`. MCAP is the
+    recording with each scan on /scan.
+    """
+    if Path(out).suffix not in FORMS:
+        raise click.BadParameter(f"{out!r} does not end in {', '.join(FORMS)}", param_hint="OUT")
+    if len(files) > 1 and "{}" not in out:
+        raise click.BadParameter("of several files, OUT needs {} where each name belongs", param_hint="OUT")
+    tasks = [(file, out.replace("{}", Path(file).stem), family, sample_us, force) for file in files]
+    if len({target for _, target, *_ in tasks}) < len(tasks):
+        raise click.BadParameter("two of the files have the same name", param_hint="FILE...")
+    with progress(f"exporting {len(tasks)} file{'s' if len(tasks) > 1 else ''} …"):
+        failures = _all(tasks, min(jobs, len(tasks)))
+    for failure in failures[1:]:
+        message(f"error: {failure}")
+    if failures:
+        raise failures[0]
+    return ExitCode.OK
+
+
+_Task = tuple[str, str, str | None, float | None, bool]
+
+
+def _all(tasks: list[_Task], jobs: int) -> list[Exception]:
+    """Export everything; what fails does not keep the others from being exported."""
+    from lidario import LidarError
+
+    failures: list[Exception] = []
+    if jobs == 1:
+        for task in tasks:
+            try:
+                _tell(task, export_one(*task))
+            except LidarError as error:
+                failures.append(error)
+        return failures
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    # Not forked: a process that has threads, or a terminal in use, must not be copied.
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        running = [(task, pool.submit(export_one, *task)) for task in tasks]
+        for task, future in running:
+            try:
+                _tell(task, future.result())
+            except LidarError as error:
+                failures.append(error)
+    return failures
+
+
+def _tell(task: _Task, done: tuple[int, str]) -> None:
+    scans, damage = done
+    message(f"{task[1]}: {scans} scans")
+    if damage:
+        message(f"note: {task[0]}: {damage}; everything before that is exported")
+
+
+def export_one(file: str, out: str, family: str | None, sample_us: float | None, force: bool) -> tuple[int, str]:
+    """Export one file; returns how many scans, and why it could not be read to its end. Runs in any process."""
+    from lidario.recording.decode_file import FileDecoder
+    from lidario.recording.export import export_mcap, export_npz
+
+    decoder = FileDecoder(file, family=family, sample_us=sample_us)
+    write = {".npz": export_npz, ".csv": _export_csv, ".mcap": export_mcap}[Path(out).suffix]
+    return write(decoder, Path(out), overwrite=force), decoder.recording.damage
+
+
+def _export_csv(decoder: FileDecoder, path: Path, *, overwrite: bool = False) -> int:
+    from lidario.cli.formats import CSV_HEADER, as_csv
+    from lidario.recording.export import write_whole
+
+    count = 0
+    with write_whole(path, overwrite=overwrite) as part, open(part, "w", encoding="ascii", newline="") as file:
+        file.write(CSV_HEADER)
+        for scan in decoder:
+            file.write(as_csv(scan))
+            count += 1
+    return count

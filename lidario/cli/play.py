@@ -1,0 +1,80 @@
+"""``lidario play``: a recording as a device for any driver, on a pseudo-terminal or a TCP port.
+
+The only line on stdout is what a client opens. It ends with the recording, or with Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.output import emit, message
+from lidario.cli.sim import HAS_PTY, name_of, on_pty, on_tcp
+
+if TYPE_CHECKING:
+    from lidario.recording.played import PlayedDevice
+    from lidario.sim.serve import PtyServer, TcpServer
+
+__all__ = ["play"]
+
+POLL_S = 0.1
+LINGER_S = 0.5
+"""After the last byte, so that a client has read it."""
+
+
+@click.command()
+@click.argument("file")
+@click.option("--rate", type=click.FloatRange(min=0.001, max=1000), default=1.0, show_default=True,
+              metavar="FACTOR", help="How many times as fast as it was recorded.")  # fmt: skip
+@click.option("--loop", is_flag=True, help="Begin anew at the end.")
+@click.option("--pty", is_flag=True, help="On a pseudo-terminal: the default where the system has them.")
+@click.option(
+    "--tcp", metavar="[HOST]:PORT", help="On a TCP port of this machine, or of that address; port 0 is any."
+)
+def play(file: str, rate: float, loop: bool, pty: bool, tcp: str | None) -> int:
+    """Play a recording as a device, for lidario or any other driver.
+
+    It responds as the recorded device had responded, and scans when it is asked to in the same way.
+    """
+    from lidario.recording.files import FileSource, file_source, open_stored
+    from lidario.recording.played import PlayedDevice
+
+    if pty and tcp is not None:
+        raise click.UsageError("--pty and --tcp exclude each other", click.get_current_context())
+    recording = open_stored(*(file_source(file) or FileSource(Path(file))))
+    if not recording.responses:
+        message("note: the recording holds no responses, so a driver that asks what the device is gets none")
+    device = PlayedDevice(recording, rate=rate, loop=loop)
+    if tcp is not None or not (pty or HAS_PTY):
+        return _serve(on_tcp(device, tcp or ":0", None), device, file)
+    return _serve(on_pty(device, None), device, file)
+
+
+def _serve(server: PtyServer | TcpServer, device: PlayedDevice, file: str) -> int:
+    from lidario.cli.running import run
+
+    with server:
+        emit(f"{name_of(server)}\n")
+        message(f"{file} at {device.baudrate} baud, until its end or Ctrl-C; for instance")
+        message(f"  lidario scan {name_of(server)}")
+        try:
+            run(lambda: _until_finished(device))
+            message("the recording is at its end")
+        except Stopped:
+            if sys.stderr.isatty():
+                message("")  # the terminal has just echoed ^C
+    for (name, why), count in Counter((each.name, each.why) for each in device.log if not each.obeyed).items():
+        message(f"  not answered: {name} ({count}), {why}")
+    return ExitCode.OK
+
+
+async def _until_finished(device: PlayedDevice) -> None:
+    while not device.finished:  # noqa: ASYNC110 - the server is a thread, and has no event to await
+        await asyncio.sleep(POLL_S)
+    await asyncio.sleep(LINGER_S)

@@ -1,0 +1,129 @@
+"""``lidario record``: every byte of a session in an MCAP file.
+
+It ends after the time or the number of scans that was asked for, or with Ctrl-C, and in each case the file is
+complete. Its name is the only line on stdout.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+import time
+from contextlib import ExitStack
+from datetime import datetime
+from typing import TYPE_CHECKING
+
+import click
+
+from lidario.cli.durations import Duration
+from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.output import console, emit, message
+
+if TYPE_CHECKING:
+    from rich.status import Status
+
+    from lidario import Recording
+
+__all__ = ["record"]
+
+SHOWN_EVERY_S = 0.5
+
+
+class _Told:
+    """The recording, for the summary; also of a command that was interrupted."""
+
+    recording: Recording | None = None
+    began = 0.0
+
+
+@click.command()
+@click.argument("source", default="auto")
+@click.option("-o", "--output", metavar="FILE", help="The file to make; named after the time where not given.")
+@click.option("-t", "seconds", type=Duration(), metavar="TIME", help="How long, as in 60s or 5m.")
+@click.option("-n", "count", type=click.IntRange(min=1), metavar="N", help="How many scans.")
+@click.option("--mode", metavar="MODE", help="Scan mode by name or id, as `lidario info` lists them.")
+@click.option("--scans", is_flag=True, help="Write each scan too, as LaserScan on the topic /scan.")
+@click.option("--force", is_flag=True, help="Replace a file that is there already.")
+def record(
+    source: str,
+    output: str | None,
+    seconds: float | None,
+    count: int | None,
+    mode: str | None,
+    scans: bool,
+    force: bool,
+) -> int:
+    """Record a lidar to a file, every byte in both directions.
+
+    Without -t and -n until Ctrl-C. `lidario info FILE` tells what is in it; it is also a SOURCE for every other
+    command.
+    """
+    from lidario.cli.running import run
+
+    path = output or datetime.now().strftime("lidar-%Y%m%d-%H%M%S.mcap")
+    by_id = int(mode) if mode is not None and mode.isdecimal() else mode
+    told = _Told()
+    try:
+        run(lambda: _record(told, source, path, seconds, count, by_id, scans, force))
+    except Stopped:
+        if seconds is not None or count is not None:
+            raise
+    finally:
+        _sum_up(told)
+    if told.recording is not None and told.recording.error is not None:
+        raise told.recording.error
+    emit(f"{path}\n")
+    return ExitCode.OK
+
+
+async def _record(
+    told: _Told,
+    source: str,
+    path: str,
+    seconds: float | None,
+    count: int | None,
+    mode: str | int | None,
+    scans: bool,
+    force: bool,
+) -> None:
+    from lidario import open_lidar
+
+    with ExitStack() as shown:
+        status = None
+        if sys.stderr.isatty():
+            status = shown.enter_context(console(stderr=True).status(f"opening {source} …"))
+        async with open_lidar(source) as lidar:
+            recording = lidar.record(path, scans=scans, overwrite=force)
+            async with recording, lidar.scans(mode) as stream:
+                told.recording, told.began = recording, time.monotonic()
+                showing = asyncio.create_task(_show(status, told))
+                try:
+                    async with asyncio.timeout(seconds):
+                        async for _ in stream:
+                            if recording.error is not None or (count is not None and recording.scans >= count):
+                                return
+                except TimeoutError:
+                    return
+                finally:
+                    showing.cancel()
+
+
+async def _show(status: Status | None, told: _Told) -> None:
+    while status is not None:
+        status.update(_so_far(told))
+        await asyncio.sleep(SHOWN_EVERY_S)
+
+
+def _so_far(told: _Told) -> str:
+    recording = told.recording
+    assert recording is not None
+    elapsed = time.monotonic() - told.began
+    scans = f"{recording.scans} scan{'s' if recording.scans != 1 else ''}"
+    return f"{recording.path}: {elapsed:.0f} s, {scans}, {recording.size / 1e6:.1f} MB"
+
+
+def _sum_up(told: _Told) -> None:
+    if told.recording is not None:
+        message(_so_far(told))
+        if told.recording.lost_bytes:
+            message(f"{told.recording.lost_bytes} bytes are missing, because the file could not be written")

@@ -1,0 +1,100 @@
+"""What stands at the beginning of a recording: which device, how it was opened, and what it had said by then.
+
+It is one metadata record of the file, named `NAME`, whose values are all texts. A reader may be given a file by
+anybody, so `About.of` takes whatever is there and replaces what cannot be right.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from lidario.model import DeviceInfo, Health, HealthStatus
+from lidario.recording.chronicle import MOST_NS, StreamEvent, event_of, text_of
+
+__all__ = ["NAME", "NOT_TOLD", "About"]
+
+NAME = "lidario"
+FORMAT = "1"
+MOST_DIGITS = 20
+LONGEST_TEXT = 200
+NOT_TOLD = Health(HealthStatus.WARNING, 0, "the recording does not tell")
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """The beginning of a recording.
+
+    Attributes:
+        info: What the device said it is.
+        health: What it last said of its state before the recording began.
+        source: The source it was opened from.
+        baudrate: Speed of the line; 0 where bytes take no time.
+        clock_offset_ns: What is added to the monotonic clock to get the time stamps of the file.
+        received_before: Bytes received since the port was opened, before the first one of the file.
+        lidario: Version that wrote it.
+        events: What the device had responded by then, and the stream that ran, if one did.
+    """
+
+    info: DeviceInfo
+    health: Health = NOT_TOLD
+    source: str = ""
+    baudrate: int = 0
+    clock_offset_ns: int = 0
+    received_before: int = 0
+    lidario: str = ""
+    events: tuple[StreamEvent, ...] = field(default=())
+
+    def as_texts(self) -> dict[str, str]:
+        """The metadata record."""
+        info, health = self.info, self.health
+        return {
+            "format": FORMAT,
+            "lidario": self.lidario,
+            "family": info.family,
+            "model": info.model,
+            "model_id": str(info.model_id),
+            "firmware": info.firmware,
+            "hardware": str(info.hardware),
+            "serial": info.serial,
+            "health": health.status.value,
+            "health_code": str(health.code),
+            "source": self.source,
+            "baudrate": str(self.baudrate),
+            "clock_offset_ns": str(self.clock_offset_ns),
+            "received_before": str(self.received_before),
+            "events": "\n".join(text_of(event) for event in self.events),
+        }
+
+    @classmethod
+    def of(cls, texts: dict[str, str]) -> About:
+        """What `as_texts` wrote; what is missing or cannot be right is empty."""
+
+        def text(name: str) -> str:
+            return "".join(each for each in texts.get(name, "")[:LONGEST_TEXT] if each.isprintable())
+
+        def number(name: str) -> int:
+            digits = texts.get(name, "")
+            sign, digits = (-1, digits[1:]) if digits.startswith("-") else (1, digits)
+            value = int(digits) if digits.isascii() and digits.isdigit() and len(digits) < MOST_DIGITS else 0
+            return sign * min(value, MOST_NS)
+
+        statuses = {status.value: status for status in HealthStatus}
+        status = statuses.get(text("health"))
+        events = (event_of(line) for line in texts.get("events", "").splitlines())
+        return cls(
+            info=DeviceInfo(
+                family=text("family"),
+                model=text("model"),
+                model_id=max(0, number("model_id")),
+                firmware=text("firmware"),
+                hardware=max(0, number("hardware")),
+                serial=text("serial"),
+            ),
+            health=NOT_TOLD if status is None else Health(status, max(0, number("health_code"))),
+            source=text("source"),
+            baudrate=max(0, number("baudrate")),
+            clock_offset_ns=number("clock_offset_ns"),
+            received_before=max(0, number("received_before")),
+            lidario=text("lidario"),
+            events=tuple(event for event in events if event is not None),
+        )

@@ -1,0 +1,230 @@
+"""What a session knows and its bytes alone do not tell: when each stream began and ended, and what was answered.
+
+The session keeps one `Chronicle` from its first request on. So a recording that begins later still knows what the
+device responded when it was opened. A recording writes down all that is known when it begins, and then each thing
+that is added. With that a replay plays exactly the bytes that a live stream was made of.
+
+Places in the stream are counted in received bytes since the port was opened (`Link.fed`).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+from lidario.model import ScanMode
+
+__all__ = ["MOST_NS", "Chronicle", "Responded", "StreamBegan", "StreamEnded", "StreamEvent", "event_of", "text_of"]
+
+MOST_NS = 1 << 62
+"""Bound of all times and places in a file: the year 2116. Sums of two still fit in 64 bits with a sign."""
+MOST_TURN_S = 3600.0
+MOST_BAUD = 100_000_000
+MOST_METRES = 1e6
+SHORTEST_SAMPLE_US, LONGEST_SAMPLE_US = 0.01, 1e5
+"""Far beyond every device. Figures outside are no figures of a device, and later steps could not bear them."""
+MOST_RESPONSES = 512
+"""Different requests whose responses are kept; devices have a few dozen."""
+
+
+@dataclass(frozen=True, slots=True)
+class StreamBegan:
+    """A stream was started, or had been started before the recording began.
+
+    Attributes:
+        at: Place of the first byte behind its descriptor.
+        request: The request that started it.
+        mode: The scan mode.
+        packet_size: Length that its descriptor states.
+        sample_ns: Nanoseconds a sample; 0 where the device does not say.
+        slowest_turn_s: Longest time one revolution may take.
+        baudrate: Speed of the line in bits a second; 0 where bytes take no time.
+        wall_offset_ns: What was added to the monotonic clock to get the wall clock.
+        zero_offset_deg: Degrees that were added to every device angle.
+    """
+
+    at: int
+    request: bytes
+    mode: ScanMode
+    packet_size: int
+    sample_ns: float
+    slowest_turn_s: float
+    baudrate: int
+    wall_offset_ns: int
+    zero_offset_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class StreamEnded:
+    """The stream was stopped, or interrupted to ask something.
+
+    Attributes:
+        at: Place behind the last byte that was used.
+    """
+
+    at: int
+
+
+@dataclass(frozen=True, slots=True)
+class Responded:
+    """The device responded to a request.
+
+    Attributes:
+        request: The bytes of the request.
+        kind: Answer type of the response.
+        payload: The response without its descriptor.
+    """
+
+    request: bytes
+    kind: int
+    payload: bytes
+
+
+StreamEvent = StreamBegan | StreamEnded | Responded
+
+
+class Chronicle:
+    """What has happened in one session.
+
+    Attributes:
+        responses: The latest response to each request.
+        running: The stream that runs, or None.
+    """
+
+    def __init__(self) -> None:
+        self.responses: dict[bytes, Responded] = {}
+        self.running: StreamBegan | None = None
+        self._watchers: tuple[Callable[[StreamEvent], None], ...] = ()
+        self._started_by = b""
+
+    def watch(self, watcher: Callable[[StreamEvent], None]) -> None:
+        """Call `watcher` with everything that is added from now on."""
+        self._watchers = (*self._watchers, watcher)
+
+    def unwatch(self, watcher: Callable[[StreamEvent], None]) -> None:
+        """Call it no more; ignored where it is not there."""
+        self._watchers = tuple(each for each in self._watchers if each != watcher)
+
+    def responded(self, request: bytes, kind: int, payload: bytes) -> None:
+        """The device has responded."""
+        event = Responded(request, kind, payload)
+        if self.responses.get(request) != event and len(self.responses) < MOST_RESPONSES:
+            self.responses[request] = event
+            self._tell(event)
+
+    def started(self, request: bytes) -> None:
+        """A request for a stream was answered by its descriptor."""
+        self._started_by = request
+
+    def began(
+        self,
+        at: int,
+        mode: ScanMode,
+        packet_size: int,
+        sample_ns: float,
+        slowest_turn_s: float,
+        baudrate: int,
+        wall_offset_ns: int,
+        zero_offset_deg: float,
+    ) -> None:
+        """A stream is delivered from now on; the arguments are those of `StreamBegan`."""
+        self.running = StreamBegan(
+            at,
+            self._started_by,
+            mode,
+            packet_size,
+            sample_ns,
+            slowest_turn_s,
+            baudrate,
+            wall_offset_ns,
+            zero_offset_deg,
+        )
+        self._tell(self.running)
+
+    def ended(self, at: int) -> None:
+        """The stream is not delivered any more."""
+        if self.running is not None:
+            self.running = None
+            self._tell(StreamEnded(at))
+
+    def _tell(self, event: StreamEvent) -> None:
+        for watcher in self._watchers:
+            watcher(event)
+
+
+def text_of(event: StreamEvent) -> str:
+    """The event as one line of JSON, for a file."""
+    record = asdict(event)
+    for name in ("request", "payload"):
+        if name in record:
+            record[name] = record[name].hex()
+    kind = {StreamBegan: "began", StreamEnded: "ended", Responded: "responded"}[type(event)]
+    return json.dumps({"event": kind, **record}, separators=(",", ":"))
+
+
+def event_of(text: str) -> StreamEvent | None:
+    """The event that `text_of` wrote; None for anything else. The text may come from anybody."""
+    try:
+        record = json.loads(text)
+        kind = record.pop("event")
+        if kind == "ended":
+            return StreamEnded(_whole(record["at"]))
+        if kind == "responded":
+            return Responded(
+                bytes.fromhex(record["request"]), _whole(record["kind"]) & 0xFF, bytes.fromhex(record["payload"])
+            )
+        if kind == "began":
+            return StreamBegan(
+                at=_whole(record["at"]),
+                request=bytes.fromhex(record["request"]),
+                mode=mode_of(record["mode"]),
+                packet_size=_whole(record["packet_size"]) & 0x3FFF_FFFF,
+                sample_ns=_sample(record["sample_ns"], 1e3),
+                slowest_turn_s=_number(record["slowest_turn_s"], 1e-3, MOST_TURN_S),
+                baudrate=_whole(record["baudrate"], MOST_BAUD),
+                wall_offset_ns=_signed(record["wall_offset_ns"]),
+                zero_offset_deg=_number(record["zero_offset_deg"], -360.0, 360.0),
+            )
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
+        pass
+    return None
+
+
+def mode_of(record: dict[str, object]) -> ScanMode:
+    """A scan mode from its JSON form.
+
+    Raises:
+        ValueError, KeyError, TypeError: It is none.
+    """
+    return ScanMode(
+        id=_whole(record["id"]),
+        name="".join(each for each in str(record["name"])[:64] if each.isprintable()),
+        sample_us=_sample(record["sample_us"], 1.0),
+        max_distance=_number(record["max_distance"], 0.0, MOST_METRES),
+        response_type=_whole(record["response_type"]) & 0xFF,
+        typical=record.get("typical") is True,
+    )
+
+
+def _whole(value: object, most: int = MOST_NS) -> int:
+    if not isinstance(value, int) or not 0 <= value <= most:
+        raise ValueError(value)
+    return value
+
+
+def _signed(value: object) -> int:
+    if not isinstance(value, int) or not -MOST_NS <= value <= MOST_NS:
+        raise ValueError(value)
+    return value
+
+
+def _number(value: object, least: float, most: float) -> float:
+    if not isinstance(value, int | float) or not least <= value <= most:  # NaN is not
+        raise ValueError(value)
+    return float(value)
+
+
+def _sample(value: object, microsecond: float) -> float:
+    """The time of a sample; 0 where it is not known."""
+    return 0.0 if value == 0 else _number(value, SHORTEST_SAMPLE_US * microsecond, LONGEST_SAMPLE_US * microsecond)

@@ -1,0 +1,150 @@
+"""Decoding a whole file, without a session and without an event loop.
+
+Scans have the stamps that the live ones had. Nothing larger is held than a block of bytes and its scans.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from lidario.model import Scan
+from lidario.recording.files import open_stored
+from lidario.recording.offline import OfflineDecoder, ScanArrays
+from lidario.recording.read import StoredStreams
+from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.wire.events import Packets
+from lidario.wire.link import Link
+
+__all__ = ["FileDecoder", "decode_file", "decode_file_arrays"]
+
+_BLOCK = 64 * 1024
+"""Bytes that are decoded together, as in `lidario.recording.offline`."""
+
+
+class FileDecoder:
+    """Decodes a file as `decode_file` does, and counts what became of it. It is iterated over once.
+
+    Args:
+        path: The file.
+        family: As for `decode_file`.
+        sample_us: As for `decode_file`.
+
+    Raises:
+        RecordingError: Nothing can be read of it.
+
+    Attributes:
+        recording: The file.
+        skipped_bytes: Bytes of the streams that belong to no packet, so far.
+        packets: Intact packets, so far.
+        stats: What became of them.
+    """
+
+    def __init__(
+        self, path: str | os.PathLike[str], *, family: str | None = None, sample_us: float | None = None
+    ) -> None:
+        self._sample_us = sample_us
+        self.recording: StoredStreams = open_stored(Path(path), family, sample_us)
+        self.skipped_bytes: int = 0
+        self.packets: int = 0
+        self.stats: AssemblerStats = AssemblerStats()
+
+    def __iter__(self) -> Iterator[Scan]:
+        return self._timed() if self.recording.timed else self._untimed()
+
+    def _untimed(self) -> Iterator[Scan]:
+        with open(self.recording.path, "rb") as file:
+            data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        name = self.recording.streams[0].family.name
+        decoder = OfflineDecoder(memoryview(data), family=name, sample_us=self._sample_us)
+        self.stats = decoder.assembler_stats
+        yield from decoder
+        self._count(decoder.link_stats.skipped_bytes, decoder.link_stats.packets)
+
+    def _timed(self) -> Iterator[Scan]:
+        number, link, assembler = -1, Link(), None
+        for begun, data, arrivals in self._blocks():
+            if begun != number or assembler is None:
+                if assembler is not None:
+                    assembler.end()
+                    self._count(link.stats.skipped_bytes, link.stats.packets)
+                number = begun
+                stored = self.recording.streams[number]
+                stream = stored.open()
+                link = Link()
+                link.enter_stream(stream.format)
+                assembler = Assembler(stream, stored.began.baudrate, stored.began.wall_offset_ns, self.stats)
+            last_ns = arrivals.pop()[1]
+            link.receive_data(data, last_ns, arrivals)
+            for event in link.events_received():
+                if isinstance(event, Packets):
+                    yield from assembler.add(event)
+        if assembler is not None:
+            assembler.end()
+            self._count(link.stats.skipped_bytes, link.stats.packets)
+
+    def _blocks(self) -> Iterator[tuple[int, bytes, list[tuple[int, int]]]]:
+        """Pieces of one stream, joined, with the place in the block at which each one ends and its time."""
+        number, size, last_ns = -1, 0, 0
+        parts: list[bytes] = []
+        arrivals: list[tuple[int, int]] = []
+        for piece in self.recording.pieces():
+            if parts and (piece.stream != number or size >= _BLOCK):
+                yield number, b"".join(parts), arrivals
+                size, parts, arrivals = 0, [], []
+            number = piece.stream
+            # Time never goes back, whatever a file says.
+            last_ns = max(last_ns, piece.at_ns) if arrivals or size or last_ns else piece.at_ns
+            parts.append(piece.data)
+            size += len(piece.data)
+            arrivals.append((size, last_ns))
+        if parts:
+            yield number, b"".join(parts), arrivals
+
+    def _count(self, skipped: int, packets: int) -> None:
+        self.skipped_bytes += skipped
+        self.packets += packets
+
+
+def decode_file(
+    path: str | os.PathLike[str], *, family: str | None = None, sample_us: float | None = None
+) -> Iterator[Scan]:
+    """Decode a recording, one revolution after the other: MCAP as `Lidar.record` writes it, or bare bytes.
+
+    It needs no event loop, and its arguments and the scans can be pickled, so it can run on other processes. A file
+    that was cut gives all that is in it.
+
+    Args:
+        path: The file.
+        family: Of bare bytes, the short name of the family; None to tell it from the bytes.
+        sample_us: Of bare bytes, microseconds a sample; None for what the format usually takes.
+
+    Raises:
+        RecordingError: Nothing can be read of it.
+        InvalidValue: `sample_us` is no number that can be right.
+        ConnectFailed: There is no such family (reason ``source``).
+    """
+    return iter(FileDecoder(path, family=family, sample_us=sample_us))
+
+
+def decode_file_arrays(
+    path: str | os.PathLike[str], *, family: str | None = None, sample_us: float | None = None
+) -> ScanArrays:
+    """As `decode_file`, all scans at once as a few arrays; the arguments and errors are the same."""
+    scans = list(FileDecoder(path, family=family, sample_us=sample_us))
+    starts = np.zeros(len(scans) + 1, np.int64)
+    np.cumsum([len(scan) for scan in scans], out=starts[1:])
+    none = np.empty(0, np.float32)
+    parts = [scan.intensities for scan in scans if scan.intensities is not None]
+    return ScanArrays(
+        device_angles=np.concatenate([none, *(scan.device_angles for scan in scans)]),
+        device_distances=np.concatenate([none, *(scan.device_distances for scan in scans)]),
+        intensities=np.concatenate(parts) if len(parts) == len(scans) and parts else None,
+        starts=starts,
+        stamps_ns=np.array([scan.stamp_ns for scan in scans], np.int64),
+        lost_packets=np.array([scan.lost_packets for scan in scans], np.int64),
+    )

@@ -1,0 +1,159 @@
+"""Writing the scans of a recording to files that other programs read: NPZ and MCAP.
+
+Memory does not grow with the file: the arrays of an NPZ are first written to files beside it, since their lengths,
+which stand at their beginning, are known only at the end. What is written appears under its name when it is whole.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from lidario.errors import CannotRecord
+from lidario.model import Scan
+from lidario.recording.decode_file import FileDecoder
+from lidario.recording.read import McapRecording
+from lidario.recording.ros_messages import encode_laserscan
+from lidario.recording.write import FileWriter
+
+__all__ = ["export_mcap", "export_npz", "write_whole"]
+
+CHUNK_NS = 1_000_000_000
+_COPY = 1 << 20
+
+
+@contextmanager
+def write_whole(path: Path, *, overwrite: bool) -> Iterator[Path]:
+    """A file that takes the name `path` when the block ends; one that fails leaves nothing.
+
+    Raises:
+        CannotRecord: It cannot be written, or is there already.
+    """
+    if path.exists() and not overwrite:
+        raise CannotRecord(f"{path} exists already, and nothing is replaced unless that is asked for")
+    part: str | None = None
+    try:
+        handle, part = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        os.close(handle)
+        yield Path(part)
+        # mkstemp lets nobody else read it; a new file of a user usually may be read by others.
+        mask = os.umask(0)
+        os.umask(mask)
+        os.chmod(part, 0o666 & ~mask)
+        os.replace(part, path)
+    except OSError as error:
+        raise CannotRecord(f"{path} cannot be written: {error.strerror or error}") from error
+    finally:
+        if part is not None:
+            with contextlib.suppress(OSError):
+                os.unlink(part)
+
+
+def export_npz(decoder: FileDecoder, path: Path, *, overwrite: bool = False) -> int:
+    """Write all scans to an NPZ file; returns how many.
+
+    It holds `device_angles`, `device_distances`, `intensities` (absent where the format has none), `starts`,
+    `stamps_ns`, `lost_packets` and `meta`, as `lidario.ScanArrays` describes them; `meta` is a text in JSON. Stamps
+    are nanoseconds since the Unix epoch, and of bare bytes from 0 on.
+
+    Raises:
+        CannotRecord: It cannot be written, or is there already.
+    """
+    with write_whole(path, overwrite=overwrite) as part, ExitStack() as files:
+        angles, distances, intensities = (
+            files.enter_context(tempfile.TemporaryFile(dir=path.parent)) for _ in range(3)
+        )
+        starts, stamps, lost = [0], [], []
+        has_intensities = True
+        modes: dict[str, None] = {}
+        for scan in decoder:
+            angles.write(scan.device_angles.data)
+            distances.write(scan.device_distances.data)
+            has_intensities = has_intensities and scan.intensities is not None
+            if has_intensities and scan.intensities is not None:
+                intensities.write(scan.intensities.data)
+            starts.append(starts[-1] + len(scan))
+            stamps.append(scan.wall_stamp_ns)
+            lost.append(scan.lost_packets)
+            modes[scan.mode] = None
+        recording = decoder.recording
+        meta = {
+            **asdict(recording.about.info),
+            "source": recording.about.source,
+            "modes": list(modes),
+            "damage": recording.damage,
+        }
+        with zipfile.ZipFile(part, "w", zipfile.ZIP_STORED) as archive:
+            _add_file(archive, "device_angles", angles, np.dtype("<f4"), starts[-1])
+            _add_file(archive, "device_distances", distances, np.dtype("<f4"), starts[-1])
+            if has_intensities and stamps:
+                _add_file(archive, "intensities", intensities, np.dtype("u1"), starts[-1])
+            _add(archive, "starts", np.array(starts, np.int64))
+            _add(archive, "stamps_ns", np.array(stamps, np.int64))
+            _add(archive, "lost_packets", np.array(lost, np.int64))
+            _add(archive, "meta", np.array(json.dumps(meta)))
+    return len(stamps)
+
+
+def export_mcap(decoder: FileDecoder, path: Path, *, overwrite: bool = False) -> int:
+    """Write a recording that holds each scan on ``/scan`` too; returns how many scans.
+
+    Raises:
+        CannotRecord: It cannot be written, or is there already.
+    """
+    recording = decoder.recording
+    count = 0
+    with write_whole(path, overwrite=overwrite) as part:
+        writer = FileWriter(part, recording.about, overwrite=True)
+        try:
+            if isinstance(recording, McapRecording):
+                _flush_each_second(writer, recording.copy_to(writer))
+            scans = (scan for scan in decoder if len(scan))
+            _flush_each_second(writer, (_add_scan(writer, scan) for scan in scans))
+            count = writer.count_of_scans
+        except BaseException:
+            writer.abandon()
+            raise
+        writer.close()
+    return count
+
+
+def _add_scan(writer: FileWriter, scan: Scan) -> int:
+    message = scan.to_laserscan()
+    writer.add_scan(message.stamp_ns, encode_laserscan(message))
+    return message.stamp_ns
+
+
+def _flush_each_second(writer: FileWriter, times: Iterator[int]) -> None:
+    """Go through `times`, which writes messages, and end a chunk of the file whenever a second has passed."""
+    first: int | None = None
+    for at_ns in times:
+        first = at_ns if first is None else first
+        if at_ns - first >= CHUNK_NS:
+            writer.flush()
+            first = None
+    writer.flush()
+
+
+def _add(archive: zipfile.ZipFile, name: str, array: np.ndarray[Any, Any]) -> None:
+    with archive.open(f"{name}.npy", "w") as member:
+        np.lib.format.write_array(member, array, allow_pickle=False)
+
+
+def _add_file(archive: zipfile.ZipFile, name: str, file: IO[bytes], kind: np.dtype[Any], count: int) -> None:
+    file.seek(0)
+    with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+        header = {"descr": kind.str, "fortran_order": False, "shape": (count,)}
+        np.lib.format.write_array_header_1_0(member, header)
+        shutil.copyfileobj(file, member, _COPY)

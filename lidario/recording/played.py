@@ -1,0 +1,154 @@
+"""A recording as a device for anybody's driver, served on a pseudo-terminal or over TCP as a simulated one is.
+
+It responds to each request as the real device had responded, byte for byte. The request that had started a stream
+starts it again, and any stop request pauses it. To what was not asked while it was recorded it stays silent, as a
+device does that does not know a request; the log tells.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+
+from lidario.recording.read import Piece, StoredStreams
+from lidario.sim.device import Received
+from lidario.wire.envelope import REQUEST_MAGIC, encode_descriptor
+from lidario.wire.events import Descriptor
+
+__all__ = ["PlayedDevice"]
+
+MOST_LOGGED = 1000
+LONGEST_REQUEST = 262
+"""A request has a length of one byte and six more bytes at most."""
+
+
+class PlayedDevice:
+    """Implements `SimulatedDevice`.
+
+    Args:
+        recording: What it plays.
+        rate: How many times as fast as it was recorded.
+        loop: Whether it begins anew at its end.
+
+    Attributes:
+        finished: Whether the recording is at its end.
+    """
+
+    def __init__(self, recording: StoredStreams, *, rate: float = 1.0, loop: bool = False) -> None:
+        self.finished: bool = False
+        self._recording = recording
+        self._rate = rate
+        self._again = loop
+        self._log: deque[Received] = deque(maxlen=MOST_LOGGED)
+        self._incoming = bytearray()
+        self._outgoing = bytearray()
+        self._scanning = False
+        self._pieces: Iterator[Piece] = recording.pieces()
+        self._next: Piece | None = next(self._pieces, None)
+        self._number = 0
+        self._base: tuple[int, int] | None = None
+        device = recording.streams[0].family.device()
+        self._stops = {device.stop().data, device.reset().data, *(each.data for each in device.halt())}
+        self._starts = {stream.began.request for stream in recording.streams if stream.began.request}
+        known = {*self._stops, *self._starts, *recording.responses}
+        self._known = sorted(known, key=len, reverse=True)
+
+    @property
+    def baudrate(self) -> int:
+        """As `SimulatedDevice.baudrate`; 0 where the line had none."""
+        return self._recording.streams[0].began.baudrate or self._recording.about.baudrate
+
+    @property
+    def log(self) -> list[Received]:
+        """As `SimulatedDevice.log`."""
+        return list(self._log)
+
+    @property
+    def scanning(self) -> bool:
+        """As `SimulatedDevice.scanning`."""
+        return self._scanning
+
+    @property
+    def motor_on(self) -> bool:
+        """As `SimulatedDevice.motor_on`: as long as it scans."""
+        return self._scanning
+
+    def receive(self, data: bytes, now: int) -> None:
+        """As `SimulatedDevice.receive`."""
+        self._incoming += data
+        while self._incoming:
+            begin = self._incoming.find(REQUEST_MAGIC)
+            del self._incoming[: len(self._incoming) if begin < 0 else begin]
+            request = next((each for each in self._known if self._incoming.startswith(each)), None)
+            if request is not None:
+                del self._incoming[: len(request)]
+                self._obey(request, now)
+            elif any(each.startswith(self._incoming) for each in self._known):
+                return  # the rest of it is still to come
+            else:
+                end = self._incoming.find(REQUEST_MAGIC, 1)
+                unknown = bytes(self._incoming[: LONGEST_REQUEST if end < 0 else end])
+                del self._incoming[: len(unknown)]
+                if unknown:
+                    self._note(unknown, now, "the recording holds no response to it")
+
+    def transmit(self, now: int) -> bytes:
+        """As `SimulatedDevice.transmit`."""
+        while self._scanning and (due := self._due(now)) is not None and due <= now:
+            assert self._next is not None
+            self._outgoing += self._next.data
+            self._number = self._next.stream
+            self._next = next(self._pieces, None)
+            if self._next is not None and self._next.stream != self._number:
+                # The pause between two streams is not played.
+                self._base = None
+        data = bytes(self._outgoing)
+        self._outgoing.clear()
+        return data
+
+    def wakeup(self, now: int) -> int | None:
+        """As `SimulatedDevice.wakeup`."""
+        if self._outgoing:
+            return now
+        return self._due(now) if self._scanning else None
+
+    def _due(self, now: int) -> int | None:
+        """When the next piece is; None at the end."""
+        if self._next is None:
+            self._pieces = self._recording.pieces()
+            self._next = next(self._pieces, None)
+            self._base = None
+            if not self._again or self._next is None:
+                self._scanning = False
+                self.finished = True
+                return None
+        if self._base is None:
+            self._base = (now, self._next.at_ns)
+        began, first_ns = self._base
+        return began + round((self._next.at_ns - first_ns) / self._rate)
+
+    def _obey(self, request: bytes, now: int) -> None:
+        found = self._recording.responses.get(request)
+        if request in self._stops:
+            self._scanning = False
+        elif request in self._starts:
+            if not self._scanning and self._next is not None:
+                self._begin(self._next.stream)
+        elif self._scanning:
+            self._note(request, now, "while it scans")
+            return
+        elif found is not None:
+            self._outgoing += encode_descriptor(Descriptor(found.kind, len(found.payload), continuous=False))
+            self._outgoing += found.payload
+        self._note(request, now, "")
+
+    def _begin(self, number: int) -> None:
+        began = self._recording.streams[number].began
+        self._outgoing += encode_descriptor(
+            Descriptor(began.mode.response_type, began.packet_size, continuous=True)
+        )
+        self._scanning = True
+        self._base = None
+
+    def _note(self, request: bytes, now: int, why: str) -> None:
+        self._log.append(Received(now, request.hex(" "), request, not why, why))

@@ -1,0 +1,93 @@
+"""Reading ``raw.bin``: bytes as they were received, without times and without what was sent.
+
+What stands before the stream is skipped. Times are made from the number of samples, as `lidario.decode` does, so
+that a replay and `decode` give the same stamps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from lidario.errors import RecordingError
+from lidario.model import DeviceInfo
+from lidario.recording.about import About
+from lidario.recording.chronicle import Responded, StreamBegan
+from lidario.recording.offline import OfflineDecoder
+from lidario.recording.read import Piece, StoredStream, unreadable
+from lidario.revolution.timing import DEVICE_DELAY_SAMPLES
+from lidario.wire.events import Packets
+from lidario.wire.link import Link
+
+__all__ = ["RawRecording"]
+
+_PIECE = 1024
+"""Bytes that are played at once: what an adapter delivers in 10 ms, or so."""
+_SEARCHED = 1 << 20
+"""Bytes from the beginning of a file in which its stream must begin."""
+
+
+class RawRecording:
+    """Bytes of one stream; implements `StoredStreams`.
+
+    Args:
+        path: The file.
+        family: Name of the family; None to tell it from the bytes.
+        sample_us: Microseconds a sample; None for what the format usually takes.
+
+    Raises:
+        RecordingError: There is no stream in it.
+        InvalidValue: `sample_us` is no number that can be right.
+        ConnectFailed: There is no such family.
+    """
+
+    def __init__(self, path: Path, family: str | None = None, sample_us: float | None = None) -> None:
+        self.path: Path = path
+        self.responses: dict[bytes, Responded] = {}
+        self.damage: str = ""
+        self.duration_ns: int = 0
+        self.timed: bool = False
+        try:
+            self.size: int = path.stat().st_size
+            with open(path, "rb") as file:
+                head = file.read(_SEARCHED)
+        except OSError as error:
+            raise unreadable(path, error) from error
+        try:
+            decoder = OfflineDecoder(head, family=family, sample_us=sample_us)
+        except RecordingError as error:
+            raise RecordingError(f"{path}: {error}") from None
+        stream, found = decoder.stream, decoder.family
+        info = DeviceInfo(found.name, f"{found.title} (model not recorded)", 0, "", 0, "")
+        self.about: About = About(info, source=str(path))
+        began = StreamBegan(
+            at=decoder.begin,
+            request=b"",
+            mode=replace(stream.mode, typical=True),
+            packet_size=stream.format.shortest,
+            sample_ns=stream.sample_ns,
+            slowest_turn_s=stream.slowest_turn_s,
+            baudrate=0,
+            wall_offset_ns=0,
+            zero_offset_deg=0.0,
+        )
+        self.streams: tuple[StoredStream, ...] = (StoredStream(found, began),)
+
+    def pieces(self) -> Iterator[Piece]:
+        """As `StoredStreams.pieces`; a piece has come when its last whole packet was measured."""
+        stream = self.streams[0].open()
+        link = Link()
+        link.enter_stream(stream.format)
+        samples = 0.0
+        at_ns = 0
+        with open(self.path, "rb") as file:
+            file.seek(self.streams[0].began.at)
+            while data := file.read(_PIECE):
+                link.receive_data(data, 0)
+                for event in link.events_received():
+                    if isinstance(event, Packets):
+                        here = stream.format.samples_in(event.blocks)
+                        samples += here + event.skipped * here / len(event.data)
+                        at_ns = round((samples - 1 + DEVICE_DELAY_SAMPLES) * stream.sample_ns)
+                yield Piece(0, at_ns, data)

@@ -1,0 +1,262 @@
+"""Reading a recording: what it is of, and what was received in each stream.
+
+A file is gone through once when it is opened, which tells its streams and whether it was cut, and again for each
+use. Nothing but one chunk of the file is held.
+
+`raw.bin`, bytes as they were received, is read by `lidario.recording.raw`; both kinds offer what `StoredStreams`
+says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+from lidario.errors import ConnectFailed, RecordingError
+from lidario.families.base import Decoder, Family, Stream
+from lidario.families.registry import family_named
+from lidario.recording.about import NAME, About
+from lidario.recording.chronicle import MOST_NS, Responded, StreamBegan, StreamEnded, StreamEvent, event_of, text_of
+from lidario.recording.mcap_records import MAGIC, Channel, Damage, Message, Metadata, read_records
+from lidario.recording.ros_messages import parse_raw, parse_text
+from lidario.recording.write import EVENTS_TOPIC, RAW_TOPIC, FileWriter
+from lidario.wire.formats import StreamFormat
+
+__all__ = ["McapRecording", "Piece", "StoredStream", "StoredStreams", "is_mcap"]
+
+SPIN_UP_S = 5.0
+"""Until the first packet; nobody waits for it in a replay."""
+
+
+class Piece(NamedTuple):
+    """Bytes of one read.
+
+    Attributes:
+        stream: Number of the stream that they belong to.
+        at_ns: When they were read, on the clock of the recording.
+        data: The bytes.
+    """
+
+    stream: int
+    at_ns: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class StoredStream:
+    """One stream of a recording.
+
+    Attributes:
+        family: Whose packets it has.
+        began: What is known of it.
+        end: Place behind its last byte; None where the recording ends in its midst.
+    """
+
+    family: Family
+    began: StreamBegan
+    end: int | None = None
+
+    def open(self) -> Stream:
+        """A fresh format and decoder for it, and all that a session must know.
+
+        Raises:
+            RecordingError: This version does not know its format.
+        """
+        wire, decoder = self._format()
+        return Stream(
+            format=wire,
+            decoder=decoder,
+            mode=self.began.mode,
+            sample_ns=self.began.sample_ns,
+            spin_up_s=SPIN_UP_S,
+            slowest_turn_s=self.began.slowest_turn_s,
+            zero_offset_deg=self.began.zero_offset_deg,
+        )
+
+    def _format(self) -> tuple[StreamFormat, Decoder]:
+        found = self.family.stream_of(self.began.mode.response_type)
+        if found is None:
+            raise RecordingError(
+                f"the recording has packets of an unknown type, 0x{self.began.mode.response_type:02X}"
+            )
+        return found
+
+
+class StoredStreams(Protocol):
+    """What can be played.
+
+    Attributes:
+        path: The file.
+        about: What stands at its beginning.
+        responses: Request -> the latest response to it.
+        streams: The streams, in order; never empty.
+        damage: Why the file could not be read to its end; empty where it could.
+        size: Bytes of the file.
+        duration_ns: Time from the first to the last byte.
+        timed: Whether it is known when each byte was read.
+    """
+
+    path: Path
+    about: About
+    responses: dict[bytes, Responded]
+    streams: tuple[StoredStream, ...]
+    damage: str
+    size: int
+    duration_ns: int
+    timed: bool
+
+    def pieces(self) -> Iterator[Piece]:
+        """What was received in the streams, in order. Each call begins anew."""
+        ...
+
+
+def is_mcap(path: Path) -> bool:
+    """Whether a file says that it is MCAP.
+
+    Raises:
+        RecordingError: It cannot be read.
+    """
+    try:
+        with open(path, "rb") as file:
+            return file.read(len(MAGIC)) == MAGIC
+    except OSError as error:
+        raise unreadable(path, error) from error
+
+
+def unreadable(path: Path, error: OSError) -> RecordingError:
+    """The error of a file that the system does not let us read."""
+    why = error.strerror or str(error)
+    return RecordingError(f"{path} cannot be read: {why[:1].lower()}{why[1:]}")
+
+
+class McapRecording:
+    """A recording that `Lidar.record` made; implements `StoredStreams`.
+
+    Args:
+        path: The file.
+
+    Raises:
+        RecordingError: It is none, or no stream can be read of it; the text says why.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path: Path = path
+        self.responses: dict[bytes, Responded] = {}
+        self.damage: str = ""
+        self.duration_ns: int = 0
+        self.timed: bool = True
+        self.chunks: int = 0
+        self._events: list[StreamEvent] = []
+        about: About | None = None
+        first = last = None
+        try:
+            self.size: int = path.stat().st_size
+            for record in self._records():
+                if isinstance(record, About):
+                    about = record
+                    self._events += record.events
+                elif isinstance(record, Message):
+                    first = record.at_ns if first is None else first
+                    last = record.at_ns
+                    self.chunks += 1
+                elif isinstance(record, Damage):
+                    self.damage = record.why
+                else:
+                    self._events.append(record)
+        except OSError as error:
+            raise unreadable(path, error) from error
+        if about is None:
+            why = self.damage or "it says nothing of a lidar"
+            raise RecordingError(f"{path} is not a recording of lidario: {why}")
+        self.about: About = about
+        if first is not None and last is not None:
+            self.duration_ns = max(0, last - first)
+        try:
+            self.streams: tuple[StoredStream, ...] = tuple(self._find_streams(family_named(about.info.family)))
+        except ConnectFailed as error:
+            raise RecordingError(f"{path}: {error}") from error
+        self._events.clear()
+        if not self.streams:
+            why = f": {self.damage}" if self.damage else ""
+            raise RecordingError(f"{path} has no measurement stream{why}")
+        for stream in self.streams:
+            stream.open()
+
+    def pieces(self) -> Iterator[Piece]:
+        """As `StoredStreams.pieces`."""
+        place, number = self.about.received_before, 0
+        offset_ns = self.about.clock_offset_ns
+        for record in self._records():
+            if not isinstance(record, Message):
+                continue
+            raw = parse_raw(record.data)
+            if raw is None or raw[0]:
+                continue
+            begin, place = place, place + len(raw[1])
+            while number < len(self.streams):
+                stream = self.streams[number]
+                end = place if stream.end is None else stream.end
+                low, high = max(begin, stream.began.at), min(place, end)
+                if low < high:
+                    at_ns = min(max(record.at_ns - offset_ns, -MOST_NS // 2), MOST_NS // 2)
+                    yield Piece(number, at_ns, raw[1][low - begin : high - begin])
+                if place < end or stream.end is None:
+                    break
+                number += 1
+
+    def copy_to(self, writer: FileWriter) -> Iterator[int]:
+        """Add every chunk and event to `writer`, while it is iterated over; gives the time of each."""
+        at_ns = 0
+        for record in self._records():
+            if isinstance(record, Message):
+                raw = parse_raw(record.data)
+                if raw is not None:
+                    at_ns = min(record.at_ns, MOST_NS)
+                    writer.add_chunk(at_ns, *raw)
+                    yield at_ns
+            elif isinstance(record, StreamBegan | StreamEnded | Responded):
+                writer.add_event(at_ns, text_of(record))
+
+    def _records(self) -> Iterator[About | Message | StreamEvent | Damage]:
+        """What matters of the file: its beginning, the raw chunks, the chronicle, and its end if it was cut."""
+        topics: dict[int, str] = {}
+        told = False
+        with open(self.path, "rb") as file:
+            if file.read(len(MAGIC)) != MAGIC:
+                yield Damage("it does not begin as an MCAP file")
+                return
+            for record in read_records(file):
+                if isinstance(record, Channel):
+                    topics[record.number] = record.topic
+                elif isinstance(record, Message):
+                    topic = topics.get(record.channel)
+                    if topic == RAW_TOPIC:
+                        yield record
+                    elif topic == EVENTS_TOPIC:
+                        event = event_of(parse_text(record.data) or "")
+                        if event is not None:
+                            yield event
+                elif isinstance(record, Damage):
+                    yield record
+                elif isinstance(record, Metadata) and record.name == NAME and not told:
+                    told = True
+                    yield About.of(record.texts)
+
+    def _find_streams(self, family: Family) -> Iterator[StoredStream]:
+        began: StreamBegan | None = None
+        least = self.about.received_before
+        for event in self._events:
+            if isinstance(event, Responded):
+                self.responses[event.request] = event
+            elif isinstance(event, StreamBegan):
+                # Places only grow; a file that says otherwise is not ours.
+                began = event if event.at >= least or began is None else began
+            elif isinstance(event, StreamEnded) and began is not None:
+                if event.at > max(began.at, least):
+                    yield StoredStream(family, began, event.at)
+                    least = event.at
+                began = None
+        if began is not None:
+            yield StoredStream(family, began)

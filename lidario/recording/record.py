@@ -1,0 +1,262 @@
+"""Recording a session while it runs: a tap that costs next to nothing, and a thread that writes.
+
+The event loop only appends to a queue. The thread wakes four times a second and writes what is there. The queue
+is bounded: when the disk is so slow that it fills, or is full, the recording ends in order and the session goes
+on. What could not be recorded is counted, and the log says why.
+
+A chunk of the file is complete when a second of the session is in it, and it is handed to the operating system at
+once. So a program that is killed loses at most the last second.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import NoReturn, Protocol, Self
+
+from lidario.errors import CannotRecord, LocalProtocolError
+from lidario.model import Scan
+from lidario.recording.about import About
+from lidario.recording.ros_messages import encode_laserscan
+from lidario.recording.write import FileWriter
+
+__all__ = ["QUEUE_BYTES", "Recorded", "Recording"]
+
+_log = logging.getLogger("lidario")
+
+QUEUE_BYTES = 8 << 20
+"""Most bytes that wait to be written: two minutes of the fastest stream."""
+CHUNK_NS = 1_000_000_000
+"""Time of the session in one chunk of the file."""
+TICK_S = 0.25
+"""How often the thread writes what is there."""
+CLOSE_TIMEOUT_S = 10.0
+"""Longest time that the last writing may take; a disk that hangs must not keep a program from ending."""
+_POLL_S = 0.005
+_ITEM_BYTES = 64
+"""What an entry of the queue takes beside its bytes, about."""
+
+_Entry = tuple[int, int, Callable[[FileWriter, int], None]]
+"""When (monotonic ns), how many bytes, and what writes it at that wall time."""
+
+
+class Recorded(Protocol):
+    """The session, as far as a recording needs it."""
+
+    def begin_recording(self, recording: Recording) -> About:
+        """Hand every chunk, event and scan to `recording` from now on; returns what stands at the beginning."""
+        ...
+
+    def end_recording(self, recording: Recording) -> None:
+        """Hand it no more; harmless when done before."""
+        ...
+
+
+class Recording:
+    """A recording under way; made by `Lidar.record`, and used as an asynchronous context manager.
+
+    Attributes:
+        path: The file.
+        error: Why the recording ended before it was closed, or None. The session goes on without it.
+        chunks: Chunks of bytes recorded so far, in both directions.
+        scans: Full revolutions that were decoded meanwhile.
+    """
+
+    def __init__(self, path: Path, session: Recorded, *, scans: bool, overwrite: bool) -> None:
+        self.path: Path = path
+        self.error: CannotRecord | None = None
+        self.chunks: int = 0
+        self.scans: int = 0
+        self._session = session
+        self._with_scans = scans
+        self._overwrite = overwrite
+        self._offset_ns = 0
+        self._about: About | None = None
+        self._entries: deque[_Entry] = deque()
+        # Each is written by one thread alone: the loop puts, the other one takes and loses.
+        self._put = self._taken = 0
+        self._lost_here = self._lost_there = 0
+        self._over = False
+        self._ending = threading.Event()
+        self._open = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._writer: FileWriter | None = None
+
+    def __repr__(self) -> str:
+        return f"<Recording {self.path}: {self.size} bytes>"
+
+    @property
+    def size(self) -> int:
+        """Bytes of the file so far; it grows once a second."""
+        return 0 if self._writer is None else self._writer.size
+
+    @property
+    def lost_bytes(self) -> int:
+        """Bytes of the session that are missing in the file, because it could not be written."""
+        return self._lost_here + self._lost_there
+
+    @property
+    def is_running(self) -> bool:
+        """Whether what happens is recorded."""
+        return self._thread is not None and not self._over
+
+    async def start(self) -> None:
+        """Create the file and begin; ``async with`` does so.
+
+        Raises:
+            CannotRecord: The file cannot be written, or exists already. Cancelling leaves a file without scans.
+        """
+        if self._thread is not None:
+            raise LocalProtocolError("a recording can be started once: lidar.record() makes another one")
+        self._about = self._session.begin_recording(self)
+        self._offset_ns = self._about.clock_offset_ns
+        # A daemon: a disk that hangs must not keep the program from ending.
+        self._thread = threading.Thread(target=self._run, name="lidario: recording", daemon=True)
+        self._thread.start()
+        try:
+            await _until(lambda: self._open.is_set() or self.error is not None, CLOSE_TIMEOUT_S)
+        except BaseException:
+            self._end()
+            raise
+        if self.error is not None:
+            self._end()
+            raise self.error
+
+    async def close(self) -> None:
+        """End the recording, and return when the file is complete. Harmless when done before.
+
+        What came until now is written, for ten seconds at most. Cancelling ends only the waiting.
+        """
+        thread = self._thread
+        self._end()
+        if thread is not None:
+            await _until(lambda: not thread.is_alive(), CLOSE_TIMEOUT_S)
+            if thread.is_alive():
+                self._fail(CannotRecord(f"{self.path}: the disk has not taken the rest for {CLOSE_TIMEOUT_S:g} s"))
+
+    async def __aenter__(self) -> Self:
+        await self.start()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.close()
+
+    def __enter__(self) -> NoReturn:
+        raise LocalProtocolError("a recording is made asynchronously: write `async with lidar.record(path):`")
+
+    def __exit__(self, *_: object) -> None:
+        """Never reached; `with` looks for it before `__enter__` can say what to write."""
+
+    # ---------------------------------------------------------------------------- what the session calls
+
+    def see_chunk(self, direction: str, data: bytes, now: int) -> None:
+        """As `Tap`."""
+        sent = direction == "out"
+        if self._add(now, len(data), lambda writer, at_ns: writer.add_chunk(at_ns, sent, data)):
+            self.chunks += 1
+
+    def see_event(self, text: str, now: int) -> None:
+        """Something was added to the chronicle; `text` is its line."""
+        self._add(now, len(text), lambda writer, at_ns: writer.add_event(at_ns, text))
+
+    def see_scan(self, scan: Scan) -> None:
+        """A scan was decoded."""
+        if self._over:
+            return
+        self.scans += 1
+        if self._with_scans:
+            self._add(scan.stamp_ns, 12 * len(scan), lambda writer, _: _write_scan(writer, scan))
+
+    # ------------------------------------------------------------------------------------------ inside
+
+    def _add(self, now: int, size: int, write: Callable[[FileWriter, int], None]) -> bool:
+        size += _ITEM_BYTES
+        if not self._over and self._put + size - self._taken > QUEUE_BYTES:
+            self._fail(CannotRecord(f"{self.path}: the disk is too slow, so the recording ends here"))
+        if self._over:
+            self._lost_here += size - _ITEM_BYTES
+            return False
+        self._put += size
+        self._entries.append((now, size, write))
+        return True
+
+    def fail(self, error: CannotRecord) -> None:
+        """End the recording, since the session cannot go on with it. What was recorded is written."""
+        self._session.end_recording(self)
+        self._fail(error)
+
+    def _end(self) -> None:
+        self._session.end_recording(self)
+        self._over = True
+        self._ending.set()
+
+    def _fail(self, error: CannotRecord) -> None:
+        """The recording cannot go on; the first error is kept."""
+        if self.error is None:
+            self.error = error
+            if self._open.is_set():
+                _log.warning("the recording ended: %s", error)
+        self._over = True
+        self._ending.set()
+
+    def _run(self) -> None:
+        """The thread."""
+        assert self._about is not None
+        try:
+            self._writer = FileWriter(self.path, self._about, overwrite=self._overwrite)
+            self._open.set()
+            self._write(self._writer)
+            self._writer.close()
+        except CannotRecord as error:
+            self._fail(error)
+        except Exception as error:
+            failure = CannotRecord(f"lidario failed when it wrote {self.path} ({error!r}); please report this")
+            failure.__cause__ = error
+            self._fail(failure)
+        finally:
+            if self._writer is not None:
+                self._writer.abandon()
+            while self._entries:
+                self._lost_there += self._entries.popleft()[1] - _ITEM_BYTES
+
+    def _write(self, writer: FileWriter) -> None:
+        first_ns: int | None = None
+        flushed = time.monotonic()
+        while True:
+            # In this order: what was added before the end is written.
+            ending = self._ending.wait(TICK_S)
+            while self._entries:
+                now, size, write = self._entries.popleft()
+                if first_ns is not None and now - first_ns >= CHUNK_NS:
+                    writer.flush()
+                    first_ns, flushed = None, time.monotonic()
+                first_ns = now if first_ns is None else first_ns
+                write(writer, now + self._offset_ns)
+                self._taken += size
+            if first_ns is not None and (ending or time.monotonic() - flushed >= CHUNK_NS * 1e-9):
+                writer.flush()
+                first_ns, flushed = None, time.monotonic()
+            if ending:
+                return
+
+
+def _write_scan(writer: FileWriter, scan: Scan) -> None:
+    if len(scan):
+        message = scan.to_laserscan()
+        writer.add_scan(message.stamp_ns, encode_laserscan(message))
+
+
+async def _until(condition: Callable[[], bool], seconds: float) -> None:
+    """Return when `condition` holds, or the time is up. The system's clock decides, not the loop's."""
+    deadline = time.monotonic() + seconds
+    # Polled, since another thread makes it true, and a loop whose clock is driven waits for no thread.
+    while not condition() and time.monotonic() < deadline:  # noqa: ASYNC110
+        await asyncio.sleep(_POLL_S)

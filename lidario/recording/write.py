@@ -1,0 +1,182 @@
+"""Writing the file of a recording: MCAP with one chunk a second, so that no cut loses more.
+
+The package ``mcap`` makes the bytes, and this module hands them to the operating system, one whole chunk at a
+time. So a write that fails half-way, because the disk is full, can be taken back: the file ends behind the last
+chunk that is complete.
+
+Nothing here knows an event loop; `lidario.recording.record` calls it from a thread.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from pathlib import Path
+from typing import Any
+
+from lidario.errors import CannotRecord
+from lidario.recording.about import NAME, About
+from lidario.recording.ros_messages import (
+    LASERSCAN_DEFINITION,
+    LASERSCAN_TYPE,
+    RAW_DEFINITION,
+    RAW_TYPE,
+    TEXT_DEFINITION,
+    TEXT_TYPE,
+    encode_raw,
+    encode_text,
+)
+
+__all__ = ["EVENTS_TOPIC", "RAW_TOPIC", "SCAN_TOPIC", "FileWriter"]
+
+RAW_TOPIC = "/lidar/raw"
+EVENTS_TOPIC = "/lidar/events"
+SCAN_TOPIC = "/scan"
+PROFILE = "ros2"
+_CHUNK_LIMIT = 1 << 30
+"""The package would end a chunk at its own size; here chunks end when `flush` says so."""
+
+
+class _Sink:
+    """Takes what the package writes, until it is handed on."""
+
+    def __init__(self) -> None:
+        self.pending = bytearray()
+        self._taken = 0
+
+    def write(self, data: bytes) -> int:
+        self.pending += data
+        return len(data)
+
+    def tell(self) -> int:
+        return self._taken + len(self.pending)
+
+    def flush(self) -> None:
+        """Nothing is written through here."""
+
+    def take(self) -> bytes:
+        data = bytes(self.pending)
+        self._taken += len(data)
+        self.pending.clear()
+        return data
+
+
+class FileWriter:
+    """One file that is being written.
+
+    Args:
+        path: Where; the folder must exist.
+        about: What stands at its beginning.
+        overwrite: Whether a file that is there already may be replaced.
+
+    Attributes:
+        size: Bytes of the file so far.
+
+    Raises:
+        CannotRecord: It cannot be written, or the package ``mcap`` is missing.
+    """
+
+    def __init__(self, path: Path, about: About, *, overwrite: bool = False) -> None:
+        try:
+            from mcap.writer import CompressionType, Writer
+        except ModuleNotFoundError:
+            raise CannotRecord(
+                "recording needs mcap, which is not installed: pip install 'lidario-asyncio[mcap]'"
+            ) from None
+        self.path = path
+        self.size = 0
+        self._sink = _Sink()
+        self._writer: Any = Writer(
+            self._sink,  # type: ignore[arg-type]  # it calls these three methods and no other
+            chunk_size=_CHUNK_LIMIT,
+            compression=CompressionType.NONE,
+        )
+        self._channels: dict[str, int] = {}
+        self._numbers: dict[str, int] = {}
+        try:
+            self._file = open(path, "wb" if overwrite else "xb", buffering=0)  # noqa: SIM115 - closed by `close`
+        except OSError as error:
+            raise _failed(path, error) from error
+        try:
+            self._writer.start(PROFILE, f"lidario {about.lidario}")
+            self._writer.add_metadata(NAME, about.as_texts())
+            self._register(RAW_TOPIC, RAW_TYPE, RAW_DEFINITION)
+            self._register(EVENTS_TOPIC, TEXT_TYPE, TEXT_DEFINITION)
+            self.flush()
+        except BaseException:
+            self._file.close()
+            raise
+
+    @property
+    def count_of_scans(self) -> int:
+        """Scans added so far."""
+        return self._numbers.get(SCAN_TOPIC, 0)
+
+    def add_chunk(self, at_ns: int, sent: bool, data: bytes) -> None:
+        """Add a chunk of bytes; `at_ns` is nanoseconds since the Unix epoch, here and below."""
+        self._add(RAW_TOPIC, at_ns, encode_raw(sent, data))
+
+    def add_event(self, at_ns: int, text: str) -> None:
+        """Add one line of the chronicle."""
+        self._add(EVENTS_TOPIC, at_ns, encode_text(text))
+
+    def add_scan(self, at_ns: int, message: bytes) -> None:
+        """Add a LaserScan that is encoded already."""
+        if SCAN_TOPIC not in self._channels:
+            self._register(SCAN_TOPIC, LASERSCAN_TYPE, LASERSCAN_DEFINITION)
+        self._add(SCAN_TOPIC, at_ns, message)
+
+    def flush(self) -> None:
+        """End the chunk and hand it to the operating system.
+
+        Raises:
+            CannotRecord: It does not take it. The file ends behind the chunk before.
+        """
+        self._writer.flush()
+        self._write_out()
+
+    def close(self) -> None:
+        """Write the index and close the file.
+
+        Raises:
+            CannotRecord: The last bytes do not fit. The file is readable without them.
+        """
+        try:
+            self._writer.finish()
+            self._write_out()
+        finally:
+            self._file.close()
+
+    def abandon(self) -> None:
+        """Close the file as it is, after a failure. Never raises."""
+        with contextlib.suppress(OSError):
+            self._file.close()
+
+    def _register(self, topic: str, name: str, definition: str) -> None:
+        schema = self._writer.register_schema(name, "ros2msg", definition.encode())
+        self._channels[topic] = self._writer.register_channel(topic, "cdr", schema)
+
+    def _add(self, topic: str, at_ns: int, message: bytes) -> None:
+        number = self._numbers.get(topic, 0)
+        self._numbers[topic] = number + 1
+        # Time stamps of MCAP have no sign; the wall clock of a board without battery may begin at 0.
+        at_ns = max(0, at_ns)
+        self._writer.add_message(self._channels[topic], at_ns, message, at_ns, number & 0xFFFF_FFFF)
+
+    def _write_out(self) -> None:
+        data = memoryview(self._sink.take())
+        try:
+            while data:
+                data = data[self._file.write(data) :]
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                os.ftruncate(self._file.fileno(), self.size)
+            raise _failed(self.path, error) from error
+        self.size = self._sink.tell()
+
+
+def _failed(path: Path, error: OSError) -> CannotRecord:
+    if isinstance(error, FileExistsError):
+        return CannotRecord(f"{path} exists already, and a recording replaces no file unless it is asked to")
+    why = error.strerror or str(error)
+    return CannotRecord(f"{path} cannot be written: {why[:1].lower()}{why[1:]}")

@@ -1,0 +1,190 @@
+"""``lidario record``, ``play``, ``export`` and ``info FILE``."""
+
+from __future__ import annotations
+
+import json
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lidario
+from lidario.recording.files import open_stored
+from lidario.recording.played import PlayedDevice
+from tests.cli.processes import BOUND, invoke, invoke_driven, line_of, run, started
+from tests.support.loop import run_driven
+from tests.support.recorded import Live, assert_same_scans, record
+from tests.support.streams import CASES, SINGLE_DEG, Case, named
+from tests.test_golden import Q6_TURN, golden_q6
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory: pytest.TempPathFactory) -> Live:
+    return record(tmp_path_factory.mktemp("runs") / "run.mcap", "sim://rplidar-s2", 6)
+
+
+def test_record_ends_by_itself_and_names_its_file(tmp_path: Path) -> None:
+    path = str(tmp_path / "a.mcap")
+    done = invoke_driven("record", "sim://rplidar-s2?via=memory", "-n", "4", "-o", path, "--scans")
+    assert (done.exit_code, done.stdout) == (0, f"{path}\n"), done.stderr
+    assert "4 scans" in done.stderr
+    summary = json.loads(invoke("info", path, "--json").stdout)
+    assert summary["scans"] in (4, 5)
+    assert (summary["damage"], summary["lost_packets"], summary["timed"]) == (None, 0, True)
+    again = invoke_driven("record", "sim://rplidar-s2?via=memory", "-n", "1", "-o", path)
+    assert again.exit_code == 4
+    assert "exists already" in again.stderr
+    timed = invoke_driven("record", "sim://rplidar-s2?via=memory", "-t", "4s", "-o", path, "--force")
+    assert timed.exit_code == 0
+    assert 1.0 < json.loads(invoke("info", path, "--json").stdout)["duration_s"] < 4.0
+
+
+@pytest.mark.parametrize(("option", "value"), [("-t", "soon"), ("-t", "0s"), ("-n", "0")])
+def test_record_refuses_what_cannot_be_meant(option: str, value: str) -> None:
+    assert invoke("record", "sim://rplidar-s2", option, value).exit_code == 2
+
+
+def test_ctrl_c_is_the_end_of_a_recording(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with started("record", "sim://rplidar-s2", "-o", str(path)) as process:
+        while not path.exists() or path.stat().st_size < 50_000:
+            assert process.poll() is None
+            time.sleep(0.05)  # the file is what tells
+        process.send_signal(signal.SIGINT)
+        said, told = process.communicate(timeout=BOUND)
+    assert (process.returncode, said) == (0, f"{path}\n"), told
+    assert "Traceback" not in told
+    assert open_stored(path).damage == ""
+
+
+def test_info_tells_what_is_in_a_file(live: Live, tmp_path: Path) -> None:
+    said = invoke("info", str(live.path)).stdout
+    assert live.info.model in said
+    assert live.info.serial in said
+    assert "0 revolutions missing, 0 interruptions" in said
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(live.path.read_bytes()[:60_000])
+    told = invoke("info", str(cut))
+    assert told.exit_code == 0
+    assert "the file was cut" in told.stderr
+
+
+@pytest.mark.parametrize("verb", [("info",), ("scan",), ("play",)])
+def test_where_nothing_can_be_read_the_code_is_7(tmp_path: Path, verb: tuple[str, ...]) -> None:
+    (tmp_path / "bad.mcap").write_bytes(bytes(300))
+    for name in ("bad.mcap", "missing.mcap", "missing.bin"):
+        done = invoke(*verb, str(tmp_path / name))
+        assert done.exit_code == 7, done.stderr
+        assert done.stderr.startswith("error: ")
+
+
+def test_scan_reads_a_file(live: Live) -> None:
+    done = invoke_driven("scan", f"{live.path}?rate=0", "-n", "0", "--json")
+    assert done.exit_code == 0, done.stderr
+    stamps = [json.loads(line)["stamp_ns"] for line in done.stdout.splitlines()]
+    assert stamps[: len(live.scans)] == [scan.stamp_ns for scan in live.scans]
+
+
+def test_export(live: Live, tmp_path: Path) -> None:
+    scans = list(lidario.decode_file(live.path))
+    for form in ("npz", "csv", "mcap"):
+        done = invoke("export", str(live.path), str(tmp_path / f"out.{form}"))
+        assert done.exit_code == 0, done.stderr
+    with np.load(tmp_path / "out.npz") as out:
+        assert "intensities" not in out  # the format has none
+        assert out["starts"].dtype == out["stamps_ns"].dtype == out["lost_packets"].dtype == np.int64
+        assert out["device_angles"].dtype == out["device_distances"].dtype == np.float32
+        assert out["stamps_ns"].tolist() == [scan.wall_stamp_ns for scan in scans]
+        assert np.diff(out["starts"]).tolist() == [len(scan) for scan in scans]
+        np.testing.assert_array_equal(out["device_angles"], np.concatenate([s.device_angles for s in scans]))
+        np.testing.assert_array_equal(out["device_distances"], np.concatenate([s.device_distances for s in scans]))
+        assert json.loads(str(out["meta"]))["serial"] == live.info.serial
+    rows = (tmp_path / "out.csv").read_text().splitlines()
+    assert rows[0] == "seq,wall_stamp_ns,angle_rad,range_m,intensity"
+    assert len(rows) == 1 + sum(len(scan) for scan in scans)
+    assert_same_scans(scans, list(lidario.decode_file(tmp_path / "out.mcap")))
+    assert {path.name for path in tmp_path.iterdir()} == {"out.npz", "out.csv", "out.mcap"}
+    assert invoke("export", str(live.path), str(tmp_path / "out.npz")).exit_code == 4
+    assert invoke("export", str(live.path), str(tmp_path / "out.npz"), "--force").exit_code == 0
+    assert invoke("export", str(live.path), str(tmp_path / "no" / "out.npz")).exit_code == 4
+
+
+def test_several_files_are_exported_on_processes_and_one_bad_one_harms_no_other(live: Live, tmp_path: Path) -> None:
+    for name in ("a.mcap", "b.mcap"):
+        (tmp_path / name).write_bytes(live.path.read_bytes())
+    (tmp_path / "bad.mcap").write_bytes(b"nothing")
+    files = [str(tmp_path / name) for name in ("a.mcap", "bad.mcap", "b.mcap")]
+    done = run("export", *files, str(tmp_path / "{}.npz"), "-j", "2")
+    assert done.returncode == 7
+    assert "bad.mcap" in done.stderr
+    assert "Traceback" not in done.stderr
+    one, other = (tmp_path / "a.npz").read_bytes(), (tmp_path / "b.npz").read_bytes()
+    assert len(one) == len(other) > 100_000
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [(("a.mcap", "a.txt"), "does not end in"), (("a.mcap", "b.mcap", "c.npz"), "needs {}"),
+     (("a.mcap", "x/a.mcap", "{}.npz"), "same name")],
+)  # fmt: skip
+def test_export_says_what_is_wrong_with_its_words(words: tuple[str, ...], what: str) -> None:
+    done = invoke("export", *words)
+    assert done.exit_code == 2
+    assert what in done.stderr
+
+
+@pytest.mark.parametrize("case", CASES, ids=named)
+def test_golden_streams_are_exported_exactly(case: Case, tmp_path: Path) -> None:
+    (tmp_path / "raw.bin").write_bytes(case.descriptor + case.raw)
+    done = invoke(
+        "export", str(tmp_path / "raw.bin"), str(tmp_path / "out.npz"),
+        "--family", case.truth.family, "--sample-us", str(case.sample_us),
+    )  # fmt: skip
+    assert done.exit_code == 0, done.stderr
+    with np.load(tmp_path / "out.npz") as out:
+        angles, distances, starts = out["device_angles"], out["device_distances"], out["starts"]
+    assert np.diff(starts).tolist() == [len(turn) for turn in case.turns]
+    flat = [sample for turn in case.turns for sample in turn]
+    np.testing.assert_array_equal(distances, [sample.distance_mm for sample in flat])
+    first = next(number for number, sample in enumerate(case.samples) if sample is flat[0])
+    same = slice(first, first + len(flat))
+    np.testing.assert_array_equal(distances, case.truth.distance_mm[same])
+    wanted = np.array([sample.angle_deg for sample in flat])
+    allowed = SINGLE_DEG + 1 / 65536 if case.response_type == 0x84 else SINGLE_DEG
+    assert np.abs((angles - wanted + 180) % 360 - 180).max() <= allowed + 4e-5
+    if case.response_type != 0x83:
+        off = np.floor(angles * 64).astype(np.int64) - golden_q6(case)[same]
+        off = (off + Q6_TURN // 2) % Q6_TURN - Q6_TURN // 2
+        assert off.min() >= -1
+        assert off.max() <= 1
+
+
+def test_a_played_recording_is_a_device_like_the_recorded_one(live: Live) -> None:
+    device = PlayedDevice(open_stored(live.path))
+
+    async def main() -> list[lidario.Scan]:
+        async with lidario.open_lidar(device, family=live.info.family) as lidar:
+            assert lidar.info == live.info
+            assert await lidar.get_modes() == live.modes
+            async with lidar.scans(depth=64) as stream:
+                return [await anext(stream) for _ in range(len(live.scans))]
+
+    for one, other in zip(live.scans, run_driven(main), strict=True):
+        np.testing.assert_array_equal(one.device_distances, other.device_distances)
+        np.testing.assert_array_equal(one.device_angles, other.device_angles)
+    assert not device.scanning
+    # The speed of the motor has no response, so it is in no recording.
+    assert {each.data[1] for each in device.log if not each.obeyed} == {0xA8}
+
+
+def test_play_serves_another_process(live: Live) -> None:
+    with started("play", str(live.path), "--loop", "--tcp", ":0") as process:
+        name = line_of(process.stdout).strip()
+        done = run("scan", f"{name}?family={live.info.family}", "-n", "2", "--json")
+        assert done.returncode == 0, done.stderr
+        assert len(done.stdout.splitlines()) == 2
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=BOUND)
+    assert process.returncode == 0

@@ -1,0 +1,241 @@
+"""Files that were cut, damaged or made to harm: what can be read is read, and nothing else happens."""
+
+from __future__ import annotations
+
+import random
+import struct
+import tracemalloc
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+import lidario
+from lidario.recording.chronicle import text_of
+from lidario.recording.decode_file import FileDecoder
+from lidario.recording.export import export_mcap, export_npz
+from lidario.recording.files import open_stored
+from lidario.recording.mcap_records import MAGIC
+from lidario.recording.read import McapRecording
+from lidario.recording.ros_messages import parse_raw
+from lidario.recording.write import RAW_TOPIC, FileWriter
+from tests.support.loop import run_driven
+from tests.support.recorded import Live, record
+
+SOURCES = ("sim://rplidar-s2", "sim://ydlidar-4ros")
+
+
+@pytest.fixture(scope="module", params=SOURCES)
+def live(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Live:
+    return record(tmp_path_factory.mktemp("cuts") / "a.mcap", request.param, 15)
+
+
+def received(path: Path) -> bytes:
+    """The bytes of its streams."""
+    return b"".join(piece.data for piece in open_stored(path).pieces())
+
+
+@pytest.mark.exhaustive("cuts", sample=[50], full=[200])
+def test_a_file_cut_anywhere_loses_only_what_was_cut_off(live: Live, tmp_path: Path, cuts: int) -> None:
+    """Not even the last second: of the chunk that was cut, every whole message is read."""
+    whole, every = live.path.read_bytes(), received(live.path)
+    behind: list[tuple[int, int]] = []  # in the file, and in the bytes of the streams
+    for piece in open_stored(live.path).pieces():
+        at, got = behind[-1] if behind else (0, 0)
+        behind.append((whole.index(piece.data, at) + len(piece.data), got + len(piece.data)))
+    draw = random.Random(1)
+    cut = tmp_path / "cut.mcap"
+    for _ in range(cuts):
+        size = draw.randrange(len(whole))
+        cut.write_bytes(whole[:size])
+        complete = max((got for at, got in behind if at <= size), default=0)
+        if not complete:
+            continue
+        found = received(cut)
+        assert found[:complete] == every[:complete]
+        # Where the end of the stream was cut off, what the device had still to send follows.
+        assert len(found) - complete < 3_000
+
+
+@pytest.mark.parametrize("size", [0, 5, 30, 200, 800])
+def test_a_file_cut_before_its_first_packet_is_said(live: Live, tmp_path: Path, size: int) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(live.path.read_bytes()[:size])
+    with pytest.raises(lidario.RecordingError):
+        open_stored(cut)
+
+
+def test_a_cut_is_told(live: Live, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(live.path.read_bytes()[:100_000])
+    assert McapRecording(live.path).damage == ""
+    recording = McapRecording(cut)
+    assert recording.damage == "the file was cut"
+
+
+@pytest.mark.exhaustive("seed", sample=[0], full=[0, 1, 2])
+def test_flipped_bytes_never_raise_anything_else(live: Live, tmp_path: Path, seed: int) -> None:
+    whole = live.path.read_bytes()
+    draw = random.Random(seed)
+    bad = tmp_path / "bad.mcap"
+    for number in range(60):
+        data = bytearray(whole[:60_000])
+        # The head, where the structure is dense, more often than the rest.
+        for _ in range(draw.randrange(1, 20)):
+            data[draw.randrange(len(MAGIC), 3_000 if number % 2 else len(data))] = draw.randrange(256)
+        bad.write_bytes(data)
+        try:
+            recording = open_stored(bad)
+        except (lidario.RecordingError, lidario.ConnectFailed):
+            continue
+        for stream in recording.streams:
+            assert stream.open().sample_ns >= 0
+        for scan in lidario.decode_file(bad):
+            assert len(scan) > 0
+
+
+def _record(opcode: int, content: bytes, length: int | None = None) -> bytes:
+    return struct.pack("<BQ", opcode, len(content) if length is None else length) + content
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        _record(0x06, bytes(60), 2**62),
+        _record(0x06, struct.pack("<QQQI", 0, 0, 2**62, 0) + struct.pack("<I", 2**32 - 1)),
+        _record(0x0C, struct.pack("<I", 2**32 - 1)),
+        _record(0x0C, struct.pack("<I7sI", 7, b"lidario", 2**32 - 1)),
+        _record(0x05, b"\0", 2**63),
+        _record(0x06, struct.pack("<QQQI", 0, 0, 2**40, 0) + struct.pack("<I4sQ", 4, b"zstd", 99) + bytes(99)),
+    ],
+)
+def test_claims_of_a_file_allocate_nothing(tmp_path: Path, body: bytes) -> None:
+    bad = tmp_path / "bad.mcap"
+    bad.write_bytes(MAGIC + _record(0x01, bytes(8)) + body)
+    tracemalloc.start()
+    try:
+        with pytest.raises(lidario.RecordingError, match=r"bad\.mcap"):
+            open_stored(bad)
+        assert tracemalloc.get_traced_memory()[1] < 1_000_000
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("content", [b"", b"x", MAGIC, bytes(5000), b"\x80\x04cos\nsystem\n(S'true'\ntR."])
+def test_what_is_no_recording_is_said(tmp_path: Path, content: bytes) -> None:
+    for name in ("a.mcap", "a.bin"):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(lidario.RecordingError):
+            open_stored(tmp_path / name)
+    with pytest.raises(lidario.RecordingError, match="cannot be read: no such file"):
+        open_stored(tmp_path / "nothing.mcap")
+    with pytest.raises(lidario.RecordingError, match="directory"):
+        open_stored(tmp_path)
+
+
+def test_a_compressed_file_says_what_makes_it_readable(live: Live, tmp_path: Path) -> None:
+    packed = tmp_path / "packed.mcap"
+    with open(live.path, "rb") as source, open(packed, "wb") as target:
+        reader, writer = make_reader(source), Writer(target)
+        writer.start()
+        for metadata in reader.iter_metadata():
+            writer.add_metadata(metadata.name, metadata.metadata)
+        for schema, channel, message in reader.iter_messages():
+            assert schema is not None
+            number = writer.register_schema(schema.name, schema.encoding, schema.data)
+            topic = writer.register_channel(channel.topic, channel.message_encoding, number)
+            writer.add_message(topic, message.log_time, message.data, message.publish_time)
+        writer.finish()  # type: ignore[no-untyped-call]
+    with pytest.raises(lidario.RecordingError, match="mcap decompress"):
+        open_stored(packed)
+
+
+EXTREME = {
+    "as it is": {},
+    "no time of a sample": {"sample_ns": 0.0},
+    "the shortest sample": {"sample_ns": 5e-324},
+    "the longest sample": {"sample_ns": 1e300},
+    "no revolution": {"slowest_turn_s": 0.0},
+    "an endless revolution": {"slowest_turn_s": 1e300},
+    "a slow line": {"baudrate": 1},
+    "far future": {"wall_offset_ns": 2**80},
+    "far past": {"wall_offset_ns": -(2**80)},
+    "turned": {"zero_offset_deg": 1e300},
+}
+CLOCKS: dict[str, Callable[[int], int]] = {
+    "true": lambda at_ns: at_ns,
+    "still": lambda at_ns: 5,
+    "backwards": lambda at_ns: 2**63 - at_ns,
+    "the end of time": lambda at_ns: 2**64 - 1,
+}
+
+
+EITHER = [(claim, "true") for claim in EXTREME] + [("as it is", clock) for clock in CLOCKS]
+
+
+@pytest.fixture(scope="module", params=SOURCES)
+def tiny(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Live:
+    return record(tmp_path_factory.mktemp("tiny") / "a.mcap", request.param, 3)
+
+
+@pytest.mark.exhaustive("which", sample=EITHER, full=[(claim, clock) for claim in EXTREME for clock in CLOCKS])
+def test_figures_that_cannot_be_right_never_raise_anything_foreign(
+    tiny: Live, tmp_path: Path, which: tuple[str, str]
+) -> None:
+    live, claims, clock = tiny, EXTREME[which[0]], CLOCKS[which[1]]
+    forged = tmp_path / "forged.mcap"
+    recording = McapRecording(live.path)
+    writer = FileWriter(forged, replace(recording.about, events=()))
+    writer.add_event(clock(0), text_of(replace(recording.streams[0].began, **claims)))  # type: ignore[arg-type]
+    with open(live.path, "rb") as file:
+        for _, _, message in make_reader(file).iter_messages(topics=[RAW_TOPIC]):
+            raw = parse_raw(message.data)
+            assert raw is not None
+            writer.add_chunk(clock(message.log_time), *raw)
+    writer.close()
+    for form, export in (("npz", export_npz), ("mcap", export_mcap)):
+        try:
+            export(FileDecoder(forged), tmp_path / f"out.{form}")
+        except lidario.RecordingError:
+            assert claims
+    with suppress(lidario.RecordingError):
+        replay(forged)
+
+
+def replay(path: Path) -> None:
+    async def main() -> None:
+        async with lidario.open_lidar(f"{path}?rate=0") as lidar:
+            async for scan in lidar.scans():
+                assert len(scan.to_laserscan().ranges) > 0
+
+    run_driven(main)
+
+
+@pytest.mark.parametrize("payload", [b"", b"\0", bytes(300), b"\xff" * 20])
+def test_responses_that_cannot_be_right_are_said(live: Live, tmp_path: Path, payload: bytes) -> None:
+    forged = tmp_path / "forged.mcap"
+    recording = McapRecording(live.path)
+    events = [replace(each, payload=payload) for each in recording.responses.values()]
+    writer = FileWriter(forged, replace(recording.about, events=(*events, recording.streams[0].began)))
+    writer.add_chunk(1, False, b"x" * (recording.streams[0].began.at + 5))
+    writer.close()
+
+    async def main() -> None:
+        async with lidario.open_lidar(forged) as lidar:
+            assert lidar.info.family == live.info.family
+            for ask in (lidar.get_health, lidar.get_modes, lidar.get_scan_frequency, lidar.get_sample_rate):
+                with suppress(lidario.LidarError):
+                    await ask()
+
+    run_driven(main)
+
+
+def test_texts_of_a_file_are_made_printable(tmp_path: Path, live: Live) -> None:
+    path = tmp_path / "evil.mcap"
+    # A terminal would obey it, if it were printed as it stands.
+    path.write_bytes(live.path.read_bytes().replace(live.info.model[:4].encode(), b"\x1b[2J"))
+    assert open_stored(path).about.info.model.isprintable()

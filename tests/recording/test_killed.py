@@ -1,0 +1,44 @@
+"""A program that records is killed; the file is readable up to its last second."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from lidario.recording.files import open_stored
+
+PROGRAM = """
+import asyncio, sys, time
+import lidario
+
+async def main():
+    async with lidario.open_lidar("sim://rplidar-s2") as lidar:
+        async with lidar.record(sys.argv[1]), lidar.scans() as stream:
+            async for scan in stream:
+                print(time.monotonic_ns(), flush=True)
+
+asyncio.run(main())
+"""
+BOUND_S = 60
+
+
+def test_kill_9_costs_the_last_second(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, str(path)], stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parents[2]
+    ) as process:
+        assert process.stdout is not None
+        lines = [int(process.stdout.readline()) for _ in range(1)]
+        while lines[-1] - lines[0] < 1.6e9:
+            lines.append(int(process.stdout.readline()))
+        process.kill()
+        process.wait(BOUND_S)
+        killed_ns = time.monotonic_ns()
+    recording = open_stored(path)
+    assert recording.damage == "the file was cut"
+    last_ns = max(piece.at_ns for piece in recording.pieces())
+    # A second in the chunk, the quarter of one until the thread looks, and what a busy machine adds.
+    assert killed_ns - last_ns < 2e9
+    assert last_ns > lines[0]

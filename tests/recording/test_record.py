@@ -1,0 +1,225 @@
+"""What is written, as other programs read it; and a disk that is slow, full or not there."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.msg import get_types_from_msg
+from rosbags.typesys.store import Typestore
+
+import lidario
+from lidario.recording import record as record_module
+from lidario.recording.ros_messages import LASERSCAN_DEFINITION, LASERSCAN_TYPE, RAW_DEFINITION, RAW_TYPE
+from lidario.recording.write import EVENTS_TOPIC, RAW_TOPIC, SCAN_TOPIC, FileWriter
+from tests.support.loop import run_driven
+from tests.support.recorded import record
+
+SOURCES = ("sim://rplidar-s2", "sim://ydlidar-4ros")
+both_sources = pytest.mark.parametrize("source", SOURCES)
+
+
+@pytest.fixture
+def store() -> Typestore:
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    types.register(get_types_from_msg(RAW_DEFINITION, RAW_TYPE))
+    return types
+
+
+def decoded(store: Typestore, data: bytes, name: str) -> Any:
+    return store.deserialize_cdr(data, name)
+
+
+@both_sources
+def test_every_chunk_in_both_directions_is_in_the_file(tmp_path: Path, source: str, store: Typestore) -> None:
+    live = record(tmp_path / "a.mcap", source, 5)
+    assert (live.error, live.lost_bytes) == ("", 0)
+    with open(live.path, "rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        (about,) = [each.metadata for each in reader.iter_metadata()]
+        offset = int(about["clock_offset_ns"])
+        found = [
+            (message.log_time - offset, decoded(store, message.data, RAW_TYPE))
+            for _, _, message in reader.iter_messages(topics=[RAW_TOPIC])
+        ]
+        summary = reader.get_summary()
+    chunks = [("out" if raw.direction else "in", raw.data.tobytes(), at_ns) for at_ns, raw in found]
+    assert chunks == live.chunks[: len(chunks)]
+    # What follows came when the recording had ended.
+    assert len(live.chunks) - len(chunks) < 0.3 * len(chunks)
+    assert {direction for direction, _, _ in chunks} == {"in", "out"}
+    assert (about["family"], about["model"], about["serial"]) == (
+        live.info.family, live.info.model, live.info.serial,
+    )  # fmt: skip
+    assert about["lidario"] == lidario.__version__
+    assert about["source"].startswith(source)
+    seconds = (chunks[-1][2] - chunks[0][2]) / 1e9
+    assert summary is not None
+    assert len(summary.chunk_indexes) >= seconds
+
+
+@both_sources
+def test_rosbags_reads_scans_that_equal_to_laserscan(tmp_path: Path, source: str, store: Typestore) -> None:
+    live = record(tmp_path / "a.mcap", source, 4, scans=True)
+    with Reader(live.path) as reader:
+        assert {each.topic: each.msgtype for each in reader.connections} == {
+            RAW_TOPIC: RAW_TYPE, EVENTS_TOPIC: "std_msgs/msg/String", SCAN_TOPIC: LASERSCAN_TYPE,
+        }  # fmt: skip
+        scans = [
+            (at_ns, decoded(store, data, LASERSCAN_TYPE))
+            for connection, at_ns, data in reader.messages()
+            if connection.topic == SCAN_TOPIC
+        ]
+        events = [
+            json.loads(decoded(store, data, "std_msgs/msg/String").data)["event"]
+            for connection, _, data in reader.messages()
+            if connection.topic == EVENTS_TOPIC
+        ]
+    assert len(live.scans) <= len(scans) <= len(live.scans) + 1
+    for scan, (at_ns, message) in zip(live.scans, scans, strict=False):
+        wanted = scan.to_laserscan()
+        stamp = message.header.stamp
+        assert stamp.sec * 10**9 + stamp.nanosec == at_ns == wanted.stamp_ns
+        assert message.header.frame_id == wanted.frame_id == "laser"
+        for name in ("angle_min", "angle_max", "angle_increment", "time_increment", "scan_time", "range_min",
+                     "range_max"):  # fmt: skip
+            assert getattr(message, name) == np.float32(getattr(wanted, name)), name
+        np.testing.assert_array_equal(message.ranges, wanted.ranges)
+        np.testing.assert_array_equal(message.intensities, wanted.intensities)
+    assert events.count("began") == events.count("ended") == 1
+
+
+def test_the_definition_of_the_scan_is_that_of_ros(store: Typestore) -> None:
+    ours = get_types_from_msg(LASERSCAN_DEFINITION, LASERSCAN_TYPE)
+    for name in ours:
+        assert list(ours[name][1]) == list(store.fielddefs[name][1]), name
+
+
+def test_a_slow_disk_ends_the_recording_and_not_the_scanning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    free = threading.Event()
+    flush = FileWriter.flush
+    flushed: list[int] = []
+
+    def slow(writer: FileWriter) -> None:
+        flushed.append(writer.size)
+        if len(flushed) == 2:  # the first one is that of the header
+            assert free.wait(60)
+        flush(writer)
+
+    monkeypatch.setattr(FileWriter, "flush", slow)
+    monkeypatch.setattr(record_module, "QUEUE_BYTES", 100_000)
+
+    async def main() -> None:
+        async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
+            async with lidar.record(tmp_path / "a.mcap") as recording, lidar.scans(depth=64) as stream:
+                for _ in range(100):
+                    if recording.error is not None:
+                        break
+                    await anext(stream)
+                else:
+                    free.set()
+                before = lidar.stats.scans
+                await anext(stream)
+                assert not recording.is_running
+                free.set()
+            assert lidar.stats.scans > before
+            assert "too slow" in str(recording.error)
+            assert recording.lost_bytes > 0
+
+    run_driven(main)
+    assert "too slow" in caplog.text
+    with open(tmp_path / "a.mcap", "rb") as file:
+        assert sum(1 for _ in make_reader(file).iter_messages()) > 100
+
+
+FULL = """
+import resource, signal, sys
+import lidario
+from tests.support.loop import run_driven
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, 150_000))
+
+async def main():
+    async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
+        async with lidar.record(sys.argv[1]) as recording, lidar.scans(depth=64) as stream:
+            while recording.error is None:
+                await anext(stream)
+            for _ in range(3):
+                await anext(stream)
+        print(recording.error, recording.size, recording.lost_bytes > 0)
+
+run_driven(main)
+"""
+
+
+def test_a_full_disk_ends_the_recording_in_order(tmp_path: Path) -> None:
+    """The system refuses to let the file grow, half-way through a chunk."""
+    path = tmp_path / "a.mcap"
+    done = subprocess.run(
+        [sys.executable, "-c", FULL, str(path)],
+        capture_output=True, text=True, timeout=60, check=False, cwd=Path(__file__).parents[2],
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "cannot be written: file too large" in done.stdout
+    assert done.stdout.endswith("True\n")
+    # Not a byte of the chunk that did not fit is left.
+    assert path.stat().st_size == int(done.stdout.split()[-2])
+
+
+@pytest.mark.parametrize(
+    ("name", "why"), [("there.mcap", "exists already"), ("no/folder.mcap", "no such file"), (".", "exists already")]
+)
+def test_a_file_that_cannot_be_made_is_said_at_once(tmp_path: Path, name: str, why: str) -> None:
+    (tmp_path / "there.mcap").write_bytes(b"precious")
+
+    async def main() -> None:
+        async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
+            with pytest.raises(lidario.CannotRecord, match=why):
+                async with lidar.record(tmp_path / name):
+                    pass
+            assert (await lidar.get_health()).ok
+
+    run_driven(main)
+    assert (tmp_path / "there.mcap").read_bytes() == b"precious"
+
+
+def test_without_the_package_one_sentence_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "mcap.writer", None)
+
+    async def main() -> None:
+        async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
+            with pytest.raises(lidario.CannotRecord, match=r"pip install 'lidario-asyncio\[mcap\]'"):
+                async with lidar.record(tmp_path / "a.mcap"):
+                    pass
+
+    run_driven(main)
+
+
+def test_closing_the_session_completes_the_file(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
+            recording = lidar.record(tmp_path / "a.mcap")
+            await recording.start()
+            await lidar.scan()
+        assert not recording.is_running
+        with pytest.raises(lidario.LocalProtocolError, match="once"):
+            await recording.start()
+
+    run_driven(main)
+    with open(tmp_path / "a.mcap", "rb") as file:
+        messages = [message.data for _, _, message in make_reader(file).iter_messages(topics=[RAW_TOPIC])]
+    sent = [message for message in messages if message[4] == 1]
+    assert sent[-1].endswith(b"\xa5\x25")  # the STOP request

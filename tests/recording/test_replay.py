@@ -1,0 +1,228 @@
+"""A replay gives what the live session gave, in the same session, with the same stamps."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lidario
+from lidario.families.registry import family_named
+from lidario.model import Scan
+from lidario.session.lidar import Lidar
+from lidario.wire.envelope import encode_descriptor
+from lidario.wire.events import Descriptor
+from tests.reference.golden import NAMES, load
+from tests.support.loop import run_driven
+from tests.support.recorded import Live, assert_same_scans, record, take_scans
+
+SOURCES = {
+    "clean": "sim://rplidar-s2",
+    "damaged": "sim://rplidar-s2?fault=flip:0.02%25",
+    "lost": "sim://rplidar-s2?fault=drop:1%25",
+    "other family": "sim://ydlidar-4ros",
+    "other family, damaged": "sim://ydlidar-4ros?fault=flip:0.02%25",
+}
+every_source = pytest.mark.parametrize("source", SOURCES.values(), ids=SOURCES)
+
+
+def replayed(path: Path, options: str = "rate=0", *, depth: int = 1) -> list[Scan]:
+    async def main() -> list[Scan]:
+        async with lidario.open_lidar(f"{path}?{options}") as lidar, lidar.scans(depth=depth) as stream:
+            return [scan async for scan in stream]
+
+    return run_driven(main)
+
+
+@every_source
+def test_scans_are_those_of_the_live_session(tmp_path: Path, source: str) -> None:
+    live = record(tmp_path / "a.mcap", source)
+    scans = replayed(live.path)
+    assert len(live.scans) == 12
+    assert ("fault" in source) == any(scan.lost_packets for scan in live.scans)
+    assert_same_scans(live.scans, scans)
+    assert len(scans) <= len(live.scans) + 1
+    assert all(scan.dropped_before == 0 for scan in scans)
+
+
+def test_scans_at_true_pace_with_a_thread_that_reads(tmp_path: Path) -> None:
+    """Through a terminal bytes are held, handed over together, and read by a thread while the loop is blocked."""
+
+    async def main() -> tuple[list[Scan], list[Scan]]:
+        live: list[Scan] = []
+        async with (
+            lidario.open_lidar("sim://rplidar-s2") as lidar,
+            lidar.record(tmp_path / "a.mcap"),
+            lidar.scans(depth=64) as stream,
+        ):
+            async for scan in stream:
+                live.append(scan)
+                if len(live) == 3:
+                    time.sleep(0.25)  # noqa: ASYNC251 - a program that blocks its loop
+                elif len(live) == 7:
+                    await lidar.get_health()
+                elif len(live) == 9:
+                    break
+        async with lidario.open_lidar(f"{tmp_path / 'a.mcap'}?rate=0") as lidar:
+            return live, [scan async for scan in lidar.scans()]
+
+    live, scans = asyncio.run(main())
+    assert_same_scans(live, scans)
+
+
+async def ask_in_between(lidar: Lidar, live: Live) -> None:
+    """Interrupted twice, and the mode is changed."""
+    async with lidar.scans(depth=64) as stream:
+        for _ in range(3):
+            live.scans.append(await anext(stream))
+            assert (await lidar.get_health()).ok
+        live.scans.append(await anext(stream))
+    modes = await lidar.get_modes()
+    await take_scans(lidar, live, 3, modes[0].id)
+
+
+@pytest.mark.parametrize("source", [SOURCES["clean"], SOURCES["other family, damaged"]])
+def test_interruptions_and_changes_of_the_mode_are_replayed(tmp_path: Path, source: str) -> None:
+    live = record(tmp_path / "a.mcap", source, act=ask_in_between)
+    scans = replayed(live.path)
+    assert len({scan.mode for scan in live.scans}) == (2 if "s2" in source else 1)
+    assert_same_scans(live.scans, scans)
+
+
+def test_a_recording_that_begins_in_mid_stream(tmp_path: Path) -> None:
+    async def main() -> tuple[list[Scan], list[Scan]]:
+        recorded: list[Scan] = []
+        async with (
+            lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar,
+            lidar.scans(depth=64) as stream,
+        ):
+            await anext(stream)
+            async with lidar.record(tmp_path / "a.mcap"):
+                recorded += [await anext(stream) for _ in range(6)]
+        async with lidario.open_lidar(f"{tmp_path / 'a.mcap'}?rate=0") as lidar, lidar.scans() as stream:
+            return recorded, [scan async for scan in stream]
+
+    live, scans = run_driven(main)
+    # The revolutions before the first whole one of the file are missing.
+    first = [scan.stamp_ns for scan in live].index(scans[0].stamp_ns)
+    assert first <= 2
+    for one, other in zip(live[first:], scans, strict=False):
+        assert (one.stamp_ns, one.wall_stamp_ns, one.lost_packets) == (
+            other.stamp_ns, other.wall_stamp_ns, other.lost_packets,
+        )  # fmt: skip
+        np.testing.assert_array_equal(one.device_angles, other.device_angles)
+        np.testing.assert_array_equal(one.device_distances, other.device_distances)
+
+
+@pytest.mark.parametrize("source", [SOURCES["clean"], SOURCES["other family"]])
+def test_the_device_responds_what_it_had_responded(tmp_path: Path, source: str) -> None:
+    live = record(tmp_path / "a.mcap", source, 2)
+
+    async def main() -> None:
+        async with lidario.open_lidar(tmp_path / "a.mcap") as lidar:
+            assert (lidar.info, lidar.health) == (live.info, live.health)
+            assert await lidar.get_modes() == live.modes
+            assert (await lidar.get_info(), await lidar.get_health()) == (live.info, live.health)
+            with pytest.raises(lidario.Unsupported, match="recording"):
+                await lidar.set_scan_frequency(7.0)
+            with pytest.raises(lidario.Unsupported, match="recording"):
+                await lidar.set_power_down_protection(True)
+            with pytest.raises(lidario.Unsupported):
+                await lidar.get_zero_offset()
+            with pytest.raises(lidario.Unsupported, match="no scan mode 99"):
+                await anext(lidar.scans(99))
+            assert (await lidar.reset()).ok
+            assert (await lidar.scan()).stamp_ns == live.scans[0].stamp_ns
+
+    run_driven(main)
+
+
+def test_pace(tmp_path: Path) -> None:
+    live = record(tmp_path / "a.mcap", "sim://rplidar-s2", 10)
+
+    async def took(options: str, slow: float = 0.0) -> tuple[float, list[Scan]]:
+        loop = asyncio.get_running_loop()
+        found: list[Scan] = []
+        async with lidario.open_lidar(f"{live.path}?{options}") as lidar, lidar.scans() as stream:
+            began = loop.time()
+            async for scan in stream:
+                found.append(scan)
+                await asyncio.sleep(slow)
+        return loop.time() - began, found
+
+    async def main() -> None:
+        seconds, scans = await took("rate=1")
+        assert seconds == pytest.approx(1.1, abs=0.15)
+        assert_same_scans(live.scans, scans)
+        seconds, scans = await took("rate=10")
+        assert seconds == pytest.approx(0.11, abs=0.08)
+        # A reader that needs two seconds for each scan gets each one, where it decides the pace.
+        seconds, scans = await took("rate=0", slow=2.0)
+        assert seconds >= 20
+        assert_same_scans(live.scans, scans)
+        # At true pace the latest one wins, as live.
+        _, scans = await took("rate=1", slow=0.25)
+        assert sum(scan.dropped_before for scan in scans) > 3
+
+    run_driven(main)
+
+
+def test_a_loop_goes_on_and_time_with_it(tmp_path: Path) -> None:
+    live = record(tmp_path / "a.mcap", "sim://rplidar-s2", 4)
+
+    async def main() -> list[Scan]:
+        async with lidario.open_lidar(f"{live.path}?rate=0&loop=1") as lidar, lidar.scans() as stream:
+            return [await anext(stream) for _ in range(15)]
+
+    scans = run_driven(main)
+    assert [scan.stamp_ns for scan in scans] == sorted({scan.stamp_ns for scan in scans})
+    assert [scan.seq for scan in scans] == list(range(15))
+
+
+def test_who_reads_again_gets_it_from_its_beginning(tmp_path: Path) -> None:
+    live = record(tmp_path / "a.mcap", "sim://rplidar-s2", 4)
+
+    async def main() -> None:
+        async with lidario.open_lidar(f"{live.path}?rate=0") as lidar:
+            for _ in range(2):
+                stamps = [scan.stamp_ns async for scan in lidar.scans()]
+                assert stamps[:4] == [scan.stamp_ns for scan in live.scans]
+
+    run_driven(main)
+
+
+def test_a_replay_can_be_recorded(tmp_path: Path) -> None:
+    live = record(tmp_path / "a.mcap", "sim://rplidar-s2", 5)
+
+    async def main() -> None:
+        async with (
+            lidario.open_lidar(f"{live.path}?rate=0") as lidar,
+            lidar.record(tmp_path / "b.mcap"),
+        ):
+            async for _ in lidar.scans():
+                pass
+
+    run_driven(main)
+    assert_same_scans(live.scans, replayed(tmp_path / "b.mcap"))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_bare_bytes_are_played_as_they_are_decoded(tmp_path: Path, name: str) -> None:
+    golden = load(name)
+    if golden.response_type is not None:
+        found = family_named(golden.family).stream_of(golden.response_type)
+        assert found is not None
+        head = encode_descriptor(Descriptor(golden.response_type, found[0].shortest, True))
+    else:
+        head = b""
+    (tmp_path / "raw.bin").write_bytes(b"boot" + head + golden.raw)
+    decoded = list(lidario.decode((tmp_path / "raw.bin").read_bytes(), family=golden.family))
+    scans = replayed(tmp_path / "raw.bin", f"rate=0&family={golden.family}")
+    assert len(decoded) == len(scans) >= 2
+    for one, other in zip(decoded, scans, strict=True):
+        assert abs(one.stamp_ns - other.stamp_ns) <= 1  # rounded in other places
+        np.testing.assert_array_equal(one.device_angles, other.device_angles)
+        np.testing.assert_array_equal(one.device_distances, other.device_distances)
