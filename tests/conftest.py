@@ -89,20 +89,30 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         metafunc.parametrize(mark.args[0], mark.kwargs["full" if full else "sample"])
 
 
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Have async tests watched by `leaves_no_task`; measure no coverage where tests run the same lines very often.
-
-    Coverage makes this package three times as slow. What the longest tests alone reach would count as not covered.
-    """
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Have async tests watched by `leaves_no_task`, and the longest begin first."""
     for item in items:
-        if config.pluginmanager.hasplugin("pytest_cov") and (
-            PROPERTIES in item.path.parents or item.get_closest_marker("exhaustive")
-        ):
-            item.add_marker("no_cover")
         if isinstance(item, pytest.Function) and inspect.iscoroutinefunction(item.obj):
             item.obj = leaves_no_task(item.obj)
     # The longest first: at the end, every worker still finds something to do.
     items.sort(key=lambda item: not (item.get_closest_marker("exhaustive") or LONG & set(_fixtures(item))))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    """Measure no coverage where tests run the same lines very often: it makes them three times as slow.
+
+    What these tests alone reach counts as not covered. (pytest-cov's `no_cover` does nothing in xdist's workers.)
+    """
+    trace = sys.gettrace()
+    often = PROPERTIES in item.path.parents or item.get_closest_marker("exhaustive")
+    if not often or not type(trace).__module__.startswith("coverage"):
+        return (yield)
+    sys.settrace(None)
+    try:
+        return (yield)
+    finally:
+        sys.settrace(trace)
 
 
 def _fixtures(item: pytest.Item) -> list[str]:
