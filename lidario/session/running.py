@@ -126,6 +126,7 @@ class Running:
         self._silence_s = SILENCE_S if dialogue.baudrate else NETWORK_SILENCE_S
         # Bytes that had come when the last part of a silence began.
         self._received = 0
+        self._watch_due = self._began
 
     @property
     def mode(self) -> ScanMode:
@@ -195,7 +196,11 @@ class Running:
             now = self._loop.time()
         idle, turning = now - self._last_packet, now - self._last_scan
         received, self._received = self._received, self._dialogue.bytes_received
-        if idle >= patience:
+        if now - self._watch_due > NOISE_S:
+            # The program has blocked the loop. What the line holds may not be here yet, and what came before the
+            # block says nothing of the time since.
+            self._watch_in(NOISE_S)
+        elif idle >= patience:
             noise = self._received - received >= NOISE_BYTES
             self._failed(self._failure(f"no scan data for {idle:.1f} s", "does the rotor turn?", noise=noise))
         elif turning >= turns:
@@ -204,8 +209,11 @@ class Running:
         else:
             # First to the last part of the silence, then to its end.
             wait = patience - idle if idle >= patience - NOISE_S else patience - NOISE_S - idle
-            wait = min(wait, self._silence_s, turns - turning) + _WATCH_MARGIN_S
-            self._watchdog = self._loop.call_later(wait, self._watch)
+            self._watch_in(min(wait, self._silence_s, turns - turning) + _WATCH_MARGIN_S)
+
+    def _watch_in(self, seconds: float) -> None:
+        self._watch_due = self._loop.time() + seconds
+        self._watchdog = self._loop.call_at(self._watch_due, self._watch)
 
     def _failure(self, what: str, cause: str, *, noise: bool = False, silent: bool = True) -> Failure:
         lasted_s = self._last_packet - self._began
