@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from lidario.version import __version__
 
 if TYPE_CHECKING:
-    from lidario.blocking import SyncLidar, SyncScanStream, open_sync
+    from lidario.blocking import SyncLidar, SyncRecording, SyncScanStream, open_sync
     from lidario.errors import (
         Busy,
         CannotRecord,
@@ -100,6 +100,7 @@ __all__ = [
     "Stats",
     "StreamFailed",
     "SyncLidar",
+    "SyncRecording",
     "SyncScanStream",
     "Tap",
     "Unsupported",
@@ -122,7 +123,7 @@ __all__ = [
 ]
 
 _HOMES = {
-    "blocking": ("SyncLidar", "SyncScanStream", "open_sync"),
+    "blocking": ("SyncLidar", "SyncRecording", "SyncScanStream", "open_sync"),
     "recording.decode_file": ("decode_file", "decode_file_arrays"),
     "recording.record": ("Recording",),
     "recording.summary": ("RecordingSummary", "summarize"),

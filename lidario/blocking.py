@@ -35,14 +35,16 @@ from anyio.from_thread import BlockingPortal
 from lidario.errors import LidarError, LocalProtocolError, SessionClosed
 from lidario.model import DeviceInfo, Health, Scan, ScanMode, Stats
 from lidario.port.line import Tap
+from lidario.recording.record import Recording
 from lidario.session.lidar import Lidar
 from lidario.session.opening import DEFAULT_LATENCY_S, OpenLidar, open_lidar
+from lidario.session.reconnect import Reconnect
 from lidario.session.stream import ScanStream
 
 if TYPE_CHECKING:
     from lidario.sim.device import SimulatedDevice
 
-__all__ = ["SyncLidar", "SyncScanStream", "open_sync"]
+__all__ = ["SyncLidar", "SyncRecording", "SyncScanStream", "open_sync"]
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -197,6 +199,16 @@ class SyncLidar:
         return self._lidar.is_scanning
 
     @property
+    def is_connected(self) -> bool:
+        """Whether there is a line to the device; False after its loss, also while the session comes back."""
+        return self._lidar.is_connected
+
+    @property
+    def baudrate(self) -> int:
+        """As `Lidar.baudrate`."""
+        return self._lidar.baudrate
+
+    @property
     def mode(self) -> ScanMode | None:
         """The scan mode that runs, if one does."""
         return self._lidar.mode
@@ -264,6 +276,16 @@ class SyncLidar:
 
         with suppress(SessionClosed):
             self._thread.call(remove)
+
+    def record(
+        self, path: str | os.PathLike[str], *, scans: bool = False, overwrite: bool = False
+    ) -> SyncRecording:
+        """As `Lidar.record`, for use in ``with``."""
+
+        async def made() -> Recording:
+            return self._lidar.record(path, scans=scans, overwrite=overwrite)
+
+        return SyncRecording(self._thread, self._thread.call(made))
 
     def close(self) -> None:
         """Stop laser and motor, close the port and end the thread. Harmless when done before.
@@ -334,6 +356,29 @@ class SyncScanStream:
             self._thread.call(release)
 
 
+class SyncRecording:
+    """A recording that is made while its ``with`` block runs; made by `SyncLidar.record`.
+
+    Attributes:
+        recording: The same as `Lidar.record` makes: its size, its counts, and what ended it early.
+    """
+
+    def __init__(self, thread: _Thread, recording: Recording) -> None:
+        self.recording: Recording = recording
+        self._thread = thread
+
+    def __enter__(self) -> Recording:
+        self._thread.call(self.recording.start)
+        return self.recording
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        # A session that was closed in the block has ended its recordings.
+        with suppress(SessionClosed):
+            self._thread.call(self.recording.close)
+
+
 async def _next(stream: ScanStream) -> Scan | None:
     # StopAsyncIteration cannot pass through a future.
     try:
@@ -343,12 +388,13 @@ async def _next(stream: ScanStream) -> Scan | None:
 
 
 def open_sync(
-    source: str | SimulatedDevice = "auto",
+    source: str | os.PathLike[str] | SimulatedDevice = "auto",
     *,
     family: str | None = None,
     baudrate: int | None = None,
     latency: float = DEFAULT_LATENCY_S,
     keep_spinning: bool = False,
+    reconnect: bool | Reconnect = False,
 ) -> SyncLidar:
     """Open a device for a program without ``await``, for use in ``with``.
 
@@ -356,7 +402,14 @@ def open_sync(
     laser and motor off and the port closed. It may be called where an event loop runs, as in a notebook; that loop
     stands still until the call returns.
     """
-    opening = open_lidar(source, family=family, baudrate=baudrate, latency=latency, keep_spinning=keep_spinning)
+    opening = open_lidar(
+        source,
+        family=family,
+        baudrate=baudrate,
+        latency=latency,
+        keep_spinning=keep_spinning,
+        reconnect=reconnect,
+    )
     thread = _Thread()
     try:
         return SyncLidar(thread, thread.open(opening))

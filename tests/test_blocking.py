@@ -10,6 +10,7 @@ import random
 import signal
 import threading
 import time
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -29,7 +30,7 @@ def public(of: type) -> set[str]:
 
 
 def test_nothing_of_lidar_is_missing() -> None:
-    assert public(SyncLidar) == public(Lidar) | {"source", "info", "health"}
+    assert public(SyncLidar) == public(Lidar) | {"source", "info"}
     assert public(SyncScanStream) == (public(ScanStream) | {"close"}) - {"aclose", "release"}
     for name in public(Lidar):
         ours, theirs = getattr(SyncLidar, name), getattr(Lidar, name)
@@ -95,6 +96,17 @@ def test_a_reader_that_computes_gets_the_latest_scan() -> None:
             assert latest.seq >= first.seq + 3
             assert scans.dropped == latest.dropped_before > 0
         assert not lidar.is_scanning
+
+
+def test_a_recording_can_be_played(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with open_sync(make_rig("rplidar").device) as lidar:
+        with lidar.record(path) as recording:
+            live = [scan.seq for scan, _ in zip(lidar.scans(depth=4), range(3), strict=False)]
+            assert recording.is_running
+        assert recording.error is None
+    with open_sync(f"{path}?rate=0") as played:
+        assert [scan.seq for scan in played.scans()][: len(live)] == live
 
 
 def test_errors_are_those_of_the_session() -> None:

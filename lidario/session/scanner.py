@@ -350,6 +350,9 @@ class Scanner:
             else:
                 self._fail(error)
         else:
+            if self._continued is not None:
+                # What passed meanwhile is missing, as it is where the line was lost.
+                self.totals.assembled.leave_off(self._continued)
             if self._state is State.INTERRUPTED:
                 self._go(Event.RESUME)
         finally:

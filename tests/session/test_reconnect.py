@@ -142,7 +142,8 @@ def test_it_goes_on_after(family: str, trouble: Callable[[Any], None], responds_
                 boot_s = rig.device.boot_s if trouble is protects_itself else 0.0
                 assert now() <= began + responds_s + silence_s + boot_s + PROMISE_S
                 assert first.seq > last.seq + 5
-            assert lidar.stats.reconnects == 1
+            # By its old line where it still responds, else by a new one.
+            assert lidar.stats.reconnects + lidar.stats.restarts == 1
             assert lidar.health.ok
         assert left_still(rig)
 
@@ -274,8 +275,9 @@ async def test_a_device_that_responds_but_never_scans_does_not_put_the_limit_off
             began = now()
             with pytest.raises(DeviceLost, match="did not come back within 30 s"):
                 await read_to_the_end(stream)
-        # A start that is under way at the limit is waited for: five seconds without a packet.
-        assert now() - began < 37.0
+        # A start that is under way at the limit is waited for: five seconds without a packet, and the questions
+        # that follow them.
+        assert now() - began < 40.0
         assert 2 < lidar.stats.reconnects < 20
     assert left_still(rig)
 

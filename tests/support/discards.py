@@ -2,7 +2,8 @@
 
 Three reasons are no mistake of the host, and allowed everywhere. A device does not know every request, and the host
 learns that by asking. A device that boots gives no sign when it is done, so the host asks what it is until it
-responds; if the host gives up meanwhile, it writes the stop requests all the same. A device in Protection Stop
+responds, and one that has fallen silent how it is; if the host gives up meanwhile, it writes the stop requests all
+the same. A device in Protection Stop
 ignores STOP, and the host writes it before it can know the state.
 
 A device that a thread serves at true pace sees each request when the machine lets that thread run: on a busy
@@ -28,7 +29,7 @@ __all__ = ["PROTECTED", "all_obeyed", "devices_made", "may_discard", "some_disca
 UNKNOWN = "unknown to this "
 BOOTING = "still booting"
 PROTECTED = "in protection stop"
-ASKED_WHILE_BOOTING = {"get_info", "stop", "forced_stop", "motor_speed_ctrl"}
+ASKED_WHILE_BOOTING = {"get_info", "get_health", "stop", "forced_stop", "motor_speed_ctrl"}
 
 
 _served: WeakSet[Any] = WeakSet()
