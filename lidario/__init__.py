@@ -39,13 +39,14 @@ if TYPE_CHECKING:
         Unsupported,
     )
     from lidario.laserscan import BeamOrder, LaserScan, NoReturn
-    from lidario.model import DeviceInfo, Health, HealthStatus, Return, SampleRate, Scan, ScanMode, Stats
+    from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, ScanMode, Stats
     from lidario.points import Motion, Mount, Points, PoseFunction, Velocity, merge
     from lidario.port.line import Tap
     from lidario.recording.decode_file import decode_file, decode_file_arrays
     from lidario.recording.offline import ScanArrays, decode, decode_arrays
     from lidario.recording.record import Recording
     from lidario.recording.summary import RecordingSummary, summarize
+    from lidario.scan import Return, Scan
     from lidario.session.discovery import Found, PortInfo, list_lidars, list_serial_ports
     from lidario.session.lidar import Lidar
     from lidario.session.opening import OpenLidar, open_lidar
@@ -129,7 +130,8 @@ _HOMES = {
     "recording.summary": ("RecordingSummary", "summarize"),
     "session.discovery": ("Found", "PortInfo", "list_lidars", "list_serial_ports"),
     "laserscan": ("BeamOrder", "LaserScan", "NoReturn"),
-    "model": ("DeviceInfo", "Health", "HealthStatus", "Return", "SampleRate", "Scan", "ScanMode", "Stats"),
+    "model": ("DeviceInfo", "Health", "HealthStatus", "SampleRate", "ScanMode", "Stats"),
+    "scan": ("Return", "Scan"),
     "points": ("Motion", "Mount", "Points", "PoseFunction", "Velocity", "merge"),
     "port.line": ("Tap",),
     "recording.offline": ("ScanArrays", "decode", "decode_arrays"),

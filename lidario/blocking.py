@@ -33,9 +33,10 @@ import anyio
 from anyio.from_thread import BlockingPortal
 
 from lidario.errors import LidarError, LocalProtocolError, SessionClosed
-from lidario.model import DeviceInfo, Health, Scan, ScanMode, Stats
+from lidario.model import DeviceInfo, Health, ScanMode, Stats
 from lidario.port.line import Tap
 from lidario.recording.record import Recording
+from lidario.scan import Scan
 from lidario.session.lidar import Lidar
 from lidario.session.opening import DEFAULT_LATENCY_S, OpenLidar, open_lidar
 from lidario.session.reconnect import Reconnect

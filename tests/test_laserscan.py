@@ -18,7 +18,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from lidario.laserscan import BeamOrder, LaserScan, follow_rotor
-from lidario.model import Scan
+from lidario.scan import Scan
 from lidario.sim.faults import Faults
 from lidario.sim.world import World
 from tests.support.devices import FAMILIES, make_rig, take

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, Scan, ScanMode, Stats
+from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, ScanMode, Stats
+from lidario.scan import Scan
 
 
 def scan(degrees: Any, metres: Any, intensities: Any = None, **about: Any) -> Scan:

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from lidario.model import Scan
 from lidario.points import Motion, Mount, Points, Velocity, merge
+from lidario.scan import Scan
 from tests.test_model import FOUR, scan
 
 NEAR = st.floats(-3, 3)

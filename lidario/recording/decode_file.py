@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from lidario.model import Scan
 from lidario.recording.files import open_stored
 from lidario.recording.offline import OfflineDecoder, ScanArrays
 from lidario.recording.read import StoredStreams
 from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.scan import Scan
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
 

@@ -21,11 +21,11 @@ from typing import IO, Any
 import numpy as np
 
 from lidario.errors import CannotRecord
-from lidario.model import Scan
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.read import McapRecording
 from lidario.recording.ros_messages import encode_laserscan
 from lidario.recording.write import FileWriter
+from lidario.scan import Scan
 
 __all__ = ["export_mcap", "export_npz", "write_whole"]
 

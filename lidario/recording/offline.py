@@ -21,9 +21,9 @@ from lidario.errors import InvalidValue, RecordingError
 from lidario.families.arguments import finite
 from lidario.families.base import Family, RawStream
 from lidario.families.registry import FAMILIES, family_named
-from lidario.model import Scan
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.revolution.timing import DEVICE_DELAY_SAMPLES
+from lidario.scan import Scan
 from lidario.wire.events import Packets
 from lidario.wire.link import Link, LinkStats
 

@@ -21,10 +21,10 @@ from types import TracebackType
 from typing import NoReturn, Protocol, Self
 
 from lidario.errors import CannotRecord, LocalProtocolError
-from lidario.model import Scan
 from lidario.recording.about import About
 from lidario.recording.ros_messages import encode_laserscan
 from lidario.recording.write import FileWriter
+from lidario.scan import Scan
 
 __all__ = ["QUEUE_BYTES", "Recorded", "Recording"]
 

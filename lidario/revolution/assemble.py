@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from lidario.families.base import Samples, Stream
-from lidario.model import Scan
 from lidario.revolution.build import build_scan, turned_by
 from lidario.revolution.count import RevolutionCount
 from lidario.revolution.judge import beginning_of, is_broken, is_complete, share_over
@@ -24,6 +23,7 @@ from lidario.revolution.seam import Seam, Split
 from lidario.revolution.stats import AssemblerStats
 from lidario.revolution.steady import decode_block, is_ready
 from lidario.revolution.timing import byte_ns_at, first_sample_ns
+from lidario.scan import Scan
 from lidario.wire.blocks import packet_offsets, some_blocks
 from lidario.wire.events import Arrival, Packets
 

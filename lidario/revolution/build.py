@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.base import Stream
-from lidario.model import Scan, read_only
 from lidario.revolution.partial import SampleArrays
+from lidario.scan import Scan, read_only
 
 __all__ = ["build_scan", "turned_by"]
 

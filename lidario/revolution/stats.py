@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lidario.model import Scan
+from lidario.scan import Scan
 
 __all__ = ["AssemblerStats"]
 

@@ -16,13 +16,13 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from lidario.families.base import SteadySamples, Stream
-from lidario.model import read_only
 from lidario.revolution.build import turned_by
 from lidario.revolution.count import NOISE, Beginning, RevolutionCount
 from lidario.revolution.judge import BROKEN_SHARE, UNEVEN
 from lidario.revolution.partial import PartialRevolution, SampleArrays
 from lidario.revolution.seam import Split
 from lidario.revolution.timing import earliest_ns
+from lidario.scan import read_only
 from lidario.wire.blocks import Block, join_blocks, packet_offsets, some_blocks
 from lidario.wire.events import Arrival, Packets
 

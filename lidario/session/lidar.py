@@ -22,9 +22,10 @@ from typing import NoReturn, Self
 
 from lidario.errors import InvalidValue, LocalProtocolError, RemoteProtocolError, SessionClosed
 from lidario.families.base import Device, Script
-from lidario.model import DeviceInfo, Health, SampleRate, Scan, ScanMode, Stats
+from lidario.model import DeviceInfo, Health, SampleRate, ScanMode, Stats
 from lidario.port.line import Tap
 from lidario.recording.record import Recording
+from lidario.scan import Scan
 from lidario.session.connect import Connection
 from lidario.session.dialogue import Dialogue
 from lidario.session.handshake import healthy, restart

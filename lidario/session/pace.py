@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 
 from lidario.families.base import Stream
-from lidario.model import Scan
+from lidario.scan import Scan
 
 __all__ = ["Pace"]
 

@@ -16,8 +16,9 @@ from dataclasses import dataclass
 
 from lidario.errors import LidarError
 from lidario.families.base import Stream
-from lidario.model import Scan, ScanMode
+from lidario.model import ScanMode
 from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.scan import Scan
 from lidario.session.dialogue import Dialogue
 from lidario.session.log import Trouble
 from lidario.session.pace import Pace

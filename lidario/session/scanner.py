@@ -33,8 +33,9 @@ from lidario.errors import (
     Unsupported,
 )
 from lidario.families.base import Device, Script
-from lidario.model import Scan, ScanMode
+from lidario.model import ScanMode
 from lidario.revolution.assemble import AssemblerStats
+from lidario.scan import Scan
 from lidario.session.dialogue import Dialogue
 from lidario.session.inquiry import Inquiry
 from lidario.session.log import Trouble

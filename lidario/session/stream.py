@@ -20,7 +20,7 @@ from types import TracebackType
 from typing import NoReturn, Protocol, Self
 
 from lidario.errors import Busy, InvalidValue, LidarError, LocalProtocolError
-from lidario.model import Scan
+from lidario.scan import Scan
 from lidario.session.twin import again, twin_of
 
 __all__ = ["Hub", "Mailbox", "ScanSource", "ScanStream"]

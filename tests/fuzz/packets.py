@@ -9,8 +9,8 @@ import numpy as np
 
 from lidario.families.rplidar.simulated import packers
 from lidario.families.ydlidar.simulated.packers import pack_points
-from lidario.model import Scan
 from lidario.revolution.assemble import Assembler
+from lidario.scan import Scan
 from tests.support.contents import sealed
 from tests.support.streams import KINDS, Case, in_one_run, stream_of
 

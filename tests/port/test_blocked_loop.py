@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from lidario.model import Scan, Stats
+from lidario.model import Stats
+from lidario.scan import Scan
 from lidario.session.opening import open_lidar
 from tests.support.devices import FAMILIES
 from tests.support.ports import PATIENCE_S

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from lidario.families.rplidar import commands as rplidar
 from lidario.families.ydlidar import commands as ydlidar
-from lidario.model import Scan
 from lidario.revolution.assemble import Assembler
+from lidario.scan import Scan
 from lidario.wire.envelope import Request
 from lidario.wire.events import Packets
 from lidario.wire.link import Link, LinkState

@@ -16,9 +16,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.streams import KINDS, Kind, recording
-from lidario.model import Scan
 from lidario.revolution import assemble
 from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.scan import Scan
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
 

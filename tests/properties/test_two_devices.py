@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from lidario.model import Scan
 from lidario.revolution.assemble import Assembler
+from lidario.scan import Scan
 from lidario.wire.events import Packets
 from tests.support.streams import CASES, Case, cut_up, named, open_stream, stream_of
 

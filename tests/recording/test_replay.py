@@ -11,7 +11,7 @@ import pytest
 
 import lidario
 from lidario.families.registry import family_named
-from lidario.model import Scan
+from lidario.scan import Scan
 from lidario.session.lidar import Lidar
 from lidario.wire.envelope import encode_descriptor
 from lidario.wire.events import Descriptor

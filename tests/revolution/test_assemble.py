@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from lidario.families.rplidar.simulated import packers
 from lidario.families.ydlidar import formats as ydlidar_formats
-from lidario.model import Scan
 from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.scan import Scan
 from lidario.wire.events import Packets
 from tests.support.streams import CASES, KINDS, Case, arrived, cut_up, in_one_run, named, open_stream, stream_of
 

@@ -13,9 +13,9 @@ import pytest
 from benchmarks.streams import KINDS as STEADY
 from benchmarks.streams import capture
 from lidario.errors import StreamFailed
-from lidario.model import Scan
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.revolution.count import Beginning, RevolutionCount
+from lidario.scan import Scan
 from lidario.sim.faults import parse_faults
 from lidario.wire.blocks import packet_offsets
 from tests.support.devices import make_rig

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import pytest
 
-from lidario.model import Scan
+from lidario.scan import Scan
 from tests.support.devices import both_families, make_rig
 from tests.support.loop import DrivenLoop, driven
 

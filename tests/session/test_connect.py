@@ -8,9 +8,9 @@ import pytest
 
 from lidario import ConnectFailed, Lidar, list_lidars, open_lidar
 from lidario.families.rplidar.simulated.packers import pack_dense
-from lidario.model import Scan
 from lidario.port.port import Port
 from lidario.port.simulated import connect_in_memory
+from lidario.scan import Scan
 from lidario.session.discovery import PortInfo
 from lidario.session.silence import ReceivedInSilence
 from lidario.sim.device import Received

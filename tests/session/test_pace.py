@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidario.model import Scan
+from lidario.scan import Scan
 from lidario.session.pace import (
     BUFFER_BYTES,
     BUFFER_SHARE,

@@ -10,7 +10,7 @@ import pytest
 
 from lidario.families.rplidar.simulated.device import make_simulated as make_first
 from lidario.families.ydlidar.simulated.device import make_simulated as make_second
-from lidario.model import Scan
+from lidario.scan import Scan
 from lidario.session.lidar import Lidar
 from lidario.session.opening import OpenLidar, open_lidar
 from tests.support.discards import PROTECTED

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.model import Scan
+from lidario.scan import Scan
 from tests.reference import damage
 from tests.support.streams import Case, assembled, feed
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lidario.model import DeviceInfo, Health, Scan, ScanMode
+from lidario.model import DeviceInfo, Health, ScanMode
+from lidario.scan import Scan
 from lidario.session.lidar import Lidar
 from lidario.session.opening import open_lidar
 from tests.support.loop import run_driven

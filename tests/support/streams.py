@@ -17,8 +17,9 @@ from lidario.families.rplidar.formats import FORMATS
 from lidario.families.ydlidar import commands as ydlidar_commands
 from lidario.families.ydlidar.decode import PointCloudDecoder
 from lidario.families.ydlidar.formats import PointCloud
-from lidario.model import Scan, ScanMode
+from lidario.model import ScanMode
 from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.scan import Scan
 from lidario.wire.blocks import Block, join_blocks, packet_offsets
 from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor, Event, Packets

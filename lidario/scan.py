@@ -1,0 +1,380 @@
+"""One full revolution, as a user gets it: arrays, never objects per sample.
+
+Angles follow the robotics convention (REP-103): radians, counter-clockwise seen from above, 0 along the device's
+forward axis. The device's own figures, clockwise degrees and millimetres, stand beside them untouched.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import SupportsIndex, TypeVar, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lidario.laserscan import BeamOrder, LaserScan, NoReturn, Rotor, follow_rotor, resample, times_by_angle
+from lidario.points import Motion, Mount, Points, place
+
+__all__ = ["Return", "Scan", "read_only"]
+
+FloatArray = NDArray[np.float32]
+_ArrayT = TypeVar("_ArrayT", bound=NDArray[np.generic])
+
+
+@dataclass(frozen=True, slots=True)
+class Return:
+    """Where one sample of a scan met something.
+
+    Attributes:
+        range: Metres; NaN where nothing came back.
+        angle: Radians counter-clockwise, as in `Scan.angles`.
+        index: Its place in the arrays of the scan.
+    """
+
+    range: float
+    angle: float
+    index: int
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Scan:
+    """One full revolution, its samples in the order they were measured. All arrays are read-only, shape (n,).
+
+    The device's own figures are the ones held; `angles` and `ranges` are made from them on first use, so that the
+    convention that is not used costs nothing.
+
+    Attributes:
+        device_angles: Degrees, float32, clockwise, in [0, 360): the device's own convention.
+        device_distances: Millimetres, float32; 0 where nothing came back: the device's own convention.
+        intensities: uint8, the device's own scale of 0..255; None where the format carries none.
+        stamp_ns: When the first sample was measured, on the monotonic clock of the event loop.
+        wall_stamp_ns: The same instant in nanoseconds since the Unix epoch.
+        time_increment_ns: Time from one sample to the next.
+        duration_ns: Time from the first sample to the end of the revolution.
+        rpm: Measured speed: revolutions a minute, from the time between the beginnings of this revolution and the
+            one before. Where that one was not seen, from the samples of this one; NaN where some are missing too.
+        seq: Number of the revolution since the session was opened, 0 for the first. It jumps by the revolutions
+            that are missing in between. Those that pass while a query interrupts the stream have no number.
+        dropped_before: Scans this reader missed since the one before, because it was slow.
+        lost_packets: Packets of this revolution that were damaged or lost on the wire; their samples are absent. Of
+            a revolution that was lost as a whole `seq` tells.
+        mode: Name of the scan mode.
+        max_range: Farthest distance of the scan mode in metres; 0 when the device does not say. It describes the
+            mode and filters nothing: returns from beyond are in the arrays.
+        seam: Device angle where revolutions begin, degrees; a device that marks its own first packet may begin
+            elsewhere.
+        reported_rpm: The speed that the device itself reported with this revolution, revolutions a minute; NaN
+            where it reports none. Some do, in steps of 6, where the first packet of the revolution came intact.
+    """
+
+    device_angles: FloatArray
+    device_distances: FloatArray
+    intensities: NDArray[np.uint8] | None
+    stamp_ns: int
+    wall_stamp_ns: int
+    time_increment_ns: int
+    duration_ns: int
+    rpm: float
+    seq: int
+    dropped_before: int
+    lost_packets: int
+    mode: str
+    max_range: float = 0.0
+    seam: float = 0.0
+    reported_rpm: float = math.nan
+    _angles: FloatArray | None = field(default=None, init=False)
+    _ranges: FloatArray | None = field(default=None, init=False)
+    # What a sorted scan was made from: only samples in the order of measuring tell their times.
+    _measured: Scan | None = field(default=None, init=False)
+    _times_ns: NDArray[np.int64] | None = field(default=None, init=False)
+    # Of a selection: the rotor of the scan that it was taken from, which shows more of it.
+    _rotor: Rotor | None = field(default=None, init=False)
+
+    def __len__(self) -> int:
+        return len(self.device_distances)
+
+    def __repr__(self) -> str:
+        hits = int(np.count_nonzero(self.device_distances))
+        return (
+            f"<Scan {self.seq}: {len(self)} samples, {hits} returns, {self.rpm:.0f} rpm, "
+            f"{self.lost_packets} packets lost, {self.dropped_before} scans dropped before>"
+        )
+
+    @property
+    def angles(self) -> FloatArray:
+        """Radians, float32, counter-clockwise, in [-pi, pi]; 0 is the device's forward axis."""
+        if self._angles is None:
+            # 360 is added to degrees, where that is exact.
+            radians = (self.device_angles > 180.0) * np.float32(360.0)
+            radians -= self.device_angles
+            radians *= math.pi / 180.0
+            object.__setattr__(self, "_angles", read_only(radians))
+        return cast("FloatArray", self._angles)
+
+    @property
+    def ranges(self) -> FloatArray:
+        """Metres, float32; NaN where nothing came back."""
+        if self._ranges is None:
+            metres = self.device_distances / np.float32(1000)
+            metres[self.device_distances <= 0] = np.nan
+            object.__setattr__(self, "_ranges", read_only(metres))
+        return cast("FloatArray", self._ranges)
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Mask of the samples with a return, shape (n,)."""
+        return self.device_distances > 0
+
+    def xy(self) -> NDArray[np.float32]:
+        """Cartesian points in metres, float32, shape (n, 2): x forward, y left; NaN rows without a return."""
+        return np.stack((self.ranges * np.cos(self.angles), self.ranges * np.sin(self.angles)), axis=1)
+
+    def sorted(self) -> Scan:
+        """The same scan with its samples by ascending `angles`; they are no longer in time order.
+
+        `to_laserscan` of the sorted scan gives the same as that of this one.
+        """
+        order = np.argsort(self.angles, kind="stable")
+        made = replace(
+            self,
+            device_angles=read_only(self.device_angles[order]),
+            device_distances=read_only(self.device_distances[order]),
+            intensities=None if self.intensities is None else read_only(self.intensities[order]),
+        )
+        object.__setattr__(made, "_measured", self if self._measured is None else self._measured)
+        object.__setattr__(made, "_times_ns", read_only(self.times_ns[order]))
+        return made
+
+    @property
+    def times_ns(self) -> NDArray[np.int64]:
+        """When each sample was measured, on the clock of `stamp_ns`; int64, shape (n,).
+
+        Where no packet is missing, sample ``i`` is at ``stamp_ns + i * time_increment_ns``. Otherwise the angle
+        tells the time, since the rotor turns evenly.
+        """
+        if self._times_ns is None:
+            if self.lost_packets:
+                offsets = times_by_angle(self.device_angles, self._follow_rotor())
+            else:
+                offsets = np.arange(len(self), dtype=np.int64) * self.time_increment_ns
+            object.__setattr__(self, "_times_ns", read_only(offsets + self.stamp_ns))
+        return cast("NDArray[np.int64]", self._times_ns)
+
+    def nearest(self, between: tuple[float, float] | None = None) -> Return | None:
+        """The nearest return, or None where nothing came back.
+
+        ::
+
+            ahead = scan.nearest(between=(-0.3, 0.3))
+            if ahead and ahead.range < 0.5:
+                stop()
+
+        Args:
+            between: Only from the first angle counter-clockwise to the second, radians; ``(-0.3, 0.3)`` is ahead,
+                ``(3.0, -3.0)`` behind. None for all directions.
+
+        Raises:
+            ValueError: `between` is not two finite angles.
+        """
+        ranges = self.ranges if between is None else np.where(self._between(between), self.ranges, np.nan)
+        if not np.any(ranges > 0):
+            return None
+        return self._return(int(np.nanargmin(ranges)))
+
+    def at(self, angle: float, *, within: float = math.radians(1.0)) -> Return | None:
+        """The sample nearest to an angle; its range is NaN where nothing came back.
+
+        Args:
+            angle: Radians counter-clockwise, 0 ahead.
+            within: How far away it may be, radians.
+
+        Returns:
+            None where no sample is near enough, because packets are missing there.
+
+        Raises:
+            ValueError: `angle` is not finite, or `within` is negative or not a number.
+        """
+        if not math.isfinite(angle) or not within >= 0:
+            raise ValueError(f"at() needs a finite angle and a distance of 0 or more, not {angle} and {within}")
+        if not len(self):
+            return None
+        away = np.abs((self.angles.astype(np.float64) - angle + math.pi) % math.tau - math.pi)
+        index = int(np.argmin(away))
+        return self._return(index) if away[index] <= within else None
+
+    def select(
+        self,
+        mask: ArrayLike | None = None,
+        *,
+        between: tuple[float, float] | None = None,
+        range_min: float | None = None,
+        range_max: float | None = None,
+    ) -> Scan:
+        """The same revolution with only some of its samples: those for which everything that is given holds.
+
+        Every sample keeps its time, and `to_laserscan` of the selection has the same grid of times as that of the
+        whole scan. ::
+
+            front = scan.select(between=(-1.57, 1.57), range_max=5.0)
+
+        Args:
+            mask: Which samples, bool, shape (n,): for example ``scan.intensities > 30``.
+            between: From the first angle counter-clockwise to the second, radians.
+            range_min: Metres; nearer returns are left out, and samples without a return.
+            range_max: Metres; farther returns are left out, and samples without a return.
+
+        Raises:
+            ValueError: the mask is not bool or not of shape (n,), or `between` is not two finite angles.
+        """
+        keep = np.ones(len(self), np.bool_)
+        if mask is not None:
+            given = np.asarray(mask)
+            if given.dtype != np.bool_ or given.shape != keep.shape:
+                raise ValueError(
+                    f"the mask must be bool, one value a sample, shape ({len(self)},), not {given.dtype} of shape "
+                    f"{given.shape}"
+                )
+            keep &= given
+        if between is not None:
+            keep &= self._between(between)
+        if range_min is not None:
+            keep &= self.ranges >= range_min
+        if range_max is not None:
+            keep &= self.ranges <= range_max
+        if self._measured is not None:
+            order = np.argsort(self._measured.angles, kind="stable")
+            measured = np.zeros_like(keep)
+            measured[order] = keep
+            return self._measured.select(measured).sorted()
+        return self._selected(keep)
+
+    def points(
+        self, mount: Mount | None = None, *, motion: Motion | None = None, at_ns: int | None = None
+    ) -> Points:
+        """The returns as points in the frame of a robot, each with its time; `lidario.merge` joins several.
+
+        ::
+
+            cloud = scan.points(Mount(x=0.2, yaw=3.14), motion=Velocity(x=0.8, yaw=0.5))
+
+        Args:
+            mount: Where the lidar is on the robot; None for its origin.
+            motion: How the robot moved during the revolution: a `Velocity` in its own frame, or a function of
+                time that gives poses. Each point is moved to where the robot would have seen it at `at_ns`. None
+                for a robot that stood still.
+            at_ns: That instant, on the clock of `stamp_ns`; None for the end of the revolution.
+
+        Raises:
+            ValueError: the pose function did not return an array of shape (n, 3).
+        """
+        hit = self.valid
+        times_ns = self.times_ns[hit]
+        end_ns = self.stamp_ns + self.duration_ns if at_ns is None else at_ns
+        return Points(
+            place(self.xy()[hit], times_ns, mount or Mount(), motion, end_ns),
+            times_ns,
+            None if self.intensities is None else self.intensities[hit],
+            np.zeros(len(times_ns), np.uint8),
+        )
+
+    def _return(self, index: int) -> Return:
+        return Return(float(self.ranges[index]), float(self.angles[index]), index)
+
+    def _between(self, between: tuple[float, float]) -> NDArray[np.bool_]:
+        begin, end = between
+        if not (math.isfinite(begin) and math.isfinite(end)):
+            raise ValueError(f"between must be two finite angles in radians, not {between}")
+        if end - begin >= math.tau:
+            return np.ones(len(self), np.bool_)
+        turned = (self.angles.astype(np.float64) - begin) % math.tau
+        return turned <= (end - begin) % math.tau
+
+    def _selected(self, keep: NDArray[np.bool_]) -> Scan:
+        times_ns = self.times_ns[keep]
+        later_ns = int(times_ns[0]) - self.stamp_ns if len(times_ns) else 0
+        rotor = self._follow_rotor()
+        made = replace(
+            self,
+            device_angles=read_only(self.device_angles[keep]),
+            device_distances=read_only(self.device_distances[keep]),
+            intensities=None if self.intensities is None else read_only(self.intensities[keep]),
+            stamp_ns=self.stamp_ns + later_ns,
+            wall_stamp_ns=self.wall_stamp_ns + later_ns,
+            duration_ns=self.duration_ns - later_ns,
+        )
+        object.__setattr__(made, "_times_ns", read_only(times_ns))
+        object.__setattr__(made, "_rotor", replace(rotor, begin_ns=rotor.begin_ns - later_ns))
+        return made
+
+    def _follow_rotor(self) -> Rotor:
+        if self._rotor is not None:
+            return self._rotor
+        return follow_rotor(
+            self.device_angles, self.time_increment_ns, self.duration_ns, self.seam, self.lost_packets
+        )
+
+    def to_laserscan(
+        self,
+        beams: SupportsIndex | None = None,
+        *,
+        order: BeamOrder = "counter-clockwise",
+        frame_id: str = "laser",
+        range_min: float = 0.05,
+        range_max: float | None = None,
+        no_return: NoReturn = "inf",
+        mount_yaw: float = 0.0,
+    ) -> LaserScan:
+        """Resample onto an even grid of angles, as the ROS message ``sensor_msgs/LaserScan`` needs it.
+
+        ``stamp + i * time_increment`` is the time at which beam ``i`` was measured, for every ``i``, also with
+        lost packets. The grid covers the circle from 0 to 2 pi, each beam in the middle of its step. In the
+        default order `time_increment` is negative: the device turns clockwise, so the first beam of a
+        counter-clockwise grid is the one measured last. `lidario.laserscan` explains the choice.
+
+        A revolution that does not begin at `seam` (a device that marks its own first packet; formats that correct
+        the angle) moves the grid: `angle_min` then follows the begin of the revolution, and may differ from scan
+        to scan. `mount_yaw` rotates the grid too; it begins in [-pi, pi).
+
+        Args:
+            beams: Number of equal steps around the circle; None for as many as the scan has samples, which
+                varies from scan to scan.
+            order: ``"counter-clockwise"``: `angle_increment` is positive and `time_increment` negative.
+                ``"measured"``: the same beams in the order of measuring, `angle_increment` is negative and
+                `time_increment` positive.
+            frame_id: Name of the coordinate frame.
+            range_min: Metres; nearer returns count as no return.
+            range_max: Metres; farther returns count as no return. None: the message states `max_range` of this
+                scan (40 m when the device does not say), and farther returns stay in it with their values. By the
+                convention of the message its readers ignore these; none is lost here without being asked for.
+            no_return: What a beam without a return becomes: ``"inf"``, ``"nan"`` or ``"zero"``.
+            mount_yaw: Angle of the device's forward axis in the frame, radians counter-clockwise.
+
+        Raises:
+            TypeError: `beams` is not a whole number.
+            ValueError: `beams` is less than one (also by default, for a scan without samples), `order` or
+                `no_return` is not one of the words, `mount_yaw` is not finite, or `range_min` and `range_max` are
+                not a range.
+        """
+        scan = self if self._measured is None else self._measured
+        return resample(
+            scan.device_angles,
+            scan.ranges,
+            scan.intensities,
+            scan._follow_rotor(),  # noqa: SLF001 - another scan
+            scan.wall_stamp_ns,
+            beams=beams,
+            order=order,
+            frame_id=frame_id,
+            range_min=range_min,
+            range_max=range_max,
+            max_range=scan.max_range,
+            no_return=no_return,
+            mount_yaw=mount_yaw,
+        )
+
+
+def read_only(array: _ArrayT) -> _ArrayT:
+    """The same array, made read-only, since every reader of a stream holds the same one."""
+    array.setflags(write=False)
+    return array
