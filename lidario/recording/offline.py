@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from lidario.errors import InvalidValue, RecordingError
 from lidario.families.arguments import finite
-from lidario.families.base import Family, RawStream
+from lidario.families.base import Family, RawStream, Stream
 from lidario.families.registry import FAMILIES, family_named
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.revolution.timing import DEVICE_DELAY_SAMPLES
@@ -140,8 +140,10 @@ class OfflineDecoder:
         self._data = memoryview(data).cast("B")
         if sample_us is not None and not 0 < finite(sample_us, "sample_us") <= _MOST_US:
             raise InvalidValue(f"sample_us is above 0 and at most {_MOST_US:.0f}, not {sample_us!r}")
-        self.family, found = _recognise(self._data, family, None if sample_us is None else float(sample_us))
-        self.begin, self.stream = found
+        known, found = _recognise(self._data, family, None if sample_us is None else float(sample_us))
+        self.family: Family = known
+        self.begin: int = found.begin
+        self.stream: Stream = found.stream
         self._link = Link()
         self._link.enter_stream(self.stream.format)
         self._assembler = Assembler(self.stream)

@@ -84,7 +84,7 @@ class FileWriter:
                 "recording needs mcap, which is not installed: pip install 'lidario-asyncio[mcap]'"
             ) from None
         self.path = path
-        self.size = 0
+        self.size: int = 0
         self._sink = _Sink()
         self._writer: Any = Writer(
             self._sink,  # type: ignore[arg-type]  # it calls these three methods and no other
