@@ -27,6 +27,7 @@ from benchmarks.browser import find_browser
 from tests.support.discards import all_obeyed, devices_made, may_discard, some_discarded
 from tests.support.leaks import leaves_no_task, leaves_nothing
 from tests.support.ledger import ledgers_made
+from tests.support.names import names_are_safe
 
 PROPERTIES = Path(__file__).parent / "properties"
 LONG = {"rounds", "soak"}
@@ -145,7 +146,14 @@ def _first_uvloop() -> None:
 
 
 @pytest.fixture(autouse=True)
-def _tidy() -> Iterator[None]:
+def _terminals(request: pytest.FixtureRequest) -> Iterator[None]:
+    """No test looks for its lidar on a terminal of another test process."""
+    with names_are_safe(request.path):
+        yield
+
+
+@pytest.fixture(autouse=True)
+def _tidy(_terminals: None) -> Iterator[None]:
     """No test leaves a thread or a file descriptor behind."""
     with leaves_nothing():
         yield

@@ -107,7 +107,7 @@ class Seam:
     @staticmethod
     def _only_rise(headings: Headings) -> bool:
         """Whether none falls back; then the last one is the greatest, and without a flag there, none has one."""
-        if headings[-1] >= BEGINS:
+        if not len(headings) or headings[-1] >= BEGINS:
             return False
         if isinstance(headings, np.ndarray):
             return not np.count_nonzero(headings[1:] < headings[:-1])
