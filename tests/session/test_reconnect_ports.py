@@ -147,3 +147,27 @@ async def test_a_session_that_is_closed_while_it_is_away_leaves_nothing() -> Non
         async with asyncio.timeout(BOUND_S):
             while lidar.is_connected:
                 await asyncio.sleep(0.01)
+
+
+async def test_a_recording_ends_where_the_line_is_lost(tmp_path: Path) -> None:
+    device = make_rig("rplidar").device
+    device.boot_s = BOOT_S
+    with WaitingPtyServer(device) as server:
+        path = tmp_path / "port"
+        server.link(path)
+        async with open_lidar(str(path), family="rplidar", reconnect=True) as lidar, lidar.scans() as stream:
+            async with lidar.record(tmp_path / "run.mcap") as recording:
+                for _ in range(3):
+                    await anext(stream)
+                await run_in_thread(lambda: server.replug(GAP_S))
+                await first_scan_of_the_new_line(stream, time.monotonic_ns())
+                assert not recording.is_running
+                assert "line to the lidar was lost" in str(recording.error)
+            async with lidar.record(tmp_path / "more.mcap") as another:
+                for _ in range(4):
+                    await anext(stream)
+            assert another.error is None
+        until(lambda: is_still(server))
+    for name in ("run", "more"):
+        async with open_lidar(f"{tmp_path / name}.mcap?rate=0") as played, played.scans() as scans:
+            assert (await anext(scans)).lost_packets == 0
