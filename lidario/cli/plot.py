@@ -67,10 +67,17 @@ def plot(source: str, output: str, count: int, polar: bool, mode: str | None) ->
 
 
 async def _read(source: str, count: int, mode: str | int | None) -> tuple[DeviceInfo, list[Scan]]:
-    from lidario import open_lidar
+    from lidario import RecordingError, open_lidar
 
     async with open_lidar(source) as lidar, lidar.scans(mode, depth=count) as scans:
-        return lidar.info, [await anext(scans) for _ in range(count)]
+        found: list[Scan] = []
+        async for scan in scans:
+            found.append(scan)
+            if len(found) == count:
+                break
+        if not found:
+            raise RecordingError(f"{source} holds no full revolution")
+        return lidar.info, found
 
 
 def _title(info: DeviceInfo, scans: list[Scan]) -> str:

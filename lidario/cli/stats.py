@@ -127,13 +127,14 @@ async def measure(source: str, seconds: float, mode: str | int | None, into: Mea
     """Read scans for so long; what was read until then is in `into` also when it is cancelled.
 
     Raises:
-        LidarError: As `open_lidar` and the stream.
+        LidarError: As `open_lidar` and the stream; RecordingError: a recording without a full revolution.
     """
-    from lidario import open_lidar
+    from lidario import RecordingError, open_lidar
 
     async with open_lidar(source) as lidar, lidar.scans(mode) as scans:
         into.model, into.serial = lidar.info.model, lidar.info.serial
-        await anext(scans)
+        if await anext(scans, None) is None:
+            raise RecordingError(f"{source} holds no full revolution")
         await _for_a_while(lidar, scans, seconds, into)
 
 
@@ -144,8 +145,9 @@ async def _for_a_while(lidar: Lidar, scans: ScanStream, seconds: float, into: Me
     before, began, cpu = lidar.stats, loop.time(), time.process_time()
     try:
         async with asyncio.timeout(seconds):
-            while True:
-                into.add(await anext(scans))
+            # Only a recording comes to its end.
+            async for scan in scans:
+                into.add(scan)
     except TimeoutError:
         pass
     finally:

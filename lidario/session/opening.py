@@ -8,7 +8,7 @@ from collections.abc import Generator
 from types import TracebackType
 from typing import TYPE_CHECKING, NoReturn
 
-from lidario.errors import LocalProtocolError, Unsupported
+from lidario.errors import InvalidValue, LocalProtocolError, Unsupported
 from lidario.families.registry import check_source
 from lidario.session.connect import connect
 from lidario.session.discovery import find_source
@@ -76,6 +76,8 @@ class OpenLidar:
                 "lidario needs an asyncio event loop: under trio, run it by anyio.run(main, backend='asyncio')"
             ) from None
         source = await find_source(self._source)
+        if source.kind == "file" and self._keep_spinning:
+            raise InvalidValue("keep_spinning: a recording has no motor")
         if self._reconnect is None:
             return await self._open_on(source, None)
         simulation = None
@@ -139,6 +141,7 @@ def open_lidar(
         DeviceLost: The port died meanwhile.
         RecordingError: Nothing can be read of a recording.
         RemoteProtocolError: It says each time that it is another device: the line damages what it carries.
+        InvalidValue: `keep_spinning` of a recording.
         Unsupported: `keep_spinning` on a device whose motor stops with its laser.
     """
     where = as_source(source)

@@ -41,6 +41,30 @@ def test_record_ends_by_itself_and_names_its_file(tmp_path: Path) -> None:
     assert 1.0 < json.loads(invoke("info", path, "--json").stdout)["duration_s"] < 4.0
 
 
+def test_other_verbs_read_a_recording_to_its_end(live: Live, tmp_path: Path) -> None:
+    path = str(live.path)
+    done = invoke("stats", f"{path}?rate=0", "-t", "30s", "--json")
+    assert done.exit_code in (0, 5), done.stderr
+    assert "Stop" not in done.stderr
+    assert json.loads(done.stdout)["scans"] >= len(live.scans) - 2
+    drawn = invoke("plot", f"{path}?rate=0", "-n", "50", "-o", str(tmp_path / "a.svg"))
+    assert (drawn.exit_code, drawn.stderr) == (0, "")
+    turned = invoke("motor", "start", path)
+    assert turned.exit_code == 2
+    assert "a recording has no motor" in turned.stderr
+
+
+def test_a_recording_without_a_scan_is_told(live: Live, tmp_path: Path) -> None:
+    # From the descriptor on: packets of a tenth of a revolution.
+    received = b"".join(data for direction, data, _ in live.chunks if direction == "in")
+    begin = received.rindex(bytes.fromhex("a55a5400004085"))
+    path = tmp_path / "short.bin"
+    path.write_bytes(received[begin : begin + 7 + 10 * 84])
+    for verb in (["stats", "-t", "1s"], ["plot", "-o", str(tmp_path / "a.svg")]):
+        done = invoke(verb[0], f"{path}?rate=0", *verb[1:])
+        assert (done.exit_code, "holds no full revolution" in done.stderr) == (7, True), done.stderr
+
+
 @pytest.mark.parametrize(("option", "value"), [("-t", "soon"), ("-t", "0s"), ("-n", "0")])
 def test_record_refuses_what_cannot_be_meant(option: str, value: str) -> None:
     assert invoke("record", "sim://rplidar-s2", option, value).exit_code == 2
