@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import lidario
+from benchmarks.relayed import Relayed
 from benchmarks.streams import RATES
-from lidario.sim.device import Received
 from tests.support.loop import DrivenLoop
 
 __all__ = ["drive"]
@@ -25,33 +25,8 @@ __all__ = ["drive"]
 _STEP_NS = 20_000_000
 
 
-class _InSteps:
+class _InSteps(Relayed):
     """A simulated device that has something to say only every so often."""
-
-    def __init__(self, device: Any) -> None:
-        self._device = device
-
-    @property
-    def baudrate(self) -> int:
-        return int(self._device.baudrate)
-
-    @property
-    def log(self) -> list[Received]:
-        return list(self._device.log)
-
-    @property
-    def scanning(self) -> bool:
-        return bool(self._device.scanning)
-
-    @property
-    def motor_on(self) -> bool:
-        return bool(self._device.motor_on)
-
-    def receive(self, data: bytes, now: int) -> None:
-        self._device.receive(data, now)
-
-    def transmit(self, now: int) -> bytes:
-        return bytes(self._device.transmit(now))
 
     def wakeup(self, now: int) -> int | None:
         at: int | None = self._device.wakeup(now)

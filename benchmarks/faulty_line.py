@@ -5,8 +5,8 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Any, NamedTuple
 
+from benchmarks.relayed import Relayed
 from benchmarks.streams import RATES
-from lidario.sim.device import Received
 from lidario.sim.faults import Faults
 from lidario.sim.memory import MemoryLine
 from lidario.wire.blocks import packet_offsets
@@ -36,7 +36,7 @@ class Intact(NamedTuple):
     in_a_row: int = 0
 
 
-class Recorder:
+class Recorder(Relayed):
     """A simulated device behind a damaged line; obeys `lidario.sim.device.SimulatedDevice`.
 
     Args:
@@ -46,32 +46,12 @@ class Recorder:
     """
 
     def __init__(self, device: Any, faults: Faults, family: str) -> None:
-        self._device = device
+        super().__init__(device)
         self._kind = _KINDS[family]
         self._line = MemoryLine(_Tapped(device, self), faults)
         self.sent = bytearray()
         self._arrived: list[bytes] = []
         self._until = (0, 0)
-
-    @property
-    def baudrate(self) -> int:
-        """As the device."""
-        return int(self._device.baudrate)
-
-    @property
-    def log(self) -> list[Received]:
-        """As the device."""
-        return list(self._device.log)
-
-    @property
-    def scanning(self) -> bool:
-        """As the device."""
-        return bool(self._device.scanning)
-
-    @property
-    def motor_on(self) -> bool:
-        """As the device."""
-        return bool(self._device.motor_on)
 
     def receive(self, data: bytes, now: int) -> None:
         """As `SimulatedDevice.receive`; raises OSError while the cable is out."""

@@ -89,7 +89,7 @@ async def _draw(feed: Feed, writer: Writer) -> None:
         reading.cancel()
         await asyncio.wait([reading])
         if entered:
-            # Not awaited: whoever holds the terminal back shall not hold back the end.
+            # Not awaited: a terminal that takes no output must not keep the program from ending.
             writer.put(_LEAVE)
 
 

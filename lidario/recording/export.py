@@ -47,7 +47,7 @@ def write_whole(path: Path, *, overwrite: bool) -> Iterator[Path]:
         handle, part = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         os.close(handle)
         yield Path(part)
-        # mkstemp lets nobody else read it; a new file of a user usually may be read by others.
+        # Only its owner may read a file made by mkstemp; other new files may usually be read by all users.
         mask = os.umask(0)
         os.umask(mask)
         os.chmod(part, 0o666 & ~mask)

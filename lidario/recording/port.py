@@ -157,7 +157,7 @@ class _ReplayLine(Line):
         self._end()
 
     def write_without_loop(self, data: bytes) -> None:
-        """There is nobody to write to."""
+        """A recording takes no bytes: they are dropped."""
 
     def close_without_loop(self) -> None:
         self._closing = True

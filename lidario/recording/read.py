@@ -27,7 +27,7 @@ from lidario.wire.formats import StreamFormat
 __all__ = ["McapRecording", "Piece", "StoredStream", "StoredStreams", "is_mcap"]
 
 SPIN_UP_S = 5.0
-"""Until the first packet; nobody waits for it in a replay."""
+"""Until the first packet; a replay does not wait for it."""
 
 
 class Piece(NamedTuple):

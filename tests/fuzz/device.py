@@ -16,7 +16,7 @@ from collections.abc import Awaitable
 from typing import Any
 
 import lidario
-from lidario.sim.device import Received
+from benchmarks.relayed import Relayed
 from tests.support.ledger import assert_stats_close
 from tests.support.loop import run_driven
 
@@ -40,33 +40,14 @@ SEEDS = [
 ]
 
 
-class _Hostile:
+class _Hostile(Relayed):
     """A simulated device whose deliveries are changed; obeys `lidario.sim.device.SimulatedDevice`."""
 
     def __init__(self, device: Any, data: bytes) -> None:
-        self._device = device
+        super().__init__(device)
         self._data = data
         self._at = 0
         self._before = b""
-
-    @property
-    def baudrate(self) -> int:
-        return int(self._device.baudrate)
-
-    @property
-    def log(self) -> list[Received]:
-        return list(self._device.log)
-
-    @property
-    def scanning(self) -> bool:
-        return bool(self._device.scanning)
-
-    @property
-    def motor_on(self) -> bool:
-        return bool(self._device.motor_on)
-
-    def receive(self, data: bytes, now: int) -> None:
-        self._device.receive(data, now)
 
     def transmit(self, now: int) -> bytes:
         data: bytes = self._device.transmit(now)

@@ -62,7 +62,7 @@ KEEPALIVE_S: Final = 0.4
 """The manual demands less than 3 s; the SDK repeats every second. A program that blocks its event loop for 2.5 s
 may begin to do so just before the next one is due, and must not stop the device by that."""
 LAPSE_S: Final = (2.5, 4.0)
-"""A stream that nobody kept alive ends 3 s after its start (manual 3.8). The last packets may be read half a second
+"""Without a keepalive a stream ends 3 s after its start (manual 3.8). The last packets may be read half a second
 later."""
 LEARN_TIMEOUT_S: Final = 0.5
 

@@ -1,0 +1,49 @@
+"""A simulated device behind another object, for those that change what it hears or says."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lidario.sim.device import Received
+
+__all__ = ["Relayed"]
+
+
+class Relayed:
+    """Passes everything on, both ways; obeys `lidario.sim.device.SimulatedDevice`."""
+
+    def __init__(self, device: Any) -> None:
+        self._device = device
+
+    @property
+    def baudrate(self) -> int:
+        """As the device."""
+        return int(self._device.baudrate)
+
+    @property
+    def log(self) -> list[Received]:
+        """As the device."""
+        return list(self._device.log)
+
+    @property
+    def scanning(self) -> bool:
+        """As the device."""
+        return bool(self._device.scanning)
+
+    @property
+    def motor_on(self) -> bool:
+        """As the device."""
+        return bool(self._device.motor_on)
+
+    def receive(self, data: bytes, now: int) -> None:
+        """As the device."""
+        self._device.receive(data, now)
+
+    def transmit(self, now: int) -> bytes:
+        """As the device."""
+        return bytes(self._device.transmit(now))
+
+    def wakeup(self, now: int) -> int | None:
+        """As the device."""
+        at: int | None = self._device.wakeup(now)
+        return at
