@@ -10,6 +10,8 @@ from functools import cache, partial
 from itertools import accumulate, cycle, pairwise
 from typing import NamedTuple, Protocol
 
+import pytest
+
 from lidario.families.base import Decoder, Stream
 from lidario.families.rplidar import commands as rplidar_commands
 from lidario.families.rplidar.decode import DECODERS
@@ -44,6 +46,7 @@ __all__ = [
     "feed",
     "in_one_run",
     "merged",
+    "most_or_all",
     "named",
     "open_stream",
     "stream_of",
@@ -198,6 +201,11 @@ KINDS = tuple(case for case in CASES if case.name in _KINDS)
 def named(case: Case) -> str:
     """For `pytest.mark.parametrize(…, ids=named)`."""
     return case.name
+
+
+def most_or_all(cases: Sequence[Case]) -> pytest.MarkDecorator:
+    """Marks a test that takes a `case`: of each format one of these, and with ``--exhaustive`` all of them."""
+    return pytest.mark.exhaustive("case", sample=[case for case in cases if case in KINDS], full=cases)
 
 
 SINGLE_DEG = 2e-5
