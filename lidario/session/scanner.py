@@ -478,7 +478,10 @@ class Scanner:
             for _ in range(STOP_ATTEMPTS):
                 if await self._dialogue.quieten():
                     return
-            raise StreamFailed(f"the device goes on sending after {STOP_ATTEMPTS} STOP requests: is it listening?")
+            raise StreamFailed(
+                f"bytes still arrive after {STOP_ATTEMPTS} STOP requests: the device does not hear them, or it is "
+                "noise on the line. Check the cable and the plug"
+            )
 
     def _unwant(self) -> None:
         """Nobody wants the stream: stop the device as soon as it listens. Never blocks or raises."""
