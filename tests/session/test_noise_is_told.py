@@ -30,9 +30,7 @@ async def test_revolutions_that_damage_spoils_are_not_called_a_blocked_rotor() -
         with pytest.MonkeyPatch.context() as patch:
             # As if every revolution were damaged too much.
             patch.setattr(assemble, "is_broken", lambda *_, **__: True)
-            with pytest.raises(
-                StreamFailed, match=r"no full revolution .*: \d+ packets of it are damaged"
-            ):
+            with pytest.raises(StreamFailed, match=r"no full revolution .*: \d+ packets of it are damaged"):
                 async with asyncio.timeout(BOUND_S):
                     async for _ in stream:
                         pass
