@@ -246,9 +246,8 @@ class Lidar(Questions):
         )
         former.detach()
         self._counters.line_lost(old)
-        self.info = connection.info
+        self._use(new, connection.device, connection.info)
         self._scanner.take_note(health)
-        self._dialogue, self._device = new, connection.device
         self._recorded.adopt(new)
         self._scanner.adopt(new, connection.device)
         if self._reconnector is not None and not self.is_scanning:

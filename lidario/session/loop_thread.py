@@ -1,8 +1,8 @@
 """An event loop in a thread of its own, with one session in it: what `lidario.blocking` is made of.
 
 Each call hands a coroutine to that loop and waits for its result. What ends the wait early, such as Ctrl-C,
-cancels the coroutine. The thread ends with the session: by `LoopThread.end`, when nobody holds the session any more,
-or when the interpreter exits. In each case the device is left still before.
+cancels the coroutine. The thread ends with the session: by `LoopThread.end`, when nobody holds the session any
+more, or when the interpreter exits. In each case the device is left still before.
 """
 
 from __future__ import annotations

@@ -49,6 +49,12 @@ class Questions:
         self._scanner = scanner
         self._reconnector = reconnector
 
+    def _use(self, dialogue: Dialogue, device: Device, info: DeviceInfo) -> None:
+        """From now on the device is reached by this line."""
+        self.info = info
+        self._dialogue = dialogue
+        self._device = device
+
     async def get_info(self) -> DeviceInfo:
         """Ask the device what it is; `info` has the result, too."""
         self.info = await self._scanner.ask(self._open_device().identify)
