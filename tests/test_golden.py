@@ -1,4 +1,4 @@
-"""The vendors' own decoding of fifteen streams, and a scalar decoder written from the protocol sheet.
+"""The vendors' own decoding of seventeen streams, and a scalar decoder written from the protocol sheet.
 
 The vendors truncate angles: RPLIDAR's SDK to 1/64 degrees and again to 90/16384, the 4ROS's to 1/64. The
 second truncation can be undone; so angles are compared on the grid of 1/64, where one step of difference is
