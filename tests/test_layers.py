@@ -24,7 +24,7 @@ LAYERS = (
     {"session"},
     {"blocking"},
     {"__init__"},
-    {"web"},
+    {"web", "testing"},
     {"cli", "__main__"},
 )
 """Each may import its own and those before it."""
@@ -124,7 +124,7 @@ def test_imports_point_one_way(path: Path) -> None:
         target = layer(name)
         assert RANK[target] <= RANK[own], f"{named(path)} imports {name}"
         if target == "__init__":
-            assert own in ("web", "cli", "__main__"), f"{named(path)} imports the package as a whole"
+            assert own in ("web", "testing", "cli", "__main__"), f"{named(path)} imports the package as a whole"
 
 
 @every_file
@@ -201,6 +201,12 @@ def test_the_command_uses_the_names_a_user_would(path: Path) -> None:
 def test_the_page_uses_the_names_a_user_would(path: Path) -> None:
     for name in ours(path):
         assert name == "lidario" or name.startswith("lidario.web"), name
+
+
+@pytest.mark.parametrize("path", sorted((PACKAGE / "testing").glob("*.py")), ids=named)
+def test_what_users_test_with_uses_the_names_a_user_would(path: Path) -> None:
+    for name in ours(path):
+        assert name == "lidario" or name.startswith(("lidario.testing", "lidario.sim.")), name
 
 
 # --------------------------------------------------------------------------------------------- vendors' names
