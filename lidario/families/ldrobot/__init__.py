@@ -40,7 +40,7 @@ FAMILY: Final = Family(
         boot_s=3.0,
         boot_poll_s=0.25,
         forget_s=0.5,
-        probe_s=0.3,
+        probe_s=0.2,
     ),
     device=LdrobotDevice,
     # Models that triangulate send the same packets.
@@ -49,5 +49,7 @@ FAMILY: Final = Family(
     find_stream=find_stream,
     stream_of=stream_of,
     models=NAMED,
+    # The LD14P alone hears anything.
+    asked_at=(230_400,),
 )
 """The family's row of the registry."""
