@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 __all__ = ["Source", "as_source", "parse_source"]
 
 _OPTIONS = {
-    "serial": {"baud", "family"},
-    "tcp": {"baud", "family"},
+    "serial": {"baud", "family", "model"},
+    "tcp": {"baud", "family", "model"},
     "file": {"rate", "loop", "family", "sample_us"},
     "sim": {"world", "fault", "serial", "seed", "via", "baud", "family"},
 }
@@ -81,6 +81,11 @@ class Source:
     def family(self) -> str | None:
         """The family that was named, if any."""
         return self.options.get("family")
+
+    @property
+    def model(self) -> str | None:
+        """The model that was named, in lower case, if any."""
+        return self.options["model"].casefold() if "model" in self.options else None
 
     @property
     def rate(self) -> float:

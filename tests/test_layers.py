@@ -45,7 +45,9 @@ OF_WIRE = {
     "typing",
     "numpy",
 }
-NAMES_OF_VENDORS = re.compile(r"rp[ _-]?lidar|yd[ _-]?lidar|slamtec|(?<![a-z])4ros|yahboom|eai\b", re.IGNORECASE)
+NAMES_OF_VENDORS = re.compile(
+    r"rp[ _-]?lidar|yd[ _-]?lidar|ldrobot|slamtec|(?<![a-z])4ros|yahboom|eai\b", re.IGNORECASE
+)
 
 
 def module(path: Path) -> str:
@@ -109,7 +111,7 @@ every_file = pytest.mark.parametrize("path", FILES, ids=named)
 def test_the_rules_see_the_whole_package() -> None:
     assert len(FILES) > 50
     assert {layer(module(path)) for path in FILES} == set(RANK)
-    assert VENDORS == ["rplidar", "ydlidar"]
+    assert VENDORS == ["ldrobot", "rplidar", "ydlidar"]
     # The reading itself: what is known to be imported is found.
     link = ours(PACKAGE / "wire" / "link.py")
     assert {"lidario.errors", "lidario.wire.buffer", "lidario.wire.formats"} <= link

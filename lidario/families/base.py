@@ -10,10 +10,10 @@ something else.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Generator
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass, field
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, TypeVar
 
 from lidario.errors import RemoteProtocolError, Unsupported
 from lidario.families.samples import Decoder, Samples, SteadySamples
@@ -32,6 +32,7 @@ __all__ = [
     "Device",
     "Family",
     "Keepalive",
+    "NamedModel",
     "RawStream",
     "Samples",
     "Script",
@@ -101,9 +102,11 @@ class Device(ABC):
 
     Attributes:
         can_keep_spinning: Whether the motor can go on when the laser is stopped.
+        can_be_stopped: Whether laser and motor can be switched off from here.
     """
 
     can_keep_spinning: bool = True
+    can_be_stopped: bool = True
 
     @abstractmethod
     def stop(self) -> Request:
@@ -135,6 +138,10 @@ class Device(ABC):
     @abstractmethod
     def identify(self) -> Script[DeviceInfo]:
         """Ask what the device is; the other scripts rely on it having been asked once."""
+
+    def overhear(self) -> Script[DeviceInfo]:
+        """As `identify`, of a device that goes on sending although it was told to stop. Default: the same."""
+        return self.identify()
 
     def complete_probe(self) -> bytes:
         """What to write after an identifying request that had no response.
@@ -192,6 +199,18 @@ class Device(ABC):
         raise Unsupported("this device knows no power-down protection")
 
 
+class NamedModel(NamedTuple):
+    """A model that a user may name.
+
+    Attributes:
+        baudrate: Speed of its line.
+        device: Makes the object for a newly opened port.
+    """
+
+    baudrate: int
+    device: Callable[[], Device]
+
+
 @dataclass(frozen=True, slots=True)
 class Family:
     """One row of the registry.
@@ -206,6 +225,9 @@ class Family:
             that is not known.
         formats: Every packet format it may send.
         simulated: Names of its simulated models.
+        models: Its models that may be named, as in ``model=`` of a source, where the device cannot tell its own.
+        asked_at: Line speeds at which a silent device may hear a request; at others, devices only talk. None for
+            all speeds.
         find_stream: Finds the measurement stream in recorded bytes: ``find_stream(data, sample_us)``, with the time
             of a sample in microseconds, or None for what the format usually takes. None where there is no stream.
     """
@@ -219,6 +241,12 @@ class Family:
     formats: tuple[Callable[[], StreamFormat], ...]
     simulated: tuple[str, ...]
     find_stream: Callable[[memoryview, float | None], RawStream | None]
+    models: Mapping[str, NamedModel] = field(default_factory=dict, hash=False)
+    asked_at: tuple[int, ...] | None = None
+
+    def make(self, model: str | None = None) -> Device:
+        """A device for a newly opened port; `model` is one of `models`, None where it was not named."""
+        return self.device() if model is None else self.models[model].device()
 
     def simulate(
         self,
