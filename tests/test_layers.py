@@ -67,8 +67,13 @@ def parsed(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
-def imports(path: Path, *, typing: bool = True) -> Iterator[str]:
+@cache
+def imports(path: Path, *, typing: bool = True) -> tuple[str, ...]:
     """Every module that a file imports, anywhere in it; with or without those for type checkers alone."""
+    return tuple(_imports(path, typing))
+
+
+def _imports(path: Path, typing: bool) -> Iterator[str]:
     tree = parsed(path)
     skipped = {
         id(inner)
