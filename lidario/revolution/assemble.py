@@ -145,7 +145,7 @@ class Assembler:
             # The usual case: one read, and packets of one size. What follows would find the same.
             ((size, count),), ((_, at_ns),) = packets.blocks, packets.arrivals
             if end < count:
-                behind = self._stream.format.samples_in(((size, count - end),))
+                behind = self._stream.format.samples_in((Block(size, count - end),))
                 at_ns -= round(behind * self._stream.sample_ns)
             return Packets(data, (Block(size, end - begin),), ((end - begin, at_ns),))
         blocks = some_blocks(packets.blocks, begin, end)

@@ -86,9 +86,8 @@ class PartialRevolution:
             before = arrivals[-1][0]
             blocks += run.blocks
         data = b"".join([run.data for run in runs])
-        size = blocks[0].size
-        if all([each == size for each, _ in blocks]):
-            return Packets(data, (Block(size, before),), tuple(arrivals))
+        if len({size for size, _ in blocks}) == 1:
+            return Packets(data, (Block(blocks[0].size, before),), tuple(arrivals))
         joined: list[Block] = []
         join_blocks(joined, blocks)
         return Packets(data, tuple(joined), tuple(arrivals))

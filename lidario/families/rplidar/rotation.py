@@ -105,11 +105,11 @@ class Rotation:
     def arcs(self, headings: NDArray[np.int32], following: int | None) -> Arcs:
         """The arc of each packet and the gaps behind them, given where the next packet begins, if known."""
         spans, shortest = self._spans(headings, following)
-        longest, total = int(np.maximum.reduce(spans)), int(np.add.reduce(spans))
+        longest = int(np.maximum.reduce(spans))
         ordinary = self._jitter * self._typical < shortest and longest <= (1 + self._jitter) * self._typical
         if ordinary and self._certain and following is not None:
             # The mean is as good as the median where nothing is far from either, and much cheaper.
-            self._typical = total / len(spans)
+            self._typical = int(np.add.reduce(spans)) / len(spans)
             self._strange = 0
             self._last_arc = float(spans[-1])
             return Arcs(spans, None, self._typical, certain=True)
@@ -195,7 +195,7 @@ class Rotation:
         self._typical = arc
 
     def _spans(self, headings: NDArray[np.int32], following: int | None) -> tuple[NDArray[np.int32], int]:
-        """How far ahead of each heading the next one is, and the least of that; the last is 0 where none follows."""
+        """How far ahead of each heading the next one is, 0 where none follows; and the least of that."""
         spans = np.empty_like(headings)
         np.subtract(headings[1:], headings[:-1], out=spans[:-1])
         last = 0 if following is None else following - int(headings[-1])
