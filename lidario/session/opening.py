@@ -100,7 +100,7 @@ class OpenLidar:
                 raise Unsupported(
                     f"keep_spinning: the motor of a {connection.info.model} stops with its laser. Open it without"
                 )
-            health = await healthy(connection.dialogue, connection.device, connection.family.timing)
+            health = await healthy(connection.dialogue, connection.device)
             return Lidar(connection, health, source.text, self._latency, self._keep_spinning, reconnector)
         except BaseException:
             await connection.dialogue.close()
