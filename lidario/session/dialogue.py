@@ -46,6 +46,8 @@ class Dialogue(DeviceLine):
     Attributes:
         on_lost: Called once, with the error, when the dialogue is over for good before it was closed.
         protection_stops: Times the device was found to have stopped to protect itself.
+        reset_at: When the device was told to restart, on the loop's clock; None if it has responded since. A device
+            that boots discards what it is sent.
     """
 
     def __init__(self, port: Port, device: Device, timing: Timing) -> None:
@@ -57,6 +59,8 @@ class Dialogue(DeviceLine):
         self._overflow = port.overflow_bytes
         self._patience = self._hurried_until = math.inf
         self.protection_stops: int = 0
+        self.reset_at: float | None = None
+        self._reset = device.reset().data
         self._waiting = Waiting()
         # When the device listens: not before this time, nor while a response is outstanding that may still come.
         self._listens_at = 0.0
@@ -174,6 +178,7 @@ class Dialogue(DeviceLine):
             self._response_due = self._loop.time() + timeout
             try:
                 payload = await self._waiting.wait(timeout, Awaited.RESPONSE)
+                self.reset_at = None
                 if request.stream is None:
                     self.chronicle.responded(request.data, request.expects.type, payload)
                 else:
@@ -309,6 +314,9 @@ class Dialogue(DeviceLine):
         for request in requests:
             self._link.send_request(request)
             self._stopper.sent(request)
+            if request.data == self._reset:
+                # Noted here: whoever wrote it may be cancelled before anybody waits until the device has booted.
+                self.reset_at = self._loop.time()
         self._port.write(self._link.data_to_send())
         settle = max((request.settle for request in requests), default=0.0)
         if settle:

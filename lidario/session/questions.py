@@ -159,9 +159,8 @@ class Questions:
         return health
 
     async def _reset(self) -> Health:
-        timing = self._dialogue.timing
-        await restart(self._dialogue, self._device, timing)
-        return await healthy(self._dialogue, self._device, timing)
+        await restart(self._dialogue, self._device)
+        return await healthy(self._dialogue, self._device)
 
     async def _turns_at(self, hertz: float) -> None:
         measured = float("nan")
