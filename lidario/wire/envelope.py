@@ -85,6 +85,7 @@ class Request:
         in_stream: True when it may be sent while packets flow and changes nothing about them.
         stream: The format of the packets that follow the descriptor, a fresh one for each start.
         others: Formats that the descriptor may announce instead, where only it tells for certain.
+        dtr: State in which the control line DTR is put before the bytes are written; None to leave it as it is.
     """
 
     name: str
@@ -97,6 +98,7 @@ class Request:
     in_stream: bool = False
     stream: StreamFormat | None = None
     others: tuple[StreamFormat, ...] = ()
+    dtr: bool | None = None
 
     def admits(self, descriptor: Descriptor) -> bool:
         """Whether `descriptor` announces the response to this request."""
