@@ -139,6 +139,6 @@ async def come_back(dialogue: Dialogue, device: Device, timing: Timing) -> None:
             await dialogue.pause(timing.boot_poll_s)
         else:
             # No document says whether the motor turns after a restart.
-            dialogue.stopper.still = False
+            dialogue.may_move()
             device.restarted()
             return

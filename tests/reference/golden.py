@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 DATA = Path(__file__).resolve().parent.parent / "data"
 
-RPLIDAR_NAMES = tuple(
-    f"rplidar_{rate}_{response_type:x}" for rate in ("32k", "9k") for response_type in range(0x81, 0x87)
+RPLIDAR_NAMES = (
+    *(f"rplidar_{rate}_{response_type:x}" for rate in ("32k", "9k") for response_type in range(0x81, 0x87)),
+    *("rplidar_a1_82", "rplidar_a1_84"),
 )
 YDLIDAR_NAMES = ("ydlidar_4ros_room10", "ydlidar_4ros_room7", "ydlidar_4ros_wrap")
 RELATIVE_NAMES = (

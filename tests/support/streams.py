@@ -10,6 +10,8 @@ from functools import cache, partial
 from itertools import accumulate, cycle, pairwise
 from typing import NamedTuple, Protocol
 
+import pytest
+
 from lidario.families import unasked
 from lidario.families.base import Decoder, Stream
 from lidario.families.ldrobot.decode import PacketDecoder, TriangleDecoder
@@ -48,6 +50,7 @@ __all__ = [
     "feed",
     "in_one_run",
     "merged",
+    "most_or_all",
     "named",
     "open_stream",
     "stream_of",
@@ -259,6 +262,14 @@ KINDS = tuple(case for case in CASES if case.name in _KINDS)
 def named(case: Case) -> str:
     """For `pytest.mark.parametrize(…, ids=named)`."""
     return case.name
+
+
+def most_or_all(cases: Sequence[Case]) -> pytest.MarkDecorator:
+    """Marks a test that takes a `case`: of each format the shortest, and with ``--exhaustive`` all of these."""
+    shortest: dict[tuple[str, int], Case] = {}
+    for case in sorted(cases, key=lambda case: len(case.raw)):
+        shortest.setdefault((case.truth.family, case.response_type), case)
+    return pytest.mark.exhaustive("case", sample=list(shortest.values()), full=cases)
 
 
 SINGLE_DEG = 2e-5
