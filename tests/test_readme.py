@@ -1,4 +1,4 @@
-"""The front page: short, the two commands first, figures with their commands. tests/test_docs.py runs what it shows."""
+"""The front page: short, the two commands first, figures with their commands. What it shows: tests/test_docs.py."""
 
 from __future__ import annotations
 
