@@ -60,7 +60,6 @@ class Dialogue(DeviceLine):
         self._patience = self._hurried_until = math.inf
         self.protection_stops: int = 0
         self.reset_at: float | None = None
-        self._reset = device.reset().data
         self._waiting = Waiting()
         # When the device listens: not before this time, nor while a response is outstanding that may still come.
         self._listens_at = 0.0
@@ -319,7 +318,7 @@ class Dialogue(DeviceLine):
             self._stopper.sent(request)
             if request.dtr is not None:
                 self._port.set_dtr(request.dtr)
-            if request.data == self._reset:
+            if self._stopper.is_reset(request):
                 # Noted here: whoever wrote it may be cancelled before anybody waits until the device has booted.
                 self.reset_at = self._loop.time()
         if data := self._link.data_to_send():
