@@ -1,6 +1,6 @@
-"""Docstrings for the site: a paragraph that ends with two colons announces code, as Python's own documentation has it.
+"""Docstrings for the site: a paragraph that ends with two colons announces code.
 
-Markdown would show the colons.
+Python's own documentation has it so. Markdown would show the colons.
 """
 
 from __future__ import annotations
