@@ -297,6 +297,9 @@ class Dialogue(DeviceLine):
         requests = () if self._stopper.still else self._stopper.requests()
         # A response that is outstanding is not received any more. A healthy device has sent it after this time.
         patient_until = self._loop.time() + RESPONSE_S
+        for request in requests:
+            if request.dtr is not None:
+                self._port.set_dtr(request.dtr)
         self._port.abandon(b"".join(request.data for request in requests), self.free_at(patient_until))
 
     def free_at(self, patient_until: float) -> float:
@@ -314,10 +317,13 @@ class Dialogue(DeviceLine):
         for request in requests:
             self._link.send_request(request)
             self._stopper.sent(request)
+            if request.dtr is not None:
+                self._port.set_dtr(request.dtr)
             if request.data == self._reset:
                 # Noted here: whoever wrote it may be cancelled before anybody waits until the device has booted.
                 self.reset_at = self._loop.time()
-        self._port.write(self._link.data_to_send())
+        if data := self._link.data_to_send():
+            self._port.write(data)
         settle = max((request.settle for request in requests), default=0.0)
         if settle:
             self._listens_at = max(self._listens_at, self._loop.time() + settle + _MARGIN_S)
