@@ -33,6 +33,7 @@ check: $(READY)  ## lint, format, types, and all tests at full length under cove
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/mypy examples
 	$(PYRIGHT)
 	$(PYRIGHT) --verifytypes lidario --ignoreexternal
 	$(BIN)/python -m pytest -n auto --exhaustive --cov --cov-report=term-missing:skip-covered

@@ -87,7 +87,13 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Give tests marked ``exhaustive`` their sample, or all of it."""
     full = metafunc.config.getoption("--exhaustive")
     for mark in metafunc.definition.iter_markers("exhaustive"):
-        metafunc.parametrize(mark.args[0], mark.kwargs["full" if full else "sample"])
+        metafunc.parametrize(mark.args[0], mark.kwargs["full" if full else "sample"], ids=_named)
+
+
+def _named(value: object) -> str:
+    """What stands for a value of an exhaustive test in the test's name."""
+    parts = value if isinstance(value, tuple) else (value,)
+    return "-".join(str(getattr(part, "name", part)) for part in parts)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

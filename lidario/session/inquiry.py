@@ -70,6 +70,11 @@ class Inquiry:
         self._dialogue, self._device = dialogue, device
         self.doubtful = self._resetting = False
 
+    def take_note(self, health: Health) -> None:
+        """The device has said how it is; where that is an error, it is asked before the next stream is started."""
+        self.health = health
+        self.doubtful |= not health.ok
+
     async def about(self, failure: Failure) -> None:
         """Ask the device, which must not stream any more; return if the stream shall be started again.
 

@@ -304,7 +304,7 @@ class Reconnector:
         return connection, health
 
     def _began(self, dialogue: Dialogue) -> None:
-        dialogue.stopper.keep_spinning = self._keep_spinning
+        dialogue.keep_spinning(self._keep_spinning)
         self._dialogue = dialogue
 
     def _nameless(self, place: Source) -> bool:

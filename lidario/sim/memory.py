@@ -67,7 +67,9 @@ class MemoryLine:
     def unplugged(self, now: int) -> bool:
         """Whether this line is dead by `now`; after a replug it stays so, and a new line works."""
         if self._faults is None:
-            return False
+            # A device that brings its own faults tells it itself.
+            tells = getattr(self.device, "unplugged", None)
+            return bool(tells(now)) if tells is not None else False
         cable = self._faults.cable(now)
         if self._cable is None:
             self._cable = cable

@@ -14,7 +14,14 @@ RPLIDAR_NAMES = (
     *("rplidar_a1_82", "rplidar_a1_84"),
 )
 YDLIDAR_NAMES = ("ydlidar_4ros_room10", "ydlidar_4ros_room7", "ydlidar_4ros_wrap")
-NAMES = RPLIDAR_NAMES + YDLIDAR_NAMES
+LDROBOT_NAMES = (
+    "ldrobot_ld19_6hz",
+    "ldrobot_ld19_13hz",
+    "ldrobot_stl27l_6hz",
+    "ldrobot_stl27l_13hz",
+    "ldrobot_ld14p_6hz",
+)
+NAMES = RPLIDAR_NAMES + YDLIDAR_NAMES + LDROBOT_NAMES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,15 +29,15 @@ class Golden:
     """One stream and its samples; what a family does not have is None."""
 
     name: str
-    family: Literal["rplidar", "ydlidar"]
+    family: Literal["rplidar", "ydlidar", "ldrobot"]
     raw: bytes
     angle_deg: NDArray[np.float32]
     distance_mm: NDArray[np.float32]
     response_type: int | None = None  # RPLIDAR
-    sample_us: float | None = None  # RPLIDAR
-    quality: NDArray[np.uint8] | None = None  # RPLIDAR
+    sample_us: float | None = None  # RPLIDAR, LDROBOT
+    quality: NDArray[np.uint8] | None = None  # RPLIDAR, LDROBOT
     start: NDArray[np.bool_] | None = None  # RPLIDAR
-    scan: NDArray[np.int16] | None = None  # 4ROS
+    scan: NDArray[np.int16] | None = None  # YDLIDAR, LDROBOT
 
 
 def load(name: str) -> Golden:
@@ -41,6 +48,17 @@ def load(name: str) -> Golden:
         distance_mm = arrays["distance_mm"]
         if name in YDLIDAR_NAMES:
             return Golden(name, "ydlidar", raw, angle_deg, distance_mm, scan=arrays["scan"])
+        if name in LDROBOT_NAMES:
+            return Golden(
+                name,
+                "ldrobot",
+                raw,
+                angle_deg,
+                distance_mm,
+                sample_us=float(arrays["sample_us"]),
+                quality=arrays["intensity"],
+                scan=arrays["scan"],
+            )
         return Golden(
             name,
             "rplidar",
