@@ -15,14 +15,14 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 VENDORS = sorted(path.name for path in (PACKAGE / "families").iterdir() if (path / "device.py").is_file())
 
 LAYERS = (
-    {"errors", "model", "laserscan", "points", "scan", "source", "version"},
+    {"cdr", "errors", "model", "laserscan", "points", "scan", "source", "version"},
     {"wire"},
     {"families", "sim"},
     {"revolution", "simulation"},
     {"port"},
     {"recording"},
     {"session"},
-    {"blocking"},
+    {"blocking", "ros"},
     {"__init__"},
     {"web"},
     {"cli", "__main__"},

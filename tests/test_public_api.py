@@ -36,6 +36,7 @@ PUBLIC = [
     "Points",
     "PortInfo",
     "PoseFunction",
+    "Preset",
     "ProtocolError",
     "Received",
     "Reconnect",
@@ -76,7 +77,7 @@ PUBLIC = [
     "simulate",
     "summarize",
 ]
-ALIASES = {"BeamOrder", "ConnectReason", "Motion", "NoReturn", "PoseFunction", "Tap", "Wall"}
+ALIASES = {"BeamOrder", "ConnectReason", "Motion", "NoReturn", "PoseFunction", "Preset", "Tap", "Wall"}
 """Type aliases: they carry no docstring at run time."""
 ERRORS = {
     "Busy": lidario.LidarError,
