@@ -21,6 +21,7 @@ LAYERS = (
     {"revolution", "simulation"},
     {"port"},
     {"recording"},
+    {"network"},
     {"session"},
     {"blocking", "ros"},
     {"__init__"},
@@ -192,7 +193,7 @@ def test_the_host_side_decodes_nothing_with_the_devices_packers(path: Path) -> N
 def test_the_command_uses_the_names_a_user_would(path: Path) -> None:
     for name in ours(path):
         public = name == "lidario" or name.startswith(
-            ("lidario.cli", "lidario.sim", "lidario.web", "lidario.recording")
+            ("lidario.cli", "lidario.ros", "lidario.sim", "lidario.web", "lidario.recording")
         )
         assert public or name in ("lidario.families.registry", "lidario.families"), name
 

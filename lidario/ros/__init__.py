@@ -2,9 +2,8 @@
 
 ::
 
-    async with lidario.open_lidar() as lidar, lidario.ros.Publisher(topic="scan") as publisher:
-        async for scan in lidar.scans():
-            publisher.publish(scan)
+    async with lidario.open_lidar() as lidar, lidario.ros.Publisher(lidar, topic="scan") as publisher:
+        await publisher.run()
 
 The names are loaded when they are first used. Messages need numpy alone; everything that goes over the network
 needs the extra ``zenoh``. docs/ros2.md and docs/fleets.md tell how to use them.
@@ -17,22 +16,32 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from lidario.laserscan import LaserScan
+    from lidario.network.fleet import RemoteLidar, list_remote_lidars
     from lidario.ros.diagnostics import DiagnosticArray, DiagnosticStatus, diagnostics
     from lidario.ros.pointcloud import PointCloud2, pointcloud2
+    from lidario.ros.publisher import Publisher
+    from lidario.ros.share import Share
 
 __all__ = [
     "DiagnosticArray",
     "DiagnosticStatus",
     "LaserScan",
     "PointCloud2",
+    "Publisher",
+    "RemoteLidar",
+    "Share",
     "diagnostics",
+    "list_remote_lidars",
     "pointcloud2",
 ]
 
 _HOMES = {
     "lidario.laserscan": ("LaserScan",),
+    "lidario.network.fleet": ("RemoteLidar", "list_remote_lidars"),
     "lidario.ros.diagnostics": ("DiagnosticArray", "DiagnosticStatus", "diagnostics"),
     "lidario.ros.pointcloud": ("PointCloud2", "pointcloud2"),
+    "lidario.ros.publisher": ("Publisher",),
+    "lidario.ros.share": ("Share",),
 }
 
 
