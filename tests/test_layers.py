@@ -15,7 +15,7 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 VENDORS = sorted(path.name for path in (PACKAGE / "families").iterdir() if (path / "device.py").is_file())
 
 LAYERS = (
-    {"cdr", "errors", "model", "laserscan", "points", "scan", "source", "version"},
+    {"cdr", "errors", "model", "laserscan", "points", "samples", "scan", "source", "version"},
     {"wire"},
     {"families", "sim"},
     {"revolution", "simulation"},
@@ -25,7 +25,7 @@ LAYERS = (
     {"session"},
     {"blocking", "ros"},
     {"__init__"},
-    {"web"},
+    {"web", "testing"},
     {"cli", "__main__"},
 )
 """Each may import its own and those before it."""
@@ -46,7 +46,9 @@ OF_WIRE = {
     "typing",
     "numpy",
 }
-NAMES_OF_VENDORS = re.compile(r"rp[ _-]?lidar|yd[ _-]?lidar|slamtec|(?<![a-z])4ros|yahboom|eai\b", re.IGNORECASE)
+NAMES_OF_VENDORS = re.compile(
+    r"rp[ _-]?lidar|yd[ _-]?lidar|ldrobot|slamtec|(?<![a-z])4ros|yahboom|eai\b", re.IGNORECASE
+)
 
 
 def module(path: Path) -> str:
@@ -66,8 +68,13 @@ def parsed(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
-def imports(path: Path, *, typing: bool = True) -> Iterator[str]:
+@cache
+def imports(path: Path, *, typing: bool = True) -> tuple[str, ...]:
     """Every module that a file imports, anywhere in it; with or without those for type checkers alone."""
+    return tuple(_imports(path, typing))
+
+
+def _imports(path: Path, typing: bool) -> Iterator[str]:
     tree = parsed(path)
     skipped = {
         id(inner)
@@ -110,7 +117,7 @@ every_file = pytest.mark.parametrize("path", FILES, ids=named)
 def test_the_rules_see_the_whole_package() -> None:
     assert len(FILES) > 50
     assert {layer(module(path)) for path in FILES} == set(RANK)
-    assert VENDORS == ["rplidar", "ydlidar"]
+    assert VENDORS == ["ldrobot", "rplidar", "ydlidar"]
     # The reading itself: what is known to be imported is found.
     link = ours(PACKAGE / "wire" / "link.py")
     assert {"lidario.errors", "lidario.wire.buffer", "lidario.wire.formats"} <= link
@@ -125,7 +132,7 @@ def test_imports_point_one_way(path: Path) -> None:
         target = layer(name)
         assert RANK[target] <= RANK[own], f"{named(path)} imports {name}"
         if target == "__init__":
-            assert own in ("web", "cli", "__main__"), f"{named(path)} imports the package as a whole"
+            assert own in ("web", "testing", "cli", "__main__"), f"{named(path)} imports the package as a whole"
 
 
 @every_file
@@ -202,6 +209,12 @@ def test_the_command_uses_the_names_a_user_would(path: Path) -> None:
 def test_the_page_uses_the_names_a_user_would(path: Path) -> None:
     for name in ours(path):
         assert name == "lidario" or name.startswith("lidario.web"), name
+
+
+@pytest.mark.parametrize("path", sorted((PACKAGE / "testing").glob("*.py")), ids=named)
+def test_what_users_test_with_uses_the_names_a_user_would(path: Path) -> None:
+    for name in ours(path):
+        assert name == "lidario" or name.startswith(("lidario.testing", "lidario.sim.")), name
 
 
 # --------------------------------------------------------------------------------------------- vendors' names

@@ -18,7 +18,8 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.soak.life import MODELS, Hour, Life
+from benchmarks.soak.hour import Hour
+from benchmarks.soak.life import MODELS, Life
 from benchmarks.soak.watch import Broken
 from tests.support.loop import DrivenLoop
 

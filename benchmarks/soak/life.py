@@ -16,26 +16,20 @@ import gc
 import hashlib
 import random
 import time
-from collections import Counter
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 from typing import Any
 from unittest.mock import patch
 
 import lidario
 from benchmarks.soak.calls import CALLS, SPEEDS
-from benchmarks.soak.line import BadLine, draw_damage
+from benchmarks.soak.hour import Hour
+from benchmarks.soak.line import MODELS, BadLine, draw_damage
+from benchmarks.soak.readers import Readers
 from benchmarks.soak.watch import Broken, Watch
 from tests.support.loop import DrivenLoop
 
-__all__ = ["MODELS", "PATIENCE_S", "Hour", "Life"]
-
-MODELS = {
-    "rplidar": ("rplidar-s2", "rplidar-s2", "rplidar-s1", "rplidar-s3", "rplidar-hq", "rplidar-ultra"),
-    "ydlidar": ("ydlidar-4ros", "ydlidar-4ros", "ydlidar-4ros-92", "ydlidar-4ros-slow", "ydlidar-4ros-stamps"),
-}
-"""What is simulated in each family; the first twice as often."""
+__all__ = ["MODELS", "PATIENCE_S", "Life"]
 
 PATIENCE_S = 90.0
 """In driven time; a call that takes longer hangs. The longest that is known is a list of modes that never comes."""
@@ -53,27 +47,6 @@ _NEXT_PROGRAM_S = 0.02
 
 _BY_THE_USER = (lidario.LocalProtocolError, lidario.InvalidValue, lidario.Unsupported, lidario.Busy)
 """Errors that a healthy device brings too: two tasks that want different things, what the model cannot do."""
-
-
-@dataclass(slots=True)
-class Hour:
-    """What one hour was.
-
-    Attributes:
-        steps: Steps done.
-        did: How often each kind of step was done.
-        errors: How often each error came, all on damaged lines or by the user's own doing.
-        scans: Scans that readers got.
-        sessions: Sessions opened.
-        digest: Of everything that happened; the same for the same seed.
-    """
-
-    steps: int = 0
-    did: Counter[str] = field(default_factory=Counter)
-    errors: Counter[str] = field(default_factory=Counter)
-    scans: int = 0
-    sessions: int = 0
-    digest: str = ""
 
 
 class Life:
@@ -104,7 +77,7 @@ class Life:
         self._line = BadLine(device, self._pick(2, 10, 30) * 1_000_000)
         self._lidar: lidario.Lidar | None = None
         self._modes: tuple[str, ...] = ()
-        self._readers: dict[asyncio.Task[None], None] = {}  # in the order in which they came
+        self._readers = Readers(self.hour, self._failed)
         self._doubtful = False
         self._alone: dict[str, Callable[[], Awaitable[None]]] = {
             "read": self._read,
@@ -128,6 +101,7 @@ class Life:
         assert isinstance(loop, DrivenLoop)
         self._loop = loop
         self._watch = Watch(self._line, loop)
+        self._readers.own_tasks = self._watch.own_tasks
         end = loop.time() + self._seconds
         gc.disable()  # what is garbage is let go behind certain steps, so that a seed always means the same
         try:
@@ -143,7 +117,7 @@ class Life:
             raise self._broken(str(error)) from error
         finally:
             self._watch.close()
-            await self._end_readers()
+            await self._readers.end()
             if self._lidar is not None:
                 await self._lidar.close()
             gc.enable()
@@ -227,7 +201,7 @@ class Life:
             self._modes = tuple(mode.name for mode in await self._lidar.get_modes())
 
     async def _close(self) -> None:
-        await self._end_readers()
+        await self._readers.end()
         if self._lidar is not None:
             lidar, self._lidar = self._lidar, None
             await lidar.close()
@@ -238,7 +212,7 @@ class Life:
 
     async def _let_go(self) -> None:
         """Forget the session without closing it, as a program with a mistake does."""
-        await self._end_readers()
+        await self._readers.end()
         # A finalizer waits without the loop until the device listens.
         with patch.object(time, "sleep", self._loop.block):
             self._lidar = None
@@ -251,48 +225,22 @@ class Life:
         stopped = await self._tried(self._lidar.stop())
         if stopped and not self._doubtful:
             assert not self._line.scanning, "it scans behind stop()"
-        if self._readers and not self._doubtful:
-            await asyncio.wait(list(self._readers))
+        if not self._doubtful:
+            await self._readers.ended()
 
-    # ------------------------------------------------------------------------------------------------ readers
+    # ------------------------------------------------------------------------------------------------ uses
 
     async def _read(self) -> None:
         """Have one more reader in the background."""
         assert self._lidar is not None
-        if len(self._readers) < 3:
-            mode = self._pick(None, None, *self._modes) if not self._readers else None
+        if not self._readers.is_full:
+            mode = self._pick(None, None, *self._modes) if not len(self._readers) else None
             stream = self._lidar.scans(mode, depth=self._pick(1, 3))
-            task = asyncio.get_running_loop().create_task(self._reading(stream, slow=self._random.random() < 0.2))
-            self._readers[task] = None
-            self._watch.own_tasks.add(task)
-            task.add_done_callback(lambda done: self._readers.pop(done, None))
-            task.add_done_callback(self._watch.own_tasks.discard)
-            await asyncio.sleep(0)  # it has asked for scans when the next step is done
-
-    async def _reading(self, stream: lidario.ScanStream, *, slow: bool) -> None:
-        try:
-            async with stream:
-                async for scan in stream:
-                    self.hour.scans += 1
-                    if slow and not self.hour.scans % 7:
-                        await asyncio.sleep(0.7)
-                    assert len(scan.angles) == len(scan.ranges) > 0
-        except lidario.LidarError as error:
-            self._failed(error)
+            await self._readers.begin(stream, slow=self._random.random() < 0.2)
 
     async def _leave(self) -> None:
         """One reader leaves."""
-        if self._readers:
-            reader = self._random.choice(list(self._readers))
-            reader.cancel()
-            await asyncio.wait([reader])
-
-    async def _end_readers(self) -> None:
-        readers = list(self._readers)
-        for task in readers:
-            task.cancel()
-        if readers:
-            await asyncio.wait(readers)
+        await self._readers.leave(self._random.choice)
 
     async def _few(self) -> None:
         """Some scans, in a mode that the readers allow; left in order, or by a break."""
