@@ -226,7 +226,6 @@ class Dialogue(DeviceLine):
         """Send STOP and wait until the line is quiet; False if it did not fall quiet in time."""
         await self._until_it_listens()
         self.write((self._device.stop(),))
-        self.deliver_to(None)
         return await self.drain()
 
     async def drain(self) -> bool:
@@ -314,6 +313,9 @@ class Dialogue(DeviceLine):
         for request in requests:
             self._link.send_request(request)
             self._stopper.sent(request)
+            if request.ends_stream:
+                # Also what came before anybody could read it: it is no part of the next stream.
+                self.deliver_to(None)
             if request.data == self._reset:
                 # Noted here: whoever wrote it may be cancelled before anybody waits until the device has booted.
                 self.reset_at = self._loop.time()
