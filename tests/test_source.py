@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from lidario import ConnectFailed, open_lidar
 from lidario.families.registry import FAMILIES, check_source
+from lidario.port.simulated import make_device
 from lidario.source import Source, parse_source
 
 
@@ -175,6 +176,17 @@ def test_unknown_names_are_told_before_anything_is_opened(text: str, says: str) 
     with pytest.raises(ConnectFailed, match=says) as caught:
         open_lidar(text)
     assert caught.value.reason == "source"
+
+
+@pytest.mark.parametrize(
+    "form", ["sim://{}", "tcp://h:80?family={}", "sim://rplidar-s2?world={}", "sim://rplidar-s2?fault={}", "{}://"]
+)
+def test_a_long_unprintable_word_makes_no_long_text(form: str) -> None:
+    with pytest.raises(ConnectFailed) as caught:
+        check_source(parse_source(form.format("\udcff" * 5000)))
+        make_device(parse_source(form.format("\udcff" * 5000)))
+    assert caught.value.reason == "source"
+    assert len(str(caught.value)) < 2000
 
 
 def test_models_are_listed_by_family() -> None:

@@ -24,7 +24,7 @@ from lidario.sim.device import SimulatedDevice
 from lidario.sim.faults import Faults, parse_faults
 from lidario.sim.rooms import make_world
 from lidario.sim.serve import MemoryLine, PtyServer, TcpServer
-from lidario.source import Source
+from lidario.source import Source, quoted
 
 __all__ = ["Simulation", "connect_in_memory", "make_device", "open_simulated"]
 
@@ -47,7 +47,7 @@ def make_device(source: Source) -> tuple[SimulatedDevice, Faults | None]:
         serial = bytes.fromhex(options["serial"]) if "serial" in options else None
         device = family.simulate(source.address, world=world, serial=serial, seed=seed)
     except ValueError as error:
-        raise ConnectFailed(f"{source.text!r}: {error}", reason="source") from error
+        raise ConnectFailed(f"{quoted(source.text)}: {error}", reason="source") from error
     return device, faults
 
 
@@ -141,7 +141,9 @@ async def open_simulated(source: Source) -> Port:
 def _way(source: Source) -> str:
     way = source.options.get("via", "pty" if os.name == "posix" else "tcp")
     if way not in _WAYS:
-        raise ConnectFailed(f"{source.text!r}: via={way} is not known; use {', '.join(_WAYS)}", reason="source")
+        raise ConnectFailed(
+            f"{quoted(source.text)}: via={quoted(way)} is not known; use {', '.join(_WAYS)}", reason="source"
+        )
     return way
 
 
@@ -173,6 +175,8 @@ class _MemoryTransport(Line):
         self._line = line
         self._closing = False
         self._timer: asyncio.TimerHandle | None = None
+        # As `open_serial` does.
+        line.set_dtr(False, port.now())
         self._arm()
 
     def is_closing(self) -> bool:
@@ -187,6 +191,10 @@ class _MemoryTransport(Line):
             self._end(_failed(self._port.name, error))
         else:
             self._arm()
+
+    def set_dtr(self, asserted: bool) -> None:
+        self._line.set_dtr(asserted, self._port.now())
+        self._arm()
 
     def close(self) -> None:
         self._end(None)

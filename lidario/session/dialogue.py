@@ -60,7 +60,6 @@ class Dialogue(DeviceLine):
         self._patience = self._hurried_until = math.inf
         self.protection_stops: int = 0
         self.reset_at: float | None = None
-        self._reset = device.reset().data
         self._waiting = Waiting()
         # When the device listens: not before this time, nor while a response is outstanding that may still come.
         self._listens_at = 0.0
@@ -296,6 +295,9 @@ class Dialogue(DeviceLine):
         requests = () if self._stopper.still else self._stopper.requests()
         # A response that is outstanding is not received any more. A healthy device has sent it after this time.
         patient_until = self._loop.time() + RESPONSE_S
+        for request in requests:
+            if request.dtr is not None:
+                self._port.set_dtr(request.dtr)
         self._port.abandon(b"".join(request.data for request in requests), self.free_at(patient_until))
 
     def free_at(self, patient_until: float) -> float:
@@ -316,10 +318,13 @@ class Dialogue(DeviceLine):
             if request.ends_stream:
                 # Also what came before anybody could read it: it is no part of the next stream.
                 self.deliver_to(None)
-            if request.data == self._reset:
+            if request.dtr is not None:
+                self._port.set_dtr(request.dtr)
+            if self._stopper.is_reset(request):
                 # Noted here: whoever wrote it may be cancelled before anybody waits until the device has booted.
                 self.reset_at = self._loop.time()
-        self._port.write(self._link.data_to_send())
+        if data := self._link.data_to_send():
+            self._port.write(data)
         settle = max((request.settle for request in requests), default=0.0)
         if settle:
             self._listens_at = max(self._listens_at, self._loop.time() + settle + _MARGIN_S)

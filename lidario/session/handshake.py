@@ -2,7 +2,8 @@
 
 A device may still be streaming for a program that was killed, may hold half a request, may have stopped to protect
 itself, or may be booting. So STOP is sent first, unless the line was just listened to and is quiet. Then a question
-is asked, whose response is recognised by type and length. A device that reports an error is reset once; that is
+is asked, whose response is recognised by type and length. One that goes on sending all the same may hear nothing:
+then its packets tell what it is (`Device.overhear`). A device that reports an error is reset once; that is
 logged, counted, and told in `Health.note`, since repeated Protection Stops may be a sign of lasting damage
 (S-series interface manual, GET_HEALTH).
 """
@@ -41,10 +42,9 @@ async def introduce(dialogue: Dialogue, device: Device, patience: float, *, quie
     while True:
         rounds -= 1
         began = loop.time()
-        if not quiet:
-            await dialogue.quieten()
+        talks_on = not quiet and not await dialogue.quieten()
         try:
-            return await dialogue.run(device.identify())
+            return await dialogue.run(device.overhear() if talks_on else device.identify())
         except ResponseTimeout:
             if rounds <= 0 and began >= deadline:
                 raise

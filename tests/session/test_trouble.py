@@ -109,10 +109,11 @@ async def test_a_fault_that_stays_is_raised_with_its_code(family: str) -> None:
     assert left_still(rig)
 
 
+@pytest.mark.exhaustive("connects", sample=[200], full=[1000])
 @driven
-async def test_a_thousand_connects_to_a_device_that_still_streams() -> None:
+async def test_many_connects_to_a_device_that_still_streams(connects: int) -> None:
     random = np.random.default_rng(7)
-    for round_number in range(1000):
+    for round_number in range(connects):
         rig = make_rig("rplidar", seed=int(random.integers(1 << 30)))
         loop = asyncio.get_running_loop()
         assert isinstance(loop, DrivenLoop)

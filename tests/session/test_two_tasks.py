@@ -25,7 +25,7 @@ from lidario import Lidar, LidarError, LocalProtocolError, ScanStream, SessionCl
 from tests.support.devices import FAMILIES, Rig, discarded, left_still, make_rig
 from tests.support.loop import DrivenLoop, run_driven
 
-SAMPLE = 6
+SAMPLE = 4
 """Steps tried of each cell in a sample; every eighth with ``--exhaustive``, all of them with ``--every-step``."""
 LONGEST_S = 20.0
 """No call takes longer: the longest are a speed that is not reached (10 s) and a boot (8 s)."""
