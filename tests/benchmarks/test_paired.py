@@ -3,6 +3,7 @@
 No figure is looked at: a shared machine has none to rely on.
 """
 
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -56,7 +57,7 @@ def test_a_folder_that_is_no_repository_is_refused(tmp_path: Path) -> None:
 def test_without_git_it_says_so_in_one_sentence(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(paired.shutil, "which", lambda _: None)
+    monkeypatch.setattr(shutil, "which", lambda _: None)
     assert paired.main(["--against", "HEAD"]) == 2
     said = capsys.readouterr()
     assert said.out == ""
@@ -74,7 +75,7 @@ def test_both_checkouts_decode_by_turns() -> None:
 
 def test_a_checkout_that_cannot_decode_is_named(tmp_path: Path) -> None:
     other = paired.Checkout("other", tmp_path)
-    with pytest.raises(paired.Refused, match=f"^other cannot decode {DENSE}: ModuleNotFoundError"):
+    with pytest.raises(paired.Refused, match=f"^other cannot decode {DENSE}: it has no benchmarks"):
         paired.compare_decode(other, paired.Checkout("here", ROOT), 1, [DENSE], [0])
 
 
