@@ -314,8 +314,9 @@ class Dialogue(DeviceLine):
             self._stopper.sent(request)
             if request.dtr is not None:
                 self._port.set_dtr(request.dtr)
-        if data := self._link.data_to_send():
-            self._port.write(data)
+            # One by one: where the line carries datagrams, a device may look for one request in each.
+            if data := self._link.data_to_send():
+                self._port.write(data)
         settle = max((request.settle for request in requests), default=0.0)
         if settle:
             self._listens_at = max(self._listens_at, self._loop.time() + settle + _MARGIN_S)
