@@ -323,8 +323,9 @@ class Dialogue(DeviceLine):
             if self._stopper.is_reset(request):
                 # Noted here: whoever wrote it may be cancelled before anybody waits until the device has booted.
                 self.reset_at = self._loop.time()
-        if data := self._link.data_to_send():
-            self._port.write(data)
+            # One by one: where the line carries datagrams, a device may look for one request in each.
+            if data := self._link.data_to_send():
+                self._port.write(data)
         settle = max((request.settle for request in requests), default=0.0)
         if settle:
             self._listens_at = max(self._listens_at, self._loop.time() + settle + _MARGIN_S)
