@@ -88,6 +88,9 @@ class Line(ABC):
     def set_baudrate(self, baudrate: int) -> None:  # noqa: B027 - most lines have no speed
         """Change the speed. Raises ConnectFailed where the adapter cannot do it."""
 
+    def set_dtr(self, asserted: bool) -> None:  # noqa: B027 - most lines have no control lines
+        """As `Port.set_dtr`."""
+
     def set_polling(self, latency: float, schedule: Schedule | None) -> None:  # noqa: B027 - only where polled
         """As `Port.set_polling`."""
 

@@ -175,6 +175,8 @@ class _MemoryTransport(Line):
         self._line = line
         self._closing = False
         self._timer: asyncio.TimerHandle | None = None
+        # As `open_serial` does.
+        line.set_dtr(False, port.now())
         self._arm()
 
     def is_closing(self) -> bool:
@@ -189,6 +191,10 @@ class _MemoryTransport(Line):
             self._end(_failed(self._port.name, error))
         else:
             self._arm()
+
+    def set_dtr(self, asserted: bool) -> None:
+        self._line.set_dtr(asserted, self._port.now())
+        self._arm()
 
     def close(self) -> None:
         self._end(None)

@@ -29,6 +29,7 @@ from lidario.scan import Scan
 from lidario.session.control import StreamControl
 from lidario.session.dialogue import Dialogue
 from lidario.session.failures import Failures
+from lidario.session.handshake import come_back
 from lidario.session.inquiry import Inquiry
 from lidario.session.log import Trouble
 from lidario.session.readers import Readers
@@ -206,6 +207,7 @@ class Scanner:
             self._dialogue.begin()
             try:
                 await self._control.interrupt()
+                await come_back(self._dialogue, self._device)
                 return await action()
             except LidarError as error:
                 if vital:

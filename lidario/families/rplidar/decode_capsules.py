@@ -141,7 +141,9 @@ class CapsuleDecoder(ABC):
         end = room + len(starts) * self.samples
         angle, distance = np.empty(end, np.float32), np.empty(end, np.float32)
         grid = angle[room:].reshape(-1, self.samples)
-        np.matmul(np.array((starts, arc), np.float32).T, self._steps, out=grid)
+        each = np.empty((len(starts), 2), np.float32)
+        each[:, 0], each[:, 1] = starts, arc
+        np.matmul(each, self._steps, out=grid)
         intensity = self._payload(capsules, distance[room:].reshape(-1, self.samples), grid)
         self._bring_into_turn(grid, starts, arc)
         angle[room:] /= self._units
@@ -160,7 +162,7 @@ class CapsuleDecoder(ABC):
         """Take 360 degrees off the angles of those few packets that may lie across 0."""
         back, ahead = self.reach
         full_turn = FULL_TURN_Q6 * self.samples
-        for beyond in _stretches(starts > FULL_TURN_Q6 - ahead - arc.max()):
+        for beyond in _stretches(starts > FULL_TURN_Q6 - ahead - np.maximum.reduce(arc)):
             few = angle[beyond]
             np.subtract(few, full_turn, out=few, where=few >= full_turn)
         if back:
@@ -232,7 +234,7 @@ class UltraDenseDecoder(CapsuleDecoder):
             np.ascontiguousarray(capsules.words[:, 5:]), self._last_q2, capsules.missing
         )
         distance[...] = distance_q2.reshape(distance.shape)
-        distance /= 4.0
+        distance *= np.float32(0.25)
         return intensity
 
     def _remember(self, capsules: Capsules, distance: Floats) -> None:
@@ -255,4 +257,4 @@ def _stretches(these: NDArray[np.bool_]) -> list[slice]:
 
 def _in_range(starts: Ints) -> Ints:
     """Start angles without the flag beside them, below 360 degrees; mostly they are so already."""
-    return starts if starts.max() < FULL_TURN_Q6 else (starts & ANGLE_MASK) % FULL_TURN_Q6
+    return starts if np.maximum.reduce(starts) < FULL_TURN_Q6 else (starts & ANGLE_MASK) % FULL_TURN_Q6

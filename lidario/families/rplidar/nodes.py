@@ -97,6 +97,8 @@ class NodeFormat(StreamFormat):
         self._last: int | None = None
         # Where marks stand, once one was seen, and where the last one did that was not believed.
         self._mark: int | None = None
+        # Whether a mark far from 0 was among the nodes that passed; None before any has.
+        self._marked_far: bool | None = None
         self._other_mark = -FULL_TURN_Q6
 
     def measure(self, data: bytearray, at: int) -> int:
@@ -115,12 +117,17 @@ class NodeFormat(StreamFormat):
         data = packets.data
         if len(data) < HEADINGS_WORTH_AN_ARRAY * SIZE:
             few = [_angle(data, place) for place in range(0, len(data), SIZE)]
+            if self._marked_far is False:
+                return few
             for place, first in enumerate(data[::SIZE]):
                 if first & 1 and _apart(few[place], 0) > SEAM_Q6:
                     few[place] |= BEGINS
             return few
         nodes = np.frombuffer(data, NODE)
-        many = nodes["angle"].astype(np.int32) >> 1
+        many = nodes["angle"].astype(np.int32)
+        many >>= 1
+        if self._marked_far is False:
+            return many
         for place in (nodes["quality"] & 1).nonzero()[0].tolist():
             if _apart(int(many[place]), 0) > SEAM_Q6:
                 many[place] |= BEGINS
@@ -129,11 +136,13 @@ class NodeFormat(StreamFormat):
     def run(self, data: bytearray, at: int) -> Stretch:
         """Nodes from `at` that continue the last accepted angle, and each other."""
         count = (len(data) - at) // SIZE
+        self._marked_far = bool(self._marked_far)
         done = one_by_one = 0
         while done < count and self._continues(data, at, self._last):
             self._last = _angle(data, at)
             if data[at] & 1:
                 self._mark = self._last if self._mark is None else self._mark
+                self._marked_far |= _apart(self._last, 0) > SEAM_Q6
             at += SIZE
             done += 1
             if done >= one_by_one and count - done >= WORTH_AN_ARRAY:
