@@ -20,7 +20,7 @@ _LONGEST = 65535
 
 def _of_bytes() -> npt.NDArray[np.uint8]:
     """The CRC of each byte, made for all of them bit by bit."""
-    value = np.arange(256, dtype=np.uint16)
+    value = np.arange(256)
     for _ in range(8):
         value = np.where(value & 0x80, value << 1 ^ _POLYNOMIAL, value << 1) & 0xFF
     return value.astype(np.uint8)
