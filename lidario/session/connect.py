@@ -293,7 +293,7 @@ async def _try(port: Port, attempt: _Try, *, quick: bool) -> Connection | None:
 
 
 def _nothing_responds(source: Source, tries: list[_Try], received: ReceivedInSilence) -> LidarError:
-    speeds = [str(each.baudrate) for each in tries if each.baudrate]
+    speeds = list(dict.fromkeys(str(each.baudrate) for each in tries if each.baudrate))
     at = f" at {_either(speeds)} baud" if speeds and source.kind == "serial" else ""
     asked = _either(list(dict.fromkeys(each.family.title for each in tries)))
     cure = "Is the lidar powered (5 V, 1.5 A)"
