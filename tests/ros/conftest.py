@@ -9,7 +9,7 @@ import pytest
 from tests.support.router import Router
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="session", autouse=True)
 def router() -> Iterator[Router]:
     """A router that runs from the first test to the last one: zenoh keeps some files open once it was used."""
     made = Router()

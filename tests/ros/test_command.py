@@ -1,4 +1,4 @@
-"""`lidario publish` and `lidario devices --zenoh` as far as no network is needed; the rest is in tests/ros."""
+"""`lidario publish` and `lidario devices --zenoh` without a network."""
 
 from __future__ import annotations
 
