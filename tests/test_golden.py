@@ -54,9 +54,9 @@ def test_distances_are_the_vendors_and_angles_within_a_64th(case: Case) -> None:
         return
     if truth.sample_us is not None and truth.family == "ydlidar":
         # Truncated, in both directions where the vendor's sum of beam and correction was negative.
-        off = off_deg(angle, case)
-        assert -0.0079 <= off.min() <= off.max() <= 0.0157
-        assert np.count_nonzero(off < -1e-4) < 0.03 * count
+        cut = off_deg(angle, case)
+        assert -0.0079 <= cut.min() <= cut.max() <= 0.0157
+        assert np.count_nonzero(cut < -1e-4) < 0.03 * count
         return
     if case.response_type == 0x83:
         np.testing.assert_array_equal(angle, truth.angle_deg)

@@ -18,7 +18,7 @@ from typing import TypeVar
 
 import anyio
 
-from lidario.errors import InternalError, LidarError, ResponseTimeout, Unsupported
+from lidario.errors import InternalError, LidarError, ResponseTimeout
 from lidario.families.base import Device, Script, Timing
 from lidario.port.port import Port
 from lidario.revolution.together import join_runs
@@ -60,9 +60,6 @@ class Dialogue(DeviceLine):
         self._patience = self._hurried_until = math.inf
         self.protection_stops: int = 0
         self.reset_at: float | None = None
-        self._reset: bytes | None = None
-        with suppress(Unsupported):  # by some devices only a power cut is heard
-            self._reset = device.reset().data
         self._waiting = Waiting()
         # When the device listens: not before this time, nor while a response is outstanding that may still come.
         self._listens_at = 0.0
@@ -321,7 +318,7 @@ class Dialogue(DeviceLine):
             self._stopper.sent(request)
             if request.dtr is not None:
                 self._port.set_dtr(request.dtr)
-            if request.data == self._reset:
+            if self._stopper.is_reset(request):
                 # Noted here: whoever wrote it may be cancelled before anybody waits until the device has booted.
                 self.reset_at = self._loop.time()
         if data := self._link.data_to_send():

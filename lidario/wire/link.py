@@ -144,7 +144,7 @@ class Link:
         """
         if request.ends_stream:
             self._drain()
-            if not request.data:
+            if not request.data and request.dtr is None:
                 self._unasked = True
                 self.state = LinkState.IDLE
         elif self.state is LinkState.STREAMING and not request.in_stream:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -162,12 +161,15 @@ class CapsuleDecoder(ABC):
         """Take 360 degrees off the angles of those few packets that may lie across 0."""
         back, ahead = self.reach
         full_turn = FULL_TURN_Q6 * self.samples
-        for beyond in _stretches(starts > FULL_TURN_Q6 - ahead - np.maximum.reduce(arc)):
+        beyond = _places(starts > FULL_TURN_Q6 - ahead - np.maximum.reduce(arc))
+        if beyond is not None:
+            # Of several revolutions a copy: the packets do not lie side by side.
             few = angle[beyond]
             np.subtract(few, full_turn, out=few, where=few >= full_turn)
-        if back:
-            for behind in _stretches(starts < back):
-                in_turn(angle[behind], full_turn)
+            angle[beyond] = few
+        behind = _places(starts < back) if back else None
+        if behind is not None:
+            angle[behind] = in_turn(angle[behind], full_turn)
 
     def _before_seam(self, packets: int, start: int, arc: float, seam: int) -> int:
         """How many samples lie before the rotor passed `seam` in the last of so many packets."""
@@ -243,16 +245,13 @@ class UltraDenseDecoder(CapsuleDecoder):
         self._last_q2 = 0 if missing_behind else int(distance[-1] * 4)
 
 
-def _stretches(these: NDArray[np.bool_]) -> list[slice]:
-    """These packets, as stretches of such that follow each other; one or none in each revolution."""
+def _places(these: NDArray[np.bool_]) -> slice | NDArray[np.intp] | None:
+    """Where these packets are: one stretch, if they follow each other; None where there is none."""
     places = these.nonzero()[0]
     if not len(places):
-        return []
+        return None
     first, last = int(places[0]), int(places[-1])
-    if last - first < len(places):
-        return [slice(first, last + 1)]
-    parts = (np.flatnonzero(places[1:] - places[:-1] > 1) + 1).tolist()
-    return [slice(int(places[a]), int(places[b - 1]) + 1) for a, b in pairwise([0, *parts, len(places)])]
+    return slice(first, last + 1) if last - first < len(places) else places
 
 
 def _in_range(starts: Ints) -> Ints:
