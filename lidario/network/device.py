@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Self
 
 from lidario.errors import Unsupported
 from lidario.families.base import Family, Script, Stream
@@ -181,6 +181,9 @@ class _NoPackets:
 
     def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Any:
         raise NotImplementedError
+
+    def fork(self) -> Self:
+        return self
 
     def decode_steady(
         self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None
