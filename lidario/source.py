@@ -9,6 +9,7 @@
 ``udp://host:port``                                    an Ethernet model
 ``sim://MODEL?world=room&fault=drop:1%``               the simulator, its bytes through the real decoder
 ``run.mcap``, ``raw.bin?rate=10&loop=1``               a recording, at true pace unless ``rate`` says otherwise
+``zenoh:KEY?router=tcp/host:7447``                     another machine's lidar, as ``lidario publish`` sends it
 =====================================================  ====================================================
 
 This module reads the form only. Whether a family or a simulated model of that name exists is known to
@@ -40,6 +41,7 @@ _OPTIONS = {
     "serial": {"baud", "family", "model"},
     "tcp": {"baud", "family", "model"},
     "udp": {"family"},
+    "zenoh": {"router"},
     "file": {"rate", "loop", "family", "sample_us"},
     "sim": {"world", "fault", "serial", "seed", "via", "baud", "family"},
 }
@@ -64,8 +66,8 @@ class Source:
 
     Attributes:
         text: As the user wrote it.
-        kind: ``auto``, ``serial``, ``tcp``, ``udp``, ``sim``, ``id`` or ``file``.
-        address: Path, ``host:port``, model or serial number; empty for ``auto``.
+        kind: ``auto``, ``serial``, ``tcp``, ``udp``, ``sim``, ``id``, ``file`` or ``zenoh``.
+        address: Path, ``host:port``, model, serial number or key; empty for ``auto``.
         options: The options after the question mark.
         device: A simulated device to connect to in memory; its kind is ``device``.
     """
@@ -131,6 +133,9 @@ def parse_source(source: str | os.PathLike[str]) -> Source:
         return Source(text or "auto", "auto")
     if text.startswith("id:"):
         return _checked(Source(text, "id", text[3:]))
+    if text.startswith("zenoh:"):
+        key, _, query = text[6:].removeprefix("//").partition("?")
+        return _checked(Source(text, "zenoh", key, _options(text, "zenoh", query)))
     if "://" not in text:
         name, _, query = text.partition("?")
         if name.casefold().endswith(_FILES):
@@ -160,7 +165,7 @@ def _options(text: str, kind: str, query: str) -> dict[str, str]:
     for name, value in parse_qsl(query, keep_blank_values=True):
         if name not in _OPTIONS[kind]:
             known = ", ".join(sorted(_OPTIONS[kind]))
-            owner = "a recording" if kind == "file" else f"{kind}://"
+            owner = {"file": "a recording", "zenoh": "zenoh:"}.get(kind, f"{kind}://")
             raise _refused(text, f"has an option that {owner} does not know: {quoted(name)}. It knows {known}")
         if name in options:
             raise _refused(text, f"cannot be read: the option {quoted(name)} is given twice")

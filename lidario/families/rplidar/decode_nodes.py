@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from functools import partial
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,8 @@ __all__ = ["HqDecoder", "NodeDecoder"]
 
 HQ_NODE: Final = np.dtype([("angle", "<u2"), ("distance", "<u4"), ("quality", "u1"), ("flag", "u1")])
 HQ: Final = np.dtype([("sync", "u1"), ("time", "<u8"), ("nodes", HQ_NODE, 96), ("crc", "<u4")])
+FIRST_ANGLE: Final = 9
+"""Offset of the first node's angle in a packet of 0x83."""
 
 
 class HqDecoder:
@@ -37,6 +40,12 @@ class HqDecoder:
         arcs = self._rotation.arcs_told(first, after, inside)
         before_seam = nodes.size if seam is None else nodes.size - self._behind_seam(nodes["angle"][-1], seam)
         return decoded_samples(self._samples_of(nodes, room), arcs, FULL_TURN_Q14, self.samples, before_seam)
+
+    def fork(self) -> Self:
+        """As `Decoder.fork`."""
+        twin = copy.copy(self)
+        twin._rotation = copy.copy(self._rotation)  # noqa: SLF001 - its own
+        return twin
 
     def decode_steady(
         self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None
@@ -63,16 +72,15 @@ class HqDecoder:
     def _read(self, packets: Packets) -> tuple[NDArray[np.void], Ints, NDArray[np.float64]]:
         """The nodes, shape (packets, 96), the first angle of each packet, and the way during it."""
         nodes: NDArray[np.void] = np.frombuffer(packets.data, HQ)["nodes"]
-        first = nodes["angle"][:, 0].astype(np.int32)
-        # From the first of 96 nodes to the last there are 95 steps.
-        inside = np.multiply(
-            (nodes["angle"][:, -1] - first) % FULL_TURN_Q14, self.samples / (self.samples - 1), dtype=np.float64
-        )
+        angles = nodes["angle"]
+        first = angles[:, 0].astype(np.int32)
+        # Without a sign, 16 bits hold just 360 degrees. From the first of 96 nodes to the last there are 95 steps.
+        inside = (angles[:, -1] - angles[:, 0]) * (self.samples / (self.samples - 1))
         return nodes, first, inside
 
     @staticmethod
     def _first_angle(packet: bytes) -> int:
-        return int(np.frombuffer(packet, HQ)["nodes"]["angle"][0, 0])
+        return packet[FIRST_ANGLE] | packet[FIRST_ANGLE + 1] << 8
 
     @staticmethod
     def _samples_of(nodes: NDArray[np.void], room: int) -> Decoded:
@@ -84,7 +92,7 @@ class HqDecoder:
         distance[room:].reshape(nodes.shape)[...] = nodes["distance"]
         intensity[room:].reshape(nodes.shape)[...] = nodes["quality"]
         angle[room:] *= 360.0 / FULL_TURN_Q14
-        distance[room:] /= 4.0
+        distance[room:] *= 0.25
         return Decoded(angle, distance, intensity)
 
     @staticmethod
@@ -114,6 +122,12 @@ class NodeDecoder:
         rows, angles = self._read(packets)
         arcs = self._rotation.arcs(angles, None if following is None else self._angle(following))
         return decoded_samples(self._samples_of(rows, angles, room), arcs, FULL_TURN_Q6, 1, len(rows))
+
+    def fork(self) -> Self:
+        """As `Decoder.fork`."""
+        twin = copy.copy(self)
+        twin._rotation = copy.copy(self._rotation)  # noqa: SLF001 - its own
+        return twin
 
     def decode_steady(
         self,
@@ -150,6 +164,6 @@ class NodeDecoder:
         intensity = np.empty(size, np.uint8)
         np.divide(angles, 64.0, out=angle[room:], dtype=np.float32, casting="same_kind")
         distance[room:] = rows["distance"]
-        distance[room:] /= 4.0
+        distance[room:] *= 0.25
         np.bitwise_and(rows["quality"], 0xFC, out=intensity[room:])
         return Decoded(angle, distance, intensity)
