@@ -21,6 +21,7 @@ from benchmarks import (
     latency,
     live,
     memory,
+    publish,
     readme,
     scale,
     stages,
@@ -51,6 +52,7 @@ BENCHMARKS: dict[str, Callable[[Setting], Result]] = {
     "damage": damage.run,
     "garbage": garbage.run,
     "view": view.run,
+    "publish": publish.run,
 }
 _RESULTS = ROOT / "benchmarks" / "results"
 

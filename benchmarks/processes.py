@@ -81,7 +81,12 @@ class Player:
 
 
 def run_json(
-    command: list[str], *, timeout: float, environment: dict[str, str] | None = None, given: object = None
+    command: list[str],
+    *,
+    timeout: float,
+    environment: dict[str, str] | None = None,
+    given: object = None,
+    folder: Path = ROOT,
 ) -> dict[str, Any]:
     """Run a command that prints one line of JSON as its last, and return it.
 
@@ -90,6 +95,7 @@ def run_json(
         timeout: Seconds after which it is killed.
         environment: Its environment; None for ours.
         given: What is passed to it as JSON, as its last argument.
+        folder: Its working directory.
 
     Raises:
         Failed: It printed none, or took too long; the text is the last line it complained with.
@@ -97,7 +103,7 @@ def run_json(
     command = command if given is None else [*command, json.dumps(given)]
     try:
         done = subprocess.run(
-            command, cwd=ROOT, capture_output=True, text=True, timeout=timeout, env=environment, check=False
+            command, cwd=folder, capture_output=True, text=True, timeout=timeout, env=environment, check=False
         )
     except subprocess.TimeoutExpired:
         raise Failed(f"no result within {timeout:g} s") from None

@@ -153,10 +153,10 @@ def test_damage_costs_what_it_hits_and_is_told(name: str, how: str) -> None:
 
 
 def test_a_long_recording_is_made_of_a_short_one(tmp_path: Path) -> None:
-    export.make_recording(tmp_path / "a.mcap", 25.0)
+    export.make_recording(tmp_path / "a.mcap", 20.0)
     found = lidario.summarize(tmp_path / "a.mcap")
-    assert found.scans == pytest.approx(250, abs=6)
-    assert found.duration_s == pytest.approx(25.0, abs=0.6)
+    assert found.scans == pytest.approx(200, abs=3)
+    assert found.duration_s == pytest.approx(20.0, abs=0.3)
     assert (found.lost_packets, found.missed_scans, found.skipped_bytes) == (0, 0, 0)
 
 

@@ -128,8 +128,8 @@ def test_an_s_bit_in_every_revolution_costs_nothing(case: Case, chunks: int | No
 @pytest.mark.parametrize("lost", [1, 3])
 def test_packets_lost_before_an_s_bit_are_lost_and_no_more(case: Case, lost: int) -> None:
     number = (case.turns[1][0].packet + case.turns[1][-1].packet) // 2
-    # A gap of more than 90 degrees could be any restart.
-    lost = min(lost, (case.turns[1][-1].packet - case.turns[1][0].packet) // 5)
+    # A step of more than 90 degrees, from the packet before the gap to the one behind it, could be any restart.
+    lost = min(lost, (case.turns[1][-1].packet - case.turns[1][0].packet) // 4 - 1)
     raw = b"".join([*case.packets[: number - lost], with_mark(case, number), *case.packets[number + 1 :]])
     scans, stats, _ = assembled(case, raw)
     assert (len(scans), stats.broken_scans, stats.lost_packets) == (len(case.turns), 0, lost)

@@ -188,7 +188,7 @@ async def test_a_rotor_that_stands_still_is_noticed(family: str) -> None:
     rig = make_rig(family)
     async with rig.open() as lidar, lidar.scans() as stream:
         await anext(stream)
-        running = lidar._scanner._running
+        running = lidar._scanner._control._running
         assert running is not None
         running._assembler._seam.splits = lambda headings: []  # type: ignore[method-assign]
         await until_it_fails(stream, "no full revolution")
@@ -205,7 +205,7 @@ async def test_a_mistake_of_ours_ends_the_stream_and_says_so(family: str) -> Non
 
     async with rig.open() as lidar, lidar.scans() as stream:
         await anext(stream)
-        running = lidar._scanner._running
+        running = lidar._scanner._control._running
         assert running is not None
         running._assembler._seam.splits = blunder  # type: ignore[assignment, method-assign]
         with pytest.raises(InternalError, match=r"IndexError\('a bug'\).*report") as caught:
