@@ -157,7 +157,9 @@ def test_a_long_recording_is_made_of_a_short_one(tmp_path: Path) -> None:
     found = lidario.summarize(tmp_path / "a.mcap")
     assert found.scans == pytest.approx(200, abs=3)
     assert found.duration_s == pytest.approx(20.0, abs=0.3)
-    assert (found.lost_packets, found.missed_scans, found.skipped_bytes) == (0, 0, 0)
+    # Where one copy ends and the next begins, the rotor stands a few packets elsewhere.
+    assert found.lost_packets <= 8
+    assert (found.missed_scans, found.skipped_bytes) == (0, 0)
 
 
 def test_noise_is_compared_with_a_clean_line_of_every_format() -> None:
