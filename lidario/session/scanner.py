@@ -165,7 +165,7 @@ class Scanner:
 
     def deliver(self, scan: Scan) -> None:
         """As `Audience` of another machine's lidar: a scan that came whole."""
-        if self._state is State.RUNNING:
+        if self.state is State.RUNNING:
             self.totals.assembled.scans += 1
             self._publish(scan)
 
