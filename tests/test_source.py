@@ -32,6 +32,8 @@ from lidario.source import Source, parse_source
         ("id:ABCDEF01", "id", "ABCDEF01", {}),
         ("tcp://192.168.0.7:20108", "tcp", "192.168.0.7:20108", {}),
         ("socket://[::1]:2000", "tcp", "[::1]:2000", {}),
+        ("udp://192.168.11.2:8089", "udp", "192.168.11.2:8089", {}),
+        ("udp://[::1]:8089?family=x", "udp", "[::1]:8089", {"family": "x"}),
         ("sim://model-2?world=room&fault=drop:1%25,flip:0.1%25", "sim", "model-2", None),
         ("sim://model-2?fault=drop:1%", "sim", "model-2", {"fault": "drop:1%"}),
     ],
@@ -63,6 +65,8 @@ def test_what_a_source_says() -> None:
         ("serial://", "names nothing"),
         ("tcp://host", "host and a port"),
         ("tcp://host:port", "host and a port"),
+        ("udp://host", "host and a port, as in udp://192.168.11.2:8089"),
+        ("udp://host:8089?baud=115200", "does not know: 'baud'"),
     ],
 )
 def test_what_is_no_source_says_why(text: str, says: str) -> None:
@@ -201,4 +205,28 @@ def test_models_are_listed_by_family() -> None:
 def test_a_family_given_beside_the_source_must_be_known_too() -> None:
     with pytest.raises(ConnectFailed, match="hokuyo") as caught:
         open_lidar("auto", family="hokuyo")
+    assert caught.value.reason == "source"
+
+
+@pytest.mark.parametrize(
+    ("text", "address", "router"),
+    [
+        ("zenoh:robots/r7/scan", "robots/r7/scan", None),
+        ("zenoh:robots/*/scan?router=tls/fleet.example:7447", "robots/*/scan", "tls/fleet.example:7447"),
+        (
+            "zenoh://0/scan/sensor_msgs::msg::dds_::LaserScan_/**",
+            "0/scan/sensor_msgs::msg::dds_::LaserScan_/**",
+            None,
+        ),
+    ],
+)
+def test_another_machines_lidar(text: str, address: str, router: str | None) -> None:
+    source = parse_source(text)
+    assert (source.kind, source.address, source.options.get("router")) == ("zenoh", address, router)
+
+
+@pytest.mark.parametrize("text", ["zenoh:", "zenoh:a?port=3", "zenoh:a\nb"])
+def test_what_names_no_lidar_on_the_network(text: str) -> None:
+    with pytest.raises(ConnectFailed) as caught:
+        parse_source(text)
     assert caught.value.reason == "source"

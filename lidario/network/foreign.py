@@ -43,7 +43,7 @@ def scan_of_laserscan(laser: LaserScan, seq: int, wall_offset_ns: int) -> Scan |
     if not every_s and 0 < laser.scan_time <= _LONGEST_S and count:
         # It says nothing of the time of a beam: the devices of most drivers turn clockwise.
         every_s = -math.copysign(laser.scan_time / count, laser.angle_increment)
-    if abs(every_s) * count > _LONGEST_S:
+    if abs(every_s) * max(count, 1) > _LONGEST_S:
         return None
     ranges, strengths = laser.ranges, laser.intensities if len(laser.intensities) == count else None
     angles = -np.degrees(laser.angle_min + laser.angle_increment * np.arange(count))

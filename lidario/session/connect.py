@@ -32,6 +32,7 @@ from lidario.model import DeviceInfo
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.tcp import open_tcp
+from lidario.port.udp import open_udp
 from lidario.session.dialogue import Dialogue
 from lidario.session.guard import Guard
 from lidario.session.handshake import introduce
@@ -127,6 +128,9 @@ async def connect(
     elif source.kind == "tcp":
         port = await open_tcp(source.text, *source.host_and_port, baudrate=speed or 0)
         tries = [_Try(each, 0, source.model) for each in families]
+    elif source.kind == "udp":
+        port = await open_udp(source.text, *source.host_and_port)
+        tries = [_Try(each, 0) for each in families]
     else:
         if source.model is not None:
             tries = [_Try(each, speed or each.models[source.model].baudrate, source.model) for each in families]
@@ -141,16 +145,26 @@ async def connect(
     # Where Ctrl-C has ended it, what follows is run by the garbage collector.
     loop = asyncio.get_running_loop()
     received = ReceivedInSilence()
+    asked: list[Dialogue] = []
+
+    def began(dialogue: Dialogue) -> None:
+        asked.append(dialogue)
+        if on_dialogue is not None:
+            on_dialogue(dialogue)
+
     port.add_tap(received.see)
     try:
-        connection, tries = await _find(port, tries, patient=patient, on_dialogue=on_dialogue)
+        connection, tries = await _find(port, tries, patient=patient, on_dialogue=began)
         if connection is not None:
             if adapter is not None:
                 remember(adapter, connection.family.name, port.baudrate)
             return connection
         port.close_soon()
     except BaseException:
-        if not port.is_closing:
+        # Ctrl-C may come when the device has responded, and before its connection is returned.
+        for dialogue in asked:
+            dialogue.hang_up()
+        if not asked and not port.is_closing:
             port.close_soon()
         raise
     finally:
@@ -298,10 +312,11 @@ async def _try(port: Port, attempt: _Try, *, quick: bool) -> Connection | None:
 
 
 def _nothing_responds(source: Source, tries: list[_Try], received: ReceivedInSilence) -> LidarError:
-    speeds = [str(each.baudrate) for each in tries if each.baudrate]
+    speeds = list(dict.fromkeys(str(each.baudrate) for each in tries if each.baudrate))
     at = f" at {_either(speeds)} baud" if speeds and source.kind == "serial" else ""
     asked = _either(list(dict.fromkeys(each.family.title for each in tries)))
     cure = "Is the lidar powered (5 V, 1.5 A)"
+    cure += ", and is this computer in its network" if source.kind == "udp" else ""
     cure += " and the adapter's speed switch right?" if source.kind == "serial" else "?"
     return ConnectFailed(
         f"{source.address} opened, but nothing responds{at} (asked as {asked}): {received.describe()}. {cure}",

@@ -330,8 +330,9 @@ class Dialogue(DeviceLine):
             if self._stopper.is_reset(request):
                 # Noted here: whoever wrote it may be cancelled before anybody waits until the device has booted.
                 self.reset_at = self._loop.time()
-        if data := self._link.data_to_send():
-            self._port.write(data)
+            # One by one: where the line carries datagrams, a device may look for one request in each.
+            if data := self._link.data_to_send():
+                self._port.write(data)
         self._waiting.wake(Awaited.CHANGE)
 
     # ------------------------------------------------------------------------------------------------ inside

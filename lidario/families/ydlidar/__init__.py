@@ -59,7 +59,7 @@ FAMILY: Final = Family(
         boot_poll_s=0.25,
         # Commands are two bytes long, so the next one completes what was left of the last.
         forget_s=0.5,
-        probe_s=0.3,
+        probe_s=0.15,
     ),
     device=YdlidarDevice,
     formats=(PointCloud, PointCloud3, PointCloud4),
