@@ -266,4 +266,8 @@ def _config(module: Any, router: str) -> zenoh.Config:
     config.insert_json5("connect/endpoints", json.dumps([router]))
     # Only the router that was named: another one that happens to be on the network is not asked for.
     config.insert_json5("scouting/multicast/enabled", "false")
+    # How soon it tries again when the router is gone: zenoh's own first wait is a second.
+    config.insert_json5("connect/retry", "{period_init_ms: 250, period_max_ms: 4000, period_increase_factor: 2}")
+    # It would keep files in /dev/shm open for messages of a few kilobytes.
+    config.insert_json5("transport/shared_memory/enabled", "false")
     return config

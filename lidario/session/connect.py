@@ -29,6 +29,7 @@ from lidario.errors import ConnectFailed, LidarError, ResponseTimeout
 from lidario.families.base import Device, Family
 from lidario.families.registry import FAMILIES, families_of_model, family_named, family_of_simulated
 from lidario.model import DeviceInfo
+from lidario.port.background import run_in_thread
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.tcp import open_tcp
@@ -171,7 +172,8 @@ async def _connect_recording(source: Source, family: str | None) -> Connection:
     from lidario.recording.files import open_stored_source
     from lidario.recording.port import open_replay
 
-    recording = open_stored_source(source, family)
+    # The file is gone through once: an hour takes a second.
+    recording = await run_in_thread(lambda: open_stored_source(source, family))
     port = open_replay(recording, rate=source.rate, loop=source.options.get("loop") == "1")
     device = RecordedDevice(recording, lambda: port.stream)
     own = recording.streams[0].family
