@@ -1,8 +1,8 @@
 """The network address of an Ethernet model: asked for and set.
 
 Twelve bytes: address, mask and gateway, in network order; all zero makes the device ask the network for one
-(DHCP). It takes a new one when it is reset, as the vendor's tool does it (SDK 2.1.0, `frame_grabber`). Firmware that
-does not know it responds with fewer bytes, or not at all.
+(DHCP). It takes a new one when it is reset, as the vendor's tool does it (SDK 2.1.0, `frame_grabber`). Firmware
+that does not know it responds with fewer bytes, or not at all.
 """
 
 from __future__ import annotations
