@@ -1,7 +1,7 @@
 """Exporting a recording: seconds of a core, seconds that pass, and memory, by `lidario export` as a user calls it.
 
-The recording is made of ten driven seconds of a simulated lidar, whose bytes are repeated, with their times, until it
-is long enough. Several files are exported on several processes; one file on one.
+The recording is made of ten driven seconds of a simulated lidar, whose bytes are repeated, with their times, until
+it is long enough. Several files are exported on several processes; one file on one.
 """
 
 from __future__ import annotations

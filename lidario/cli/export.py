@@ -1,8 +1,8 @@
 """``lidario export``: the scans of recordings as NPZ, CSV or MCAP; several files at once, on processes.
 
-One file is decoded by one process. The number of a scan, its time stamp where packets came late, and what is counted
-as missing depend on what came before, back to the beginning of the stream, so parts that were decoded apart would
-not always give the same file.
+One file is decoded by one process. The number of a scan, its time stamp where packets came late, and what is
+counted as missing depend on what came before, back to the beginning of the stream, so parts that were decoded apart
+would not always give the same file.
 """
 
 from __future__ import annotations

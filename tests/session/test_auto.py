@@ -37,8 +37,8 @@ ONE_OF_EACH: dict[str, tuple[float, int]] = {
 }
 """Bounds on what is measured, until it is known and left as it was.
 
-LDROBOT devices are found without a byte. A model of a family that also has others that obey is known after it went on
-in spite of two STOPs; the LD14P is left with one."""
+LDROBOT devices are found without a byte. A model of a family that also has others that obey is known after it went
+on in spite of two STOPs; the LD14P is left with one."""
 
 
 def port(path: str) -> PortInfo:
