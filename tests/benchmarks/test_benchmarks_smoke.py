@@ -150,6 +150,23 @@ def test_damage_costs_what_it_hits_and_is_told(name: str, how: str) -> None:
     assert found.kept > (0.78 if "flip" in how or "0.8" in how else 0.9) * found.points
 
 
+@pytest.mark.parametrize("name", ["0x82 express", "0x84 ultra", "0x85 dense", "0x86 ultra-dense"])
+def test_capsules_of_which_each_second_is_lost_from_the_start_are_not_told_as_whole(name: str) -> None:
+    found = damage.outcome(KINDS[name], "each second packet lost", seed=1)
+    assert found.wrong == 0
+    assert found.told_scans == found.missing_scans > 0
+    # Those of the first, partial revolution are not counted.
+    assert found.told == pytest.approx(found.missing, rel=0.06)
+
+
+@pytest.mark.exhaustive("seed", sample=[2], full=range(1, 7))
+@pytest.mark.parametrize("name", ["0x82 express", "0x85 dense"])
+def test_where_most_packets_are_lost_no_more_is_told_than_is_missing(name: str, seed: int) -> None:
+    found = damage.outcome(KINDS[name], "2 bytes in 100 lost", seed=seed)
+    assert found.told == pytest.approx(found.missing, rel=0.03)
+    assert found.told_scans == pytest.approx(found.missing_scans, rel=0.1, abs=2)
+
+
 def test_noise_is_compared_with_a_clean_line_of_every_format() -> None:
     (table,) = garbage.run(Setting(quick=True)).tables
     assert [row[0] for row in table.rows[::2]] == list(KINDS)
