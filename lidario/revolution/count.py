@@ -24,6 +24,8 @@ ALIKE: Final = 1.5
 FEWEST_PACKETS: Final = 6
 """Packets of a revolution from which its speed is believed; no mode has fewer. Of a few packets, all others being
 lost, the gaps may be alike by chance, and then tell of a rotor that is many times too fast."""
+MORE_THAN_ONE: Final = 1.005
+"""Times the packets of a revolution from which a broken one holds parts of two for certain."""
 PATIENCE: Final = 2
 """Revolutions for which stamps must stay late, where no packet is known to be missing."""
 
@@ -133,7 +135,9 @@ class RevolutionCount:
             return Passed(0, _lost_by_time(last, elapsed), math.nan)
         share = 1 + here.over - last.over
         extra = elapsed / last.revolution_ns - share
-        unseen = self._unseen(extra, last.lost > 0)
+        # More than one revolution has: an outage of almost one lies in it, and its angles fell back by little.
+        met = last.broken and last.packets > MORE_THAN_ONE * last.revolution_packets
+        unseen = self._unseen(extra, met or last.lost > 0)
         lost = round(unseen * last.revolution_packets)
         if unseen and last.broken:
             lost = _lost_by_time(last, elapsed)
