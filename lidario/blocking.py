@@ -8,8 +8,8 @@
 
 The event loop runs in a thread of its own, one for each open lidar. So a session works where a loop runs already (a
 notebook), and scans are received while the program computes: a reader gets the latest one. Each call hands a
-coroutine of `Lidar` to that loop and waits for its result. Names, arguments, docstrings and errors are those of
-`Lidar`, since the methods are made from it.
+coroutine of `Lidar` to that loop and waits for its result (`lidario.session.loop_thread`). Names, arguments,
+docstrings and errors are those of `Lidar`, since the methods are made from it.
 
 Ctrl-C ends the wait. The stream that was read is left then, and the end of the ``with`` block closes the session.
 A session that is left open is closed when it is garbage or the interpreter exits.
@@ -19,26 +19,21 @@ from __future__ import annotations
 
 import atexit
 import os
-import sys
-import threading
 import weakref
 from collections.abc import Callable, Coroutine
-from concurrent.futures import Future, wait
 from contextlib import suppress
 from functools import update_wrapper
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Concatenate, Final, ParamSpec, Self, TypeVar
 
-import anyio
-from anyio.from_thread import BlockingPortal
-
-from lidario.errors import LidarError, LocalProtocolError, SessionClosed
+from lidario.errors import LidarError, SessionClosed
 from lidario.model import DeviceInfo, Health, ScanMode, Stats
 from lidario.port.line import Tap
 from lidario.recording.record import Recording
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
-from lidario.session.opening import DEFAULT_LATENCY_S, OpenLidar, open_lidar
+from lidario.session.loop_thread import LoopThread
+from lidario.session.opening import DEFAULT_LATENCY_S, open_lidar
 from lidario.session.reconnect import Reconnect
 from lidario.session.stream import ScanStream
 
@@ -49,103 +44,6 @@ __all__ = ["SyncLidar", "SyncRecording", "SyncScanStream", "open_sync"]
 
 P = ParamSpec("P")
 T = TypeVar("T")
-
-_WAIT_S = 0.2 if sys.platform == "win32" else None
-"""On Windows Ctrl-C does not end a wait that has no limit, so the wait is divided."""
-
-
-class _Thread:
-    """An event loop in a thread, and the session that lives there."""
-
-    def __init__(self) -> None:
-        self._lidar: Lidar | None = None
-        self._pid = os.getpid()
-        self._portal: Future[BlockingPortal] = Future()
-        self._thread = threading.Thread(target=anyio.run, args=(self._run,), name="lidario", daemon=True)
-        self._ending = threading.Lock()
-        self._ended: Future[None] | None = None
-
-    def open(self, opening: OpenLidar) -> Lidar:
-        """Start the thread and open the session in it."""
-
-        async def kept() -> Lidar:
-            # Noted here and not by the caller, whom Ctrl-C may reach before it has noted anything.
-            self._lidar = await opening
-            return self._lidar
-
-        self._thread.start()
-        wait((self._portal,))
-        return self.call(kept)
-
-    async def _run(self) -> None:
-        async with BlockingPortal() as portal:
-            self._portal.set_result(portal)
-            await portal.sleep_until_stopped()
-
-    @property
-    def belongs_here(self) -> bool:
-        """False in a child of the process that opened the session: a fork copies no threads."""
-        return os.getpid() == self._pid
-
-    def call(self, function: Callable[P, Coroutine[Any, Any, T]], *args: P.args, **kwargs: P.kwargs) -> T:
-        """Run a coroutine in the loop and return its result; what ends the wait early cancels the coroutine."""
-        if not self.belongs_here:
-            raise LocalProtocolError("the lidar was opened before a fork: only the parent process can use it")
-        try:
-            future: Future[T] = self._portal.result().start_task_soon(lambda: function(*args, **kwargs))
-        except RuntimeError:
-            if self._ended is None:
-                raise LocalProtocolError(
-                    "a tap is called by the lidar's own thread, which cannot wait for itself"
-                ) from None
-            raise SessionClosed("the session was closed; open_sync() makes a new one") from None
-        try:
-            while not wait((future,), _WAIT_S).done:
-                pass
-            return future.result()
-        finally:
-            future.cancel()
-
-    def end(self) -> None:
-        """Close the session and end the thread. Harmless when done before. Ctrl-C ends only the waiting."""
-        ended = self.end_soon()
-        while not wait((ended,), _WAIT_S).done:
-            pass
-        ended.result()
-
-    def end_soon(self) -> Future[None]:
-        """Have another thread end it: the garbage collector may run in any, also in the one that is to be ended."""
-        with self._ending:
-            if self._ended is None:
-                self._ended = Future()
-                if self.belongs_here:
-                    # Not a daemon: the interpreter waits for it, so that the device is left still.
-                    threading.Thread(target=self._end, args=(self._ended,), name="lidario-close").start()
-                else:
-                    self._ended.set_result(None)
-            return self._ended
-
-    def end_now(self) -> None:
-        """End it in this thread: while the interpreter exits, none can be started."""
-        with self._ending:
-            if self._ended is not None or not self.belongs_here:
-                return
-            self._ended = Future()
-        self._end(self._ended)
-
-    def _end(self, ended: Future[None]) -> None:
-        atexit.unregister(self.end_now)
-        try:
-            if self._thread.ident is not None:
-                portal = self._portal.result()
-                if self._lidar is not None:
-                    portal.call(self._lidar.close)
-                portal.call(portal.stop, True)  # a session that is being opened too
-                self._thread.join()
-        except BaseException as error:
-            ended.set_exception(error)
-        else:
-            ended.set_result(None)
 
 
 def _same(
@@ -161,6 +59,16 @@ def _same(
     return waiting
 
 
+def _as(told: object) -> Callable[[Callable[[SyncLidar], T]], Callable[[SyncLidar], T]]:
+    """A property of `SyncLidar` with the docstring of this one of `Lidar`."""
+
+    def tell(read: Callable[[SyncLidar], T]) -> Callable[[SyncLidar], T]:
+        read.__doc__ = told.__doc__
+        return read
+
+    return tell
+
+
 class SyncLidar:
     """One open device, for programs without ``await``; made by `open_sync`, and best used in ``with``.
 
@@ -168,7 +76,7 @@ class SyncLidar:
     raises KeyboardInterrupt and cancels what was asked, as cancelling a task does.
     """
 
-    def __init__(self, thread: _Thread, lidar: Lidar) -> None:
+    def __init__(self, thread: LoopThread, lidar: Lidar) -> None:
         self._thread = thread
         self._lidar = lidar
         self._garbage = weakref.finalize(self, thread.end_soon)
@@ -190,38 +98,38 @@ class SyncLidar:
         return self._lidar.info
 
     @property
-    def health(self) -> Health:
-        """What it last said of its state."""
+    @_as(Lidar.health)
+    def health(self) -> Health:  # noqa: D102
         return self._lidar.health
 
     @property
-    def is_scanning(self) -> bool:
-        """Whether a stream runs or is about to; also for the second after its last reader has gone."""
+    @_as(Lidar.is_scanning)
+    def is_scanning(self) -> bool:  # noqa: D102
         return self._lidar.is_scanning
 
     @property
-    def is_connected(self) -> bool:
-        """Whether there is a line to the device; False after its loss, also while the session comes back."""
+    @_as(Lidar.is_connected)
+    def is_connected(self) -> bool:  # noqa: D102
         return self._lidar.is_connected
 
     @property
-    def baudrate(self) -> int:
-        """As `Lidar.baudrate`."""
+    @_as(Lidar.baudrate)
+    def baudrate(self) -> int:  # noqa: D102
         return self._lidar.baudrate
 
     @property
-    def mode(self) -> ScanMode | None:
-        """The scan mode that runs, if one does."""
+    @_as(Lidar.mode)
+    def mode(self) -> ScanMode | None:  # noqa: D102
         return self._lidar.mode
 
     @property
-    def measured_scan_frequency(self) -> float | None:
-        """Measured revolutions a second, from the latest scan; None before the first."""
+    @_as(Lidar.measured_scan_frequency)
+    def measured_scan_frequency(self) -> float | None:  # noqa: D102
         return self._lidar.measured_scan_frequency
 
     @property
-    def stats(self) -> Stats:
-        """Counters since the session was opened."""
+    @_as(Lidar.stats)
+    def stats(self) -> Stats:  # noqa: D102
         lidar = self._lidar
 
         async def stats() -> Stats:
@@ -313,7 +221,7 @@ class SyncScanStream:
     raised while it waits, leaves the stream; the last stream to be left stops laser and motor a second later.
     """
 
-    def __init__(self, thread: _Thread, stream: ScanStream, lidar: SyncLidar) -> None:
+    def __init__(self, thread: LoopThread, stream: ScanStream, lidar: SyncLidar) -> None:
         self._thread = thread
         self._stream = stream
         self._lidar = lidar  # held, so that the session is not closed while somebody reads
@@ -364,7 +272,7 @@ class SyncRecording:
         recording: The same as `Lidar.record` makes: its size, its counts, and what ended it early.
     """
 
-    def __init__(self, thread: _Thread, recording: Recording) -> None:
+    def __init__(self, thread: LoopThread, recording: Recording) -> None:
         self.recording: Recording = recording
         self._thread = thread
 
@@ -411,7 +319,7 @@ def open_sync(
         keep_spinning=keep_spinning,
         reconnect=reconnect,
     )
-    thread = _Thread()
+    thread = LoopThread()
     try:
         return SyncLidar(thread, thread.open(opening))
     except BaseException:

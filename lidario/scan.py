@@ -1,25 +1,26 @@
 """One full revolution, as a user gets it: arrays, never objects per sample.
 
 Angles follow the robotics convention (REP-103): radians, counter-clockwise seen from above, 0 along the device's
-forward axis. The device's own figures, clockwise degrees and millimetres, stand beside them untouched.
+forward axis. The device's own figures, clockwise degrees and millimetres, stand beside them untouched. What is
+computed from the arrays is in `lidario.samples`, `lidario.points` and `lidario.laserscan`.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import SupportsIndex, TypeVar, cast
+from typing import SupportsIndex, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lidario.laserscan import BeamOrder, LaserScan, NoReturn, Rotor, follow_rotor, resample, times_by_angle
+from lidario.laserscan import BeamOrder, LaserScan, NoReturn, Preset, Rotor, follow_rotor, resample, times_by_angle
 from lidario.points import Motion, Mount, Points, place
+from lidario.samples import is_between, mask_of, metres_of, nearest_to, radians_of, read_only
 
 __all__ = ["Return", "Scan", "read_only"]
 
 FloatArray = NDArray[np.float32]
-_ArrayT = TypeVar("_ArrayT", bound=NDArray[np.generic])
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,20 +106,14 @@ class Scan:
     def angles(self) -> FloatArray:
         """Radians, float32, counter-clockwise, in [-pi, pi]; 0 is the device's forward axis."""
         if self._angles is None:
-            # 360 is added to degrees, where that is exact.
-            radians = (self.device_angles > 180.0) * np.float32(360.0)
-            radians -= self.device_angles
-            radians *= math.pi / 180.0
-            object.__setattr__(self, "_angles", read_only(radians))
+            object.__setattr__(self, "_angles", radians_of(self.device_angles))
         return cast("FloatArray", self._angles)
 
     @property
     def ranges(self) -> FloatArray:
         """Metres, float32; NaN where nothing came back."""
         if self._ranges is None:
-            metres = self.device_distances / np.float32(1000)
-            metres[self.device_distances <= 0] = np.nan
-            object.__setattr__(self, "_ranges", read_only(metres))
+            object.__setattr__(self, "_ranges", metres_of(self.device_distances))
         return cast("FloatArray", self._ranges)
 
     @property
@@ -177,7 +172,7 @@ class Scan:
         Raises:
             ValueError: `between` is not two finite angles.
         """
-        ranges = self.ranges if between is None else np.where(self._between(between), self.ranges, np.nan)
+        ranges = self.ranges if between is None else np.where(is_between(self.angles, between), self.ranges, np.nan)
         if not np.any(ranges > 0):
             return None
         return self._return(int(np.nanargmin(ranges)))
@@ -195,13 +190,8 @@ class Scan:
         Raises:
             ValueError: `angle` is not finite, or `within` is negative or not a number.
         """
-        if not math.isfinite(angle) or not within >= 0:
-            raise ValueError(f"at() needs a finite angle and a distance of 0 or more, not {angle} and {within}")
-        if not len(self):
-            return None
-        away = np.abs((self.angles.astype(np.float64) - angle + math.pi) % math.tau - math.pi)
-        index = int(np.argmin(away))
-        return self._return(index) if away[index] <= within else None
+        index = nearest_to(self.angles, angle, within)
+        return None if index is None else self._return(index)
 
     def select(
         self,
@@ -227,21 +217,7 @@ class Scan:
         Raises:
             ValueError: the mask is not bool or not of shape (n,), or `between` is not two finite angles.
         """
-        keep = np.ones(len(self), np.bool_)
-        if mask is not None:
-            given = np.asarray(mask)
-            if given.dtype != np.bool_ or given.shape != keep.shape:
-                raise ValueError(
-                    f"the mask must be bool, one value a sample, shape ({len(self)},), not {given.dtype} of shape "
-                    f"{given.shape}"
-                )
-            keep &= given
-        if between is not None:
-            keep &= self._between(between)
-        if range_min is not None:
-            keep &= self.ranges >= range_min
-        if range_max is not None:
-            keep &= self.ranges <= range_max
+        keep = mask_of(self.angles, self.ranges, mask, between, range_min, range_max)
         if self._measured is not None:
             order = np.argsort(self._measured.angles, kind="stable")
             measured = np.zeros_like(keep)
@@ -281,15 +257,6 @@ class Scan:
     def _return(self, index: int) -> Return:
         return Return(float(self.ranges[index]), float(self.angles[index]), index)
 
-    def _between(self, between: tuple[float, float]) -> NDArray[np.bool_]:
-        begin, end = between
-        if not (math.isfinite(begin) and math.isfinite(end)):
-            raise ValueError(f"between must be two finite angles in radians, not {between}")
-        if end - begin >= math.tau:
-            return np.ones(len(self), np.bool_)
-        turned = (self.angles.astype(np.float64) - begin) % math.tau
-        return turned <= (end - begin) % math.tau
-
     def _selected(self, keep: NDArray[np.bool_]) -> Scan:
         times_ns = self.times_ns[keep]
         later_ns = int(times_ns[0]) - self.stamp_ns if len(times_ns) else 0
@@ -324,6 +291,7 @@ class Scan:
         range_max: float | None = None,
         no_return: NoReturn = "inf",
         mount_yaw: float = 0.0,
+        preset: Preset = "rep103",
     ) -> LaserScan:
         """Resample onto an even grid of angles, as the ROS message ``sensor_msgs/LaserScan`` needs it.
 
@@ -349,11 +317,13 @@ class Scan:
                 convention of the message its readers ignore these; none is lost here without being asked for.
             no_return: What a beam without a return becomes: ``"inf"``, ``"nan"`` or ``"zero"``.
             mount_yaw: Angle of the device's forward axis in the frame, radians counter-clockwise.
+            preset: ``"rep103"``: the angle 0 is ahead. ``"vendor"``: it is behind, pi minus the device's angle, as
+                the vendors' ROS 2 drivers publish it; for a robot description that was made for those.
 
         Raises:
             TypeError: `beams` is not a whole number.
-            ValueError: `beams` is less than one (also by default, for a scan without samples), `order` or
-                `no_return` is not one of the words, `mount_yaw` is not finite, or `range_min` and `range_max` are
+            ValueError: `beams` is less than one (also by default, for a scan without samples), `order`, `no_return`
+                or `preset` is not one of the words, `mount_yaw` is not finite, or `range_min` and `range_max` are
                 not a range.
         """
         scan = self if self._measured is None else self._measured
@@ -371,10 +341,5 @@ class Scan:
             max_range=scan.max_range,
             no_return=no_return,
             mount_yaw=mount_yaw,
+            preset=preset,
         )
-
-
-def read_only(array: _ArrayT) -> _ArrayT:
-    """The same array, made read-only, since every reader of a stream holds the same one."""
-    array.setflags(write=False)
-    return array

@@ -53,7 +53,7 @@ DEFINED = defined()
 def test_something_is_found_to_test() -> None:
     assert len(PATHS) > 12
     assert len(NAMES) > 80
-    assert {"Stopper.hang_up", "LinkStats.packets", "Scanner._go"} <= set(NAMES)
+    assert {"Stopper.hang_up", "LinkStats.packets", "StreamControl.go"} <= set(NAMES)
     assert {"LINGER_S", "Port.is_forked", "ScanStream.dropped", "Link.is_awaiting"} <= DEFINED
     assert not {"Port.no_such_thing", "link"} & DEFINED
 
@@ -176,5 +176,5 @@ def test_a_walk_can_be_printed() -> None:
     said: list[str] = []
     printed(walks("memory")["a request while no stream runs"], said.append)
     assert re.fullmatch(r"a request while no stream runs: \d+ calls in 3 steps of the loop", said[0])
-    assert said[1] == "  1. Lidar.get_health"
-    assert "  3. … Lidar.get_health" in said
+    assert said[1] == "  1. Questions.get_health"
+    assert "  3. … Questions.get_health" in said

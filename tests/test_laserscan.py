@@ -24,7 +24,7 @@ from lidario.sim.world import World
 from tests.support.devices import FAMILIES, make_rig, take
 from tests.support.kept import arrivals
 from tests.support.loop import driven
-from tests.support.streams import CASES, Case, assembled, named
+from tests.support.streams import CASES, Case, assembled, most_or_all
 from tests.test_model import FOUR, scan
 
 ORDERS: tuple[BeamOrder, ...] = ("counter-clockwise", "measured")
@@ -405,7 +405,7 @@ def lose(case: Case, every: int) -> tuple[bytes, list[int]]:
 
 
 @pytest.mark.parametrize("every", [0, 9, 40], ids=["whole", "every 9th lost", "every 40th lost"])
-@pytest.mark.parametrize("case", CASES, ids=named)
+@most_or_all(CASES)
 def test_golden_samples_meet_the_times_of_their_beams(case: Case, every: int) -> None:
     raw, left = lose(case, every)
     scans = assembled(case, raw, times=arrivals(case, left)).scans

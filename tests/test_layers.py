@@ -15,16 +15,17 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 VENDORS = sorted(path.name for path in (PACKAGE / "families").iterdir() if (path / "device.py").is_file())
 
 LAYERS = (
-    {"errors", "model", "laserscan", "points", "scan", "source", "version"},
+    {"cdr", "errors", "model", "laserscan", "points", "samples", "scan", "sector", "source", "version"},
     {"wire"},
     {"families", "sim"},
     {"revolution", "simulation"},
     {"port"},
     {"recording"},
+    {"network"},
     {"session"},
-    {"blocking"},
+    {"blocking", "ros"},
     {"__init__"},
-    {"web"},
+    {"web", "testing"},
     {"cli", "__main__"},
 )
 """Each may import its own and those before it."""
@@ -45,7 +46,9 @@ OF_WIRE = {
     "typing",
     "numpy",
 }
-NAMES_OF_VENDORS = re.compile(r"rp[ _-]?lidar|yd[ _-]?lidar|slamtec|(?<![a-z])4ros|yahboom|eai\b", re.IGNORECASE)
+NAMES_OF_VENDORS = re.compile(
+    r"rp[ _-]?lidar|yd[ _-]?lidar|ldrobot|slamtec|(?<![a-z])4ros|yahboom|eai\b", re.IGNORECASE
+)
 
 
 def module(path: Path) -> str:
@@ -65,8 +68,13 @@ def parsed(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
-def imports(path: Path, *, typing: bool = True) -> Iterator[str]:
+@cache
+def imports(path: Path, *, typing: bool = True) -> tuple[str, ...]:
     """Every module that a file imports, anywhere in it; with or without those for type checkers alone."""
+    return tuple(_imports(path, typing))
+
+
+def _imports(path: Path, typing: bool) -> Iterator[str]:
     tree = parsed(path)
     skipped = {
         id(inner)
@@ -109,7 +117,7 @@ every_file = pytest.mark.parametrize("path", FILES, ids=named)
 def test_the_rules_see_the_whole_package() -> None:
     assert len(FILES) > 50
     assert {layer(module(path)) for path in FILES} == set(RANK)
-    assert VENDORS == ["rplidar", "ydlidar"]
+    assert VENDORS == ["ldrobot", "rplidar", "ydlidar"]
     # The reading itself: what is known to be imported is found.
     link = ours(PACKAGE / "wire" / "link.py")
     assert {"lidario.errors", "lidario.wire.buffer", "lidario.wire.formats"} <= link
@@ -124,7 +132,7 @@ def test_imports_point_one_way(path: Path) -> None:
         target = layer(name)
         assert RANK[target] <= RANK[own], f"{named(path)} imports {name}"
         if target == "__init__":
-            assert own in ("web", "cli", "__main__"), f"{named(path)} imports the package as a whole"
+            assert own in ("web", "testing", "cli", "__main__"), f"{named(path)} imports the package as a whole"
 
 
 @every_file
@@ -192,7 +200,7 @@ def test_the_host_side_decodes_nothing_with_the_devices_packers(path: Path) -> N
 def test_the_command_uses_the_names_a_user_would(path: Path) -> None:
     for name in ours(path):
         public = name == "lidario" or name.startswith(
-            ("lidario.cli", "lidario.sim", "lidario.web", "lidario.recording")
+            ("lidario.cli", "lidario.ros", "lidario.sim", "lidario.web", "lidario.recording")
         )
         assert public or name in ("lidario.families.registry", "lidario.families"), name
 
@@ -201,6 +209,12 @@ def test_the_command_uses_the_names_a_user_would(path: Path) -> None:
 def test_the_page_uses_the_names_a_user_would(path: Path) -> None:
     for name in ours(path):
         assert name == "lidario" or name.startswith("lidario.web"), name
+
+
+@pytest.mark.parametrize("path", sorted((PACKAGE / "testing").glob("*.py")), ids=named)
+def test_what_users_test_with_uses_the_names_a_user_would(path: Path) -> None:
+    for name in ours(path):
+        assert name == "lidario" or name.startswith(("lidario.testing", "lidario.sim.")), name
 
 
 # --------------------------------------------------------------------------------------------- vendors' names

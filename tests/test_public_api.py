@@ -4,6 +4,7 @@ import ast
 import inspect
 import subprocess
 import sys
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -36,6 +37,7 @@ PUBLIC = [
     "Points",
     "PortInfo",
     "PoseFunction",
+    "Preset",
     "ProtocolError",
     "Received",
     "Reconnect",
@@ -76,7 +78,7 @@ PUBLIC = [
     "simulate",
     "summarize",
 ]
-ALIASES = {"BeamOrder", "ConnectReason", "Motion", "NoReturn", "PoseFunction", "Tap", "Wall"}
+ALIASES = {"BeamOrder", "ConnectReason", "Motion", "NoReturn", "PoseFunction", "Preset", "Tap", "Wall"}
 """Type aliases: they carry no docstring at run time."""
 ERRORS = {
     "Busy": lidario.LidarError,
@@ -109,7 +111,8 @@ def test_everything_public_is_documented(name: str) -> None:
     assert inspect.getdoc(thing)
     if not inspect.isclass(thing):
         return
-    for member, value in vars(thing).items():
+    members = [item for each in (thing, *hidden_bases(thing)) for item in vars(each).items()]
+    for member, value in members:
         method = callable(getattr(value, "__func__", value)) or isinstance(value, property)
         if method and not member.startswith("_"):
             assert inspect.getdoc(value), f"{name}.{member}"
@@ -157,6 +160,21 @@ def annotations_of(thing: ast.AST, *, constructed: bool) -> set[str]:
     return found
 
 
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def hidden_bases(thing: object) -> list[type]:
+    """The classes of ours that a public class inherits from, and that have no public name themselves."""
+    bases = thing.__mro__[1:] if isinstance(thing, type) else ()
+    return [base for base in bases if base.__module__.startswith("lidario.") and base.__name__ not in PUBLIC]
+
+
+def names_not_public(things: Sequence[ast.AST], path: Path, *, constructed: bool) -> set[str]:
+    named = set().union(*(annotations_of(thing, constructed=constructed) for thing in things))
+    return {each for each in named & ours_in(path) if each not in PUBLIC}
+
+
 def ours_in(path: Path) -> set[str]:
     """Classes that a module defines, and names that it imports from another of ours, for type checkers included."""
     found = set()
@@ -172,12 +190,16 @@ def ours_in(path: Path) -> set[str]:
 def test_what_stands_in_public_signatures_is_public(name: str) -> None:
     home = next((module for module, names in lidario._HOMES.items() if name in names), "errors")
     path = Path(lidario.__file__).parent / f"{home.replace('.', '/')}.py"
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    things = [node for node in tree.body if getattr(node, "name", "") == name]
+    things = [node for node in parsed(path).body if getattr(node, "name", "") == name]
     assert things or name in ALIASES
     constructed = home in ("errors", "model", "laserscan", "points", "scan")
-    named = set().union(*(annotations_of(thing, constructed=constructed) for thing in things))
-    missing = {each for each in named & ours_in(path) if each not in PUBLIC}
+    missing = names_not_public(things, path, constructed=constructed)
+    # What it inherits from a class of ours without a public name is as public as its own.
+    for base in hidden_bases(getattr(lidario, name)):
+        missing.discard(base.__name__)
+        home_of_base = Path(inspect.getfile(base))
+        inherited = [node for node in parsed(home_of_base).body if getattr(node, "name", "") == base.__name__]
+        missing |= names_not_public(inherited, home_of_base, constructed=False)
     assert not missing, f"{name} names {missing}, which cannot be imported from lidario"
 
 

@@ -1,6 +1,7 @@
 """The scalar reference against the vendor-decoded streams, and by hand where those streams do not reach."""
 
 from collections.abc import Sequence
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -20,6 +21,7 @@ def angle_errors(stream: golden.Golden, angles: Sequence[float]) -> NDArray[np.f
     return shortest
 
 
+@cache
 def rplidar_stream(name: str) -> tuple[golden.Golden, int, list[bytes], list[rplidar.Sample]]:
     stream = golden.load(name)
     assert stream.response_type is not None
@@ -27,6 +29,7 @@ def rplidar_stream(name: str) -> tuple[golden.Golden, int, list[bytes], list[rpl
     return stream, stream.response_type, packets, rplidar.decode(stream.response_type, packets)
 
 
+@cache
 def ydlidar_stream(name: str) -> tuple[golden.Golden, list[bytes], list[ydlidar.Sample]]:
     stream = golden.load(name)
     packets = ydlidar.split(stream.raw)

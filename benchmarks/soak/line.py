@@ -13,7 +13,13 @@ from lidario.sim.device import Received
 from lidario.sim.faults import Faults, parse_faults
 from lidario.sim.memory import MemoryLine
 
-__all__ = ["DAMAGES", "BadLine", "draw_damage"]
+__all__ = ["DAMAGES", "MODELS", "BadLine", "draw_damage"]
+
+MODELS = {
+    "rplidar": ("rplidar-s2", "rplidar-s2", "rplidar-s1", "rplidar-s3", "rplidar-hq", "rplidar-ultra"),
+    "ydlidar": ("ydlidar-4ros", "ydlidar-4ros", "ydlidar-4ros-92", "ydlidar-4ros-slow", "ydlidar-4ros-stamps"),
+}
+"""What is simulated in each family; the first twice as often."""
 
 DAMAGES = (
     "drop:0.01%",
@@ -83,6 +89,11 @@ class BadLine:
     def scanning(self) -> bool:
         """As the device."""
         return bool(self.device.scanning)
+
+    @property
+    def protected(self) -> bool:
+        """Whether a device stops by itself when its host falls silent."""
+        return bool(getattr(self.device, "protected", False))
 
     @property
     def motor_on(self) -> bool:

@@ -9,20 +9,17 @@ something else.
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass, field
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, TypeAlias, TypeVar
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, TypeVar
 
 from lidario.errors import RemoteProtocolError, Unsupported
+from lidario.families.samples import Decoder, Samples, SteadySamples
+from lidario.families.stream import Keepalive, RawStream, Stream, raw_stream
 from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, ScanMode
 from lidario.wire.envelope import Request
-from lidario.wire.events import Packets
 from lidario.wire.formats import StreamFormat
 
 if TYPE_CHECKING:
@@ -35,6 +32,7 @@ __all__ = [
     "Device",
     "Family",
     "Keepalive",
+    "NamedModel",
     "RawStream",
     "Samples",
     "Script",
@@ -78,173 +76,6 @@ def health_of(status: int, code: int) -> Health:
     return Health(HealthStatus.WARNING, code, f"it reports health status {status}, which is not defined")
 
 
-# Not frozen: with so many fields that would cost as much as a call of numpy, once a revolution.
-@dataclass(slots=True, eq=False)
-class Samples:
-    """The decoded packets of one stretch of stream; arrays of shape (room + n,), in measuring order.
-
-    Attributes:
-        angle_deg: Where the beam went, float32 degrees clockwise, in [0, 360); corrections applied.
-        distance_mm: Millimetres, float32; 0 where nothing came back.
-        intensity: uint8, or None where the format carries none.
-        before_seam: How many of the samples were measured before the rotor passed the seam in the last packet;
-            all of them where it did not.
-        ends: Samples up to and including each packet, shape (packets,).
-        lost: Packets missing between these ones and before the one that follows.
-        unbroken: Leading packets before the first gap.
-        lost_behind: How many of the lost ones stood behind the last packet.
-        revolution_packets: How many packets a whole revolution has at the present speed; 0 when that is not known.
-        revolution_samples: The same, samples.
-        reported_rpm: The speed that the packets tell, in revolutions a minute; NaN where they tell none.
-        certain: Whether the angle that a packet covers is known for sure. Where it is not, as when nearly all
-            packets are missing, neither the angles nor `lost` can be relied on.
-    """
-
-    angle_deg: NDArray[np.float32]
-    distance_mm: NDArray[np.float32]
-    intensity: NDArray[np.uint8] | None
-    before_seam: int
-    ends: Sequence[int]
-    lost: int
-    unbroken: int
-    lost_behind: int = 0
-    revolution_packets: float = 0.0
-    revolution_samples: float = 0.0
-    certain: bool = True
-    reported_rpm: float = math.nan
-
-
-@dataclass(slots=True, eq=False)
-class SteadySamples:
-    """The decoded packets of several revolutions without a gap; arrays of shape (room + n,), in measuring order.
-
-    Attributes:
-        angle_deg: As in `Samples`.
-        distance_mm: As in `Samples`.
-        intensity: As in `Samples`.
-        packet_ends: Samples up to the end of the last packet of each revolution.
-        before_seam: Samples up to where the rotor passed the seam in that packet.
-        revolution_packets: How many packets a whole revolution has at its speed, of each revolution.
-        revolution_samples: The same, samples.
-        reported_rpm: The speed that the packets of each revolution tell; None where they tell none.
-        settle: Makes the decoder remember these packets, as `Decoder.decode` does at once.
-    """
-
-    angle_deg: NDArray[np.float32]
-    distance_mm: NDArray[np.float32]
-    intensity: NDArray[np.uint8] | None
-    packet_ends: Sequence[int]
-    before_seam: Sequence[int]
-    revolution_packets: Sequence[float]
-    revolution_samples: Sequence[float]
-    settle: Callable[[], None]
-    reported_rpm: Sequence[float] | None = None
-
-
-class Decoder(Protocol):
-    """Turns packets into samples; one object follows one stream, in order."""
-
-    def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
-        """Decode packets that follow each other.
-
-        Args:
-            packets: At least one packet; their arrivals are not read.
-            following: The packet after the last one, since some formats need it to know how far the rotor
-                turned; None when there is none, and the last packet is then decoded with the step of its
-                neighbours.
-            room: Elements to leave at the front of the arrays, for samples the caller has already: filling them
-                in is cheaper than joining arrays.
-            seam: Heading at which the revolution ends, so that `Samples.before_seam` can be told; None where no
-                packet lies across its end.
-        """
-        ...
-
-    def decode_steady(
-        self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None
-    ) -> SteadySamples | None:
-        """Decode several revolutions at once, where nothing is missing; None where something may be.
-
-        The samples are those that `decode` makes of one revolution after the other, to the last bit. Nothing is
-        remembered until `SteadySamples.settle` is called, so that `decode` may be used instead.
-
-        Args:
-            packets: The packets of all revolutions.
-            following: The packet after the last one.
-            ends: Packets up to the end of each revolution.
-            room: As for `decode`.
-            seam: As for `decode`, of each revolution.
-        """
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class Keepalive:
-    """A request that must be repeated while a stream runs.
-
-    Attributes:
-        request: What to send.
-        interval_s: How often.
-    """
-
-    request: Request
-    interval_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class Stream:
-    """All the session must know of a stream that was just started.
-
-    Attributes:
-        format: The packet format, the same object that the starting request carried.
-        decoder: What makes samples of its packets.
-        mode: The scan mode that runs.
-        sample_ns: Nanoseconds a sample; 0 when the device does not say.
-        spin_up_s: Longest time until the first packet may be expected.
-        slowest_turn_s: Longest time one revolution may take.
-        keepalive: What must be repeated meanwhile, if anything.
-        zero_offset_deg: Degrees to add to every device angle.
-    """
-
-    format: StreamFormat
-    decoder: Decoder
-    mode: ScanMode
-    sample_ns: float
-    spin_up_s: float
-    slowest_turn_s: float
-    keepalive: Keepalive | None = None
-    zero_offset_deg: float = 0.0
-
-
-class RawStream(NamedTuple):
-    """A measurement stream among bytes that were recorded without times.
-
-    Attributes:
-        begin: Offset of its first byte, behind its descriptor.
-        stream: What it is.
-    """
-
-    begin: int
-    stream: Stream
-
-
-_LONGEST_REVOLUTION: Final = 65536
-"""Samples after which a recorded revolution that does not end is given up; several times what any device takes."""
-
-
-def raw_stream(begin: int, wire: StreamFormat, decoder: Decoder, sample_us: float) -> RawStream:
-    """A recorded stream of which nothing is known but its format and the time of a sample."""
-    stream = Stream(
-        format=wire,
-        decoder=decoder,
-        # The device's own name of the mode is not among the bytes.
-        mode=ScanMode(0, wire.name, sample_us, 0.0, wire.response_type),
-        sample_ns=sample_us * 1e3,
-        spin_up_s=0.0,
-        slowest_turn_s=_LONGEST_REVOLUTION * sample_us * 1e-6,
-    )
-    return RawStream(begin, stream)
-
-
 @dataclass(frozen=True, slots=True)
 class Timing:
     """How long the devices of a family take.
@@ -271,9 +102,11 @@ class Device(ABC):
 
     Attributes:
         can_keep_spinning: Whether the motor can go on when the laser is stopped.
+        can_be_stopped: Whether laser and motor can be switched off from here.
     """
 
     can_keep_spinning: bool = True
+    can_be_stopped: bool = True
 
     @abstractmethod
     def stop(self) -> Request:
@@ -305,6 +138,10 @@ class Device(ABC):
     @abstractmethod
     def identify(self) -> Script[DeviceInfo]:
         """Ask what the device is; the other scripts rely on it having been asked once."""
+
+    def overhear(self) -> Script[DeviceInfo]:
+        """As `identify`, of a device that goes on sending although it was told to stop. Default: the same."""
+        return self.identify()
 
     def complete_probe(self) -> bytes:
         """What to write after an identifying request that had no response.
@@ -362,6 +199,18 @@ class Device(ABC):
         raise Unsupported("this device knows no power-down protection")
 
 
+class NamedModel(NamedTuple):
+    """A model that a user may name.
+
+    Attributes:
+        baudrate: Speed of its line.
+        device: Makes the object for a newly opened port.
+    """
+
+    baudrate: int
+    device: Callable[[], Device]
+
+
 @dataclass(frozen=True, slots=True)
 class Family:
     """One row of the registry.
@@ -376,6 +225,9 @@ class Family:
             that is not known.
         formats: Every packet format it may send.
         simulated: Names of its simulated models.
+        models: Its models that may be named, as in ``model=`` of a source, where the device cannot tell its own.
+        asked_at: Line speeds at which a silent device may hear a request; at others, devices only talk. None for
+            all speeds.
         find_stream: Finds the measurement stream in recorded bytes: ``find_stream(data, sample_us)``, with the time
             of a sample in microseconds, or None for what the format usually takes. None where there is no stream.
     """
@@ -389,6 +241,12 @@ class Family:
     formats: tuple[Callable[[], StreamFormat], ...]
     simulated: tuple[str, ...]
     find_stream: Callable[[memoryview, float | None], RawStream | None]
+    models: Mapping[str, NamedModel] = field(default_factory=dict, hash=False)
+    asked_at: tuple[int, ...] | None = None
+
+    def make(self, model: str | None = None) -> Device:
+        """A device for a newly opened port; `model` is one of `models`, None where it was not named."""
+        return self.device() if model is None else self.models[model].device()
 
     def simulate(
         self,
@@ -416,3 +274,8 @@ class Family:
         if spin_up is not None:
             device.spin_up_s = spin_up
         return device
+
+    def describe(self, model: str) -> str:
+        """What a simulated model is, in a few words."""
+        words: str = import_module(f"lidario.families.{self.name}.simulated.device").describe(model)
+        return words

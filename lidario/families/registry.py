@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from lidario.errors import ConnectFailed
-from lidario.families import rplidar, ydlidar
+from lidario.families import ldrobot, rplidar, ydlidar
 from lidario.families.base import Family
-from lidario.source import Source
+from lidario.source import Source, quoted
 
-__all__ = ["FAMILIES", "check_source", "family_named", "family_of_simulated"]
+__all__ = ["FAMILIES", "check_source", "families_of_model", "family_named", "family_of_simulated"]
 
-FAMILIES: tuple[Family, ...] = (rplidar.FAMILY, ydlidar.FAMILY)
+FAMILIES: tuple[Family, ...] = (rplidar.FAMILY, ydlidar.FAMILY, ldrobot.FAMILY)
 """In the order in which an unknown port is probed: the second family's device-info request means something else
-to the first, so the first is asked first."""
+to the first, so the first is asked first. Devices of the last one mostly hear nothing: they are found by listening,
+and only one of its models must be woken."""
 
 
 def family_named(name: str) -> Family:
@@ -20,7 +21,7 @@ def family_named(name: str) -> Family:
         if family.name == name:
             return family
     known = ", ".join(family.name for family in FAMILIES)
-    raise ConnectFailed(f"there is no lidar family {name!r}; known are {known}", reason="source")
+    raise ConnectFailed(f"there is no lidar family {quoted(name)}; known are {known}", reason="source")
 
 
 def family_of_simulated(model: str) -> Family:
@@ -29,8 +30,27 @@ def family_of_simulated(model: str) -> Family:
         if model in family.simulated:
             return family
     models = "".join(f"\n  {family.title}: {', '.join(family.simulated)}" for family in FAMILIES)
-    fault = f"there is no simulated lidar {model!r}; known are" if model else "name a model, as in sim://MODEL:"
+    fault = (
+        f"there is no simulated lidar {quoted(model)}; known are" if model else "name a model, as in sim://MODEL:"
+    )
     raise ConnectFailed(f"{fault}{models}", reason="source")
+
+
+def families_of_model(model: str, family: str | None = None) -> tuple[Family, ...]:
+    """The families that have a model of that name; ConnectFailed (reason ``source``) when none has.
+
+    Args:
+        model: As in ``model=`` of a source, in lower case.
+        family: The family that was named beside it, if any.
+    """
+    asked = FAMILIES if family is None else (family_named(family),)
+    found = tuple(each for each in asked if model in each.models)
+    if found:
+        return found
+    known = "".join(f"\n  {each.title}: {', '.join(each.models)}" for each in asked if each.models)
+    raise ConnectFailed(
+        f"there is no model {quoted(model)} to be named; there are{known or ' none'}", reason="source"
+    )
 
 
 def check_source(source: Source, family: str | None = None) -> None:
@@ -46,5 +66,7 @@ def check_source(source: Source, family: str | None = None) -> None:
     for name in (family, source.family):
         if name is not None:
             family_named(name)
+    if source.model is not None:
+        families_of_model(source.model, family or source.family)
     if source.kind == "sim":
         family_of_simulated(source.address)

@@ -11,7 +11,8 @@ streams is recognised by that. What remains unknown is found by asking, in round
   it holds half a request, or it boots.
 
 At one speed the families are asked in the order of the registry. Speeds are ordered by rank, each family's
-likeliest first, so that a family with one speed does not wait for all speeds of another.
+likeliest first, so that a family with one speed does not wait for all speeds of another. Where a device was found
+before on the same adapter, its family and speed come first (`lidario.session.remembered`).
 """
 
 from __future__ import annotations
@@ -19,21 +20,23 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import zip_longest
+from itertools import pairwise, zip_longest
 from typing import TYPE_CHECKING, NamedTuple
 
 import anyio
 
 from lidario.errors import ConnectFailed, LidarError, ResponseTimeout
 from lidario.families.base import Device, Family
-from lidario.families.registry import FAMILIES, family_named, family_of_simulated
+from lidario.families.registry import FAMILIES, families_of_model, family_named, family_of_simulated
 from lidario.model import DeviceInfo
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.tcp import open_tcp
+from lidario.port.udp import open_udp
 from lidario.session.dialogue import Dialogue
 from lidario.session.handshake import introduce
 from lidario.session.listening import listen
+from lidario.session.remembered import adapter_of, last_at, remember
 from lidario.session.silence import ReceivedInSilence
 from lidario.source import Source
 
@@ -65,6 +68,7 @@ class Connection:
 class _Try(NamedTuple):
     family: Family
     baudrate: int
+    model: str | None = None
 
 
 _NO_TIME_S = 0.001
@@ -100,9 +104,14 @@ async def connect(
     """
     if source.kind == "file":
         return await _connect_recording(source, family)
+    if source.kind == "zenoh":
+        return await _connect_remote(source)
     named = family or source.family
     families = (family_named(named),) if named else FAMILIES
     speed = baudrate or source.baudrate
+    if source.model is not None:
+        families = families_of_model(source.model, named)
+    adapter: str | None = None
     if source.kind == "sim":
         from lidario.port.simulated import open_simulated  # a fifth of the import time, for those who need it
 
@@ -115,15 +124,28 @@ async def connect(
         tries = [_Try(each, 0) for each in families]
     elif source.kind == "tcp":
         port = await open_tcp(source.text, *source.host_and_port, baudrate=speed or 0)
+        tries = [_Try(each, 0, source.model) for each in families]
+    elif source.kind == "udp":
+        port = await open_udp(source.text, *source.host_and_port)
         tries = [_Try(each, 0) for each in families]
     else:
-        tries = [_Try(each, speed) for each in families] if speed else _by_likelihood(families)
+        if source.model is not None:
+            tries = [_Try(each, speed or each.models[source.model].baudrate, source.model) for each in families]
+        elif speed:
+            tries = [_Try(each, speed) for each in families]
+        else:
+            adapter = adapter_of(source.address)
+            known = None if adapter is None else last_at(adapter)
+            # Sorting keeps the order of all others.
+            tries = sorted(_by_likelihood(families), key=lambda each: (each.family.name, each.baudrate) != known)
         port = await open_serial(source.address, tries[0].baudrate)
     received = ReceivedInSilence()
     port.add_tap(received.see)
     try:
         connection, tries = await _find(port, tries, patient=patient, on_dialogue=on_dialogue)
         if connection is not None:
+            if adapter is not None:
+                remember(adapter, connection.family.name, port.baudrate)
             return connection
         port.close_soon()
     except BaseException:
@@ -158,6 +180,30 @@ async def _connect_recording(source: Source, family: str | None) -> Connection:
     return Connection(port, own, device, dialogue, await dialogue.run(device.identify()))
 
 
+async def _connect_remote(source: Source) -> Connection:
+    """Another machine's lidar: its publisher says what it is, and drives it.
+
+    Raises:
+        ConnectFailed: No router, nobody publishes under that key, or several do.
+        Unsupported: The package that is needed is not installed.
+    """
+    from lidario.network.connect import open_remote  # for those who need it
+
+    remote = await open_remote(source)
+    dialogue = Dialogue(
+        remote.port, remote.device, replace(remote.family.timing, quiet_s=_NO_TIME_S, boot_poll_s=_NO_TIME_S)
+    )
+    return Connection(
+        remote.port, remote.family, remote.device, dialogue, await dialogue.run(remote.device.identify())
+    )
+
+
+def _may_hear(each: _Try) -> bool:
+    """Whether a silent device of that family may hear a request at that speed."""
+    asked_at = each.family.asked_at
+    return asked_at is None or each.baudrate in (0, *asked_at)
+
+
 def _by_likelihood(families: Sequence[Family]) -> list[_Try]:
     """Every speed of every family: the likeliest of each family first, then the second of each, and so on."""
     ranks = zip_longest(*([_Try(family, speed) for speed in family.baudrates] for family in families))
@@ -171,6 +217,7 @@ async def _find(
     if len(tries) == 1:
         return await _try_known(port, tries[0], patient=patient, on_dialogue=on_dialogue), tries
     speeds = list(dict.fromkeys(each.baudrate for each in tries))
+    tries = [each for each in tries if _may_hear(each)]
     families = list(dict.fromkeys(each.family for each in tries))
     heard = await listen(port, speeds, families)
     if heard.stream is not None:
@@ -179,7 +226,7 @@ async def _find(
     loop = asyncio.get_running_loop()
     deadline = loop.time() + max(each.timing.forget_s for each in families)
     # One that is waited for shortly may be late. Then at another speed it is noise, but not at the same.
-    quick = heard.silent and len(families) > 1 and len(speeds) == len(tries)
+    quick = heard.silent and len(families) > 1 and all(a.baudrate != b.baudrate for a, b in pairwise(tries))
     while True:
         began = loop.time()
         for each in tries:
@@ -196,7 +243,7 @@ async def _try_known(
 ) -> Connection | None:
     """Ask the one family at the one speed that it can be, with patience; None when there is no response."""
     family = known.family
-    device = family.device()
+    device = family.make(known.model)
     if known.baudrate and known.baudrate != port.baudrate:
         port.set_baudrate(known.baudrate)
     dialogue = Dialogue(port, device, family.timing)
@@ -229,7 +276,7 @@ async def _try(port: Port, attempt: _Try, *, quick: bool) -> Connection | None:
             port.set_baudrate(attempt.baudrate)
         except ConnectFailed:
             return None  # the adapter cannot do it; its device runs at another speed
-    device = family.device()
+    device = family.make(attempt.model)
     dialogue = Dialogue(port, device, family.timing)
     try:
         dialogue.hurry(QUICK_S if quick else family.timing.probe_s)
@@ -246,10 +293,11 @@ async def _try(port: Port, attempt: _Try, *, quick: bool) -> Connection | None:
 
 
 def _nothing_responds(source: Source, tries: list[_Try], received: ReceivedInSilence) -> LidarError:
-    speeds = [str(each.baudrate) for each in tries if each.baudrate]
+    speeds = list(dict.fromkeys(str(each.baudrate) for each in tries if each.baudrate))
     at = f" at {_either(speeds)} baud" if speeds and source.kind == "serial" else ""
     asked = _either(list(dict.fromkeys(each.family.title for each in tries)))
     cure = "Is the lidar powered (5 V, 1.5 A)"
+    cure += ", and is this computer in its network" if source.kind == "udp" else ""
     cure += " and the adapter's speed switch right?" if source.kind == "serial" else "?"
     return ConnectFailed(
         f"{source.address} opened, but nothing responds{at} (asked as {asked}): {received.describe()}. {cure}",

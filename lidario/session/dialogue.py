@@ -20,16 +20,14 @@ import anyio
 
 from lidario.errors import InternalError, LidarError, ResponseTimeout
 from lidario.families.base import Device, Script, Timing
-from lidario.port.line import Schedule, Tap
 from lidario.port.port import Port
-from lidario.recording.chronicle import Chronicle
 from lidario.revolution.together import join_runs
-from lidario.session.delivery import Delivery
+from lidario.session.device_line import DeviceLine
 from lidario.session.stopper import CLOCK_S, PATIENCE_S, Stopper
 from lidario.session.waiting import Awaited, Waiting
 from lidario.wire.envelope import Request
 from lidario.wire.events import Event, Packets, Response
-from lidario.wire.link import Link, LinkState, LinkStats
+from lidario.wire.link import LinkState
 
 __all__ = ["Dialogue"]
 
@@ -42,33 +40,31 @@ _MARGIN_S = 0.005
 """Added to every pause a device demands: an adapter may deliver one request late and the next one on time."""
 
 
-class Dialogue:
+class Dialogue(DeviceLine):
     """Talks to one device over one port.
 
     Attributes:
         on_lost: Called once, with the error, when the dialogue is over for good before it was closed.
         protection_stops: Times the device was found to have stopped to protect itself.
-        stopper: What leaves the device still.
-        chronicle: What happened so far, for recordings.
+        reset_at: When the device was told to restart, on the loop's clock; None if it has responded since. A device
+            that boots discards what it is sent.
     """
 
     def __init__(self, port: Port, device: Device, timing: Timing) -> None:
+        super().__init__(port)
         self.on_lost: Callable[[LidarError], None] | None = None
-        self.chronicle: Chronicle = Chronicle()
-        self._port = port
-        self._link = Link()
         self._device = device
         self._timing = timing
         self._loop = asyncio.get_running_loop()
-        self._delivery = Delivery(self._link.stats)
         self._overflow = port.overflow_bytes
         self._patience = self._hurried_until = math.inf
         self.protection_stops: int = 0
+        self.reset_at: float | None = None
         self._waiting = Waiting()
         # When the device listens: not before this time, nor while a response is outstanding that may still come.
         self._listens_at = 0.0
         self._response_due = 0.0
-        self.stopper: Stopper = Stopper(self, device, timing.quiet_s)
+        self._stopper = Stopper(self, device, timing.quiet_s)
         port.attach(self)
 
     # ------------------------------------------------------------------------------------------------ what it is
@@ -79,97 +75,26 @@ class Dialogue:
         return self._waiting.fatal
 
     @property
-    def stats(self) -> LinkStats:
-        """Counters of everything that was received."""
-        return self._link.stats
-
-    @property
-    def buffered(self) -> int:
-        """Bytes received that belong to nothing complete yet."""
-        return self._link.buffered
-
-    @property
-    def baudrate(self) -> int:
-        """Speed of the line in bits a second; 0 where bytes take no time."""
-        return self._port.baudrate
-
-    @property
     def timing(self) -> Timing:
         """How long the device takes for what."""
         return self._timing
 
     @property
-    def is_open(self) -> bool:
-        """Whether requests can still be written."""
-        return self._port.is_open
+    def is_still(self) -> bool:
+        """As `Stopper.still`."""
+        return self._stopper.still
 
-    @property
-    def is_streaming(self) -> bool:
-        """Whether packets flow, as far as is known."""
-        return self._link.state is LinkState.STREAMING
+    def may_move(self) -> None:
+        """The device may be in motion, although nothing was sent that sets it in motion."""
+        self._stopper.still = False
 
-    @property
-    def bytes_received(self) -> int:
-        """All bytes that came in so far."""
-        return self._link.stats.bytes_received
+    def keep_spinning(self, on: bool) -> None:
+        """As `Stopper.keep_spinning`."""
+        self._stopper.keep_spinning = on
 
-    @property
-    def bytes_fed(self) -> int:
-        """As `Link.fed`."""
-        return self._link.fed
-
-    @property
-    def stream_at(self) -> int:
-        """As `Link.stream_at`."""
-        return self._link.stream_at
-
-    @property
-    def is_live(self) -> bool:
-        """As `Port.is_live`."""
-        return self._port.is_live
-
-    @property
-    def wall_offset_ns(self) -> int:
-        """As `Port.wall_offset_ns`."""
-        return self._port.wall_offset_ns
-
-    def now(self) -> int:
-        """As `Port.now`."""
-        return self._port.now()
-
-    def deliver_to(self, callback: Callable[[Packets], None] | None) -> None:
-        """Call `callback` with each run of packets, those that came since the descriptor first; None for nobody."""
-        self._delivery.deliver_to(callback)
-
-    def set_polling(self, latency: float, schedule: Schedule | None) -> None:
-        """As `Port.set_polling`."""
-        self._port.set_polling(latency, schedule)
-
-    def set_repeat(self, request: Request | None, interval: float = 0.0) -> None:
-        """As `Port.set_repeat`."""
-        self._port.set_repeat(b"" if request is None else request.data, interval)
-
-    @property
-    def repeated(self) -> int:
-        """As `Port.repeated`."""
-        return self._port.repeated
-
-    def poll(self) -> None:
-        """As `Port.poll`."""
-        self._port.poll()
-
-    @property
-    def taps(self) -> tuple[Tap, ...]:
-        """As `Port.taps`."""
-        return self._port.taps
-
-    def add_tap(self, tap: Tap) -> None:
-        """As `Port.add_tap`."""
-        self._port.add_tap(tap)
-
-    def remove_tap(self, tap: Tap) -> None:
-        """As `Port.remove_tap`."""
-        self._port.remove_tap(tap)
+    def when_still(self, callback: Callable[[], None] | None) -> None:
+        """As `Stopper.on_still`."""
+        self._stopper.on_still = callback
 
     # ------------------------------------------------------------------------------------------------ receiving
 
@@ -193,11 +118,11 @@ class Dialogue:
             self.stop_device()
         if not self._link.is_awaiting:
             self._waiting.wake(Awaited.CHANGE)
-            self.stopper.try_now()
+            self._stopper.try_now()
 
     def connection_lost(self, error: LidarError | None) -> None:
         """As `Receiver`."""
-        self.stopper.cancel()
+        self._stopper.cancel()
         if error is not None:
             self.fail(error)
 
@@ -252,6 +177,7 @@ class Dialogue:
             self._response_due = self._loop.time() + timeout
             try:
                 payload = await self._waiting.wait(timeout, Awaited.RESPONSE)
+                self.reset_at = None
                 if request.stream is None:
                     self.chronicle.responded(request.data, request.expects.type, payload)
                 else:
@@ -299,7 +225,6 @@ class Dialogue:
         """Send STOP and wait until the line is quiet; False if it did not fall quiet in time."""
         await self._until_it_listens()
         self.write((self._device.stop(),))
-        self.deliver_to(None)
         return await self.drain()
 
     async def drain(self) -> bool:
@@ -317,7 +242,7 @@ class Dialogue:
 
     def keep_alive(self, request: Request) -> None:
         """Send a request in the midst of a stream; its response is part of the stream."""
-        if self.fatal is None and not self.stopper.wanted and self._loop.time() >= self._listens_at:
+        if self.fatal is None and not self._stopper.wanted and self._loop.time() >= self._listens_at:
             self.write((request,))
 
     # ------------------------------------------------------------------------------------------------ stopping
@@ -328,7 +253,11 @@ class Dialogue:
         Nothing is delivered any more; packets that still come are drained.
         """
         self.deliver_to(None)
-        self.stopper.stop()
+        self._stopper.stop()
+
+    async def stopped(self) -> None:
+        """As `Stopper.written`."""
+        await self._stopper.written()
 
     def hang_up(self) -> None:
         """Leave the device still, then close the port; without waiting. Nothing is delivered any more.
@@ -340,7 +269,7 @@ class Dialogue:
             return
         self._port.announce_close()
         self.deliver_to(None)
-        self.stopper.hang_up()
+        self._stopper.hang_up()
 
     async def close(self) -> None:
         """As `hang_up`, and return when the port is closed.
@@ -352,7 +281,7 @@ class Dialogue:
         if self._loop.is_closed():
             return
         with anyio.CancelScope(shield=True):
-            await self.stopper.surely_written()
+            await self._stopper.surely_written()
             await self._port.wait_closed()
 
     def abandon(self) -> None:
@@ -360,12 +289,15 @@ class Dialogue:
 
         Where timers do so already, on a loop that runs, they go on.
         """
-        if self.stopper.ends_by_itself and self._loop.is_running():
+        if self._stopper.ends_by_itself and self._loop.is_running():
             return
-        self.stopper.cancel()
-        requests = () if self.stopper.still else self.stopper.requests()
+        self._stopper.cancel()
+        requests = () if self._stopper.still else self._stopper.requests()
         # A response that is outstanding is not received any more. A healthy device has sent it after this time.
         patient_until = self._loop.time() + RESPONSE_S
+        for request in requests:
+            if request.dtr is not None:
+                self._port.set_dtr(request.dtr)
         self._port.abandon(b"".join(request.data for request in requests), self.free_at(patient_until))
 
     def free_at(self, patient_until: float) -> float:
@@ -382,8 +314,18 @@ class Dialogue:
         """Write requests, now; the pause that they demand counts from now."""
         for request in requests:
             self._link.send_request(request)
-            self.stopper.sent(request)
-        self._port.write(self._link.data_to_send())
+            self._stopper.sent(request)
+            if request.ends_stream:
+                # Also what came before anybody could read it: it is no part of the next stream.
+                self.deliver_to(None)
+            if request.dtr is not None:
+                self._port.set_dtr(request.dtr)
+            if self._stopper.is_reset(request):
+                # Noted here: whoever wrote it may be cancelled before anybody waits until the device has booted.
+                self.reset_at = self._loop.time()
+            # One by one: where the line carries datagrams, a device may look for one request in each.
+            if data := self._link.data_to_send():
+                self._port.write(data)
         settle = max((request.settle for request in requests), default=0.0)
         if settle:
             self._listens_at = max(self._listens_at, self._loop.time() + settle + _MARGIN_S)
@@ -406,7 +348,7 @@ class Dialogue:
             now = self._loop.time()
             if self._link.is_awaiting and self._response_due - now <= CLOCK_S:
                 self._link.forget()
-            if self.stopper.wanted:
+            if self._stopper.wanted:
                 until = now + PATIENCE_S
             elif self._link.is_awaiting:
                 until = self._response_due

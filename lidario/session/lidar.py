@@ -20,29 +20,25 @@ from pathlib import Path
 from types import TracebackType
 from typing import NoReturn, Self
 
-from lidario.errors import InvalidValue, LocalProtocolError, RemoteProtocolError, SessionClosed
-from lidario.families.base import Device, Script
-from lidario.model import DeviceInfo, Health, SampleRate, ScanMode, Stats
+from lidario.errors import LocalProtocolError, SessionClosed
+from lidario.model import Health, ScanMode, Stats
 from lidario.port.line import Tap
 from lidario.recording.record import Recording
 from lidario.scan import Scan
 from lidario.session.connect import Connection
+from lidario.session.counters import Counters
 from lidario.session.dialogue import Dialogue
-from lidario.session.handshake import healthy, restart
+from lidario.session.questions import Questions
 from lidario.session.reconnect import Reconnector
 from lidario.session.recorded import RecordedSession
 from lidario.session.scanner import Scanner
 from lidario.session.stream import ScanStream
 from lidario.session.twin import twin_of
-from lidario.wire.stats import LinkStats
 
 __all__ = ["Lidar"]
 
-SPEED_TOLERANCE = 0.05
-SPEED_TIMEOUT_S = 10.0
 
-
-class Lidar:
+class Lidar(Questions):
     """One open device; made by `open_lidar`, and best used as its context manager.
 
     Its methods belong to the event loop in which it was opened; in another one they raise `LocalProtocolError`.
@@ -65,30 +61,21 @@ class Lidar:
         keep_spinning: bool,
         reconnector: Reconnector | None = None,
     ) -> None:
+        dialogue, device = connection.dialogue, connection.device
+        super().__init__(dialogue, device, Scanner(dialogue, device, latency), reconnector, connection.info)
         self.source = source
-        self.info: DeviceInfo = connection.info
-        self._device = connection.device
-        self._dialogue = connection.dialogue
-        self._timing = connection.family.timing
         self._keep_spinning = keep_spinning
-        self._dialogue.stopper.keep_spinning = keep_spinning
-        self._scanner = Scanner(connection.dialogue, connection.device, latency)
-        self._scanner.inquiry.health = health
-        self._reconnector = reconnector
-        # What was counted on the lines that were lost.
-        self._former = LinkStats()
-        self._former_keepalives = 0
-        self._former_protection_stops = 0
+        dialogue.keep_spinning(keep_spinning)
+        self._scanner.take_note(health)
+        self._counters = Counters()
         if reconnector is not None:
             reconnector.serve(_if_alive(self._adopt), self._scanner.end, self._scanner.unused)
-            self._scanner.come_back = reconnector.begin
+            self._scanner.come_back_with(reconnector.begin)
         connection.port.follow(self._scanner)
-        self._recorded = RecordedSession(
-            connection.dialogue, self._scanner, source, lambda: (self.info, self.health)
-        )
+        self._recorded = RecordedSession(dialogue, self._scanner, source, lambda: (self.info, self.health))
         self._closed = False
         self._loop = asyncio.get_running_loop()
-        self._abandoned = weakref.finalize(self, _abandon, connection.dialogue, self._scanner, reconnector)
+        self._abandoned = weakref.finalize(self, _abandon, dialogue, self._scanner, reconnector)
 
     def __repr__(self) -> str:
         state = "scanning" if self.is_scanning else "idle"
@@ -118,46 +105,19 @@ class Lidar:
     @property
     def measured_scan_frequency(self) -> float | None:
         """Measured revolutions a second, from the latest scan; None before the first."""
-        return None if self._scanner.latest is None else self._scanner.latest.rpm / 60
+        latest = self._scanner.latest
+        return None if latest is None else latest.rpm / 60
 
     @property
     def health(self) -> Health:
         """What the device last said of its state, whether it was asked by the program or by the session."""
-        return self._scanner.inquiry.health
+        return self._scanner.health
 
     @property
     def stats(self) -> Stats:
         """Counters since the session was opened, summed over all lines to the device."""
-        link, totals = self._former + self._dialogue.stats, self._scanner.totals
-        assembled = totals.assembled
-        return Stats(
-            bytes_received=link.bytes_received,
-            packets=link.packets,
-            packet_bytes=link.packet_bytes,
-            lost_packets=assembled.lost_packets,
-            scan_packets=assembled.scan_packets,
-            discarded_packets=assembled.discarded_packets + link.unread_packets,
-            unfinished_packets=assembled.unfinished_packets,
-            records=link.records,
-            record_bytes=link.record_bytes,
-            skipped_bytes=link.skipped_bytes,
-            skipped_stretches=link.skipped_stretches,
-            response_bytes=link.response_bytes,
-            stray_bytes=link.stray_bytes,
-            drained_bytes=link.drained_bytes,
-            discarded_bytes=link.discarded_bytes,
-            buffered=self._dialogue.buffered,
-            late_responses=link.late_responses,
-            scans=assembled.scans,
-            broken_scans=assembled.broken_scans,
-            missed_scans=assembled.missed_scans,
-            dropped_scans=self._scanner.hub.dropped,
-            interruptions=totals.interruptions,
-            keepalives=totals.keepalives + self._former_keepalives + self._dialogue.repeated,
-            restarts=totals.restarts,
-            protection_stops=self._former_protection_stops + self._dialogue.protection_stops,
-            reconnects=0 if self._reconnector is None else self._reconnector.count,
-        )
+        reconnects = 0 if self._reconnector is None else self._reconnector.count
+        return self._counters.stats(self._dialogue, self._scanner.totals, self._scanner.dropped, reconnects)
 
     def scans(self, mode: str | int | None = None, *, depth: int = 1, force: bool = False) -> ScanStream:
         """A stream of full revolutions, for ``async for``; several may run side by side.
@@ -202,108 +162,6 @@ class Lidar:
         """
         self._check_open()
         await self._scanner.stop()
-
-    async def get_info(self) -> DeviceInfo:
-        """Ask the device what it is; `info` has the result, too."""
-        self.info = await self._scanner.ask(self._open_device().identify)
-        return self.info
-
-    async def get_health(self) -> Health:
-        """Ask the device how it is."""
-        self._scanner.inquiry.health = health = await self._scanner.ask(self._open_device().health)
-        # Not later: the stream that this question interrupted is started by another task, in the next step.
-        self._scanner.inquiry.doubtful |= not health.ok
-        return health
-
-    async def get_modes(self) -> tuple[ScanMode, ...]:
-        """The scan modes of the device, in its order; never empty. The device is asked once in a session."""
-        self._check_open()
-        return await self._scanner.modes()
-
-    async def get_sample_rate(self) -> SampleRate:
-        """Ask how long a sample takes, in microseconds. Raises Unsupported where the device does not tell."""
-        return await self._scanner.ask(self._open_device().sample_rate)
-
-    async def get_scan_frequency(self) -> float:
-        """Ask which scan frequency is set, in revolutions a second; `measured_scan_frequency` is the real one.
-
-        Raises Unsupported where it cannot be set.
-        """
-        return await self._scanner.ask(self._open_device().scan_frequency)
-
-    async def get_scan_frequency_range(self) -> tuple[float, float]:
-        """Ask for the slowest and the fastest scan frequency, in Hz. Raises Unsupported where it cannot be set."""
-        return await self._scanner.ask(self._open_device().scan_frequency_range)
-
-    async def set_scan_frequency(self, hertz: float, *, verify: bool = True) -> float:
-        """Set the scan frequency in revolutions a second; returns what the device made of it.
-
-        While a stream runs and `verify` is set, it returns when the measured frequency is within 5 % of that.
-        While none runs, the rotor stays at rest and takes that speed when one is started. Cancelling ends the
-        waiting; the frequency may be set or not.
-
-        Raises:
-            InvalidValue: No number, or outside what the device can do; the stream is not interrupted.
-            Unsupported: It cannot be set on this device.
-            RemoteProtocolError: The device turns at another speed even after ten seconds.
-        """
-        device = self._open_device()
-        value = await self._scanner.ask(lambda: device.set_scan_frequency(hertz))
-        self._remember("scan frequency", lambda device: device.set_scan_frequency(hertz))
-        if verify and self.is_scanning:
-            await self._turns_at(value)
-        return value
-
-    async def set_motor_speed(self, rpm: float, *, verify: bool = True) -> float:
-        """As `set_scan_frequency`, in revolutions a minute."""
-        try:
-            hertz = rpm / 60
-        except TypeError:
-            raise InvalidValue(f"{rpm!r} is no number of revolutions a minute") from None
-        return 60 * await self.set_scan_frequency(hertz, verify=verify)
-
-    async def get_zero_offset(self) -> float:
-        """Ask for the zero-angle offset the device was calibrated with, in degrees clockwise.
-
-        It is not applied unless `set_zero_offset` says so. Raises Unsupported where there is none.
-        """
-        return await self._scanner.ask(self._open_device().zero_offset)
-
-    async def set_zero_offset(self, on: bool) -> None:
-        """Choose whether the zero-angle offset is added to every angle; off at first.
-
-        Streams that run add it, or do not, from the next revolution on. Raises Unsupported where there is none.
-        """
-        device = self._open_device()
-        self._scanner.set_zero_offset(await self._scanner.ask(lambda: device.apply_zero_offset(on)))
-        self._remember("zero offset", lambda device: device.apply_zero_offset(on))
-
-    async def set_power_down_protection(self, on: bool) -> bool:
-        """Switch power-down protection and return the state the device confirms.
-
-        With it on, the device stops by itself when its host falls silent for three seconds; the session repeats
-        what keeps it going, from another thread too while the program blocks its event loop. The manual recommends
-        it where lidar and host have separate power supplies. It lasts longer than the session: the next program
-        finds it as this one left it. Raises Unsupported where there is none.
-        """
-        device = self._open_device()
-        state = await self._scanner.ask(lambda: device.power_down_protection(on))
-        self._remember("protection", lambda device: device.power_down_protection(on))
-        return state
-
-    async def reset(self) -> Health:
-        """Restart the device and wait until it responds again; streams are started again afterwards.
-
-        What this session has set (speed, protection) is set again by the next start. Cancelling ends the waiting;
-        a device that was told to restart does so all the same.
-
-        Raises:
-            ResponseTimeout: It does not come back.
-            DeviceFault: It came back and reports an error.
-        """
-        self._open_device()
-        self._scanner.inquiry.health = health = await self._scanner.between(self._reset, vital=True)
-        return health
 
     def tap(self, tap: Tap) -> None:
         """Have `tap` called with every chunk of raw bytes, in and out. One that raises is removed, and logged."""
@@ -375,27 +233,10 @@ class Lidar:
     ) -> None:
         await self.close()
 
-    async def _reset(self) -> Health:
-        await restart(self._dialogue, self._device, self._timing)
-        return await healthy(self._dialogue, self._device, self._timing)
-
-    async def _turns_at(self, hertz: float) -> None:
-        measured = float("nan")
-        try:
-            async with asyncio.timeout(SPEED_TIMEOUT_S):
-                async for scan in self.scans():
-                    measured = scan.rpm / 60
-                    if abs(measured - hertz) <= SPEED_TOLERANCE * hertz:
-                        return
-        except TimeoutError:
-            raise RemoteProtocolError(
-                f"{hertz:.2f} Hz is set, but the rotor turns at {measured:.2f} Hz after {SPEED_TIMEOUT_S:g} s"
-            ) from None
-
     def _adopt(self, connection: Connection, health: Health) -> None:
         """There is a new line to the device: from now on it is the one of this session."""
         old, new = self._dialogue, connection.dialogue
-        new.stopper.keep_spinning = self._keep_spinning
+        new.keep_spinning(self._keep_spinning)
         for tap in old.taps:
             new.add_tap(tap)
         # The new finalizer first: a KeyboardInterrupt may come between the two.
@@ -404,28 +245,13 @@ class Lidar:
             weakref.finalize(self, _abandon, new, self._scanner, self._reconnector),
         )
         former.detach()
-        self._former += old.stats
-        self._former_keepalives += old.repeated
-        self._former_protection_stops += old.protection_stops
-        # What was incomplete when the line was lost will never be complete.
-        self._former.skipped_bytes += old.buffered
-        self.info, self._scanner.inquiry.health = connection.info, health
-        self._dialogue, self._device, self._timing = new, connection.device, connection.family.timing
+        self._counters.line_lost(old)
+        self._use(new, connection.device, connection.info)
+        self._scanner.take_note(health)
         self._recorded.adopt(new)
         self._scanner.adopt(new, connection.device)
         if self._reconnector is not None and not self.is_scanning:
             self._reconnector.proven()
-
-    def _remember(self, name: str, script: Callable[[Device], Script[object]]) -> None:
-        """A device that comes back shall be set to this again."""
-        if self._reconnector is not None:
-            self._reconnector.settings[name] = script
-
-    def _open_device(self) -> Device:
-        self._check_open()
-        if self._scanner.is_away and self._reconnector is not None:
-            raise self._reconnector.away_error()
-        return self._device
 
     def _check_open(self) -> None:
         if self._closed:

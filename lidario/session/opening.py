@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import os
 from collections.abc import Generator
 from types import TracebackType
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from lidario.sim.device import SimulatedDevice
 
 __all__ = ["DEFAULT_LATENCY_S", "OpenLidar", "open_lidar"]
+
+_log = logging.getLogger("lidario")
 
 DEFAULT_LATENCY_S = 0.005
 _WRITE = "write `async with lidario.open_lidar(...) as lidar:`"
@@ -100,7 +103,11 @@ class OpenLidar:
                 raise Unsupported(
                     f"keep_spinning: the motor of a {connection.info.model} stops with its laser. Open it without"
                 )
-            health = await healthy(connection.dialogue, connection.device, connection.family.timing)
+            if not connection.device.can_be_stopped:
+                _log.warning(
+                    "a %s cannot be stopped from here: its motor turns while it has power", connection.info.model
+                )
+            health = await healthy(connection.dialogue, connection.device)
             return Lidar(connection, health, source.text, self._latency, self._keep_spinning, reconnector)
         except BaseException:
             await connection.dialogue.close()

@@ -66,6 +66,7 @@ class Readers:
 
     def end(self, error: LidarError | None) -> None:
         """End every reader, those who wait included."""
+        self.cancel_linger()
         joining, self.joining = self.joining, []
         for each in joining:
             self.hub.add(each.mailbox)

@@ -6,7 +6,8 @@ A response that is outstanding is waited for no longer than `PATIENCE_S`. While 
 set the device in motion, it is still, and they are not written again.
 
 When the session ends, the line is listened to after them: a device that goes on sending has not heard them, and
-they are written again before the port is closed.
+they are written again before the port is closed. A device that only talks has stop requests without bytes: for it
+there is nothing to write and nothing to wait for.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol
 
+from lidario.errors import Unsupported
 from lidario.families.base import Device
 from lidario.wire.envelope import Request
 
@@ -82,6 +84,10 @@ class Stopper:
         self._due = 0.0
         self._patient_until = 0.0
         self._hanging_up = False
+        try:
+            self._reset = device.reset().data
+        except Unsupported:
+            self._reset = b""
 
     @property
     def ends_by_itself(self) -> bool:
@@ -99,8 +105,12 @@ class Stopper:
         """
         if request.stream is not None or (request.expects is None and not request.ends_stream):
             self.still = False
-        elif request.data == self._device.reset().data:
+        elif self.is_reset(request):
             self.still = True
+
+    def is_reset(self, request: Request) -> bool:
+        """Whether the device boots after `request`; one that cannot be restarted from here never does."""
+        return bool(self._reset) and request.data == self._reset
 
     def stop(self) -> None:
         """Write the stop requests as soon as the device listens, now if it does. Never blocks or raises."""
@@ -124,8 +134,11 @@ class Stopper:
         self._write()
         if self.on_still is not None:
             self.on_still()
-        if self._hanging_up:
+        if self._hanging_up and any(request.data for request in self.requests()):
             self._close_when_quiet(ATTEMPTS)
+        elif self._hanging_up:
+            # A device that streams unasked was told nothing, and does not fall quiet.
+            self._writer.close_port()
 
     async def written(self) -> None:
         """Return when the stop requests are written, or the port is dead; after 0.6 s at most."""

@@ -6,7 +6,7 @@ faults change the bytes on their way to the host.
 
 from __future__ import annotations
 
-from lidario.sim.device import SimulatedDevice
+from lidario.sim.device import HasControlLine, SimulatedDevice
 from lidario.sim.faults import Faults
 
 __all__ = ["MemoryLine"]
@@ -41,6 +41,11 @@ class MemoryLine:
         if not self._faults.unplugged(now):
             self.device.receive(data, now)
 
+    def set_dtr(self, asserted: bool, now: int) -> None:
+        """The host sets DTR; it means something to few devices."""
+        if isinstance(self.device, HasControlLine):
+            self.device.set_dtr(asserted, now)
+
     def read(self, now: int) -> bytes:
         """What has arrived at the host since the last call."""
         if self._faults is None:
@@ -62,7 +67,9 @@ class MemoryLine:
     def unplugged(self, now: int) -> bool:
         """Whether this line is dead by `now`; after a replug it stays so, and a new line works."""
         if self._faults is None:
-            return False
+            # A device that brings its own faults tells it itself.
+            tells = getattr(self.device, "unplugged", None)
+            return bool(tells(now)) if tells is not None else False
         cable = self._faults.cable(now)
         if self._cable is None:
             self._cable = cable

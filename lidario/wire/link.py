@@ -6,7 +6,9 @@
                                             ├──descriptor of a stream──> STREAMING ──STOP──> DRAINING
                                             └──the same, after abandon()──> DRAINING ──drained()──> IDLE
 
-STOP and RESET lead from every state to DRAINING.
+STOP and RESET lead from every state to DRAINING. A device that streams unasked cannot be told to stop: its STOP has
+no bytes and leads to IDLE, where what it sends on counts as drained. Its stream has no descriptor: the request for
+it leads to STREAMING at once, and a request for packets has so many of them in a row as its response.
 
 Four verbs: `receive_data`, `events_received`, `send_request`, `data_to_send`. Time is an argument. While it
 streams it searches for no descriptor, and while it waits for a response it accepts only the one that was
@@ -71,10 +73,12 @@ class Link:
         self._pending: Request | None = None
         self._format: StreamFormat | None = None
         self._abandoned = False
+        self._unasked = False
         self._noise = 0
         self._fed = 0
         self._arrivals: list[Arrival] = []
         self._stream_at = 0
+        self._heard, self._heard_packets = b"", 0
 
     @property
     def fed(self) -> int:
@@ -145,13 +149,21 @@ class Link:
         """
         if request.ends_stream:
             self._drain()
+            if not request.data and request.dtr is None:
+                self._unasked = True
+                self.state = LinkState.IDLE
         elif self.state is LinkState.STREAMING and not request.in_stream:
             raise LocalProtocolError(f"{request.name} may not be sent while packets flow: stop the stream first")
         elif self.state is LinkState.AWAIT_RESPONSE:
             raise LocalProtocolError(f"{request.name} may not be sent while a response is pending: wait for it")
         elif request.expects is not None and not request.in_stream:
             self._pending = request
+            self._format = request.stream if request.packets else None
+            self._heard, self._heard_packets = b"", 0
             self.state = LinkState.AWAIT_RESPONSE
+        elif request.stream is not None:
+            self.enter_stream(request.stream)
+            self._stream_at = self._fed
         self._outgoing += request.data
 
     def data_to_send(self) -> bytes:
@@ -190,14 +202,20 @@ class Link:
         self._fed += len(data)
         state = self.state
         if state is _AWAIT_RESPONSE:
-            self._await_response(now)
+            if self._format is None:
+                self._await_response(now)
+            else:
+                self._await_packets(self._format, now)
             state = self.state
         if state is _STREAMING:
             self._stream(now)
         elif state is LinkState.DRAINING:
             self.stats.drained_bytes += self._buffer.clear()
         elif state is LinkState.IDLE:
-            self.stats.stray_bytes += self._buffer.clear()
+            if self._unasked:
+                self.stats.drained_bytes += self._buffer.clear()
+            else:
+                self.stats.stray_bytes += self._buffer.clear()
 
     def _await_response(self, now: int) -> None:
         """Search for the one descriptor that belongs to the pending request."""
@@ -221,6 +239,33 @@ class Link:
                 return
             elif len(buffer) < DESCRIPTOR_SIZE + descriptor.size or self._respond(request.expects, descriptor, now):
                 return
+
+    def _await_packets(self, wire: StreamFormat, now: int) -> None:
+        """Wait until so many packets have followed each other without a byte of noise between them."""
+        request, data, at = self._pending, self._buffer.data, 0
+        while request is not None and len(data) - at >= wire.shortest:
+            blocks, middle, end = wire.next_stretch(data, at)
+            if end == at:
+                break
+            if blocks:
+                self._heard += bytes(data[at:middle])
+                self._heard_packets += sum(packets for _, packets in blocks)
+                self.stats.response_bytes += middle - at
+            if self._heard_packets >= request.packets:
+                self._buffer.skip(middle)
+                self._unasked = True
+                self._events.append(Response(wire.response_type, self._heard, now))
+                if self._abandoned:
+                    self._events.pop()
+                    self.stats.late_responses += 1
+                self._end_waiting()
+                return
+            if end > middle and wire.other_record(data, middle) != end - middle:
+                self._heard, self._heard_packets = b"", 0
+            self.stats.stray_bytes += end - middle
+            at = end
+        if at:
+            self._buffer.skip(at)
 
     def _respond(self, expected: Expected, descriptor: Descriptor, now: int) -> bool:
         """Take the response at the front of the buffer; False when it belongs to an earlier request."""
@@ -253,7 +298,8 @@ class Link:
         self.state = LinkState.STREAMING
 
     def _end_waiting(self) -> None:
-        self._pending = None
+        self._pending = self._format = None
+        self._heard = b""
         self._abandoned = False
         self.state = LinkState.IDLE
 

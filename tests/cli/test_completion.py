@@ -7,7 +7,9 @@ import subprocess
 import sys
 
 import pytest
+from click.shell_completion import get_completion_class
 
+from lidario.cli.main import cli
 from tests.cli.processes import BOUND, ROOT, invoke
 
 
@@ -32,13 +34,25 @@ def test_another_shell_is_a_usage_error() -> None:
         ("lidario stats --", {"--json", "--mode", "--time"}),
         ("lidario stats sim://rplidar-s", {"sim://rplidar-s1", "sim://rplidar-s2", "sim://rplidar-s3"}),
         ("lidario doctor au", {"auto"}),
+        ("lidario scan au", {"auto"}),
+        ("lidario info au", {"auto"}),
+        ("lidario record au", {"auto"}),
     ],
 )
-def test_what_is_offered(words: str, offered: set[str]) -> None:
-    asked = {"_LIDARIO_COMPLETE": "bash_complete", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+def test_what_is_offered(words: str, offered: set[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COMP_WORDS", words)
+    monkeypatch.setenv("COMP_CWORD", str(words.count(" ")))
+    shell = get_completion_class("bash")
+    assert shell is not None
+    told = shell(cli, {}, "lidario", "_LIDARIO_COMPLETE").complete()
+    assert offered <= {line.partition(",")[2] for line in told.splitlines()}
+
+
+def test_the_command_itself_is_asked() -> None:
+    asked = {"_LIDARIO_COMPLETE": "bash_complete", "COMP_WORDS": "lidario stats sim://ydl", "COMP_CWORD": "2"}
     ended = subprocess.run(
         [sys.executable, "-W", "error", "-m", "lidario"],
         cwd=ROOT, env={**os.environ, **asked}, capture_output=True, text=True, timeout=BOUND, check=False,
     )  # fmt: skip
     assert ended.returncode == 0
-    assert offered <= {line.partition(",")[2] for line in ended.stdout.splitlines()}
+    assert "plain,sim://ydlidar-4ros\n" in ended.stdout

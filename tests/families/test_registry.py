@@ -6,13 +6,14 @@ import pytest
 
 from lidario.errors import ConnectFailed
 from lidario.families.base import Device, Family
+from lidario.families.ldrobot.simulated.device import PROFILES as THIRD
 from lidario.families.registry import FAMILIES, family_named, family_of_simulated
 from lidario.families.rplidar.simulated.profiles import PROFILES as FIRST
 from lidario.families.ydlidar.simulated.device import PROFILES as SECOND
 
 
 def test_the_simulated_models_are_those_there_are() -> None:
-    assert [set(family.simulated) for family in FAMILIES] == [set(FIRST), set(SECOND)]
+    assert [set(family.simulated) for family in FAMILIES] == [set(FIRST), set(SECOND), set(THIRD)]
 
 
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)
@@ -22,7 +23,7 @@ def test_each_row_is_complete(family: Family) -> None:
     for model in family.simulated:
         assert family_of_simulated(model) is family
         device = family.simulate(model, world=None, serial=None, seed=3)
-        assert device.baudrate in family.baudrates
+        assert device.baudrate in family.baudrates or getattr(device, "is_network", False)
         assert not device.scanning
     types = [kind().response_type for kind in family.formats]
     assert len(set(types)) == len(types)

@@ -9,11 +9,26 @@ from numpy.typing import NDArray
 
 DATA = Path(__file__).resolve().parent.parent / "data"
 
-RPLIDAR_NAMES = tuple(
-    f"rplidar_{rate}_{response_type:x}" for rate in ("32k", "9k") for response_type in range(0x81, 0x87)
+RPLIDAR_NAMES = (
+    *(f"rplidar_{rate}_{response_type:x}" for rate in ("32k", "9k") for response_type in range(0x81, 0x87)),
+    *("rplidar_a1_82", "rplidar_a1_84"),
 )
 YDLIDAR_NAMES = ("ydlidar_4ros_room10", "ydlidar_4ros_room7", "ydlidar_4ros_wrap")
-NAMES = RPLIDAR_NAMES + YDLIDAR_NAMES
+RELATIVE_NAMES = (
+    "ydlidar_x4_11hz",
+    "ydlidar_g6_12hz",
+    "ydlidar_g2_11hz",
+    "ydlidar_tmini_10hz",
+    "ydlidar_tg15_12hz",
+)
+LDROBOT_NAMES = (
+    "ldrobot_ld19_6hz",
+    "ldrobot_ld19_13hz",
+    "ldrobot_stl27l_6hz",
+    "ldrobot_stl27l_13hz",
+    "ldrobot_ld14p_6hz",
+)
+NAMES = RPLIDAR_NAMES + YDLIDAR_NAMES + RELATIVE_NAMES + LDROBOT_NAMES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,15 +36,15 @@ class Golden:
     """One stream and its samples; what a family does not have is None."""
 
     name: str
-    family: Literal["rplidar", "ydlidar"]
+    family: Literal["rplidar", "ydlidar", "ldrobot"]
     raw: bytes
     angle_deg: NDArray[np.float32]
     distance_mm: NDArray[np.float32]
     response_type: int | None = None  # RPLIDAR
-    sample_us: float | None = None  # RPLIDAR
-    quality: NDArray[np.uint8] | None = None  # RPLIDAR
+    sample_us: float | None = None  # not 4ROS
+    quality: NDArray[np.generic] | None = None  # where the format carries one
     start: NDArray[np.bool_] | None = None  # RPLIDAR
-    scan: NDArray[np.int16] | None = None  # 4ROS
+    scan: NDArray[np.int16] | None = None  # YDLIDAR, LDROBOT
 
 
 def load(name: str) -> Golden:
@@ -40,6 +55,17 @@ def load(name: str) -> Golden:
         distance_mm = arrays["distance_mm"]
         if name in YDLIDAR_NAMES:
             return Golden(name, "ydlidar", raw, angle_deg, distance_mm, scan=arrays["scan"])
+        if name in LDROBOT_NAMES + RELATIVE_NAMES:
+            return Golden(
+                name,
+                "ldrobot" if name in LDROBOT_NAMES else "ydlidar",
+                raw,
+                angle_deg,
+                distance_mm,
+                sample_us=float(arrays["sample_us"]),
+                quality=arrays.get("intensity"),
+                scan=arrays["scan"],
+            )
         return Golden(
             name,
             "rplidar",

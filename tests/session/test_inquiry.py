@@ -210,7 +210,7 @@ async def test_a_rotor_that_stalls_is_told_of_within_three_slow_revolutions(fami
     async with rig.open() as lidar:
 
         def stall() -> None:
-            running = lidar._scanner._running
+            running = lidar._scanner._control._running
             assert running is not None
             running._assembler._seam.splits = lambda headings: []  # type: ignore[method-assign]
 
@@ -292,7 +292,7 @@ def test_whatever_is_done_while_the_device_is_asked(family: str, harm: str, act:
                 rig.device.protection_stop(CODE)
             else:
                 fall_silent(rig)
-            while lidar._scanner._failure is None:
+            while lidar._scanner._control.failure is None:
                 await asyncio.sleep(0.001)
             for _ in range(step):
                 await asyncio.sleep(0)

@@ -1,14 +1,11 @@
-"""A session with `reconnect` finds its device again and goes on, or gives up at its limit: in driven time."""
+"""A session with `reconnect` finds its device again and goes on: in driven time."""
 
 from __future__ import annotations
 
 import asyncio
-import gc
 import itertools
-import logging
 import math
 import re
-import weakref
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,52 +13,19 @@ from typing import Any
 import pytest
 
 from lidario import (
-    DeviceLost,
-    InvalidValue,
-    Lidar,
-    LidarError,
-    Reconnect,
-    Scan,
-    ScanStream,
-    SessionClosed,
     open_lidar,
 )
-from lidario.session.reconnect import Step
-from tests.support.cable import Cable, cable_to
-from tests.support.devices import both_families, left_still, make_rig, names, take
+from tests.support.cable import cable_to
+from tests.support.coming_back import (
+    MODES,
+    PROMISE_S,
+    next_after,
+    now,
+    now_ns,
+)
+from tests.support.devices import both_families, left_still, make_rig, names
 from tests.support.ledger import assert_stats_close
 from tests.support.loop import DrivenLoop, driven, run_driven
-
-PROMISE_S = 2.0
-"""Longest time from the moment at which the device responds again to the next scan."""
-ON_THE_WAY_S = [0.001, 0.02, 0.045, 0.06, 0.08, 0.15]
-"""Moments after an attempt has begun: it is asked what it is, then how it is, then it scans."""
-MODES = {"rplidar": "Standard", "ydlidar": None}
-
-
-def now() -> float:
-    return asyncio.get_running_loop().time()
-
-
-def now_ns() -> int:
-    return round(now() * 1e9)
-
-
-async def next_attempt(cable: Cable, after_s: float) -> None:
-    """Return so long after the next attempt to reach the device was begun."""
-    attempts = len(cable.attempts)
-    async with asyncio.timeout(5.0):
-        while len(cable.attempts) == attempts:
-            await asyncio.sleep(0.001)
-    await asyncio.sleep(after_s)
-
-
-async def next_after(stream: ScanStream, moment: float) -> Scan:
-    """The first scan that was measured after `moment`."""
-    while True:
-        scan = await asyncio.wait_for(anext(stream), 30.0)
-        if scan.stamp_ns > moment * 1e9:
-            return scan
 
 
 @both_families
@@ -227,216 +191,6 @@ async def test_another_lidar_on_the_same_port_is_not_taken_for_it(
     assert left_still(rig)
 
 
-@both_families
-@driven
-async def test_it_gives_up_at_the_limit_with_the_first_error(family: str) -> None:
-    rig = make_rig(family)
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=Reconnect(limit_s=10.0)) as lidar:
-            async with lidar.scans() as stream:
-                await anext(stream)
-                cable.pull()
-                began = now()
-                with pytest.raises(DeviceLost, match=r"did not come back within 10 s .*no such port") as caught:
-                    await read_to_the_end(stream)
-            assert math.isclose(now() - began, 10.0, abs_tol=0.2)
-            chain = [caught.value, *causes(caught.value)]
-            assert any("unplugged" in str(each) for each in chain[1:])
-            with pytest.raises(DeviceLost, match="did not come back"):
-                await lidar.get_health()
-            with pytest.raises(DeviceLost, match="did not come back"):
-                await anext(lidar.scans())
-            assert not lidar.is_connected
-            # It backs off: the waits grow, up to half a second.
-            waits = [after - before for before, after in itertools.pairwise(cable.attempts[1:])]
-            assert waits == sorted(waits)
-            assert math.isclose(waits[0], 0.1, abs_tol=0.01)
-            assert math.isclose(waits[-1], 0.5, abs_tol=0.01)
-
-
-def causes(error: BaseException) -> list[BaseException]:
-    found = []
-    cause = error.__cause__
-    while cause is not None:
-        found.append(cause)
-        cause = cause.__cause__
-    return found
-
-
-@both_families
-@driven
-async def test_a_device_that_responds_but_never_scans_does_not_put_the_limit_off(family: str) -> None:
-    rig = make_rig(family)
-    async with rig.open(reconnect=Reconnect(limit_s=30.0)) as lidar:
-        async with lidar.scans() as stream:
-            await anext(stream)
-            rig.device.reboot(now_ns())
-            rig.device.spin_up_s = 1e6
-            began = now()
-            with pytest.raises(DeviceLost, match="did not come back within 30 s"):
-                await read_to_the_end(stream)
-        # A start that is under way at the limit is waited for: five seconds without a packet, and the questions
-        # that follow them.
-        assert now() - began < 40.0
-        assert 2 < lidar.stats.reconnects < 20
-    assert left_still(rig)
-
-
-@both_families
-@driven
-async def test_questions_end_at_once_while_it_is_away(family: str) -> None:
-    rig = make_rig(family)
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True) as lidar:
-            modes = await lidar.get_modes()
-            async with lidar.scans() as stream:
-                await anext(stream)
-                asked = asyncio.ensure_future(lidar.get_health())
-                waits = asyncio.ensure_future(lidar.get_info())
-                await asyncio.sleep(0.0005)
-                cable.pull()
-                began = now()
-                for question in (asked, waits):
-                    with pytest.raises(DeviceLost):
-                        await question
-                for call in (lidar.get_health, lidar.get_scan_frequency, lidar.reset):
-                    with pytest.raises(DeviceLost, match=r"has been away for .* ask again") as caught:
-                        await call()
-                    assert any("unplugged" in str(each) for each in causes(caught.value))
-                with pytest.raises(DeviceLost):
-                    await lidar.set_scan_frequency(8.0)
-                assert now() - began < 0.1
-                assert await lidar.get_modes() == modes
-                assert "away" in repr(lidar)
-                cable.plug()
-                await next_after(stream, began)
-                assert (await lidar.get_health()).ok
-
-
-@both_families
-@driven
-async def test_a_stream_that_is_begun_while_it_is_away_waits(family: str) -> None:
-    rig = make_rig(family)
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True) as lidar:
-            cable.pull()
-            await asyncio.sleep(1.0)
-            assert not lidar.is_connected
-            waiting = asyncio.ensure_future(lidar.scan())
-            await asyncio.sleep(1.0)
-            assert not waiting.done()
-            assert lidar.is_scanning
-            cable.plug()
-            scan = await asyncio.wait_for(waiting, 5.0)
-            assert scan.seq == 0, "nothing was read before, so nothing was missed"
-    assert left_still(rig)
-
-
-@both_families
-@pytest.mark.parametrize("returns", [True, False])
-def test_stop_while_it_is_away(family: str, returns: bool) -> None:
-    async def main() -> None:
-        rig = make_rig(family)
-        with cable_to(rig) as cable:
-            async with rig.open(reconnect=True) as lidar:
-                stream = lidar.scans()
-                await anext(stream)
-                reader = asyncio.ensure_future(read_to_the_end(stream))
-                cable.pull()
-                await asyncio.sleep(1.0)
-                began = now()
-                await lidar.stop()
-                assert now() - began < 0.1
-                await reader
-                assert not lidar.is_scanning
-                if returns:
-                    cable.plug(boots=False)  # it had power all the time, and goes on scanning
-                    assert rig.device.scanning
-                    await asyncio.sleep(3.0)
-                    assert lidar.is_connected
-                    assert left_still(rig)
-                    assert len(await take(lidar, 2)) == 2
-
-    run_driven(main)
-
-
-async def read_to_the_end(stream: ScanStream) -> None:
-    async with asyncio.timeout(60.0):
-        async for _ in stream:
-            pass
-
-
-@both_families
-@driven
-async def test_the_stop_requests_go_to_the_new_port(family: str) -> None:
-    rig = make_rig(family)
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True) as lidar:
-            async for scan in lidar.scans():
-                if scan.seq == 1:
-                    cable.pull()
-                    cable.plug()
-                elif lidar.stats.reconnects:
-                    break
-            assert rig.device.scanning
-        assert left_still(rig)
-
-
-@driven
-async def test_the_motor_that_shall_go_on_does() -> None:
-    rig = make_rig("rplidar")
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True, keep_spinning=True) as lidar, lidar.scans() as stream:
-            await anext(stream)
-            cable.pull()
-            cable.plug(boots=False)
-            await next_after(stream, now())
-        assert rig.device.motor_on
-        assert not rig.device.scanning
-
-
-@pytest.mark.parametrize("after_s", ON_THE_WAY_S)
-def test_nor_is_it_stopped_when_the_session_is_closed_on_the_way(after_s: float) -> None:
-    async def main() -> None:
-        rig = make_rig("rplidar")
-        with cable_to(rig) as cable:
-            async with rig.open(reconnect=True, keep_spinning=True) as lidar:
-                await lidar.scan()
-                cable.pull()
-                await asyncio.sleep(2.0)
-                cable.plug(boots=False)
-                await next_attempt(cable, after_s)
-        assert rig.device.motor_on
-        assert not rig.device.scanning
-
-    run_driven(main)
-
-
-@both_families
-@pytest.mark.parametrize("after_s", ON_THE_WAY_S)
-def test_the_loop_is_closed_on_the_way(family: str, after_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = make_rig(family)
-    loop = DrivenLoop()
-    monkeypatch.setattr("lidario.port.port.time.sleep", loop.block)
-
-    async def main() -> Lidar:
-        lidar = await rig.open(reconnect=True)
-        stream = lidar.scans()
-        await anext(stream)
-        cable.pull()
-        await asyncio.sleep(2.0)
-        cable.plug(boots=False)
-        await next_attempt(cable, after_s)
-        return lidar
-
-    with cable_to(rig) as cable:
-        lidar = loop.run_until_complete(main())
-        loop.close()
-        del lidar
-        gc.collect()
-    assert left_still(rig)
-
-
 @driven
 async def test_taps_see_the_new_line() -> None:
     rig = make_rig("rplidar")
@@ -459,31 +213,6 @@ async def test_taps_see_the_new_line() -> None:
                 seen.clear()
                 await anext(stream)
                 assert not seen
-
-
-@both_families
-@pytest.mark.parametrize("after_s", ON_THE_WAY_S)
-def test_a_session_that_nobody_holds_any_more_ends_while_it_is_away(family: str, after_s: float) -> None:
-    async def main() -> None:
-        rig = make_rig(family)
-        with cable_to(rig) as cable:
-            lidar = await rig.open(reconnect=True)
-            await lidar.scan()
-            gone = weakref.ref(lidar)
-            cable.pull()
-            await asyncio.sleep(3.0)
-            cable.plug(boots=False)
-            await next_attempt(cable, after_s)
-            del lidar
-            gc.collect()
-            assert gone() is None
-            await asyncio.sleep(3.0)
-            attempts = len(cable.attempts)
-            await asyncio.sleep(3.0)
-            assert len(cable.attempts) == attempts
-            assert left_still(rig)
-
-    run_driven(main)
 
 
 @driven
@@ -571,59 +300,6 @@ async def test_a_source_with_faults_comes_back(model: str) -> None:
         assert sum(jump > 5 for jump in jumps) == 1
 
 
-@driven
-async def test_without_it_a_lost_device_ends_the_session() -> None:
-    async with open_lidar("sim://rplidar-s2?via=memory&fault=replug:3s") as lidar:
-        with pytest.raises(DeviceLost, match="unplugged"):
-            async for _ in lidar.scans():
-                assert lidar.is_connected
-        assert not lidar.is_connected
-        with pytest.raises(DeviceLost, match="unplugged"):
-            await lidar.get_health()
-
-
-@driven
-async def test_the_first_opening_fails_as_without_it() -> None:
-    rig = make_rig("rplidar")
-    with cable_to(rig) as cable:
-        cable.pull()
-        with pytest.raises(LidarError, match="no such port"):
-            await rig.open(reconnect=True)
-
-
-@driven
-async def test_a_closed_session_stays_closed() -> None:
-    rig = make_rig("rplidar")
-    with cable_to(rig) as cable:
-        lidar = await rig.open(reconnect=True)
-        cable.pull()
-        await asyncio.sleep(1.0)
-        await asyncio.wait_for(lidar.close(), 2.0)
-        cable.plug()
-        attempts = len(cable.attempts)
-        await asyncio.sleep(5.0)
-        assert len(cable.attempts) == attempts
-        with pytest.raises(SessionClosed):
-            await lidar.get_health()
-
-
-@driven
-async def test_a_mistake_of_ours_ends_the_session(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = make_rig("rplidar")
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True) as lidar:
-
-            async def fail(*_: object) -> None:
-                raise ZeroDivisionError
-
-            monkeypatch.setattr("lidario.session.places.Places.candidates", fail)
-            async with lidar.scans() as stream:
-                await anext(stream)
-                cable.pull()
-                with pytest.raises(LidarError, match="please report this"):
-                    await read_to_the_end(stream)
-
-
 def test_the_documented_programs_run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     text = (Path(__file__).parents[2] / "docs" / "reconnect.md").read_text(encoding="utf-8")
     programs = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
@@ -632,40 +308,3 @@ def test_the_documented_programs_run(monkeypatch: pytest.MonkeyPatch, capsys: py
     for program in programs:
         exec(program.replace("?fault", "?via=memory&fault"), {})
     assert "revolutions missing, 1 reconnects" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"limit_s": 0},
-        {"limit_s": math.nan},
-        {"limit_s": "soon"},
-        {"first_wait_s": 0},
-        {"first_wait_s": 1.0, "longest_wait_s": 0.5},
-        {"longest_wait_s": math.inf},
-    ],
-)
-def test_a_policy_that_cannot_be_right_is_refused(wrong: dict[str, Any]) -> None:
-    with pytest.raises(InvalidValue, match="the limit and the waits"):
-        Reconnect(**wrong)
-
-
-@driven
-async def test_what_happens_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level(logging.INFO, "lidario")
-    rig = make_rig("rplidar")
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True) as lidar:
-            cable.pull()
-            await asyncio.sleep(60.0)
-            assert lidar._reconnector is not None
-            assert lidar._reconnector.step is Step.WAITING
-            cable.plug()
-            await asyncio.sleep(3.0)
-    told = [each.message for each in caplog.records]
-    assert [message.partition(":")[0] for message in told] == [
-        "the line to the lidar is lost, and the session comes back",
-        "the lidar is not back yet",
-        told[-1],
-    ]
-    assert "is back on memory, after 6" in told[-1]

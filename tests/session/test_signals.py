@@ -79,19 +79,20 @@ def ended_by(server: PtyServer, program: str, model: str, numbers: Sequence[int]
     return process.returncode, out, said
 
 
-@pytest.mark.parametrize("model", MODELS)
-@pytest.mark.parametrize(
-    ("numbers", "code"),
-    [
-        ([signal.SIGTERM], EXIT_TERM),
-        ([signal.SIGHUP], EXIT_HUP),
-        ([signal.SIGTERM, signal.SIGTERM], EXIT_TERM),
-        ([signal.SIGINT], -signal.SIGINT),
-        ([signal.SIGINT, signal.SIGINT], -signal.SIGINT),
-    ],
-    ids=["term", "hup", "term twice", "int", "int twice"],
-)
-def test_a_signal_leaves_the_device_still(model: str, numbers: list[int], code: int) -> None:
+SENT = {
+    "term": ([signal.SIGTERM], EXIT_TERM),
+    "hup": ([signal.SIGHUP], EXIT_HUP),
+    "term twice": ([signal.SIGTERM, signal.SIGTERM], EXIT_TERM),
+    "int": ([signal.SIGINT], -signal.SIGINT),
+    "int twice": ([signal.SIGINT, signal.SIGINT], -signal.SIGINT),
+}
+EVERY_WAY = [(model, sent) for sent in SENT for model in MODELS]
+
+
+@pytest.mark.exhaustive("way", sample=EVERY_WAY[::3], full=EVERY_WAY)
+def test_a_signal_leaves_the_device_still(way: tuple[str, str]) -> None:
+    model, sent = way
+    numbers, code = SENT[sent]
     with served(model) as server:
         returned, _, said = ended_by(server, RUN, model, numbers)
         until(lambda: was_stopped(server), lambda: (said, requests(server)[-5:]))

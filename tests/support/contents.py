@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from lidario.families.ldrobot.simulated import packers as ldrobot
 from lidario.families.rplidar.simulated import packers
 from lidario.families.ydlidar.simulated.packers import pack_points
 from tests.support.streams import Case
@@ -33,6 +34,15 @@ def any_packets(case: Case, seed: int, count: int, *, wild: bool) -> list[bytes]
             )
             for start in starts
         ]
+    if case.truth.family == "ldrobot":
+        raw = ldrobot.pack_points(
+            random.integers(0, 65536, (count, 12)),
+            random.integers(0, 256, (count, 12)),
+            starts % (0x8000 if wild else 36_000),
+            (starts + random.integers(0, 3000, count)) % (0x8000 if wild else 36_000),
+            speed=random.integers(0, 65536, count),
+        )
+        return [raw[at : at + 47] for at in range(0, len(raw), 47)]
     if case.response_type == 0x81:
         quality = random.integers(0, 64, count)
         raw = packers.pack_standard(

@@ -119,13 +119,15 @@ def kept(
     compared = ~doubted[expected["packet"]]
     if case.response_type == 0x84:  # what is told only together with a packet that did not come
         compared &= (distances > 0) | ~last[expected["packet"]] | (expected["index"] < 94)
+    # Where nothing came back, a model that triangulates has the correction of the sample before, lost or not.
+    placed = compared if case.response_type != 0x2D else compared & (distances > 0)
     moved = (angles - expected["angle"] + 180) % 360 - 180
     wrong = np.abs(distances - expected["distance"]) > _slack_mm(case)
     first, end = case.turns[0][0].packet, case.turns[-1][-1].packet
     return Kept(
         scans,
         len(angles) / sum(map(len, case.turns)),
-        np.abs(moved[compared]) * 64,
+        np.abs(moved[placed]) * 64,
         int(wrong[compared].sum()),
         len(faulty),
         int(end + 1 - first - there[first : end + 1].sum()),

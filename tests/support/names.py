@@ -18,7 +18,7 @@ from pathlib import Path
 __all__ = ["names_are_safe"]
 
 _USES = re.compile(r"\bserved\b|PtyServer|openpty|tests\.support\.terminals")
-_FREES = re.compile(r"replug|reconnect")
+_FREES = re.compile(r"\breconnect=")
 _LOCK = Path(tempfile.gettempdir()) / "lidario-tests-terminals.lock"
 
 

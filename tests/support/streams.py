@@ -5,16 +5,22 @@ golden file, and learns from it how its stream is announced, cut, decoded, and w
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import accumulate, cycle, pairwise
 from typing import NamedTuple, Protocol
 
+import pytest
+
+from lidario.families import unasked
 from lidario.families.base import Decoder, Stream
+from lidario.families.ldrobot.decode import PacketDecoder, TriangleDecoder
+from lidario.families.ldrobot.formats import PacketFormat, TriangleFormat
 from lidario.families.rplidar import commands as rplidar_commands
 from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.formats import FORMATS
 from lidario.families.ydlidar import commands as ydlidar_commands
+from lidario.families.ydlidar.clouds import KINDS as KINDS_OF_CLOUDS
 from lidario.families.ydlidar.decode import PointCloudDecoder
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.model import ScanMode
@@ -25,7 +31,7 @@ from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor, Event, Packets
 from lidario.wire.formats import StreamFormat, Stretch
 from lidario.wire.link import Link, LinkState, LinkStats
-from tests.reference import golden, rplidar, ydlidar
+from tests.reference import golden, ldrobot, rplidar, ydlidar
 
 __all__ = [
     "CASES",
@@ -44,6 +50,7 @@ __all__ = [
     "feed",
     "in_one_run",
     "merged",
+    "most_or_all",
     "named",
     "open_stream",
     "stream_of",
@@ -78,7 +85,7 @@ class Case:
     Attributes:
         name: Name of the golden file.
         response_type: Type byte of the descriptor.
-        descriptor: What the device says before the first packet.
+        descriptor: What the device says before the first packet; empty where it announces nothing.
         make_format: A fresh packet format.
         make_decoder: A fresh decoder.
         request: The request that starts a stream of that format.
@@ -103,8 +110,8 @@ class Case:
 
     @property
     def raw(self) -> bytes:
-        """The golden bytes."""
-        return _golden(self.name).raw
+        """The golden bytes; of a stream with other records between its packets, the packets."""
+        return _golden(self.name).raw if self.descriptor else b"".join(self.packets)
 
     @property
     def packets(self) -> tuple[bytes, ...]:
@@ -137,7 +144,7 @@ _golden = cache(golden.load)
 
 @cache
 def _packets(case: Case) -> tuple[bytes, ...]:
-    return tuple(case.split(case.raw))
+    return tuple(case.split(case.truth.raw))
 
 
 @cache
@@ -187,17 +194,82 @@ def _ydlidar(name: str) -> Case:
     )
 
 
-CASES = (*map(_rplidar, golden.RPLIDAR_NAMES), *map(_ydlidar, golden.YDLIDAR_NAMES))
-"""Every golden stream."""
+_RELATIVES = {
+    "x4": ("x", ydlidar.Kind(unit=4, triangle=True)),
+    "g6": ("octave", ydlidar.Kind(unit=2, triangle=True)),
+    "g2": ("g2", ydlidar.Kind(3, 4, flags=True, intensity_bits=10, triangle=True)),
+    "tmini": ("tmini", ydlidar.Kind(3, 4, flags=True, intensity_bits=8)),
+    "tg15": ("tg", ydlidar.Kind()),
+}
 
-_KINDS = (*(f"rplidar_32k_{answer:x}" for answer in range(0x81, 0x87)), "ydlidar_4ros_room10")
+
+def _relative(name: str) -> Case:
+    kind_name, layout = _RELATIVES[name.split("_")[1]]
+    kind, sample_us = KINDS_OF_CLOUDS[kind_name], _golden(name).sample_us
+    assert sample_us is not None
+    return replace(
+        _ydlidar(name),
+        response_type=kind.response_type,
+        make_format=kind.wire,
+        make_decoder=kind.decoder,
+        sample_us=sample_us,
+        split=partial(ydlidar.split, kind=layout),
+        decode=partial(ydlidar.decode, kind=layout),
+    )
+
+
+def _ldrobot(name: str) -> Case:
+    triangle = "ld14" in name
+    sample_us = _golden(name).sample_us
+    assert sample_us is not None
+    return Case(
+        name=name,
+        response_type=0x2D if triangle else 0x2C,
+        descriptor=b"",
+        make_format=TriangleFormat if triangle else PacketFormat,
+        make_decoder=TriangleDecoder if triangle else PacketDecoder,
+        request=unasked.begin,
+        sample_us=sample_us,
+        split=ldrobot.split,
+        decode=partial(ldrobot.decode, triangle=triangle),
+        revolutions=ldrobot.revolutions,  # type: ignore[arg-type]
+        lookahead=False,
+    )
+
+
+_OF_GOLDEN_ALONE = ("ldrobot_ld19_13hz", "ldrobot_stl27l_6hz", "ydlidar_g6_12hz", "ydlidar_tg15_12hz")
+ALL = (
+    *map(_rplidar, golden.RPLIDAR_NAMES),
+    *map(_ydlidar, golden.YDLIDAR_NAMES),
+    *map(_relative, golden.RELATIVE_NAMES),
+    *map(_ldrobot, golden.LDROBOT_NAMES),
+)
+"""Every golden stream."""
+CASES = tuple(case for case in ALL if case.name not in _OF_GOLDEN_ALONE)
+"""Those of them that every property is tried on: the others would tell nothing more."""
+
+_KINDS = (
+    *(f"rplidar_32k_{answer:x}" for answer in range(0x81, 0x87)),
+    "ydlidar_4ros_room10",
+    "ydlidar_g2_11hz",
+    "ldrobot_ld19_6hz",
+    "ldrobot_ld14p_6hz",
+)
 KINDS = tuple(case for case in CASES if case.name in _KINDS)
-"""One stream of each of the seven formats."""
+"""One stream of each of the formats."""
 
 
 def named(case: Case) -> str:
     """For `pytest.mark.parametrize(…, ids=named)`."""
     return case.name
+
+
+def most_or_all(cases: Sequence[Case]) -> pytest.MarkDecorator:
+    """Marks a test that takes a `case`: of each format the shortest, and with ``--exhaustive`` all of these."""
+    shortest: dict[tuple[str, int], Case] = {}
+    for case in sorted(cases, key=lambda case: len(case.raw)):
+        shortest.setdefault((case.truth.family, case.response_type), case)
+    return pytest.mark.exhaustive("case", sample=list(shortest.values()), full=cases)
 
 
 SINGLE_DEG = 2e-5
@@ -281,8 +353,11 @@ def open_stream(case: Case) -> Link:
     assert link.data_to_send() == request.data
     link.receive_data(case.descriptor, 0)
     assert link.state is LinkState.STREAMING
+    if not case.descriptor:
+        assert link.events_received() == []
+        return link
     (event,) = link.events_received()
-    assert event == Descriptor(case.response_type, int.from_bytes(case.descriptor[2:5], "little"), True)
+    assert event == Descriptor(case.descriptor[6], int.from_bytes(case.descriptor[2:5], "little"), True)
     return link
 
 

@@ -6,9 +6,10 @@ angles of a whole stretch are one product of two small matrices. What is inside 
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,6 +103,12 @@ class CapsuleDecoder(ABC):
         if seam is not None:
             before_seam = self._before_seam(len(starts), int(starts[-1]), float(arcs.arc[-1]), seam)
         return decoded_samples(decoded, arcs, FULL_TURN_Q6, self.samples, before_seam)
+
+    def fork(self) -> Self:
+        """As `Decoder.fork`."""
+        twin = copy.copy(self)
+        twin._rotation = copy.copy(self._rotation)  # noqa: SLF001 - its own
+        return twin
 
     def decode_steady(
         self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None

@@ -1,0 +1,193 @@
+"""One LDROBOT lidar: which model it is, how it is listened to, and the few requests that one model hears.
+
+No packet tells the model, the firmware or a serial number. The rate of the samples does: the models of one rate are
+not told apart, but they measure alike. Sample rates: LD06 as measured on a real device, the others by data sheet.
+The rate that a device has is measured anew when it is opened.
+
+The LD14P has requests (`commands`). It may have been stopped and be silent: then it is started to be found.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Final
+
+from lidario.errors import InvalidValue, ResponseTimeout, Unsupported
+from lidario.families.arguments import finite
+from lidario.families.base import NamedModel, Script, Stream
+from lidario.families.ldrobot import commands
+from lidario.families.ldrobot.decode import PacketDecoder, TriangleDecoder, samples_a_second
+from lidario.families.ldrobot.formats import PacketFormat, TriangleFormat
+from lidario.families.unasked import UnaskedDevice, begin, hear
+from lidario.model import DeviceInfo, ScanMode
+from lidario.wire.envelope import Request
+
+__all__ = ["MODELS", "NAMED", "LdrobotDevice", "Model", "model_of_rate"]
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """One model.
+
+    Attributes:
+        name: As in ``model=`` of a source.
+        title: For people.
+        baudrate: Speed of its line.
+        rate: Samples a second.
+        reach: Farthest distance in metres.
+        triangle: Whether it triangulates.
+        commands: Whether it hears requests.
+    """
+
+    name: str
+    title: str
+    baudrate: int
+    rate: float
+    reach: float
+    triangle: bool = False
+    commands: bool = False
+
+
+MODELS: Final = {
+    model.name: model
+    for model in (
+        Model("ld06", "LD06", 230_400, 4546, 12.0),
+        Model("ld19", "LD19", 230_400, 4500, 12.0),
+        Model("stl-06p", "STL-06P", 230_400, 5000, 12.0),
+        Model("stl-19p", "STL-19P", 230_400, 4500, 12.0),
+        Model("stl-26", "STL-26", 230_400, 5000, 12.0),
+        Model("stl-27l", "STL-27L", 921_600, 21_600, 25.0),
+        Model("ld14", "LD14", 115_200, 2300, 8.0, triangle=True),
+        Model("ld14p", "LD14P", 230_400, 4000, 8.0, triangle=True, commands=True),
+    )
+}
+_BY_RATE: Final = (
+    (10_000, Model("", "STL-27L", 921_600, 21_600, 25.0)),
+    (4250, Model("", "LD06, LD19 or alike", 230_400, 4546, 12.0)),
+    (3150, MODELS["ld14p"]),
+    (0, MODELS["ld14"]),
+)
+"""The slowest rate of each kind."""
+HEARD: Final = 24
+"""Packets by which the rate is known to 0.5 % (by a recording of a real LD06). Of an LD14 0.13 s."""
+HEAR_S: Final = 0.5
+SPIN_UP_S: Final = 3.0
+"""Users report 10 Hz within 3 s; the first packets come after 0.7 s."""
+SLOWEST_TURN_S: Final = (0.3, 0.75)
+"""One revolution at 5 Hz, and at 2 Hz where it triangulates, and half as long again."""
+SPEED_RANGE: Final = (2.0, 8.0)
+"""Hz, of the LD14P (the vendor's SDK: 720 to 2880 degrees a second)."""
+
+
+def model_of_rate(rate: float) -> Model:
+    """The model, or the models that are not told apart, with so many samples a second."""
+    return next(model for slowest, model in _BY_RATE if rate >= slowest)
+
+
+class LdrobotDevice(UnaskedDevice):
+    """One LDROBOT lidar.
+
+    Args:
+        model: The model, where the user has named it.
+    """
+
+    def __init__(self, model: Model | None = None) -> None:
+        self._named = model
+        self._be(model or MODELS["ld06"])
+        self._rate = self._model.rate
+        self._wanted_speed: int | None = None
+
+    def _be(self, model: Model) -> None:
+        self._model = model
+        self.can_be_stopped = model.commands
+        # Where it has requests, the motor stops with the laser.
+        self.can_keep_spinning = not model.commands
+        self.wake = commands.START if model.commands else b""
+        self.patience_s = SPIN_UP_S if model.commands else HEAR_S
+
+    def wire(self) -> PacketFormat:
+        """As `UnaskedDevice.wire`."""
+        return TriangleFormat() if self._model.triangle else PacketFormat()
+
+    def stop(self) -> Request:
+        """As `Device.stop`."""
+        return commands.STOP if self._model.commands else super().stop()
+
+    def halt(self) -> tuple[Request, ...]:
+        """As `Device.halt`."""
+        return (self.stop(),)
+
+    def identify(self) -> Script[DeviceInfo]:
+        """As `Device.identify`: by the rate of its packets. An LD14P that was stopped is started for that."""
+        try:
+            heard = yield hear(self.wire(), HEARD, HEAR_S)
+        except ResponseTimeout:
+            if self._named is not None and not self._named.commands:
+                raise
+            heard = yield hear(self.wire(), HEARD, SPIN_UP_S, commands.START)
+        self._rate = samples_a_second(heard) or self._rate
+        self._be(self._named or model_of_rate(self._rate))
+        return DeviceInfo("ldrobot", f"LDROBOT {self._model.title}", 0, "", 0, "")
+
+    def modes(self) -> Script[tuple[ScanMode, ...]]:
+        """As `Device.modes`: there is one."""
+        yield from ()
+        wire = self.wire()
+        return (ScanMode(0, "Standard", 1e6 / self._rate, self._model.reach, wire.response_type, typical=True),)
+
+    def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
+        """As `Device.start`.
+
+        Raises:
+            Unsupported: A forced scan, or another device's mode.
+        """
+        wire = self.wire()
+        if force or (mode.id, mode.response_type) != (0, wire.response_type):
+            raise Unsupported("this device has one scan mode, 'Standard', and cannot be forced")
+        yield begin(wire, self.wake)
+        if self._wanted_speed is not None:
+            yield commands.speed(self._wanted_speed)
+        return Stream(
+            format=wire,
+            decoder=TriangleDecoder() if self._model.triangle else PacketDecoder(),
+            mode=mode,
+            sample_ns=1e9 / self._rate,
+            spin_up_s=SPIN_UP_S,
+            slowest_turn_s=SLOWEST_TURN_S[self._model.triangle],
+        )
+
+    def scan_frequency_range(self) -> Script[tuple[float, float]]:
+        """As `Device.scan_frequency_range`; only of the LD14P."""
+        if not self._model.commands:
+            return super().scan_frequency_range()
+        return _told(SPEED_RANGE)
+
+    def set_scan_frequency(self, hertz: float) -> Script[float]:
+        """As `Device.set_scan_frequency`: the next start sets it; only of the LD14P. It cannot be read back.
+
+        Raises:
+            Unsupported: Another model: its speed is set by a pin that is not in the cable.
+            InvalidValue: Not a finite number, or outside of 2 to 8 Hz.
+        """
+        lowest, highest = SPEED_RANGE
+        wanted = finite(hertz, "a scan frequency")
+        if not self._model.commands:
+            raise Unsupported("the scan frequency of this device cannot be set from here")
+        if not lowest <= wanted <= highest:
+            raise InvalidValue(f"{wanted:g} Hz is outside of {lowest:g} to {highest:g} Hz")
+        return self._set_speed(round(wanted * 360))
+
+    def _set_speed(self, degrees_per_second: int) -> Script[float]:
+        yield commands.speed(degrees_per_second)
+        self._wanted_speed = degrees_per_second
+        return degrees_per_second / 360
+
+
+def _told(speeds: tuple[float, float]) -> Script[tuple[float, float]]:
+    yield from ()
+    return speeds
+
+
+NAMED: Final = {name: NamedModel(model.baudrate, partial(LdrobotDevice, model)) for name, model in MODELS.items()}
+"""As `Family.models`."""

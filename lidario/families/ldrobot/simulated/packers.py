@@ -1,0 +1,89 @@
+"""The device's own way to put measurements into bytes; shares nothing with the host's side.
+
+Layout: LD06 development manual v1.0; records and responses: the vendor's SDKs. Tests use `pack_points` as the
+inverse of the decoder.
+"""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["check_of", "pack_health", "pack_points", "pack_response"]
+
+_POLYNOMIAL = 0x4D
+_POINTS = 12
+_LONGEST = 65535
+
+
+def _of_bytes() -> npt.NDArray[np.uint8]:
+    """The CRC of each byte, made for all of them bit by bit."""
+    value = np.arange(256)
+    for _ in range(8):
+        value = np.where(value & 0x80, value << 1 ^ _POLYNOMIAL, value << 1) & 0xFF
+    return value.astype(np.uint8)
+
+
+_OF_BYTES = _of_bytes()
+
+
+def check_of(data: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """CRC-8 of each row; shape (packets, bytes) to (packets,)."""
+    value = np.zeros(len(data), np.uint8)
+    for column in data.T:
+        value = _OF_BYTES[value ^ column]
+    return value
+
+
+def pack_points(
+    distances_mm: npt.ArrayLike,
+    intensities: npt.ArrayLike,
+    first: npt.ArrayLike,
+    last: npt.ArrayLike,
+    *,
+    speed: npt.ArrayLike = 3600,
+    milliseconds: npt.ArrayLike = 0,
+) -> bytes:
+    """Pack measurement packets of twelve points each.
+
+    Args:
+        distances_mm: (12,) or (packets, 12); 0 = no return, as is what 16 bits cannot hold.
+        intensities: Likewise, 0 to 255.
+        first: Angle of the first point in 1/100 degrees, a number or (packets,).
+        last: Angle of the last one, likewise.
+        speed: Degrees a second, likewise.
+        milliseconds: Time, 0 to 29999, likewise.
+
+    Returns:
+        The packets, back to back.
+    """
+    distances = np.atleast_2d(np.rint(np.asarray(distances_mm, np.float64)))
+    distances = np.where(distances <= _LONGEST, distances, 0).astype("<u2")
+    count = len(distances)
+    rows = np.empty((count, 47), np.uint8)
+    rows[:, 0], rows[:, 1] = 0x54, 0x20 | _POINTS
+    points = rows[:, 6:42].reshape(count, _POINTS, 3)
+    points[:, :, :2] = distances[:, :, None].view(np.uint8)
+    points[:, :, 2] = np.atleast_2d(np.asarray(intensities, np.uint8))
+    for at, values in ((2, speed), (4, first), (42, last), (44, milliseconds)):
+        words = np.ascontiguousarray(np.broadcast_to(np.asarray(values, "<u2"), (count,)))
+        rows[:, at : at + 2] = words[:, None].view(np.uint8)
+    rows[:, 6:42] = points.reshape(count, 36)
+    rows[:, 46] = check_of(rows[:, :46])
+    return rows.tobytes()
+
+
+def pack_health(blocked: int) -> bytes:
+    """The record that tells of a blocked (1) or covered (2) window."""
+    return _checked(bytes((0x54, 0xE0, blocked)))
+
+
+def pack_response(command: int, payload: bytes = bytes(4)) -> bytes:
+    """What the LD14P sends after a request; the contents are documented nowhere."""
+    return _checked(struct.pack("<BBB", 0x54, command, len(payload)) + payload)
+
+
+def _checked(body: bytes) -> bytes:
+    return body + bytes(check_of(np.frombuffer(body, np.uint8)[None]))

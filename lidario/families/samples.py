@@ -1,0 +1,118 @@
+"""What a family's decoder takes and gives: the samples of one revolution, or of several without a gap."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.wire.events import Packets
+
+__all__ = ["Decoder", "Samples", "SteadySamples"]
+
+
+# Not frozen: with so many fields that would cost as much as a call of numpy, once a revolution.
+@dataclass(slots=True, eq=False)
+class Samples:
+    """The decoded packets of one stretch of stream; arrays of shape (room + n,), in measuring order.
+
+    Attributes:
+        angle_deg: Where the beam went, float32 degrees clockwise, in [0, 360); corrections applied.
+        distance_mm: Millimetres, float32; 0 where nothing came back.
+        intensity: uint8, or None where the format carries none.
+        before_seam: How many of the samples were measured before the rotor passed the seam in the last packet;
+            all of them where it did not.
+        ends: Samples up to and including each packet, shape (packets,).
+        lost: Packets missing between these ones and before the one that follows.
+        unbroken: Leading packets before the first gap.
+        lost_behind: How many of the lost ones stood behind the last packet.
+        revolution_packets: How many packets a whole revolution has at the present speed; 0 when that is not known.
+        revolution_samples: The same, samples.
+        reported_rpm: The speed that the packets tell, in revolutions a minute; NaN where they tell none.
+        certain: Whether the angle that a packet covers is known for sure. Where it is not, as when nearly all
+            packets are missing, neither the angles nor `lost` can be relied on.
+    """
+
+    angle_deg: NDArray[np.float32]
+    distance_mm: NDArray[np.float32]
+    intensity: NDArray[np.uint8] | None
+    before_seam: int
+    ends: Sequence[int]
+    lost: int
+    unbroken: int
+    lost_behind: int = 0
+    revolution_packets: float = 0.0
+    revolution_samples: float = 0.0
+    certain: bool = True
+    reported_rpm: float = math.nan
+
+
+@dataclass(slots=True, eq=False)
+class SteadySamples:
+    """The decoded packets of several revolutions without a gap; arrays of shape (room + n,), in measuring order.
+
+    Attributes:
+        angle_deg: As in `Samples`.
+        distance_mm: As in `Samples`.
+        intensity: As in `Samples`.
+        packet_ends: Samples up to the end of the last packet of each revolution.
+        before_seam: Samples up to where the rotor passed the seam in that packet.
+        revolution_packets: How many packets a whole revolution has at its speed, of each revolution.
+        revolution_samples: The same, samples.
+        reported_rpm: The speed that the packets of each revolution tell; None where they tell none.
+        settle: Makes the decoder remember these packets, as `Decoder.decode` does at once.
+    """
+
+    angle_deg: NDArray[np.float32]
+    distance_mm: NDArray[np.float32]
+    intensity: NDArray[np.uint8] | None
+    packet_ends: Sequence[int]
+    before_seam: Sequence[int]
+    revolution_packets: Sequence[float]
+    revolution_samples: Sequence[float]
+    settle: Callable[[], None]
+    reported_rpm: Sequence[float] | None = None
+
+
+class Decoder(Protocol):
+    """Turns packets into samples; one object follows one stream, in order."""
+
+    def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
+        """Decode packets that follow each other.
+
+        Args:
+            packets: At least one packet; their arrivals are not read.
+            following: The packet after the last one, since some formats need it to know how far the rotor
+                turned; None when there is none, and the last packet is then decoded with the step of its
+                neighbours.
+            room: Elements to leave at the front of the arrays, for samples the caller has already: filling them
+                in is cheaper than joining arrays.
+            seam: Heading at which the revolution ends, so that `Samples.before_seam` can be told; None where no
+                packet lies across its end.
+        """
+        ...
+
+    def fork(self) -> Self:
+        """Another decoder, which goes on from here without changing what this one remembers."""
+        ...
+
+    def decode_steady(
+        self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None
+    ) -> SteadySamples | None:
+        """Decode several revolutions at once, where nothing is missing; None where something may be.
+
+        The samples are those that `decode` makes of one revolution after the other, to the last bit. Nothing is
+        remembered until `SteadySamples.settle` is called, so that `decode` may be used instead.
+
+        Args:
+            packets: The packets of all revolutions.
+            following: The packet after the last one.
+            ends: Packets up to the end of each revolution.
+            room: As for `decode`.
+            seam: As for `decode`, of each revolution.
+        """
+        ...

@@ -1,0 +1,100 @@
+"""Arithmetic on the samples of a scan: from the device's convention to that of robots, and which samples are meant.
+
+Plain functions on arrays of shape (n,). `lidario.scan` is the record whose properties and methods they serve.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["is_between", "mask_of", "metres_of", "nearest_to", "radians_of", "read_only"]
+
+FloatArray = NDArray[np.float32]
+_ArrayT = TypeVar("_ArrayT", bound=NDArray[np.generic])
+
+
+def read_only(array: _ArrayT) -> _ArrayT:
+    """The same array, made read-only, since every reader of a stream holds the same one."""
+    array.setflags(write=False)
+    return array
+
+
+def radians_of(device_angles: FloatArray) -> FloatArray:
+    """Radians counter-clockwise in [-pi, pi], of degrees clockwise in [0, 360)."""
+    # 360 is added to degrees, where that is exact.
+    radians = (device_angles > 180.0) * np.float32(360.0)
+    radians -= device_angles
+    radians *= math.pi / 180.0
+    return read_only(radians)
+
+
+def metres_of(device_distances: FloatArray) -> FloatArray:
+    """Metres, NaN where nothing came back, of millimetres that are 0 there."""
+    metres = device_distances / np.float32(1000)
+    metres[device_distances <= 0] = np.nan
+    return read_only(metres)
+
+
+def is_between(angles: FloatArray, between: tuple[float, float]) -> NDArray[np.bool_]:
+    """Which angles lie from the first one counter-clockwise to the second, radians.
+
+    Raises:
+        ValueError: `between` is not two finite angles.
+    """
+    begin, end = between
+    if not (math.isfinite(begin) and math.isfinite(end)):
+        raise ValueError(f"between must be two finite angles in radians, not {between}")
+    if end - begin >= math.tau:
+        return np.ones(len(angles), np.bool_)
+    turned = (angles.astype(np.float64) - begin) % math.tau
+    return turned <= (end - begin) % math.tau
+
+
+def nearest_to(angles: FloatArray, angle: float, within: float) -> int | None:
+    """Index of the angle nearest to `angle`, radians; None where it is not `within` that distance.
+
+    Raises:
+        ValueError: `angle` is not finite, or `within` is negative or not a number.
+    """
+    if not math.isfinite(angle) or not within >= 0:
+        raise ValueError(f"at() needs a finite angle and a distance of 0 or more, not {angle} and {within}")
+    if not len(angles):
+        return None
+    away = np.abs((angles.astype(np.float64) - angle + math.pi) % math.tau - math.pi)
+    index = int(np.argmin(away))
+    return index if away[index] <= within else None
+
+
+def mask_of(
+    angles: FloatArray,
+    ranges: FloatArray,
+    mask: ArrayLike | None,
+    between: tuple[float, float] | None,
+    range_min: float | None,
+    range_max: float | None,
+) -> NDArray[np.bool_]:
+    """For which samples everything that is given holds; see `lidario.Scan.select`.
+
+    Raises:
+        ValueError: the mask is not bool or not of shape (n,), or `between` is not two finite angles.
+    """
+    keep = np.ones(len(angles), np.bool_)
+    if mask is not None:
+        given = np.asarray(mask)
+        if given.dtype != np.bool_ or given.shape != keep.shape:
+            raise ValueError(
+                f"the mask must be bool, one value a sample, shape ({len(angles)},), not {given.dtype} of shape "
+                f"{given.shape}"
+            )
+        keep &= given
+    if between is not None:
+        keep &= is_between(angles, between)
+    if range_min is not None:
+        keep &= ranges >= range_min
+    if range_max is not None:
+        keep &= ranges <= range_max
+    return keep

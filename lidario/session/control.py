@@ -1,0 +1,229 @@
+"""Where the stream of one device stands, and every step from one `State` to the next.
+
+`StreamControl` starts, interrupts and stops the stream, and holds at most one `Running`. It knows no readers, and
+decides nothing: what is wanted, and what a failure means, is decided by `Scanner`, `Starter` and `Failures`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+
+from lidario.errors import DeviceLost, LidarError, ResponseTimeout, StreamFailed
+from lidario.families.base import Device
+from lidario.model import ScanMode
+from lidario.revolution.assemble import AssemblerStats
+from lidario.scan import Scan
+from lidario.session.dialogue import Dialogue
+from lidario.session.log import Trouble
+from lidario.session.modes import Wanted
+from lidario.session.running import Failure, Running, Totals
+from lidario.session.states import Event, State, next_state
+
+__all__ = ["NotWanted", "StreamControl"]
+
+_log = logging.getLogger("lidario")
+
+STOP_ATTEMPTS = 3
+
+
+class NotWanted(LidarError):
+    """Ends a start that nobody wants any more. No user sees it."""
+
+
+class StreamControl:
+    """The stream of one device.
+
+    Args:
+        dialogue: The conversation with the device.
+        device: The device as its family sees it.
+        latency: As for `Running`.
+        trouble: As for `Running`.
+        publish: Called with each scan.
+        failed: Called once if a stream falls silent or makes no revolutions.
+
+    Attributes:
+        totals: Counters since the session was opened.
+        state: What becomes of the stream at the moment.
+        wanted: The stream that ought to run, or the one that ran last and is wanted again.
+        modes: The scan modes of the device, once it was asked.
+        continued: The last scan of a stream that goes on: what passes until its next one is counted as missed.
+        failure: What is known of a stream that has failed, until the device was asked.
+        ran: Whether a stream has run since one was wanted.
+        starting: Whether the operation in progress is a start: it ends when no stream is wanted any more.
+    """
+
+    def __init__(
+        self,
+        dialogue: Dialogue,
+        device: Device,
+        latency: float,
+        trouble: Trouble,
+        publish: Callable[[Scan], None],
+        failed: Callable[[Failure], None],
+    ) -> None:
+        self.totals: Totals = Totals(AssemblerStats())
+        self.state: State = State.IDLE
+        self.wanted: Wanted | None = None
+        self.modes: tuple[ScanMode, ...] = ()
+        self.continued: Scan | None = None
+        self.failure: Failure | None = None
+        self.ran: bool = False
+        self.starting: bool = False
+        self._dialogue = dialogue
+        self._device = device
+        self._latency = latency
+        self._trouble = trouble
+        self._publish = publish
+        self._failed = failed
+        self._loop = asyncio.get_running_loop()
+        self._running: Running | None = None
+        dialogue.when_still(self._still)
+
+    @property
+    def is_scanning(self) -> bool:
+        """Whether a stream runs, or is about to."""
+        return self.state in (State.STARTING, State.RUNNING, State.INTERRUPTED, State.AWAITED)
+
+    @property
+    def is_away(self) -> bool:
+        """Whether there is no line to the device, and the session is about to come back."""
+        return self.state in (State.AWAY, State.AWAITED)
+
+    @property
+    def mode(self) -> ScanMode | None:
+        """The scan mode that runs or is about to, if it is known."""
+        return self.wanted.mode if self.wanted is not None and self.is_scanning else None
+
+    @property
+    def scans(self) -> int:
+        """Scans since the session was opened."""
+        return self.totals.assembled.scans
+
+    def go(self, event: Event) -> None:
+        """Take the one step that the table knows for `event`."""
+        before, self.state = self.state, next_state(self.state, event)
+        if before is not self.state:
+            _log.debug("%s: %s -> %s", event.value, before.value, self.state.value)
+
+    def set_zero_offset(self, degrees: float) -> None:
+        """Have the stream that runs add another zero-angle offset, clockwise degrees."""
+        if self._running is not None:
+            self._running.set_zero_offset(degrees)
+
+    # ------------------------------------------------------------------------------------------------ start, pause
+
+    def want(self) -> None:
+        """A reader wants scans: the stream is to be started, unless it is wanted already."""
+        if self.state in (State.IDLE, State.STOPPING, State.AWAY):
+            self.ran = False
+            self.go(Event.WANT)
+
+    async def start(self, wanted: Wanted) -> None:
+        """Start the stream; where none begins, `failure` says so."""
+        try:
+            stream = await self._dialogue.run(self._device.start(wanted.mode, force=wanted.force))
+        except ResponseTimeout as error:
+            # A device that has stopped to protect itself starts no stream, and does not say so by itself.
+            self.failure = Failure(f"no stream begins ({error})", "does it know this scan mode?", error=error)
+            return
+        if self.state is not State.STARTING or wanted != self.wanted:
+            # Nobody wants it any more, and the stop requests are written already.
+            return
+        self.go(Event.STARTED)
+        self.ran = True
+        self._running = Running(
+            stream,
+            self._dialogue,
+            latency=self._latency,
+            totals=self.totals,
+            trouble=self._trouble,
+            publish=self._publish,
+            failed=self._failed,
+        )
+        self._running.begin()
+
+    def pause(self) -> None:
+        """The stream that runs is not read any more, and is wanted all the same."""
+        self.totals.interruptions += 1
+        self.go(Event.INTERRUPT)
+        self.rest()
+
+    async def interrupt(self) -> None:
+        """Stop the stream, not the motor, and wait until the line is quiet."""
+        if self.state is State.RUNNING:
+            self.pause()
+            await self.silence()
+
+    def resume(self) -> None:
+        """The device is free again: the stream that was interrupted is to be started."""
+        if self.state is State.INTERRUPTED:
+            self.go(Event.RESUME)
+
+    async def silence(self) -> None:
+        """Have the line quiet, by as many STOP requests as that takes."""
+        if self._dialogue.is_streaming or not await self._dialogue.drain():
+            for _ in range(STOP_ATTEMPTS):
+                if await self._dialogue.quieten():
+                    return
+            raise StreamFailed(f"the device goes on sending after {STOP_ATTEMPTS} STOP requests: is it listening?")
+
+    def leave_off(self) -> None:
+        """What passes until the stream goes on is counted as missed, as it is where the line was lost."""
+        if self.continued is not None:
+            self.totals.assembled.leave_off(self.continued)
+
+    # ------------------------------------------------------------------------------------------------ stop
+
+    def unwant(self) -> None:
+        """Nobody wants the stream: stop the device as soon as it listens. Never blocks or raises."""
+        if self.state is State.CLOSED:
+            return
+        self.go(Event.UNWANT)
+        self.wanted = self.failure = self.continued = self.totals.assembled.left_off = None
+        self.rest()
+        if self.starting:
+            self._dialogue.interrupt(NotWanted("the stream is not wanted any more"))
+        self._dialogue.stop_device()
+        if self._dialogue.is_still:
+            self._still()
+
+    def rest(self) -> None:
+        """The stream runs no more; the device is not told."""
+        running, self._running = self._running, None
+        if running is not None:
+            running.end()
+
+    def close(self) -> None:
+        """The session is over; the device is not told."""
+        self.rest()
+        self.go(Event.CLOSE)
+
+    # ------------------------------------------------------------------------------------------------ the line
+
+    def lose(self, error: LidarError) -> None:
+        """Let go of the line, which is no good any more because of `error`; a stream that is wanted stays so."""
+        self.leave_off()
+        self.go(Event.LOSE)
+        self.failure = None
+        self.rest()
+        self._dialogue.on_lost = None
+        self._dialogue.when_still(None)
+        # Where the line still works, those who wait for a response must not wait for a device that is being left.
+        lost = error if isinstance(error, DeviceLost) else DeviceLost(f"the line to the lidar is given up: {error}")
+        if lost is not error:
+            lost.__cause__ = error
+        self._dialogue.fail(lost)
+
+    def adopt(self, dialogue: Dialogue, device: Device) -> None:
+        """There is a new line to the device: it is stopped, or a stream is to be started where one is wanted."""
+        self._dialogue, self._device = dialogue, device
+        dialogue.when_still(self._still)
+        self.go(Event.RETURN)
+        if not self.is_scanning:
+            dialogue.stop_device()
+
+    def _still(self) -> None:
+        if self.state is State.STOPPING:
+            self.go(Event.STILL)

@@ -1,0 +1,67 @@
+"""What `Lidar.stats` shows: the counters of the line, of the stream and of the session, in one record."""
+
+from __future__ import annotations
+
+from lidario.model import Stats
+from lidario.session.dialogue import Dialogue
+from lidario.session.running import Totals
+from lidario.wire.stats import LinkStats
+
+__all__ = ["Counters"]
+
+
+class Counters:
+    """Sums the counters of one session over all lines that it has had."""
+
+    def __init__(self) -> None:
+        # What was counted on the lines that were lost.
+        self._link = LinkStats()
+        self._keepalives = 0
+        self._protection_stops = 0
+
+    def line_lost(self, dialogue: Dialogue) -> None:
+        """Add what was counted on a line that is not used any more."""
+        self._link += dialogue.stats
+        # What was incomplete when the line was lost will never be complete.
+        self._link.skipped_bytes += dialogue.buffered
+        self._keepalives += dialogue.repeated
+        self._protection_stops += dialogue.protection_stops
+
+    def stats(self, dialogue: Dialogue, totals: Totals, dropped: int, reconnects: int) -> Stats:
+        """Everything that was counted so far.
+
+        Args:
+            dialogue: The line in use.
+            totals: Of all streams.
+            dropped: Scans that slow readers missed.
+            reconnects: Times the session has come back.
+        """
+        link, assembled = self._link + dialogue.stats, totals.assembled
+        return Stats(
+            bytes_received=link.bytes_received,
+            packets=link.packets,
+            packet_bytes=link.packet_bytes,
+            lost_packets=assembled.lost_packets,
+            scan_packets=assembled.scan_packets,
+            discarded_packets=assembled.discarded_packets + link.unread_packets,
+            unfinished_packets=assembled.unfinished_packets,
+            records=link.records,
+            record_bytes=link.record_bytes,
+            skipped_bytes=link.skipped_bytes,
+            skipped_stretches=link.skipped_stretches,
+            response_bytes=link.response_bytes,
+            stray_bytes=link.stray_bytes,
+            drained_bytes=link.drained_bytes,
+            discarded_bytes=link.discarded_bytes,
+            buffered=dialogue.buffered,
+            late_responses=link.late_responses,
+            scans=assembled.scans,
+            broken_scans=assembled.broken_scans,
+            missed_scans=assembled.missed_scans,
+            dropped_scans=dropped,
+            interruptions=totals.interruptions,
+            keepalives=totals.keepalives + self._keepalives + dialogue.repeated,
+            restarts=totals.restarts,
+            protection_stops=self._protection_stops + dialogue.protection_stops,
+            reconnects=reconnects,
+        )

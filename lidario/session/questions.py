@@ -1,0 +1,192 @@
+"""Every question to a device and every setting of it, as a user calls them.
+
+Each runs a script of the family by way of `Scanner.ask`, which interrupts the stream only where the device is
+really asked. What a user has set is remembered where the session comes back by itself, and set again then.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from lidario.errors import InvalidValue, RemoteProtocolError
+from lidario.families.base import Device, Script
+from lidario.model import DeviceInfo, Health, SampleRate, ScanMode
+from lidario.session.dialogue import Dialogue
+from lidario.session.handshake import healthy, restart
+from lidario.session.reconnect import Reconnector
+from lidario.session.scanner import Scanner
+from lidario.session.stream import ScanStream
+
+__all__ = ["Questions"]
+
+SPEED_TOLERANCE = 0.05
+SPEED_TIMEOUT_S = 10.0
+
+
+class Questions:
+    """What `Lidar` asks and sets.
+
+    Args:
+        dialogue: The conversation with the device.
+        device: The device as its family sees it.
+        scanner: Its stream.
+        reconnector: Brings the session back, where that was asked for.
+        info: What the device said it is.
+    """
+
+    def __init__(
+        self,
+        dialogue: Dialogue,
+        device: Device,
+        scanner: Scanner,
+        reconnector: Reconnector | None,
+        info: DeviceInfo,
+    ) -> None:
+        self.info: DeviceInfo = info
+        self._dialogue = dialogue
+        self._device = device
+        self._scanner = scanner
+        self._reconnector = reconnector
+
+    def _use(self, dialogue: Dialogue, device: Device, info: DeviceInfo) -> None:
+        """From now on the device is reached by this line."""
+        self.info = info
+        self._dialogue = dialogue
+        self._device = device
+
+    async def get_info(self) -> DeviceInfo:
+        """Ask the device what it is; `info` has the result, too."""
+        self.info = await self._scanner.ask(self._open_device().identify)
+        return self.info
+
+    async def get_health(self) -> Health:
+        """Ask the device how it is."""
+        health = await self._scanner.ask(self._open_device().health)
+        # Not later: the stream that this question interrupted is started by another task, in the next step.
+        self._scanner.take_note(health)
+        return health
+
+    async def get_modes(self) -> tuple[ScanMode, ...]:
+        """The scan modes of the device, in its order; never empty. The device is asked once in a session."""
+        self._check_open()
+        return await self._scanner.modes()
+
+    async def get_sample_rate(self) -> SampleRate:
+        """Ask how long a sample takes, in microseconds. Raises Unsupported where the device does not tell."""
+        return await self._scanner.ask(self._open_device().sample_rate)
+
+    async def get_scan_frequency(self) -> float:
+        """Ask which scan frequency is set, in revolutions a second; `measured_scan_frequency` is the real one.
+
+        Raises Unsupported where it cannot be set.
+        """
+        return await self._scanner.ask(self._open_device().scan_frequency)
+
+    async def get_scan_frequency_range(self) -> tuple[float, float]:
+        """Ask for the slowest and the fastest scan frequency, in Hz. Raises Unsupported where it cannot be set."""
+        return await self._scanner.ask(self._open_device().scan_frequency_range)
+
+    async def set_scan_frequency(self, hertz: float, *, verify: bool = True) -> float:
+        """Set the scan frequency in revolutions a second; returns what the device made of it.
+
+        While a stream runs and `verify` is set, it returns when the measured frequency is within 5 % of that.
+        While none runs, the rotor stays at rest and takes that speed when one is started. Cancelling ends the
+        waiting; the frequency may be set or not.
+
+        Raises:
+            InvalidValue: No number, or outside what the device can do; the stream is not interrupted.
+            Unsupported: It cannot be set on this device.
+            RemoteProtocolError: The device turns at another speed even after ten seconds.
+        """
+        device = self._open_device()
+        value = await self._scanner.ask(lambda: device.set_scan_frequency(hertz))
+        self._remember("scan frequency", lambda device: device.set_scan_frequency(hertz))
+        if verify and self._scanner.is_scanning:
+            await self._turns_at(value)
+        return value
+
+    async def set_motor_speed(self, rpm: float, *, verify: bool = True) -> float:
+        """As `set_scan_frequency`, in revolutions a minute."""
+        try:
+            hertz = rpm / 60
+        except TypeError:
+            raise InvalidValue(f"{rpm!r} is no number of revolutions a minute") from None
+        return 60 * await self.set_scan_frequency(hertz, verify=verify)
+
+    async def get_zero_offset(self) -> float:
+        """Ask for the zero-angle offset the device was calibrated with, in degrees clockwise.
+
+        It is not applied unless `set_zero_offset` says so. Raises Unsupported where there is none.
+        """
+        return await self._scanner.ask(self._open_device().zero_offset)
+
+    async def set_zero_offset(self, on: bool) -> None:
+        """Choose whether the zero-angle offset is added to every angle; off at first.
+
+        Streams that run add it, or do not, from the next revolution on. Raises Unsupported where there is none.
+        """
+        device = self._open_device()
+        self._scanner.set_zero_offset(await self._scanner.ask(lambda: device.apply_zero_offset(on)))
+        self._remember("zero offset", lambda device: device.apply_zero_offset(on))
+
+    async def set_power_down_protection(self, on: bool) -> bool:
+        """Switch power-down protection and return the state the device confirms.
+
+        With it on, the device stops by itself when its host falls silent for three seconds; the session repeats
+        what keeps it going, from another thread too while the program blocks its event loop. The manual recommends
+        it where lidar and host have separate power supplies. It lasts longer than the session: the next program
+        finds it as this one left it. Raises Unsupported where there is none.
+        """
+        device = self._open_device()
+        state = await self._scanner.ask(lambda: device.power_down_protection(on))
+        self._remember("protection", lambda device: device.power_down_protection(on))
+        return state
+
+    async def reset(self) -> Health:
+        """Restart the device and wait until it responds again; streams are started again afterwards.
+
+        What this session has set (speed, protection) is set again by the next start. Cancelling ends the waiting;
+        a device that was told to restart does so all the same.
+
+        Raises:
+            ResponseTimeout: It does not come back.
+            DeviceFault: It came back and reports an error.
+            Unsupported: It hears no such request; the streams go on.
+        """
+        self._open_device().reset()
+        health = await self._scanner.between(self._reset, vital=True)
+        self._scanner.take_note(health)
+        return health
+
+    async def _reset(self) -> Health:
+        await restart(self._dialogue, self._device)
+        return await healthy(self._dialogue, self._device)
+
+    async def _turns_at(self, hertz: float) -> None:
+        measured = float("nan")
+        try:
+            async with asyncio.timeout(SPEED_TIMEOUT_S):
+                async for scan in ScanStream(self._scanner, None, 1, False, self._check_open):
+                    measured = scan.rpm / 60
+                    if abs(measured - hertz) <= SPEED_TOLERANCE * hertz:
+                        return
+        except TimeoutError:
+            raise RemoteProtocolError(
+                f"{hertz:.2f} Hz is set, but the rotor turns at {measured:.2f} Hz after {SPEED_TIMEOUT_S:g} s"
+            ) from None
+
+    def _remember(self, name: str, script: Callable[[Device], Script[object]]) -> None:
+        """A device that comes back shall be set to this again."""
+        if self._reconnector is not None:
+            self._reconnector.settings[name] = script
+
+    def _open_device(self) -> Device:
+        self._check_open()
+        if self._scanner.is_away and self._reconnector is not None:
+            raise self._reconnector.away_error()
+        return self._device
+
+    def _check_open(self) -> None:
+        """Raise what ended the session, if anything did."""
+        raise NotImplementedError

@@ -1,0 +1,50 @@
+"""For tests of your own program: simulated lidars, made-up scans, recordings; no lidar is needed.
+
+::
+
+    async def test_the_robot_stops(simulated_lidar):
+        simulated_lidar.show(bodies=[Body([(0.0, 2.0, 0.0), (3.0, 0.3, 0.0)])])
+        robot = Robot()
+        await robot.drive(simulated_lidar)
+        assert robot.stopped
+        assert simulated_lidar.is_still
+
+pytest finds the fixtures by itself: `simulated_lidar`, `lidar_source` and `lidar_recording`. They work in the tests
+of pytest-asyncio and of anyio, and without both. `SimulatedLidar`, `Body`, `room` and `make_scan` work without
+pytest, too.
+
+A name is loaded when it is first used, so that a run of pytest that uses none of them does not wait for numpy.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from lidario.testing.device import SimulatedLidar
+    from lidario.testing.made import make_scan
+    from lidario.testing.recorded import RecordedLidar
+    from lidario.testing.surroundings import Body, room
+
+__all__ = ["Body", "RecordedLidar", "SimulatedLidar", "make_scan", "room"]
+
+_HOMES = {
+    "Body": "surroundings",
+    "RecordedLidar": "recorded",
+    "SimulatedLidar": "device",
+    "make_scan": "made",
+    "room": "surroundings",
+}
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value: object = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

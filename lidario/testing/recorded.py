@@ -1,0 +1,50 @@
+"""A recording as what a test works on: as a source for the program, or as the scans themselves."""
+
+from __future__ import annotations
+
+import os
+from functools import cached_property
+from pathlib import Path
+
+from lidario import Scan, decode_file
+
+__all__ = ["RecordedLidar"]
+
+
+class RecordedLidar:
+    """A recording.
+
+    Args:
+        path: The file, ``run.mcap`` or ``raw.bin``.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+
+    Attributes:
+        path: The file.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path: Path = Path(path)
+        if not self.path.is_file():
+            raise FileNotFoundError(f"there is no recording {self.path}")
+
+    def __repr__(self) -> str:
+        return f"<RecordedLidar {self.path}>"
+
+    def __fspath__(self) -> str:
+        return str(self.path)
+
+    @property
+    def source(self) -> str:
+        """What `lidario.open_lidar` opens: it is played as fast as it is read, and no scan is dropped."""
+        return f"{self.path}?rate=0"
+
+    @cached_property
+    def scans(self) -> list[Scan]:
+        """All scans, decoded once, without a session and without an event loop.
+
+        Raises:
+            RecordingError: Nothing can be read of the file.
+        """
+        return list(decode_file(self.path))

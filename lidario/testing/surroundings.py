@@ -1,0 +1,139 @@
+"""What a simulated lidar of a test sees: walls that stand still, and bodies that move."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lidario import InvalidValue, Wall
+from lidario.sim.world import DIRECTIONS, Floats, World, cast
+
+__all__ = ["Body", "Surroundings", "room"]
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """Something round that stands or moves: a person, a leg, a pillar, another robot.
+
+    ::
+
+        Body([(0, 1.5, 0.0)])                        # stands 1.5 m ahead
+        Body([(0, 3.0, 0.0), (2, 0.4, 0.0)])         # comes from 3 m to 0.4 m in two seconds, and stays
+        Body([(0, 2.0, 2.0), (4, 2.0, -2.0)], 0.1)   # crosses from left to right, 0.2 m thick
+
+    Attributes:
+        path: Where its middle is: seconds, metres forward, metres to the left. In between it moves straight and
+            steadily; before the first and after the last it stands. Seconds count from the moment at which the
+            lidar is first opened, or from `SimulatedLidar.show`.
+        radius: Metres.
+
+    Raises:
+        InvalidValue: The path is empty or goes back in time, a number is not finite, or the radius is not positive.
+    """
+
+    path: Sequence[tuple[float, float, float]]
+    radius: float = 0.25
+
+    def __post_init__(self) -> None:
+        try:
+            table = np.asarray(self.path, np.float64)
+        except (TypeError, ValueError):
+            table = np.zeros(0)
+        if table.ndim != 2 or table.shape[1:] != (3,) or not len(table) or not np.isfinite(table).all():
+            raise InvalidValue(
+                f"the path of a body is [(seconds, x, y), ...], metres, at least one of them, not {self.path!r}"
+            )
+        if (np.diff(table[:, 0]) < 0).any():
+            raise InvalidValue(f"the path of a body goes forward in time, and this one goes back: {self.path!r}")
+        if not 0.0 < self.radius < float("inf"):
+            raise InvalidValue(f"the radius of a body is a positive number of metres, not {self.radius}")
+
+    def at(self, seconds: float) -> tuple[float, float]:
+        """Where its middle is at a time: metres forward, metres to the left."""
+        when, x, y = np.asarray(self.path, np.float64).T
+        return float(np.interp(seconds, when, x)), float(np.interp(seconds, when, y))
+
+    def hide(self, ranges: Floats, angles: Floats, seconds: Floats) -> None:
+        """Shorten, in place, the beams (millimetres, degrees clockwise) that meet it before anything else."""
+        when, xs, ys = np.asarray(self.path, np.float64).T
+        x, y = np.interp(seconds, when, xs), np.interp(seconds, when, ys)
+        distance = np.hypot(x, y)
+        off = np.radians(angles) + np.arctan2(y, x)  # clockwise angles: the bearing has the other sign
+        beside = distance * np.sin(off)
+        along = distance * np.cos(off)
+        inside = self.radius * self.radius - beside * beside
+        # A lidar inside of a body sees nothing of it.
+        met = (inside > 0.0) & (along > 0.0) & (distance > self.radius)
+        near = 1000.0 * (along - np.sqrt(np.maximum(inside, 0.0)))
+        nearer = met & ((ranges == 0.0) | (near < ranges))
+        np.copyto(ranges, near, where=nearer)
+
+
+def room(width: float = 4.0, depth: float = 4.0) -> list[Wall]:
+    """Four walls around the lidar, which stands in the middle and faces a wall.
+
+    Args:
+        width: Metres from the left wall to the right one.
+        depth: Metres from the wall ahead to the one behind.
+    """
+    x, y = depth / 2, width / 2
+    corners = [(x, y), (-x, y), (-x, -y), (x, -y), (x, y)]
+    return list(pairwise(corners))
+
+
+class Surroundings(World):
+    """Walls and bodies, which may be replaced while a lidar looks at them.
+
+    Args:
+        walls: Each ``((x1, y1), (x2, y2))``, metres.
+        bodies: What moves.
+        noise: Standard deviation of the ranges, metres.
+        seed: Seed of the noise.
+
+    Raises:
+        InvalidValue: The walls are not numbers of that shape.
+    """
+
+    def __init__(self, walls: Iterable[Wall], bodies: Iterable[Body], noise: float, seed: int) -> None:
+        super().__init__(_cast(walls), noise_mm=noise * 1000.0, seed=seed)
+        self.bodies: tuple[Body, ...] = tuple(bodies)
+        self._begun_s: float | None = None
+
+    def begin(self, now: int) -> None:
+        """The time of the bodies begins at `now`, nanoseconds; later calls change nothing."""
+        if self._begun_s is None:
+            self._begun_s = now * 1e-9
+
+    def show(self, walls: Iterable[Wall] | None, bodies: Iterable[Body] | None) -> None:
+        """Replace what is given. The time of new bodies begins at the next `begin`."""
+        if walls is not None:
+            self._static = _cast(walls)
+        if bodies is not None:
+            self.bodies, self._begun_s = tuple(bodies), None
+
+    def ranges_mm(self, angles_deg_clockwise: ArrayLike, t_seconds: ArrayLike) -> Floats:
+        """As `World.ranges_mm`, with the bodies in front of the walls."""
+        ranges = super().ranges_mm(angles_deg_clockwise, t_seconds)
+        if self.bodies:
+            angles = np.atleast_1d(np.asarray(angles_deg_clockwise, np.float64))
+            begun = self._begun_s or 0.0
+            seconds: NDArray[np.float64] = np.broadcast_to(np.asarray(t_seconds, np.float64) - begun, angles.shape)
+            for body in self.bodies:
+                body.hide(ranges, angles, seconds)
+        return ranges
+
+
+def _cast(walls: Iterable[Wall]) -> Floats:
+    try:
+        table = np.asarray(list(walls), np.float64)
+    except (TypeError, ValueError):
+        table = np.full(1, np.nan)
+    if not table.size:
+        return np.zeros(DIRECTIONS)
+    if table.shape[1:] != (2, 2) or not np.isfinite(table).all():
+        raise InvalidValue("walls are a list of ((x1, y1), (x2, y2)), finite metres")
+    return cast([(x1, y1, x2, y2) for x1, y1, x2, y2 in table.reshape(-1, 4).tolist()])

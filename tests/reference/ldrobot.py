@@ -1,0 +1,97 @@
+"""Scalar reference decoder for the packets of the LDROBOT lidars.
+
+Angles are device angles: degrees, clockwise, at full precision; the vendor's own decoder divides a packet's span in
+whole hundredths. Only clean streams are understood: `split` raises `ValueError` at anything that is neither a
+packet with its check value nor one of the two known records, which it leaves out.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+PACKET_BYTES = 47
+SAMPLES = 12
+RECORD_BYTES = {0xE0: 4, 0x0F: 23}
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One measurement."""
+
+    packet: int  # index into the packets given to decode()
+    index: int  # place inside that packet
+    raw_deg: float  # where the beam is; may pass 360 inside a packet
+    angle_deg: float  # where the target is, 0 <= angle_deg < 360
+    distance_mm: float  # 0 = no return
+    quality: int
+
+
+def crc8(data: bytes) -> int:
+    """CRC-8, polynomial 0x4D, bit by bit."""
+    value = 0
+    for byte in data:
+        value ^= byte
+        for _ in range(8):
+            value = (value << 1 ^ (0x4D if value & 0x80 else 0)) & 0xFF
+    return value
+
+
+def split(raw: bytes) -> list[bytes]:
+    """Cut a clean stream into packets."""
+    packets: list[bytes] = []
+    offset = 0
+    while offset < len(raw):
+        if raw[offset] != 0x54:
+            raise ValueError(f"nothing begins at byte {offset}")
+        size = RECORD_BYTES.get(raw[offset + 1], PACKET_BYTES)
+        piece = raw[offset : offset + size]
+        if len(piece) < size or crc8(piece[:-1]) != piece[-1]:
+            raise ValueError(f"byte {offset}: wrong check value")
+        if size == PACKET_BYTES:
+            if piece[1] != 0x2C:
+                raise ValueError(f"byte {offset}: no packet")
+            packets.append(piece)
+        offset += size
+    return packets
+
+
+def shift_deg(distance_mm: float) -> float:
+    """How far the target lies before the beam of a model that triangulates."""
+    return math.degrees(math.atan((0.11923 * distance_mm - 18.975571) / (distance_mm + 5.9)))
+
+
+def decode(packets: Sequence[bytes], *, triangle: bool = False) -> list[Sample]:
+    """Decode packets."""
+    samples: list[Sample] = []
+    shift = 0.0
+    for number, packet in enumerate(packets):
+        first = _u16(packet, 4) % 36000
+        way = (_u16(packet, 42) - first) % 36000
+        for index in range(SAMPLES):
+            raw_deg = (first * 11 + way * index) / 1100
+            distance_mm = _u16(packet, 6 + 3 * index)
+            if triangle and distance_mm:
+                shift = shift_deg(distance_mm)
+            angle_deg = (raw_deg - shift) % 360.0
+            samples.append(Sample(number, index, raw_deg, angle_deg, float(distance_mm), packet[8 + 3 * index]))
+    return samples
+
+
+def revolutions(samples: Iterable[Sample]) -> list[list[Sample]]:
+    """Whole turns only: one begins with the first sample at or past 0, where the beam angle falls."""
+    turns: list[list[Sample]] = []
+    current: list[Sample] | None = None
+    previous: Sample | None = None
+    for sample in samples:
+        if previous is not None and previous.raw_deg % 360 - sample.raw_deg % 360 > 180:
+            if current is not None:
+                turns.append(current)
+            current = []
+        if current is not None:
+            current.append(sample)
+        previous = sample
+    return turns
+
+
+def _u16(data: bytes, offset: int) -> int:
+    return int.from_bytes(data[offset : offset + 2], "little")

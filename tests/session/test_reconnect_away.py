@@ -1,0 +1,228 @@
+"""While the device is away: questions, new streams, stop; the user's limit, and what is not come back from."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import logging
+import math
+from typing import Any
+
+import pytest
+
+from lidario import (
+    DeviceLost,
+    InvalidValue,
+    LidarError,
+    Reconnect,
+    open_lidar,
+)
+from lidario.session.reconnect import Step
+from tests.support.cable import cable_to
+from tests.support.coming_back import (
+    causes,
+    next_after,
+    now,
+    now_ns,
+    read_to_the_end,
+)
+from tests.support.devices import both_families, left_still, make_rig, take
+from tests.support.loop import driven, run_driven
+
+
+@both_families
+@driven
+async def test_it_gives_up_at_the_limit_with_the_first_error(family: str) -> None:
+    rig = make_rig(family)
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=Reconnect(limit_s=10.0)) as lidar:
+            async with lidar.scans() as stream:
+                await anext(stream)
+                cable.pull()
+                began = now()
+                with pytest.raises(DeviceLost, match=r"did not come back within 10 s .*no such port") as caught:
+                    await read_to_the_end(stream)
+            assert math.isclose(now() - began, 10.0, abs_tol=0.2)
+            chain = [caught.value, *causes(caught.value)]
+            assert any("unplugged" in str(each) for each in chain[1:])
+            with pytest.raises(DeviceLost, match="did not come back"):
+                await lidar.get_health()
+            with pytest.raises(DeviceLost, match="did not come back"):
+                await anext(lidar.scans())
+            assert not lidar.is_connected
+            # It backs off: the waits grow, up to half a second.
+            waits = [after - before for before, after in itertools.pairwise(cable.attempts[1:])]
+            assert waits == sorted(waits)
+            assert math.isclose(waits[0], 0.1, abs_tol=0.01)
+            assert math.isclose(waits[-1], 0.5, abs_tol=0.01)
+
+
+@both_families
+@driven
+async def test_a_device_that_responds_but_never_scans_does_not_put_the_limit_off(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open(reconnect=Reconnect(limit_s=30.0)) as lidar:
+        async with lidar.scans() as stream:
+            await anext(stream)
+            rig.device.reboot(now_ns())
+            rig.device.spin_up_s = 1e6
+            began = now()
+            with pytest.raises(DeviceLost, match="did not come back within 30 s"):
+                await read_to_the_end(stream)
+        # A start that is under way at the limit is waited for: five seconds without a packet, and the questions
+        # that follow them.
+        assert now() - began < 40.0
+        assert 2 < lidar.stats.reconnects < 20
+    assert left_still(rig)
+
+
+@both_families
+@driven
+async def test_questions_end_at_once_while_it_is_away(family: str) -> None:
+    rig = make_rig(family)
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True) as lidar:
+            modes = await lidar.get_modes()
+            async with lidar.scans() as stream:
+                await anext(stream)
+                asked = asyncio.ensure_future(lidar.get_health())
+                waits = asyncio.ensure_future(lidar.get_info())
+                await asyncio.sleep(0.0005)
+                cable.pull()
+                began = now()
+                for question in (asked, waits):
+                    with pytest.raises(DeviceLost):
+                        await question
+                for call in (lidar.get_health, lidar.get_scan_frequency, lidar.reset):
+                    with pytest.raises(DeviceLost, match=r"has been away for .* ask again") as caught:
+                        await call()
+                    assert any("unplugged" in str(each) for each in causes(caught.value))
+                with pytest.raises(DeviceLost):
+                    await lidar.set_scan_frequency(8.0)
+                assert now() - began < 0.1
+                assert await lidar.get_modes() == modes
+                assert "away" in repr(lidar)
+                cable.plug()
+                await next_after(stream, began)
+                assert (await lidar.get_health()).ok
+
+
+@both_families
+@driven
+async def test_a_stream_that_is_begun_while_it_is_away_waits(family: str) -> None:
+    rig = make_rig(family)
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True) as lidar:
+            cable.pull()
+            await asyncio.sleep(1.0)
+            assert not lidar.is_connected
+            waiting = asyncio.ensure_future(lidar.scan())
+            await asyncio.sleep(1.0)
+            assert not waiting.done()
+            assert lidar.is_scanning
+            cable.plug()
+            scan = await asyncio.wait_for(waiting, 5.0)
+            assert scan.seq == 0, "nothing was read before, so nothing was missed"
+    assert left_still(rig)
+
+
+@both_families
+@pytest.mark.parametrize("returns", [True, False])
+def test_stop_while_it_is_away(family: str, returns: bool) -> None:
+    async def main() -> None:
+        rig = make_rig(family)
+        with cable_to(rig) as cable:
+            async with rig.open(reconnect=True) as lidar:
+                stream = lidar.scans()
+                await anext(stream)
+                reader = asyncio.ensure_future(read_to_the_end(stream))
+                cable.pull()
+                await asyncio.sleep(1.0)
+                began = now()
+                await lidar.stop()
+                assert now() - began < 0.1
+                await reader
+                assert not lidar.is_scanning
+                if returns:
+                    cable.plug(boots=False)  # it had power all the time, and goes on scanning
+                    assert rig.device.scanning
+                    await asyncio.sleep(3.0)
+                    assert lidar.is_connected
+                    assert left_still(rig)
+                    assert len(await take(lidar, 2)) == 2
+
+    run_driven(main)
+
+
+@driven
+async def test_without_it_a_lost_device_ends_the_session() -> None:
+    async with open_lidar("sim://rplidar-s2?via=memory&fault=replug:3s") as lidar:
+        with pytest.raises(DeviceLost, match="unplugged"):
+            async for _ in lidar.scans():
+                assert lidar.is_connected
+        assert not lidar.is_connected
+        with pytest.raises(DeviceLost, match="unplugged"):
+            await lidar.get_health()
+
+
+@driven
+async def test_the_first_opening_fails_as_without_it() -> None:
+    rig = make_rig("rplidar")
+    with cable_to(rig) as cable:
+        cable.pull()
+        with pytest.raises(LidarError, match="no such port"):
+            await rig.open(reconnect=True)
+
+
+@driven
+async def test_a_mistake_of_ours_ends_the_session(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = make_rig("rplidar")
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True) as lidar:
+
+            async def fail(*_: object) -> None:
+                raise ZeroDivisionError
+
+            monkeypatch.setattr("lidario.session.places.Places.candidates", fail)
+            async with lidar.scans() as stream:
+                await anext(stream)
+                cable.pull()
+                with pytest.raises(LidarError, match="please report this"):
+                    await read_to_the_end(stream)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"limit_s": 0},
+        {"limit_s": math.nan},
+        {"limit_s": "soon"},
+        {"first_wait_s": 0},
+        {"first_wait_s": 1.0, "longest_wait_s": 0.5},
+        {"longest_wait_s": math.inf},
+    ],
+)
+def test_a_policy_that_cannot_be_right_is_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(InvalidValue, match="the limit and the waits"):
+        Reconnect(**wrong)
+
+
+@driven
+async def test_what_happens_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "lidario")
+    rig = make_rig("rplidar")
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True) as lidar:
+            cable.pull()
+            await asyncio.sleep(60.0)
+            assert lidar._reconnector is not None
+            assert lidar._reconnector.step is Step.WAITING
+            cable.plug()
+            await asyncio.sleep(3.0)
+    told = [each.message for each in caplog.records]
+    assert [message.partition(":")[0] for message in told] == [
+        "the line to the lidar is lost, and the session comes back",
+        "the lidar is not back yet",
+        told[-1],
+    ]
+    assert "is back on memory, after 6" in told[-1]

@@ -1,0 +1,135 @@
+"""How a session ends that is away, or has come back: where the stop requests go, and what is let go of."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import weakref
+
+import pytest
+
+from lidario import (
+    Lidar,
+    SessionClosed,
+)
+from tests.support.cable import cable_to
+from tests.support.coming_back import (
+    ON_THE_WAY_S,
+    next_after,
+    next_attempt,
+    now,
+)
+from tests.support.devices import both_families, left_still, make_rig
+from tests.support.loop import DrivenLoop, driven, run_driven
+
+
+@both_families
+@driven
+async def test_the_stop_requests_go_to_the_new_port(family: str) -> None:
+    rig = make_rig(family)
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True) as lidar:
+            async for scan in lidar.scans():
+                if scan.seq == 1:
+                    cable.pull()
+                    cable.plug()
+                elif lidar.stats.reconnects:
+                    break
+            assert rig.device.scanning
+        assert left_still(rig)
+
+
+@driven
+async def test_the_motor_that_shall_go_on_does() -> None:
+    rig = make_rig("rplidar")
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True, keep_spinning=True) as lidar, lidar.scans() as stream:
+            await anext(stream)
+            cable.pull()
+            cable.plug(boots=False)
+            await next_after(stream, now())
+        assert rig.device.motor_on
+        assert not rig.device.scanning
+
+
+@pytest.mark.parametrize("after_s", ON_THE_WAY_S)
+def test_nor_is_it_stopped_when_the_session_is_closed_on_the_way(after_s: float) -> None:
+    async def main() -> None:
+        rig = make_rig("rplidar")
+        with cable_to(rig) as cable:
+            async with rig.open(reconnect=True, keep_spinning=True) as lidar:
+                await lidar.scan()
+                cable.pull()
+                await asyncio.sleep(2.0)
+                cable.plug(boots=False)
+                await next_attempt(cable, after_s)
+        assert rig.device.motor_on
+        assert not rig.device.scanning
+
+    run_driven(main)
+
+
+@both_families
+@pytest.mark.parametrize("after_s", ON_THE_WAY_S)
+def test_the_loop_is_closed_on_the_way(family: str, after_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = make_rig(family)
+    loop = DrivenLoop()
+    monkeypatch.setattr("lidario.port.port.time.sleep", loop.block)
+
+    async def main() -> Lidar:
+        lidar = await rig.open(reconnect=True)
+        stream = lidar.scans()
+        await anext(stream)
+        cable.pull()
+        await asyncio.sleep(2.0)
+        cable.plug(boots=False)
+        await next_attempt(cable, after_s)
+        return lidar
+
+    with cable_to(rig) as cable:
+        lidar = loop.run_until_complete(main())
+        loop.close()
+        del lidar
+        gc.collect()
+    assert left_still(rig)
+
+
+@both_families
+@pytest.mark.parametrize("after_s", ON_THE_WAY_S)
+def test_a_session_that_nobody_holds_any_more_ends_while_it_is_away(family: str, after_s: float) -> None:
+    async def main() -> None:
+        rig = make_rig(family)
+        with cable_to(rig) as cable:
+            lidar = await rig.open(reconnect=True)
+            await lidar.scan()
+            gone = weakref.ref(lidar)
+            cable.pull()
+            await asyncio.sleep(3.0)
+            cable.plug(boots=False)
+            await next_attempt(cable, after_s)
+            del lidar
+            gc.collect()
+            assert gone() is None
+            await asyncio.sleep(3.0)
+            attempts = len(cable.attempts)
+            await asyncio.sleep(3.0)
+            assert len(cable.attempts) == attempts
+            assert left_still(rig)
+
+    run_driven(main)
+
+
+@driven
+async def test_a_closed_session_stays_closed() -> None:
+    rig = make_rig("rplidar")
+    with cable_to(rig) as cable:
+        lidar = await rig.open(reconnect=True)
+        cable.pull()
+        await asyncio.sleep(1.0)
+        await asyncio.wait_for(lidar.close(), 2.0)
+        cable.plug()
+        attempts = len(cable.attempts)
+        await asyncio.sleep(5.0)
+        assert len(cable.attempts) == attempts
+        with pytest.raises(SessionClosed):
+            await lidar.get_health()

@@ -1,0 +1,140 @@
+"""The examples run as they stand there, on simulated lidars in memory, and are short and typed."""
+
+from __future__ import annotations
+
+import ast
+import asyncio
+import importlib.util
+import json
+import shutil
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+
+import lidario
+from lidario.testing import Body, SimulatedLidar, make_scan, room
+from tests.support.inner import ASYNCIO_INI, run_pytest
+
+FOLDER = Path(__file__).parent.parent / "examples"
+FILES = sorted(FOLDER.glob("*.py"))
+NOTEBOOK = FOLDER / "first_look.ipynb"
+LINES = 60
+
+
+def load(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"example_{name}", FOLDER / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_every_example_has_a_test_here() -> None:
+    text = Path(__file__).read_text(encoding="utf-8")
+    assert len(FILES) >= 6
+    for path in FILES:
+        name = path.stem.removeprefix("test_")
+        assert f'"{name}"' in text or f"test_{name}" in text, path
+
+
+@pytest.mark.parametrize("path", [*FILES, NOTEBOOK], ids=lambda path: path.name)
+def test_it_is_short_and_says_what_it_is(path: Path) -> None:
+    if path.suffix == ".py":
+        text = path.read_text(encoding="utf-8")
+        assert ast.get_docstring(ast.parse(text))
+        assert len(text.splitlines()) < LINES
+    else:
+        assert sum(len(cell["source"]) for cell in cells() if cell["cell_type"] == "code") < LINES
+
+
+def test_obstacle_stop_and_its_own_test(tmp_path: Path) -> None:
+    """The robot's unit test, run as its developer runs it: in its folder, with pytest."""
+    (tmp_path / "pytest.ini").write_text(ASYNCIO_INI, encoding="utf-8")
+    for name in ("obstacle_stop.py", "test_obstacle_stop.py"):
+        shutil.copy(FOLDER / name, tmp_path)
+    assert run_pytest(tmp_path, "-p", "no:anyio").outcomes == {"passed": 3}
+
+
+async def test_two_lidars() -> None:
+    front, rear = SimulatedLidar(walls=room(4, 6), seed=1), SimulatedLidar(walls=room(4, 6), seed=2)
+    cloud = await load("two_lidars").main(front, rear, count=2)
+    assert set(cloud.source.tolist()) == {0, 1}
+    # The lidars are 0.4 m apart and look away from each other; each sees its own wall 3 m in front of itself.
+    assert cloud.xy[:, 0].max() == pytest.approx(3.2, abs=0.01)
+    assert cloud.xy[:, 0].min() == pytest.approx(-3.2, abs=0.01)
+    assert np.ptp(cloud.times_ns) < 0.25e9
+    assert front.is_still
+    assert rear.is_still
+
+
+async def test_occupancy_grid(capsys: pytest.CaptureFixture[str]) -> None:
+    grid = await load("occupancy_grid").main(SimulatedLidar(walls=room(6, 4), noise=0.002), count=3)
+    cells, middle = grid.cells, grid.cells.shape[0] // 2
+    assert cells[middle + 20, middle] > 0  # the wall, 2.0 m ahead
+    assert cells[middle, middle + 30] > 0  # the wall at the left, 3.0 m
+    assert (cells[middle - 15 : middle + 15, middle - 15 : middle + 15] < 0).all()
+    assert (cells[:5] == 0).all()
+    picture = capsys.readouterr().out.splitlines()
+    assert len(picture) == 48
+    # Forward is up.
+    grid = load("occupancy_grid").Grid()
+    grid.add(make_scan([0.0, 0.0], [3.0, 3.0]))
+    rows = str(grid).splitlines()
+    assert any("#" in row for row in rows[: len(rows) // 2])
+    assert not any("#" in row for row in rows[len(rows) // 2 :])
+
+
+async def test_web_app() -> None:
+    app = load("web_app").app
+    app.state.source = lidar = SimulatedLidar()
+    asgi = httpx.ASGITransport(app)
+    async with (
+        app.router.lifespan_context(app),
+        httpx.AsyncClient(transport=asgi, base_url="http://robot") as client,
+    ):
+        assert (await client.get("/nearest")).status_code == 503
+        while app.state.scan is None:
+            await asyncio.sleep(0.05)
+        found = (await client.get("/nearest")).json()
+        assert found["range"] == pytest.approx(2.0, abs=0.01)
+        assert 'fetch("nearest")' in (await client.get("/")).text
+    assert lidar.is_still
+
+
+async def test_record_on_trigger(tmp_path: Path) -> None:
+    lidar = SimulatedLidar(bodies=[Body([(0, 3, 0), (2, 3, 0), (2.1, 0.5, 0), (2.6, 0.5, 0), (2.7, 3, 0)], 0.2)])
+    files = await load("record_on_trigger").main(lidar, tmp_path)
+    assert [path.name for path in files] == ["event-0.mcap"]
+    scans = list(lidario.decode_file(files[0]))
+    assert 8 < len(scans) < 30
+    nearest = [found.range for scan in scans if (found := scan.nearest())]
+    assert min(nearest) < 0.4
+    assert nearest[-1] > 1.0
+    assert lidar.is_still
+
+
+def cells() -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
+    return found
+
+
+def test_the_notebook_runs_from_top_to_bottom(capsys: pytest.CaptureFixture[str]) -> None:
+    """Each cell in one namespace, and the value of its last line drawn, as a notebook does."""
+    names: dict[str, Any] = {}
+    shown = []
+    for cell in cells():
+        if cell["cell_type"] == "code":
+            assert cell["outputs"] == []
+            body = ast.parse("".join(cell["source"])).body
+            last = body.pop() if isinstance(body[-1], ast.Expr) else None
+            exec(compile(ast.Module(body, []), "cell", "exec"), names)
+            if isinstance(last, ast.Expr):
+                shown.append(eval(compile(ast.Expression(last.value), "cell", "eval"), names))
+    assert [type(value).__name__ for value in shown] == ["DeviceInfo", "Scan", "Picture", "NoneType"]
+    assert shown[2]._repr_svg_().count("<circle") > 1000
+    assert capsys.readouterr().out.count(" m\n") == 8
