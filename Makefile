@@ -14,7 +14,7 @@ SEED ?= 7
 HOURS ?= 24
 FUZZ_S ?= 600
 
-.PHONY: demo test check bench faults soak fuzz clean
+.PHONY: demo test check docs bench faults soak fuzz clean
 .DEFAULT_GOAL := demo
 
 $(READY): pyproject.toml
@@ -38,6 +38,9 @@ check: $(READY)  ## lint, format, types, and all tests at full length under cove
 	$(PYRIGHT) --verifytypes lidario --ignoreexternal
 	$(BIN)/python -m pytest -n auto --exhaustive --cov --cov-report=term-missing:skip-covered
 
+docs: $(READY)  ## the documentation, in .site/; any warning is an error
+	$(BIN)/zensical build --strict --clean
+
 bench: $(READY)  ## the benchmarks, beside their rivals; see benchmarks/README.md
 	$(BIN)/python -m benchmarks
 
@@ -51,4 +54,4 @@ fuzz: $(READY)  ## ten minutes of any bytes for each target; see SECURITY.md
 	$(BIN)/python -m tests.fuzz -max_total_time=$(FUZZ_S)
 
 clean:
-	rm -rf $(VENV) .fuzz .coverage* .mypy_cache .pytest_cache .ruff_cache .hypothesis benchmarks/.peers
+	rm -rf $(VENV) .fuzz .coverage* .mypy_cache .site .pytest_cache .ruff_cache .hypothesis benchmarks/.peers

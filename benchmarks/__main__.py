@@ -20,6 +20,7 @@ from benchmarks import (
     latency,
     live,
     memory,
+    publish,
     readme,
     scale,
     stages,
@@ -49,6 +50,7 @@ BENCHMARKS: dict[str, Callable[[Setting], Result]] = {
     "damage": damage.run,
     "garbage": garbage.run,
     "view": view.run,
+    "publish": publish.run,
 }
 _RESULTS = ROOT / "benchmarks" / "results"
 

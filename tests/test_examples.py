@@ -17,9 +17,7 @@ import pytest
 
 import lidario
 from lidario.testing import Body, SimulatedLidar, make_scan, room
-from tests.testing.test_plugin import OF_ASYNCIO, STRICT, run
-
-pytest_plugins = ["pytester"]
+from tests.support.inner import ASYNCIO_INI, run_pytest
 
 FOLDER = Path(__file__).parent.parent / "examples"
 FILES = sorted(FOLDER.glob("*.py"))
@@ -54,13 +52,12 @@ def test_it_is_short_and_says_what_it_is(path: Path) -> None:
         assert sum(len(cell["source"]) for cell in cells() if cell["cell_type"] == "code") < LINES
 
 
-def test_obstacle_stop_and_its_own_test(pytester: pytest.Pytester) -> None:
+def test_obstacle_stop_and_its_own_test(tmp_path: Path) -> None:
     """The robot's unit test, run as its developer runs it: in its folder, with pytest."""
-    pytester.makefile(".ini", pytest=STRICT + OF_ASYNCIO)
+    (tmp_path / "pytest.ini").write_text(ASYNCIO_INI, encoding="utf-8")
     for name in ("obstacle_stop.py", "test_obstacle_stop.py"):
-        shutil.copy(FOLDER / name, pytester.path)
-    pytester.syspathinsert()
-    run(pytester, "-p", "no:anyio").assert_outcomes(passed=3)
+        shutil.copy(FOLDER / name, tmp_path)
+    assert run_pytest(tmp_path, "-p", "no:anyio").outcomes == {"passed": 3}
 
 
 async def test_two_lidars() -> None:

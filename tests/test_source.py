@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from lidario import ConnectFailed, open_lidar
 from lidario.families.registry import FAMILIES, check_source
+from lidario.port.simulated import make_device
 from lidario.source import Source, parse_source
 
 
@@ -31,6 +32,8 @@ from lidario.source import Source, parse_source
         ("id:ABCDEF01", "id", "ABCDEF01", {}),
         ("tcp://192.168.0.7:20108", "tcp", "192.168.0.7:20108", {}),
         ("socket://[::1]:2000", "tcp", "[::1]:2000", {}),
+        ("udp://192.168.11.2:8089", "udp", "192.168.11.2:8089", {}),
+        ("udp://[::1]:8089?family=x", "udp", "[::1]:8089", {"family": "x"}),
         ("sim://model-2?world=room&fault=drop:1%25,flip:0.1%25", "sim", "model-2", None),
         ("sim://model-2?fault=drop:1%", "sim", "model-2", {"fault": "drop:1%"}),
     ],
@@ -62,6 +65,8 @@ def test_what_a_source_says() -> None:
         ("serial://", "names nothing"),
         ("tcp://host", "host and a port"),
         ("tcp://host:port", "host and a port"),
+        ("udp://host", "host and a port, as in udp://192.168.11.2:8089"),
+        ("udp://host:8089?baud=115200", "does not know: 'baud'"),
     ],
 )
 def test_what_is_no_source_says_why(text: str, says: str) -> None:
@@ -177,6 +182,17 @@ def test_unknown_names_are_told_before_anything_is_opened(text: str, says: str) 
     assert caught.value.reason == "source"
 
 
+@pytest.mark.parametrize(
+    "form", ["sim://{}", "tcp://h:80?family={}", "sim://rplidar-s2?world={}", "sim://rplidar-s2?fault={}", "{}://"]
+)
+def test_a_long_unprintable_word_makes_no_long_text(form: str) -> None:
+    with pytest.raises(ConnectFailed) as caught:
+        check_source(parse_source(form.format("\udcff" * 5000)))
+        make_device(parse_source(form.format("\udcff" * 5000)))
+    assert caught.value.reason == "source"
+    assert len(str(caught.value)) < 2000
+
+
 def test_models_are_listed_by_family() -> None:
     with pytest.raises(ConnectFailed) as caught:
         open_lidar("sim://nonesuch")
@@ -189,4 +205,28 @@ def test_models_are_listed_by_family() -> None:
 def test_a_family_given_beside_the_source_must_be_known_too() -> None:
     with pytest.raises(ConnectFailed, match="hokuyo") as caught:
         open_lidar("auto", family="hokuyo")
+    assert caught.value.reason == "source"
+
+
+@pytest.mark.parametrize(
+    ("text", "address", "router"),
+    [
+        ("zenoh:robots/r7/scan", "robots/r7/scan", None),
+        ("zenoh:robots/*/scan?router=tls/fleet.example:7447", "robots/*/scan", "tls/fleet.example:7447"),
+        (
+            "zenoh://0/scan/sensor_msgs::msg::dds_::LaserScan_/**",
+            "0/scan/sensor_msgs::msg::dds_::LaserScan_/**",
+            None,
+        ),
+    ],
+)
+def test_another_machines_lidar(text: str, address: str, router: str | None) -> None:
+    source = parse_source(text)
+    assert (source.kind, source.address, source.options.get("router")) == ("zenoh", address, router)
+
+
+@pytest.mark.parametrize("text", ["zenoh:", "zenoh:a?port=3", "zenoh:a\nb"])
+def test_what_names_no_lidar_on_the_network(text: str) -> None:
+    with pytest.raises(ConnectFailed) as caught:
+        parse_source(text)
     assert caught.value.reason == "source"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from lidario.errors import ConnectFailed
 from lidario.families import ldrobot, rplidar, ydlidar
 from lidario.families.base import Family
-from lidario.source import Source
+from lidario.source import Source, quoted
 
 __all__ = ["FAMILIES", "check_source", "families_of_model", "family_named", "family_of_simulated"]
 
@@ -21,7 +21,7 @@ def family_named(name: str) -> Family:
         if family.name == name:
             return family
     known = ", ".join(family.name for family in FAMILIES)
-    raise ConnectFailed(f"there is no lidar family {name!r}; known are {known}", reason="source")
+    raise ConnectFailed(f"there is no lidar family {quoted(name)}; known are {known}", reason="source")
 
 
 def family_of_simulated(model: str) -> Family:
@@ -30,7 +30,9 @@ def family_of_simulated(model: str) -> Family:
         if model in family.simulated:
             return family
     models = "".join(f"\n  {family.title}: {', '.join(family.simulated)}" for family in FAMILIES)
-    fault = f"there is no simulated lidar {model!r}; known are" if model else "name a model, as in sim://MODEL:"
+    fault = (
+        f"there is no simulated lidar {quoted(model)}; known are" if model else "name a model, as in sim://MODEL:"
+    )
     raise ConnectFailed(f"{fault}{models}", reason="source")
 
 
@@ -46,7 +48,9 @@ def families_of_model(model: str, family: str | None = None) -> tuple[Family, ..
     if found:
         return found
     known = "".join(f"\n  {each.title}: {', '.join(each.models)}" for each in asked if each.models)
-    raise ConnectFailed(f"there is no model {model!r} to be named; there are{known or ' none'}", reason="source")
+    raise ConnectFailed(
+        f"there is no model {quoted(model)} to be named; there are{known or ' none'}", reason="source"
+    )
 
 
 def check_source(source: Source, family: str | None = None) -> None:

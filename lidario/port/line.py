@@ -1,8 +1,9 @@
 """What carries the bytes of a port, and who is told of them.
 
-A `Line` is one kind of connection: `lidario.port.serial`, `lidario.port.tcp` and `lidario.port.simulated` each have
-their own. A `Port` (`lidario.port.port`) holds one line and gives the session the same interface for all of them.
-A `Receiver` and a `Schedule` are what the session gives to the port; a `Tap` is what a user gives to it.
+A `Line` is one kind of connection: `lidario.port.serial`, `lidario.port.tcp`, `lidario.port.udp` and
+`lidario.port.simulated` each have their own. A `Port` (`lidario.port.port`) holds one line and gives the session
+the same interface for all of them. A `Receiver` and a `Schedule` are what the session gives to the port; a `Tap` is
+what a user gives to it.
 """
 
 from __future__ import annotations
@@ -87,6 +88,9 @@ class Line(ABC):
 
     def set_baudrate(self, baudrate: int) -> None:  # noqa: B027 - most lines have no speed
         """Change the speed. Raises ConnectFailed where the adapter cannot do it."""
+
+    def set_dtr(self, asserted: bool) -> None:  # noqa: B027 - most lines have no control lines
+        """As `Port.set_dtr`."""
 
     def set_polling(self, latency: float, schedule: Schedule | None) -> None:  # noqa: B027 - only where polled
         """As `Port.set_polling`."""

@@ -39,7 +39,7 @@ LONGEST_WAIT_S = 0.05
 
 
 class Port(asyncio.Protocol):
-    """One open line; made by `open_serial`, `open_tcp`, `open_simulated` or `connect_in_memory`.
+    """One open line; made by `open_serial`, `open_tcp`, `open_udp`, `open_simulated` or `connect_in_memory`.
 
     Attributes:
         name: What was opened, for messages.
@@ -157,6 +157,15 @@ class Port(asyncio.Protocol):
         if self._line is not None and self.is_open:
             self._line.set_baudrate(baudrate)
         self.baudrate = baudrate
+
+    def set_dtr(self, asserted: bool) -> None:
+        """Put the control line DTR of a serial port in a state, also without a loop. Never raises.
+
+        Ignored where there is no such line: on a pseudo-terminal, a network connection, a dead port, and in a
+        forked child. Once it is asserted, it stays so when the port is closed.
+        """
+        if self._line is not None and self.is_open:
+            self._line.set_dtr(asserted)
 
     def set_polling(self, latency: float, schedule: Schedule | None) -> None:
         """Poll the line instead of being woken for each delivery. Only serial lines are polled; others ignore it.

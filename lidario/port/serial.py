@@ -109,6 +109,19 @@ def _refuse_others(handle: int) -> None:
     fcntl.ioctl(handle, termios.TIOCEXCL)
 
 
+def _keep_lines_at_close(handle: int) -> None:
+    """Have the system leave DTR as it is when the port is closed; by itself it clears it.
+
+    A motor that runs while DTR is cleared would start then. The setting stays with the port, and does no harm: who
+    opens it next sets DTR as it needs it.
+    """
+    import termios  # not on Windows
+
+    settings = termios.tcgetattr(handle)
+    settings[2] &= ~termios.HUPCL
+    termios.tcsetattr(handle, termios.TCSANOW, settings)
+
+
 class _SerialLine(Line):
     """One open serial port: pyserial-asyncio's transport, with reading, direct writing and closing of our own."""
 
@@ -138,6 +151,13 @@ class _SerialLine(Line):
         except _FOREIGN as error:
             text = f"{self._port.name} cannot run at {baudrate} baud: {error}"
             raise ConnectFailed(text, reason="silent") from error
+
+    def set_dtr(self, asserted: bool) -> None:
+        # A pseudo-terminal has no such line (ENOTTY), and a dead port is noticed by the next write.
+        with contextlib.suppress(*_FOREIGN):
+            if asserted and _POSIX:
+                _keep_lines_at_close(self._device.fileno())
+            self._device.dtr = asserted
 
     def set_polling(self, latency: float, schedule: Schedule | None) -> None:
         if self._reader is not None:

@@ -24,7 +24,7 @@ from lidario.revolution.stats import AssemblerStats
 from lidario.revolution.steady import decode_block, is_ready
 from lidario.revolution.timing import byte_ns_at, first_sample_ns
 from lidario.scan import Scan
-from lidario.wire.blocks import packet_offsets, some_blocks
+from lidario.wire.blocks import Block, packet_offsets, some_blocks
 from lidario.wire.events import Arrival, Packets
 
 __all__ = ["Assembler", "AssemblerStats"]
@@ -142,8 +142,15 @@ class Assembler:
 
     def _part(self, packets: Packets, begin: int, end: int, offsets: Sequence[int]) -> Packets:
         """The packets from number `begin` to before number `end`."""
-        blocks = some_blocks(packets.blocks, begin, end)
         data = packets.data[offsets[begin] : offsets[end]]
+        if len(packets.arrivals) == len(packets.blocks) == 1:
+            # The usual case: one read, and packets of one size. What follows would find the same.
+            ((size, count),), ((_, at_ns),) = packets.blocks, packets.arrivals
+            if end < count:
+                behind = self._stream.format.samples_in((Block(size, count - end),))
+                at_ns -= round(behind * self._stream.sample_ns)
+            return Packets(data, (Block(size, end - begin),), ((end - begin, at_ns),))
+        blocks = some_blocks(packets.blocks, begin, end)
         arrivals: list[Arrival] = []
         complete, at_ns = packets.arrivals[-1]  # bound for type checkers too: there is always one
         for complete, at_ns in packets.arrivals:

@@ -78,14 +78,19 @@ class PartialRevolution:
         if len(runs) <= 1:
             return runs[0] if runs else None
         arrivals: list[Arrival] = []
+        blocks: list[Block] = []
         before = 0
         for run in runs:
             for count, at_ns in run.arrivals:
                 arrivals.append((before + count, at_ns))
             before = arrivals[-1][0]
-        blocks: list[Block] = []
-        join_blocks(blocks, [block for run in runs for block in run.blocks])
-        return Packets(b"".join([run.data for run in runs]), tuple(blocks), tuple(arrivals))
+            blocks += run.blocks
+        data = b"".join([run.data for run in runs])
+        if len({size for size, _ in blocks}) == 1:
+            return Packets(data, (Block(blocks[0].size, before),), tuple(arrivals))
+        joined: list[Block] = []
+        join_blocks(joined, blocks)
+        return Packets(data, tuple(joined), tuple(arrivals))
 
     def revoke_carried(self, revolution_packets: float) -> int:
         """Drop the carried samples if their packet was stretched over a gap; return the packets missing there.

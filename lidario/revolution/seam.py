@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import deque
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -83,13 +84,18 @@ class Seam:
 
     def _splits(self, headings: Headings) -> list[Split]:
         found: list[Split] = []
-        if not self.angle and self.angle is not None and self._only_rise(headings):
+        if len(headings) == 1:
             split = self._step(0, int(headings[0]))
-            if split:
-                found.append(split)
-            if len(headings) > 1:
+            return [] if split is None else [split]
+        if self.angle == 0 and len(headings):
+            falls = _falls(headings)
+            if falls is not None and not falls:
+                split = self._step(0, int(headings[0]))
                 self._rise(headings, 0, len(headings))
-            return found
+                return [] if split is None else [split]
+            if falls is not None:
+                self._follow_rises(headings, headings, falls, 0, found)
+                return found
         if len(headings) < HEADINGS_WORTH_AN_ARRAY or self.angle is None:
             plain = headings.tolist() if isinstance(headings, np.ndarray) else headings
             return [split for index, heading in enumerate(plain) if (split := self._step(index, heading))]
@@ -104,21 +110,18 @@ class Seam:
         self._follow_many(array[begin:], begin, found)
         return found
 
-    @staticmethod
-    def _only_rise(headings: Headings) -> bool:
-        """Whether none falls back; then the last one is the greatest, and without a flag there, none has one."""
-        if not len(headings) or headings[-1] >= BEGINS:
-            return False
-        if isinstance(headings, np.ndarray):
-            return not np.count_nonzero(headings[1:] < headings[:-1])
-        # Sorting what is sorted is faster than any comparing by hand.
-        return headings == sorted(headings)
-
     def _follow_many(self, headings: NDArray[np.integer[Any]], offset: int, found: list[Split]) -> None:
         """Step only onto those headings, `offset` on from the first, that fall back behind the one before."""
         away = (headings - self.angle) % self._full_turn if self.angle else headings
+        falls = ((away[1:] < away[:-1]).nonzero()[0] + 1).tolist()
+        self._follow_rises(headings, away, falls, offset, found)
+
+    def _follow_rises(
+        self, headings: Headings, away: Headings, falls: Sequence[int], offset: int, found: list[Split]
+    ) -> None:
+        """The same, where it is known which of them fall back."""
         begin = 0
-        for end in (*((away[1:] < away[:-1]).nonzero()[0] + 1).tolist(), len(away)):
+        for end in (*falls, len(away)):
             if begin < end:
                 split = self._step(offset + begin, int(headings[begin]))
                 if split:
@@ -132,7 +135,11 @@ class Seam:
         self._last = int(away[end - 1])
         if self._last >= self._near:
             self._passed_unmarked = False
-            if not self._armed:
+            middle = (begin + end) // 2
+            if not self._armed and begin < middle and self._near <= away[middle] <= self._far:
+                # One that lies between shows that the rotor came from there.
+                self._armed = True
+            elif not self._armed:
                 beyond = max(begin + 1, bisect_left(away, self._near, begin, end))
                 self._armed = self._forward(int(away[beyond - 1]), int(away[beyond]))
 
@@ -195,3 +202,24 @@ class Seam:
         # A mark just behind the seam that the headings passed belongs to the revolution they began.
         belated, self._passed_unmarked = self._passed_unmarked, False
         return None if belated and not moved else Split(index, marked=True, broken=False, moved=moved)
+
+
+def _falls(headings: Headings) -> list[int] | None:
+    """Which headings fall back behind the one before; None where one has a flag, or a list has several falls."""
+    if isinstance(headings, np.ndarray):
+        # A flag is greater than any angle: there is one before a fall, or at the end, or nowhere.
+        if headings[-1] >= BEGINS:
+            return None
+        fell = headings[1:] < headings[:-1]
+        if not np.count_nonzero(fell):
+            return []
+        falls: list[int] = fell.nonzero()[0].tolist()
+        return None if max([headings[at] for at in falls]) >= BEGINS else [at + 1 for at in falls]
+    # Sorting what is sorted is faster than any comparing by hand.
+    rising = sorted(headings)
+    if rising[-1] >= BEGINS:
+        return None
+    if rising == headings:
+        return []
+    lowest = headings.index(rising[0])
+    return [lowest] if [*headings[lowest:], *headings[:lowest]] == rising else None

@@ -8,6 +8,7 @@ when the revolution began, each too late by what delayed that packet, and the ea
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from lidario.families.base import Samples
@@ -41,16 +42,16 @@ def first_sample_ns(
         byte_ns: Nanoseconds that a byte takes on the line.
     """
     carried = 0 if revolution.carried is None else len(revolution.carried)
-    estimates: list[float] = []
-    if carried:
-        estimates.append(revolution.carried_ns - (carried - 1) * sample_ns)
-    if packets is not None and samples is not None and not (revolution.lost_behind_carried and estimates):
+    earliest = revolution.carried_ns - (carried - 1) * sample_ns if carried else math.inf
+    if packets is not None and samples is not None and not (revolution.lost_behind_carried and carried):
+        ends, unbroken, before = samples.ends, samples.unbroken, carried - 1
         for count, at_ns in packets.arrivals:
-            if count > samples.unbroken and estimates:
+            if count > unbroken and earliest < math.inf:
                 # Behind a gap the number of samples since the beginning is not known exactly.
                 break
-            estimates.append(at_ns - (carried + samples.ends[count - 1] - 1) * sample_ns)
-    return earliest_ns(estimates, sample_ns, packet_bytes * byte_ns)
+            estimate = at_ns - (before + ends[count - 1]) * sample_ns
+            earliest = min(estimate, earliest)
+    return round(earliest - DEVICE_DELAY_SAMPLES * sample_ns - packet_bytes * byte_ns)
 
 
 def earliest_ns(estimates: Sequence[float], sample_ns: float, wire_ns: float) -> int:

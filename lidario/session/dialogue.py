@@ -46,6 +46,8 @@ class Dialogue(DeviceLine):
     Attributes:
         on_lost: Called once, with the error, when the dialogue is over for good before it was closed.
         protection_stops: Times the device was found to have stopped to protect itself.
+        reset_at: When the device was told to restart, on the loop's clock; None if it has responded since. A device
+            that boots discards what it is sent.
     """
 
     def __init__(self, port: Port, device: Device, timing: Timing) -> None:
@@ -57,6 +59,7 @@ class Dialogue(DeviceLine):
         self._overflow = port.overflow_bytes
         self._patience = self._hurried_until = math.inf
         self.protection_stops: int = 0
+        self.reset_at: float | None = None
         self._waiting = Waiting()
         # When the device listens: not before this time, nor while a response is outstanding that may still come.
         self._listens_at = 0.0
@@ -174,6 +177,7 @@ class Dialogue(DeviceLine):
             self._response_due = self._loop.time() + timeout
             try:
                 payload = await self._waiting.wait(timeout, Awaited.RESPONSE)
+                self.reset_at = None
                 if request.stream is None:
                     self.chronicle.responded(request.data, request.expects.type, payload)
                 else:
@@ -221,7 +225,6 @@ class Dialogue(DeviceLine):
         """Send STOP and wait until the line is quiet; False if it did not fall quiet in time."""
         await self._until_it_listens()
         self.write((self._device.stop(),))
-        self.deliver_to(None)
         return await self.drain()
 
     async def drain(self) -> bool:
@@ -292,6 +295,9 @@ class Dialogue(DeviceLine):
         requests = () if self._stopper.still else self._stopper.requests()
         # A response that is outstanding is not received any more. A healthy device has sent it after this time.
         patient_until = self._loop.time() + RESPONSE_S
+        for request in requests:
+            if request.dtr is not None:
+                self._port.set_dtr(request.dtr)
         self._port.abandon(b"".join(request.data for request in requests), self.free_at(patient_until))
 
     def free_at(self, patient_until: float) -> float:
@@ -309,7 +315,17 @@ class Dialogue(DeviceLine):
         for request in requests:
             self._link.send_request(request)
             self._stopper.sent(request)
-        self._port.write(self._link.data_to_send())
+            if request.ends_stream:
+                # Also what came before anybody could read it: it is no part of the next stream.
+                self.deliver_to(None)
+            if request.dtr is not None:
+                self._port.set_dtr(request.dtr)
+            if self._stopper.is_reset(request):
+                # Noted here: whoever wrote it may be cancelled before anybody waits until the device has booted.
+                self.reset_at = self._loop.time()
+            # One by one: where the line carries datagrams, a device may look for one request in each.
+            if data := self._link.data_to_send():
+                self._port.write(data)
         settle = max((request.settle for request in requests), default=0.0)
         if settle:
             self._listens_at = max(self._listens_at, self._loop.time() + settle + _MARGIN_S)

@@ -15,7 +15,7 @@ import logging
 from dataclasses import replace
 
 from lidario.errors import DeviceFault, ResponseTimeout
-from lidario.families.base import Device, Timing
+from lidario.families.base import Device
 from lidario.model import DeviceInfo, Health, HealthStatus
 from lidario.session.dialogue import Dialogue
 
@@ -50,7 +50,7 @@ async def introduce(dialogue: Dialogue, device: Device, patience: float, *, quie
                 raise
 
 
-async def healthy(dialogue: Dialogue, device: Device, timing: Timing) -> Health:
+async def healthy(dialogue: Dialogue, device: Device) -> Health:
     """Ask how the device is, and reset it if it has stopped to protect itself.
 
     A device that has said what it is, but not how it is, or in a way that nobody can read, may scan all the same:
@@ -61,16 +61,15 @@ async def healthy(dialogue: Dialogue, device: Device, timing: Timing) -> Health:
         ResponseTimeout: It does not respond any more after the reset.
     """
     health = await _health(dialogue, device)
-    return health if health.ok else await cured(dialogue, device, timing, health, "when it was asked")
+    return health if health.ok else await cured(dialogue, device, health, "when it was asked")
 
 
-async def cured(dialogue: Dialogue, device: Device, timing: Timing, health: Health, when: str) -> Health:
+async def cured(dialogue: Dialogue, device: Device, health: Health, when: str) -> Health:
     """Reset a device that reports the error `health`, and return its health afterwards; `note` tells of the error.
 
     Args:
         dialogue: The conversation with it.
         device: The device as its family sees it.
-        timing: Its family's times.
         health: The error.
         when: When it was noticed, for the log.
 
@@ -81,7 +80,7 @@ async def cured(dialogue: Dialogue, device: Device, timing: Timing, health: Heal
     dialogue.protection_stops += 1
     what = f"the device had stopped to protect itself ({_code(health)})"
     _log.warning("%s; noticed: %s. It is reset", what, when)
-    await restart(dialogue, device, timing)
+    await restart(dialogue, device)
     again = await _health(dialogue, device)
     if not again.ok:
         raise fault_of(again, "also after a reset")
@@ -112,24 +111,29 @@ async def _health(dialogue: Dialogue, device: Device) -> Health:
     return health
 
 
-async def restart(dialogue: Dialogue, device: Device, timing: Timing) -> None:
+async def restart(dialogue: Dialogue, device: Device) -> None:
     """Reset the device and wait until it responds, however long it boots and whatever it prints meanwhile.
 
     Raises:
         ResponseTimeout: It does not come back.
     """
     await dialogue.ask(device.reset())
-    await come_back(dialogue, device, timing)
+    await come_back(dialogue, device)
 
 
-async def come_back(dialogue: Dialogue, device: Device, timing: Timing) -> None:
-    """Wait until a device that was reset responds.
+async def come_back(dialogue: Dialogue, device: Device) -> None:
+    """Wait until a device that was reset responds, if it has not responded since: whoever has reset it.
+
+    Every operation that asks something begins with this, since the one that has reset the device may have been
+    cancelled.
 
     Raises:
         ResponseTimeout: It does not come back.
     """
-    loop = asyncio.get_running_loop()
-    deadline = loop.time() + timing.boot_s
+    if dialogue.reset_at is None:
+        return
+    loop, timing = asyncio.get_running_loop(), dialogue.timing
+    deadline = dialogue.reset_at + timing.boot_s
     while True:
         try:
             await introduce(dialogue, device, patience=0)

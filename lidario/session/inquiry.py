@@ -23,7 +23,7 @@ from lidario.errors import DeviceFault, ResponseTimeout, StreamFailed
 from lidario.families.base import Device
 from lidario.model import Health, HealthStatus
 from lidario.session.dialogue import Dialogue
-from lidario.session.handshake import come_back, cured, fault_of
+from lidario.session.handshake import cured, fault_of
 from lidario.session.log import Trouble
 from lidario.session.running import Failure, Totals
 
@@ -61,14 +61,12 @@ class Inquiry:
         self._trouble = trouble
         self._loop = asyncio.get_running_loop()
         self._reset_at: float | None = None
-        # A reset was interrupted: the device may still boot.
-        self._resetting = False
         self._restarts: deque[float] = deque(maxlen=MOST_RESTARTS)
 
     def adopt(self, dialogue: Dialogue, device: Device) -> None:
         """The device is reached by another line from now on."""
         self._dialogue, self._device = dialogue, device
-        self.doubtful = self._resetting = False
+        self.doubtful = False
 
     def take_note(self, health: Health) -> None:
         """The device has said how it is; where that is an error, it is asked before the next stream is started."""
@@ -117,11 +115,7 @@ class Inquiry:
 
         Raises:
             DeviceFault: It has stopped to protect itself, and a RESET did not help.
-            ResponseTimeout: It was reset, and does not come back.
         """
-        if self._resetting:
-            await come_back(self._dialogue, self._device, self._dialogue.timing)
-            self._resetting = False
         health = await self._health()
         if health is not None and not health.ok:
             self._reset_at = self._loop.time()
@@ -129,16 +123,13 @@ class Inquiry:
         self.doubtful = False
 
     async def _cure(self, health: Health, when: str) -> None:
-        self._resetting = True
         try:
-            self.health = await cured(self._dialogue, self._device, self._dialogue.timing, health, when)
+            self.health = await cured(self._dialogue, self._device, health, when)
         except ResponseTimeout as error:
             raise fault_of(health, f"and did not come back from a reset: {error}") from error
         except DeviceFault as error:
             self.health = error.health
-            self._resetting = False
             raise
-        self._resetting = False
 
     async def _health(self) -> Health | None:
         """Its health, or a warning if it says at least what it is; None if it does not respond at all."""

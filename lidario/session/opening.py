@@ -107,7 +107,7 @@ class OpenLidar:
                 _log.warning(
                     "a %s cannot be stopped from here: its motor turns while it has power", connection.info.model
                 )
-            health = await healthy(connection.dialogue, connection.device, connection.family.timing)
+            health = await healthy(connection.dialogue, connection.device)
             return Lidar(connection, health, source.text, self._latency, self._keep_spinning, reconnector)
         except BaseException:
             await connection.dialogue.close()

@@ -152,16 +152,16 @@ class Questions:
         Raises:
             ResponseTimeout: It does not come back.
             DeviceFault: It came back and reports an error.
+            Unsupported: It hears no such request; the streams go on.
         """
-        self._open_device()
+        self._open_device().reset()
         health = await self._scanner.between(self._reset, vital=True)
         self._scanner.take_note(health)
         return health
 
     async def _reset(self) -> Health:
-        timing = self._dialogue.timing
-        await restart(self._dialogue, self._device, timing)
-        return await healthy(self._dialogue, self._device, timing)
+        await restart(self._dialogue, self._device)
+        return await healthy(self._dialogue, self._device)
 
     async def _turns_at(self, hertz: float) -> None:
         measured = float("nan")

@@ -292,7 +292,7 @@ class Reconnector:
                 raise ConnectFailed(
                     f"another lidar responds, {found}, and not {known.info.serial}", reason="missing"
                 )
-            health = await healthy(dialogue, connection.device, connection.family.timing)
+            health = await healthy(dialogue, connection.device)
             for setting in list(self.settings.values()):
                 await dialogue.run(setting(connection.device))
             if dialogue.fatal is not None:

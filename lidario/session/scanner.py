@@ -29,6 +29,7 @@ from lidario.scan import Scan
 from lidario.session.control import StreamControl
 from lidario.session.dialogue import Dialogue
 from lidario.session.failures import Failures
+from lidario.session.handshake import come_back
 from lidario.session.inquiry import Inquiry
 from lidario.session.log import Trouble
 from lidario.session.readers import Readers
@@ -162,6 +163,12 @@ class Scanner:
             self._control.pause()
             self._resume()
 
+    def deliver(self, scan: Scan) -> None:
+        """As `Audience` of another machine's lidar: a scan that came whole."""
+        if self.state is State.RUNNING:
+            self.totals.assembled.scans += 1
+            self._publish(scan)
+
     def finish(self) -> None:
         """As `Audience`."""
         if self.is_scanning:
@@ -206,6 +213,7 @@ class Scanner:
             self._dialogue.begin()
             try:
                 await self._control.interrupt()
+                await come_back(self._dialogue, self._device)
                 return await action()
             except LidarError as error:
                 if vital:

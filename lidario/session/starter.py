@@ -13,6 +13,7 @@ from lidario.families.base import Device
 from lidario.session.control import NotWanted, StreamControl
 from lidario.session.dialogue import Dialogue
 from lidario.session.failures import Failures
+from lidario.session.handshake import come_back
 from lidario.session.inquiry import Inquiry
 from lidario.session.modes import Wanted, agree
 from lidario.session.readers import Readers
@@ -87,6 +88,7 @@ class Starter:
                     self._dialogue.begin()
                     control.starting = True
                     try:
+                        await come_back(self._dialogue, self._device)
                         await self._failures.judge()
                         await self._let_in()
                         if control.state is State.STARTING and control.wanted is not None:

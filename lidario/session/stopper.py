@@ -105,8 +105,12 @@ class Stopper:
         """
         if request.stream is not None or (request.expects is None and not request.ends_stream):
             self.still = False
-        elif request.data == self._reset:
+        elif self.is_reset(request):
             self.still = True
+
+    def is_reset(self, request: Request) -> bool:
+        """Whether the device boots after `request`; one that cannot be restarted from here never does."""
+        return bool(self._reset) and request.data == self._reset
 
     def stop(self) -> None:
         """Write the stop requests as soon as the device listens, now if it does. Never blocks or raises."""

@@ -10,9 +10,9 @@ mistake cannot hide in both.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
-__all__ = ["Received", "SimulatedDevice"]
+__all__ = ["HasControlLine", "Received", "SimulatedDevice", "is_network"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,3 +71,17 @@ class SimulatedDevice(Protocol):
     def wakeup(self, now: int) -> int | None:
         """When `transmit` will next have something to hand out; None while the device is idle."""
         ...
+
+
+@runtime_checkable
+class HasControlLine(Protocol):
+    """A device for which a control line of the serial port means something."""
+
+    def set_dtr(self, asserted: bool, now: int) -> None:
+        """The host sets DTR."""
+        ...
+
+
+def is_network(device: SimulatedDevice) -> bool:
+    """Whether the device has no serial line but is reached by UDP: it says so by an attribute `is_network`."""
+    return bool(getattr(device, "is_network", False))

@@ -106,16 +106,16 @@ def parse_faults(text: str, *, seed: int = 0) -> Faults:
     for word in filter(None, (part.strip() for part in text.split(","))):
         name, _, value = word.partition(":")
         if name not in FAULTS:
-            raise ValueError(f"no fault is called {name!r}; there are {', '.join(FAULTS)}")
+            raise ValueError(f"no fault is called {_begin(name)}; there are {', '.join(FAULTS)}")
         found = device if FAULTS[name].inside else line
         field = name.replace("-", "_") + ("_s" if FAULTS[name].takes == "a duration" else "")
         if field in found:
-            raise ValueError(f"the fault {name!r} is given twice")
+            raise ValueError(f"the fault {_begin(name)} is given twice")
         found[field] = _value(word, name, value)
     try:
         return Faults(seed=seed, device=DeviceFaults(**device), **line)  # type: ignore[arg-type]
     except ValueError as error:
-        raise ValueError(f"{text!r}: {error}") from None
+        raise ValueError(f"{_begin(text)}: {error}") from None
 
 
 def _value(word: str, name: str, text: str) -> float | bool:
@@ -127,7 +127,12 @@ def _value(word: str, name: str, text: str) -> float | bool:
     match = re.fullmatch(r"(\d+\.?\d*|\.\d+)([a-z%]*)", text.strip())
     if match is None or match[2] not in units:
         raise ValueError(
-            f"{word!r} cannot be read: {name} takes {fault.takes}, as in {fault.example}; "
+            f"{_begin(word)} cannot be read: {name} takes {fault.takes}, as in {fault.example}; "
             f"the faults are {', '.join(FAULTS)}"
         )
     return float(match[1]) * units[match[2]]
+
+
+def _begin(text: str) -> str:
+    """A user's word in quotes, for an error text: its first 80 characters."""
+    return repr(text[:80])

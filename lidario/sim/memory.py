@@ -6,7 +6,7 @@ faults change the bytes on their way to the host.
 
 from __future__ import annotations
 
-from lidario.sim.device import SimulatedDevice
+from lidario.sim.device import HasControlLine, SimulatedDevice
 from lidario.sim.faults import Faults
 
 __all__ = ["MemoryLine"]
@@ -40,6 +40,11 @@ class MemoryLine:
         self._let_faults_happen(now)
         if not self._faults.unplugged(now):
             self.device.receive(data, now)
+
+    def set_dtr(self, asserted: bool, now: int) -> None:
+        """The host sets DTR; it means something to few devices."""
+        if isinstance(self.device, HasControlLine):
+            self.device.set_dtr(asserted, now)
 
     def read(self, now: int) -> bytes:
         """What has arrived at the host since the last call."""

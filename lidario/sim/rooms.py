@@ -31,7 +31,7 @@ def make_world(name: str = "room", *, seed: int = 0) -> World:
     try:
         build = _WORLDS[name]
     except KeyError:
-        raise ValueError(f"no world is called {name!r}; there are {', '.join(sorted(_WORLDS))}") from None
+        raise ValueError(f"no world is called {name[:80]!r}; there are {', '.join(sorted(_WORLDS))}") from None
     return build(seed)
 
 

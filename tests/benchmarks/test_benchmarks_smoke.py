@@ -137,7 +137,7 @@ def test_the_table_of_the_page_is_markdown() -> None:
     assert any("not run: no Chromium" in line for line in lines)
 
 
-@pytest.mark.exhaustive("how", sample=list(damage.DAMAGES)[::3], full=list(damage.DAMAGES))
+@pytest.mark.exhaustive("how", sample=list(damage.DAMAGES)[::6], full=list(damage.DAMAGES))
 @pytest.mark.parametrize("name", KINDS)
 def test_damage_costs_what_it_hits_and_is_told(name: str, how: str) -> None:
     """Points are right; packets are told within 3 %, for a check value does not see all; revolutions exactly."""

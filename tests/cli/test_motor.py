@@ -10,7 +10,7 @@ from lidario.families.registry import FAMILIES
 from tests.cli.processes import invoke, served
 from tests.support.children import until
 
-FIRST, SECOND = (family.simulated[0] for family in FAMILIES)
+FIRST, SECOND = (family.simulated[0] for family in FAMILIES[:2])
 
 
 def test_start_leaves_the_motor_on_and_the_laser_off_and_stop_ends_it() -> None:

@@ -14,6 +14,13 @@ RPLIDAR_NAMES = (
     *("rplidar_a1_82", "rplidar_a1_84"),
 )
 YDLIDAR_NAMES = ("ydlidar_4ros_room10", "ydlidar_4ros_room7", "ydlidar_4ros_wrap")
+RELATIVE_NAMES = (
+    "ydlidar_x4_11hz",
+    "ydlidar_g6_12hz",
+    "ydlidar_g2_11hz",
+    "ydlidar_tmini_10hz",
+    "ydlidar_tg15_12hz",
+)
 LDROBOT_NAMES = (
     "ldrobot_ld19_6hz",
     "ldrobot_ld19_13hz",
@@ -21,7 +28,7 @@ LDROBOT_NAMES = (
     "ldrobot_stl27l_13hz",
     "ldrobot_ld14p_6hz",
 )
-NAMES = RPLIDAR_NAMES + YDLIDAR_NAMES + LDROBOT_NAMES
+NAMES = RPLIDAR_NAMES + YDLIDAR_NAMES + RELATIVE_NAMES + LDROBOT_NAMES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,8 +41,8 @@ class Golden:
     angle_deg: NDArray[np.float32]
     distance_mm: NDArray[np.float32]
     response_type: int | None = None  # RPLIDAR
-    sample_us: float | None = None  # RPLIDAR, LDROBOT
-    quality: NDArray[np.uint8] | None = None  # RPLIDAR, LDROBOT
+    sample_us: float | None = None  # not 4ROS
+    quality: NDArray[np.generic] | None = None  # where the format carries one
     start: NDArray[np.bool_] | None = None  # RPLIDAR
     scan: NDArray[np.int16] | None = None  # YDLIDAR, LDROBOT
 
@@ -48,15 +55,15 @@ def load(name: str) -> Golden:
         distance_mm = arrays["distance_mm"]
         if name in YDLIDAR_NAMES:
             return Golden(name, "ydlidar", raw, angle_deg, distance_mm, scan=arrays["scan"])
-        if name in LDROBOT_NAMES:
+        if name in LDROBOT_NAMES + RELATIVE_NAMES:
             return Golden(
                 name,
-                "ldrobot",
+                "ldrobot" if name in LDROBOT_NAMES else "ydlidar",
                 raw,
                 angle_deg,
                 distance_mm,
                 sample_us=float(arrays["sample_us"]),
-                quality=arrays["intensity"],
+                quality=arrays.get("intensity"),
                 scan=arrays["scan"],
             )
         return Golden(

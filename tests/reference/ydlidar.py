@@ -1,15 +1,30 @@
-"""Scalar reference decoder for the scan packets of the YDLIDAR 4ROS.
+"""Scalar reference decoder for the scan packets of the YDLIDAR 4ROS, and of its relatives where `Kind` is given.
 
 Angles are device angles: degrees, clockwise, at full precision; the vendor's own decoder truncates them to
 1/64°. The device's zero-angle offset is not applied. Only clean streams of scan packets are understood:
 `split` raises `ValueError` at the first packet that does not fit, and at any other record between packets.
 """
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 HEADER_BYTES = 10
 MAX_SAMPLES = 80
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """How the samples of one model are laid out."""
+
+    sample_bytes: int = 2
+    unit: int = 1  # parts of a millimetre
+    flags: bool = False  # the low two bits of the distance word are none
+    intensity_bits: int = 0
+    triangle: bool = False
+
+
+FOUR_ROS = Kind()
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,11 +36,11 @@ class Sample:
     raw_deg: float  # first angle plus steps: may pass 360 inside a packet
     angle_deg: float  # 0 <= angle_deg < 360
     distance_mm: float  # 0 = no return
-    quality: int | None  # always None: the 4ROS sends no intensity
+    quality: int | None  # None: the 4ROS sends no intensity
     start: bool  # belongs to a start packet
 
 
-def split(raw: bytes) -> list[bytes]:
+def split(raw: bytes, kind: Kind = FOUR_ROS) -> list[bytes]:
     """Cut a clean stream into packets, verifying mark, sample count and checksum; a broken end is refused."""
     packets: list[bytes] = []
     offset = 0
@@ -37,22 +52,28 @@ def split(raw: bytes) -> list[bytes]:
         count = raw[offset + 3]
         if not 1 <= count <= MAX_SAMPLES:
             raise ValueError(f"packet at byte {offset}: {count} samples")
-        packet = raw[offset : offset + HEADER_BYTES + 2 * count]
-        if len(packet) < HEADER_BYTES + 2 * count:
+        size = HEADER_BYTES + kind.sample_bytes * count
+        packet = raw[offset : offset + size]
+        if len(packet) < size:
             raise ValueError(f"packet at byte {offset}: incomplete")
-        if checksum(packet) != _u16(packet, 8):
+        if checksum(packet, kind) != _u16(packet, 8):
             raise ValueError(f"packet at byte {offset}: wrong checksum")
         packets.append(packet)
         offset += len(packet)
     return packets
 
 
-def checksum(packet: bytes) -> int:
-    """XOR of all 16-bit words but the checksum itself."""
+def checksum(packet: bytes, kind: Kind = FOUR_ROS) -> int:
+    """XOR of all 16-bit words but the checksum itself; a byte of intensity counts as a word."""
     result = 0
-    for offset in range(0, len(packet), 2):
-        if offset != 8:
+    for offset in (0, 2, 4, 6):
+        result ^= _u16(packet, offset)
+    for offset in range(HEADER_BYTES, len(packet), kind.sample_bytes):
+        if kind.sample_bytes == 3:
+            result ^= packet[offset]
+        elif kind.sample_bytes == 4:
             result ^= _u16(packet, offset)
+        result ^= _u16(packet, offset + kind.sample_bytes - 2)
     return result
 
 
@@ -61,7 +82,14 @@ def is_start(packet: bytes) -> bool:
     return packet[2] & 1 == 1
 
 
-def decode(packets: Sequence[bytes]) -> list[Sample]:
+def correction_deg(distance_mm: float) -> float:
+    """What a model that triangulates adds to the angle of the beam."""
+    if distance_mm == 0:
+        return 0.0
+    return math.degrees(math.atan(21.8 * (155.3 - distance_mm) / (155.3 * distance_mm)))
+
+
+def decode(packets: Sequence[bytes], kind: Kind = FOUR_ROS) -> list[Sample]:
     """Decode packets; each stands for itself."""
     samples: list[Sample] = []
     for number, packet in enumerate(packets):
@@ -76,8 +104,16 @@ def decode(packets: Sequence[bytes]) -> list[Sample]:
             else:
                 # One division, so rounded only once.
                 raw_deg = (first_q6 * (count - 1) + way_q6 * index) / (64 * (count - 1))
-            distance_mm = float(_u16(packet, HEADER_BYTES + 2 * index))
-            samples.append(Sample(number, index, raw_deg, raw_deg % 360.0, distance_mm, None, is_start(packet)))
+            offset = HEADER_BYTES + kind.sample_bytes * index
+            word = _u16(packet, offset + kind.sample_bytes - 2)
+            distance_mm = (word & 0xFFFC if kind.flags else word) / kind.unit
+            quality = None
+            if kind.intensity_bits == 10:
+                quality = packet[offset] | (word & 3) << 8
+            elif kind.intensity_bits:
+                quality = packet[offset]
+            angle_deg = (raw_deg + (correction_deg(distance_mm) if kind.triangle else 0.0)) % 360.0
+            samples.append(Sample(number, index, raw_deg, angle_deg, distance_mm, quality, is_start(packet)))
     return samples
 
 

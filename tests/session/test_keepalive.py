@@ -44,7 +44,7 @@ async def scan_for(lidar: Lidar, seconds: float, block_s: float = 0.0) -> int:
     return count
 
 
-@pytest.mark.exhaustive("minutes", sample=[5], full=[60])
+@pytest.mark.exhaustive("minutes", sample=[2], full=[60])
 @pytest.mark.usefixtures("coarse_line")
 @driven
 async def test_an_hour_with_protection_on(minutes: int) -> None:

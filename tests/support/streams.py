@@ -5,7 +5,7 @@ golden file, and learns from it how its stream is announced, cut, decoded, and w
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import accumulate, cycle, pairwise
 from typing import NamedTuple, Protocol
@@ -20,6 +20,7 @@ from lidario.families.rplidar import commands as rplidar_commands
 from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.formats import FORMATS
 from lidario.families.ydlidar import commands as ydlidar_commands
+from lidario.families.ydlidar.clouds import KINDS as KINDS_OF_CLOUDS
 from lidario.families.ydlidar.decode import PointCloudDecoder
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.model import ScanMode
@@ -193,6 +194,30 @@ def _ydlidar(name: str) -> Case:
     )
 
 
+_RELATIVES = {
+    "x4": ("x", ydlidar.Kind(unit=4, triangle=True)),
+    "g6": ("octave", ydlidar.Kind(unit=2, triangle=True)),
+    "g2": ("g2", ydlidar.Kind(3, 4, flags=True, intensity_bits=10, triangle=True)),
+    "tmini": ("tmini", ydlidar.Kind(3, 4, flags=True, intensity_bits=8)),
+    "tg15": ("tg", ydlidar.Kind()),
+}
+
+
+def _relative(name: str) -> Case:
+    kind_name, layout = _RELATIVES[name.split("_")[1]]
+    kind, sample_us = KINDS_OF_CLOUDS[kind_name], _golden(name).sample_us
+    assert sample_us is not None
+    return replace(
+        _ydlidar(name),
+        response_type=kind.response_type,
+        make_format=kind.wire,
+        make_decoder=kind.decoder,
+        sample_us=sample_us,
+        split=partial(ydlidar.split, kind=layout),
+        decode=partial(ydlidar.decode, kind=layout),
+    )
+
+
 def _ldrobot(name: str) -> Case:
     triangle = "ld14" in name
     sample_us = _golden(name).sample_us
@@ -212,10 +237,11 @@ def _ldrobot(name: str) -> Case:
     )
 
 
-_OF_GOLDEN_ALONE = ("ldrobot_ld19_13hz", "ldrobot_stl27l_6hz")
+_OF_GOLDEN_ALONE = ("ldrobot_ld19_13hz", "ldrobot_stl27l_6hz", "ydlidar_g6_12hz", "ydlidar_tg15_12hz")
 ALL = (
     *map(_rplidar, golden.RPLIDAR_NAMES),
     *map(_ydlidar, golden.YDLIDAR_NAMES),
+    *map(_relative, golden.RELATIVE_NAMES),
     *map(_ldrobot, golden.LDROBOT_NAMES),
 )
 """Every golden stream."""
@@ -225,6 +251,7 @@ CASES = tuple(case for case in ALL if case.name not in _OF_GOLDEN_ALONE)
 _KINDS = (
     *(f"rplidar_32k_{answer:x}" for answer in range(0x81, 0x87)),
     "ydlidar_4ros_room10",
+    "ydlidar_g2_11hz",
     "ldrobot_ld19_6hz",
     "ldrobot_ld14p_6hz",
 )
@@ -330,7 +357,7 @@ def open_stream(case: Case) -> Link:
         assert link.events_received() == []
         return link
     (event,) = link.events_received()
-    assert event == Descriptor(case.response_type, int.from_bytes(case.descriptor[2:5], "little"), True)
+    assert event == Descriptor(case.descriptor[6], int.from_bytes(case.descriptor[2:5], "little"), True)
     return link
 
 

@@ -5,19 +5,14 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
-from importlib.metadata import entry_points
 from pathlib import Path
+from textwrap import dedent
 
 import pytest
 
-pytest_plugins = ["pytester"]
+from tests.support.inner import ASYNCIO_INI, STRICT_INI, run_pytest
 
 ROOT = Path(__file__).parents[2]
-INSTALLED = any(each.value == "lidario.testing.plugin" for each in entry_points(group="pytest11"))
-"""An environment that was made before the plugin had an entry point is told to load it."""
-LOAD = () if INSTALLED else ("-p", "lidario.testing.plugin")
-STRICT = "[pytest]\nfilterwarnings = error\naddopts = --strict-markers\n"
-OF_ASYNCIO = "asyncio_default_fixture_loop_scope = function\n"
 
 ROBOT = """
 import lidario
@@ -58,31 +53,32 @@ async def test_it_stops_on_a_bad_line(lidar_source):
 """
 
 
-def run(pytester: pytest.Pytester, *options: str) -> pytest.RunResult:
-    return pytester.runpytest_inprocess(*LOAD, "-p", "no:cacheprovider", "-p", "no:cov", *options)
-
-
 @pytest.fixture
-def robot(pytester: pytest.Pytester) -> pytest.Pytester:
+def folder(tmp_path: Path) -> Path:
     """A folder with a user's program."""
-    pytester.makefile(".ini", pytest=STRICT)
-    pytester.makepyfile(robot=ROBOT)
-    pytester.syspathinsert()
-    return pytester
+    (tmp_path / "pytest.ini").write_text(STRICT_INI, encoding="utf-8")
+    (tmp_path / "robot.py").write_text(ROBOT, encoding="utf-8")
+    return tmp_path
+
+
+def write(folder: Path, name: str, text: str) -> None:
+    (folder / name).write_text(dedent(text), encoding="utf-8")
 
 
 @pytest.mark.parametrize("plugin", ["asyncio", "anyio"])
-def test_the_tests_of_a_robot_developer(robot: pytest.Pytester, plugin: str) -> None:
-    robot.makefile(".ini", pytest=STRICT + (OF_ASYNCIO if plugin == "asyncio" else ""))
+def test_the_tests_of_a_robot_developer(folder: Path, plugin: str) -> None:
+    write(folder, "pytest.ini", ASYNCIO_INI if plugin == "asyncio" else STRICT_INI)
     backend = '\n\n@pytest.fixture\ndef anyio_backend():\n    return "asyncio"\n' if plugin == "anyio" else ""
-    robot.makepyfile(test_robot=TESTS.format(mark=f"@pytest.mark.{plugin}") + backend)
-    result = run(robot, "-p", "no:anyio" if plugin == "asyncio" else "no:asyncio")
-    result.assert_outcomes(passed=2)
+    write(folder, "test_robot.py", TESTS.format(mark=f"@pytest.mark.{plugin}") + backend)
+    result = run_pytest(folder, "-p", "no:anyio" if plugin == "asyncio" else "no:asyncio")
+    assert result.outcomes == {"passed": 2}, result.text
 
 
-def test_no_other_plugin_is_needed(robot: pytest.Pytester) -> None:
-    robot.makepyfile(
-        test_sync="""
+def test_no_other_plugin_is_needed(folder: Path) -> None:
+    write(
+        folder,
+        "test_sync.py",
+        """
         import lidario
         import pytest
         from lidario.testing import make_scan
@@ -94,36 +90,39 @@ def test_no_other_plugin_is_needed(robot: pytest.Pytester) -> None:
         def test_without_await(simulated_lidar):
             with lidario.open_sync(simulated_lidar) as lidar:
                 assert lidar.scan().nearest().range == pytest.approx(2.0, abs=0.01)
-        """
+        """,
     )
-    result = run(robot, "-p", "no:asyncio", "-p", "no:anyio")
-    result.assert_outcomes(passed=2)
+    result = run_pytest(folder, "-p", "no:asyncio", "-p", "no:anyio")
+    assert result.outcomes == {"passed": 2}, result.text
 
 
-def test_the_same_tests_with_another_lidar(robot: pytest.Pytester) -> None:
-    robot.makepyfile(
-        test_source="""
+def test_the_same_tests_with_another_lidar(folder: Path) -> None:
+    write(
+        folder,
+        "test_source.py",
+        """
         import pytest
 
         def test_what_it_opens(lidar_source):
             assert lidar_source == "/dev/ttyUSB7"
-        """
+        """,
     )
-    run(robot, "-p", "no:asyncio", "--lidar-source", "/dev/ttyUSB7").assert_outcomes(passed=1)
-    run(robot, "-p", "no:asyncio").assert_outcomes(failed=1)
+    assert run_pytest(folder, "-p", "no:asyncio", "--lidar-source", "/dev/ttyUSB7").outcomes == {"passed": 1}
+    assert run_pytest(folder, "-p", "no:asyncio").outcomes == {"failed": 1}
 
 
-def test_a_recording_beside_the_tests(robot: pytest.Pytester) -> None:
-    robot.makefile(".ini", pytest=STRICT + OF_ASYNCIO)
-    folder = robot.mkdir("tests")
+def test_a_recording_beside_the_tests(folder: Path) -> None:
+    write(folder, "pytest.ini", ASYNCIO_INI)
+    tests = folder / "tests"
+    tests.mkdir()
     golden = (ROOT / "tests" / "data" / "ydlidar_4ros_room7.npz").read_bytes()
-    (folder / "stream.npz").write_bytes(golden)
-    (folder / "conftest.py").write_text(
+    (tests / "stream.npz").write_bytes(golden)
+    (tests / "conftest.py").write_text(
         "import numpy as np\nfrom pathlib import Path\n\n"
         "HERE = Path(__file__).parent\n"
         "(HERE / 'run.bin').write_bytes(np.load(HERE / 'stream.npz')['raw'].tobytes())\n"
     )
-    (folder / "test_recorded.py").write_text(
+    (tests / "test_recorded.py").write_text(
         "import lidario\nimport pytest\n\n\n"
         '@pytest.mark.lidar_recording("run.bin")\n'
         "def test_every_scan(lidar_recording):\n"
@@ -138,14 +137,17 @@ def test_a_recording_beside_the_tests(robot: pytest.Pytester) -> None:
         "def test_not_there(lidar_recording):\n    pass\n\n\n"
         "def test_no_name(lidar_recording):\n    pass\n"
     )
-    result = run(robot, "-p", "no:anyio", "tests")
-    result.assert_outcomes(passed=2, errors=2)
-    result.stdout.fnmatch_lines(["*there is no recording *gone.mcap*", "*@pytest.mark.lidar_recording(*run.mcap*"])
+    result = run_pytest(folder, "-p", "no:anyio", "tests")
+    assert result.outcomes == {"passed": 2, "error": 2}
+    assert re.search(r"there is no recording .*gone\.mcap", result.text)
+    assert '@pytest.mark.lidar_recording("run.mcap")' in result.text
 
 
-def test_what_is_written_wrong_in_the_marker_is_named(robot: pytest.Pytester) -> None:
-    robot.makepyfile(
-        test_wrong="""
+def test_what_is_written_wrong_in_the_marker_is_named(folder: Path) -> None:
+    write(
+        folder,
+        "test_wrong.py",
+        """
         import pytest
 
         @pytest.mark.simulated_lidar("no-such-model")
@@ -155,11 +157,12 @@ def test_what_is_written_wrong_in_the_marker_is_named(robot: pytest.Pytester) ->
         @pytest.mark.simulated_lidar(fault="rain:3s")
         def test_fault(simulated_lidar):
             pass
-        """
+        """,
     )
-    result = run(robot, "-p", "no:asyncio")
-    result.assert_outcomes(errors=2)
-    result.stdout.fnmatch_lines(["*InvalidValue*no-such-model*", "*InvalidValue*rain*"])
+    result = run_pytest(folder, "-p", "no:asyncio")
+    assert result.outcomes == {"error": 2}
+    assert re.search(r"InvalidValue.*no-such-model", result.text)
+    assert re.search(r"InvalidValue.*rain", result.text)
 
 
 def test_a_run_that_does_not_use_it_imports_nothing_of_it() -> None:

@@ -1,4 +1,4 @@
-"""RPLIDAR: the S series, and other models with the same formats."""
+"""RPLIDAR: the A, C, S and T series."""
 
 from __future__ import annotations
 
@@ -13,6 +13,13 @@ SIMULATED = (
     "rplidar-s2",
     "rplidar-s1",
     "rplidar-s3",
+    "rplidar-a1",
+    "rplidar-a2",
+    "rplidar-a3",
+    "rplidar-c1",
+    "rplidar-s2l",
+    "rplidar-s2e",
+    "rplidar-t1",
     "rplidar-express",
     "rplidar-hq",
     "rplidar-ultra",
@@ -21,6 +28,9 @@ SIMULATED = (
     "rplidar-zero-us",
     "rplidar-unknown-response",
     "rplidar-no-modes",
+    "rplidar-a2-empty-list",
+    "rplidar-a2-no-board",
+    "rplidar-c1-fixed",
     "rplidar-old-firmware",
 )
 """The names of `simulated.profiles.PROFILES`, repeated here so that users of a real device do not load the
@@ -29,11 +39,12 @@ simulated one."""
 FAMILY = Family(
     name="rplidar",
     title="RPLIDAR",
-    # S2 and S3; S1, A3, A2M7 and A2M12; A1 and A2M8; C1 (vendor's ROS launch files).
+    # S2, S2L and S3; S1, A3, A2M7 and A2M12; A1 and A2M8; C1 (vendor's ROS launch files).
     baudrates=(1000000, 256000, 115200, 460800),
     timing=Timing(
-        # The slowest packets are 0x83's, one in 10.4 ms at 9200 samples a second.
-        quiet_s=0.03,
+        # The slowest packets are those of an A1 in Stability: one in 19.3 ms, behind an adapter that may hold them
+        # for 16 ms more.
+        quiet_s=0.045,
         drain_s=0.5,
         # Users report 2 s of silence from an S1; the vendor's ROS node gives it 15 s.
         boot_s=8.0,

@@ -1,8 +1,8 @@
 """Requests of the RPLIDAR protocol, with the response, the timeout and the settle time of each.
 
 Codes, payloads and responses: S-series interface manual, chapter "Requests and responses"; what the manual
-leaves out (FORCE_SCAN, the configuration types 0x00 to 0x05, the byte tables of GET_INFO and
-GET_LIDAR_CONF) as the vendor's SDK 2.1.0 sends it.
+leaves out (FORCE_SCAN, HQ_SCAN, the accessory board, the configuration types 0x00 to 0x05, the byte tables of
+GET_INFO and GET_LIDAR_CONF) as the vendor's SDK 2.1.0 sends it.
 
 Settle times: the manual demands at least 10 ms after STOP and at least 500 ms after RESET before the next
 request; the SDK waits 10 ms after a motor request. Timeouts are ours: a healthy device responds to a query within
@@ -20,6 +20,9 @@ from lidario.wire.envelope import Expected, Request, encode_request
 from lidario.wire.formats import StreamFormat
 
 __all__ = [
+    "DTR_STOPS",
+    "DTR_TURNS",
+    "GET_ACC_BOARD_FLAG",
     "GET_HEALTH",
     "GET_INFO",
     "GET_SAMPLERATE",
@@ -29,6 +32,8 @@ __all__ = [
     "ResponseType",
     "express_scan",
     "get_lidar_conf",
+    "hq_scan",
+    "motor_pwm",
     "motor_speed",
     "scan",
 ]
@@ -36,6 +41,9 @@ __all__ = [
 STOP_SETTLE_S: Final = 0.010
 RESET_SETTLE_S: Final = 0.500
 MOTOR_SETTLE_S: Final = 0.010
+BOARD_TIMEOUT_S: Final = 0.25
+"""Asked twice: half a second, as in the SDK. A device without an accessory board is silent."""
+HQ_PAYLOAD: Final = 33
 QUERY_TIMEOUT_S: Final = 0.5
 SCAN_TIMEOUT_S: Final = 2.0
 LONGEST_CONF: Final = 4 + 64
@@ -49,6 +57,7 @@ class ResponseType(IntEnum):
     HEALTH = 0x06
     SAMPLE_RATE = 0x15
     LIDAR_CONF = 0x20
+    ACC_BOARD_FLAG = 0xFF
 
 
 class Conf(IntEnum):
@@ -76,6 +85,15 @@ GET_HEALTH: Final = Request(
 GET_SAMPLERATE: Final = Request(
     "GET_SAMPLERATE", encode_request(0x59), expects=Expected(ResponseType.SAMPLE_RATE, 4), timeout=QUERY_TIMEOUT_S
 )
+GET_ACC_BOARD_FLAG: Final = Request(
+    "GET_ACC_BOARD_FLAG",
+    encode_request(0xFF, bytes(4)),
+    expects=Expected(ResponseType.ACC_BOARD_FLAG, 4),
+    timeout=BOARD_TIMEOUT_S,
+)
+DTR_STOPS: Final = Request("motor off by DTR", b"", dtr=True)
+DTR_TURNS: Final = Request("motor on by DTR", b"", dtr=False)
+"""The polarity of the A1's USB board: asserted stops the motor (SDK 2.1.0, `net_serial.cpp`)."""
 
 
 def get_lidar_conf(kind: Conf, mode: int | None = None) -> Request:
@@ -96,6 +114,16 @@ def get_lidar_conf(kind: Conf, mode: int | None = None) -> Request:
 def motor_speed(rpm: int) -> Request:
     """MOTOR_SPEED_CTRL: the speed in revolutions a minute, 0 for off. It has no response."""
     return Request("MOTOR_SPEED_CTRL", encode_request(0xA8, struct.pack("<H", rpm)), settle=MOTOR_SETTLE_S)
+
+
+def motor_pwm(duty: int) -> Request:
+    """SET_MOTOR_PWM of an accessory board: a duty from 0, which is off, to 1023. It has no response."""
+    return Request("SET_MOTOR_PWM", encode_request(0xF0, struct.pack("<H", duty)), settle=MOTOR_SETTLE_S)
+
+
+def hq_scan(stream: StreamFormat) -> Request:
+    """HQ_SCAN: a flag byte and 32 reserved ones."""
+    return _start("HQ_SCAN", encode_request(0x83, bytes(HQ_PAYLOAD)), stream)
 
 
 def scan(stream: StreamFormat, *, force: bool = False) -> Request:

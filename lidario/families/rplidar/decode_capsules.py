@@ -9,7 +9,6 @@ from __future__ import annotations
 import copy
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -148,7 +147,9 @@ class CapsuleDecoder(ABC):
         end = room + len(starts) * self.samples
         angle, distance = np.empty(end, np.float32), np.empty(end, np.float32)
         grid = angle[room:].reshape(-1, self.samples)
-        np.matmul(np.array((starts, arc), np.float32).T, self._steps, out=grid)
+        each = np.empty((len(starts), 2), np.float32)
+        each[:, 0], each[:, 1] = starts, arc
+        np.matmul(each, self._steps, out=grid)
         intensity = self._payload(capsules, distance[room:].reshape(-1, self.samples), grid)
         self._bring_into_turn(grid, starts, arc)
         angle[room:] /= self._units
@@ -167,12 +168,15 @@ class CapsuleDecoder(ABC):
         """Take 360 degrees off the angles of those few packets that may lie across 0."""
         back, ahead = self.reach
         full_turn = FULL_TURN_Q6 * self.samples
-        for beyond in _stretches(starts > FULL_TURN_Q6 - ahead - arc.max()):
+        beyond = _places(starts > FULL_TURN_Q6 - ahead - np.maximum.reduce(arc))
+        if beyond is not None:
+            # Of several revolutions a copy: the packets do not lie side by side.
             few = angle[beyond]
             np.subtract(few, full_turn, out=few, where=few >= full_turn)
-        if back:
-            for behind in _stretches(starts < back):
-                in_turn(angle[behind], full_turn)
+            angle[beyond] = few
+        behind = _places(starts < back) if back else None
+        if behind is not None:
+            angle[behind] = in_turn(angle[behind], full_turn)
 
     def _before_seam(self, packets: int, start: int, arc: float, seam: int) -> int:
         """How many samples lie before the rotor passed `seam` in the last of so many packets."""
@@ -239,7 +243,7 @@ class UltraDenseDecoder(CapsuleDecoder):
             np.ascontiguousarray(capsules.words[:, 5:]), self._last_q2, capsules.missing
         )
         distance[...] = distance_q2.reshape(distance.shape)
-        distance /= 4.0
+        distance *= np.float32(0.25)
         return intensity
 
     def _remember(self, capsules: Capsules, distance: Floats) -> None:
@@ -248,18 +252,15 @@ class UltraDenseDecoder(CapsuleDecoder):
         self._last_q2 = 0 if missing_behind else int(distance[-1] * 4)
 
 
-def _stretches(these: NDArray[np.bool_]) -> list[slice]:
-    """These packets, as stretches of such that follow each other; one or none in each revolution."""
+def _places(these: NDArray[np.bool_]) -> slice | NDArray[np.intp] | None:
+    """Where these packets are: one stretch, if they follow each other; None where there is none."""
     places = these.nonzero()[0]
     if not len(places):
-        return []
+        return None
     first, last = int(places[0]), int(places[-1])
-    if last - first < len(places):
-        return [slice(first, last + 1)]
-    parts = (np.flatnonzero(places[1:] - places[:-1] > 1) + 1).tolist()
-    return [slice(int(places[a]), int(places[b - 1]) + 1) for a, b in pairwise([0, *parts, len(places)])]
+    return slice(first, last + 1) if last - first < len(places) else places
 
 
 def _in_range(starts: Ints) -> Ints:
     """Start angles without the flag beside them, below 360 degrees; mostly they are so already."""
-    return starts if starts.max() < FULL_TURN_Q6 else (starts & ANGLE_MASK) % FULL_TURN_Q6
+    return starts if np.maximum.reduce(starts) < FULL_TURN_Q6 else (starts & ANGLE_MASK) % FULL_TURN_Q6

@@ -21,6 +21,8 @@ __all__ = ["HqDecoder", "NodeDecoder"]
 
 HQ_NODE: Final = np.dtype([("angle", "<u2"), ("distance", "<u4"), ("quality", "u1"), ("flag", "u1")])
 HQ: Final = np.dtype([("sync", "u1"), ("time", "<u8"), ("nodes", HQ_NODE, 96), ("crc", "<u4")])
+FIRST_ANGLE: Final = 9
+"""Offset of the first node's angle in a packet of 0x83."""
 
 
 class HqDecoder:
@@ -70,16 +72,15 @@ class HqDecoder:
     def _read(self, packets: Packets) -> tuple[NDArray[np.void], Ints, NDArray[np.float64]]:
         """The nodes, shape (packets, 96), the first angle of each packet, and the way during it."""
         nodes: NDArray[np.void] = np.frombuffer(packets.data, HQ)["nodes"]
-        first = nodes["angle"][:, 0].astype(np.int32)
-        # From the first of 96 nodes to the last there are 95 steps.
-        inside = np.multiply(
-            (nodes["angle"][:, -1] - first) % FULL_TURN_Q14, self.samples / (self.samples - 1), dtype=np.float64
-        )
+        angles = nodes["angle"]
+        first = angles[:, 0].astype(np.int32)
+        # Without a sign, 16 bits hold just 360 degrees. From the first of 96 nodes to the last there are 95 steps.
+        inside = (angles[:, -1] - angles[:, 0]) * (self.samples / (self.samples - 1))
         return nodes, first, inside
 
     @staticmethod
     def _first_angle(packet: bytes) -> int:
-        return int(np.frombuffer(packet, HQ)["nodes"]["angle"][0, 0])
+        return packet[FIRST_ANGLE] | packet[FIRST_ANGLE + 1] << 8
 
     @staticmethod
     def _samples_of(nodes: NDArray[np.void], room: int) -> Decoded:
@@ -91,7 +92,7 @@ class HqDecoder:
         distance[room:].reshape(nodes.shape)[...] = nodes["distance"]
         intensity[room:].reshape(nodes.shape)[...] = nodes["quality"]
         angle[room:] *= 360.0 / FULL_TURN_Q14
-        distance[room:] /= 4.0
+        distance[room:] *= 0.25
         return Decoded(angle, distance, intensity)
 
     @staticmethod
@@ -163,6 +164,6 @@ class NodeDecoder:
         intensity = np.empty(size, np.uint8)
         np.divide(angles, 64.0, out=angle[room:], dtype=np.float32, casting="same_kind")
         distance[room:] = rows["distance"]
-        distance[room:] /= 4.0
+        distance[room:] *= 0.25
         np.bitwise_and(rows["quality"], 0xFC, out=intensity[room:])
         return Decoded(angle, distance, intensity)

@@ -1,9 +1,9 @@
 """One RPLIDAR: what its responses mean, and how it is started.
 
 Payloads: S-series interface manual, responses to GET_INFO, GET_HEALTH, GET_SAMPLERATE and GET_LIDAR_CONF. Model
-numbers, the firmware from which GET_LIDAR_CONF exists (1.24) and which models take their speed in revolutions
-per minute (the S series and later): vendor's SDK 2.1.0. Scan mode ids differ from model to model, so they are
-always asked for, never assumed, where the firmware can be asked.
+numbers and the firmware from which GET_LIDAR_CONF exists (1.24): vendor's SDK 2.1.0. Scan mode ids differ from
+model to model, so they are always asked for, never assumed, where the firmware can be asked. How the motor is
+turned is in `motor`.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ import struct
 from dataclasses import replace
 from typing import Final
 
-from lidario.errors import InvalidValue, ResponseTimeout, Unsupported
-from lidario.families.arguments import finite
+from lidario.errors import ResponseTimeout, Unsupported
 from lidario.families.base import Device, Script, Stream, agreed, health_of
 from lidario.families.rplidar import commands
 from lidario.families.rplidar.commands import Conf
 from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.formats import FORMATS
+from lidario.families.rplidar.motor import MotorControl
 from lidario.model import DeviceInfo, Health, SampleRate, ScanMode
 from lidario.wire.envelope import Request
 
@@ -26,7 +26,6 @@ __all__ = ["RplidarDevice"]
 
 SERIES: Final = ((12, "M"), (9, "T"), (6, "S"), (4, "C"), (1, "A"))
 """(first major number, letter), highest first."""
-FIRST_WITH_SPEED_CONTROL: Final = 6
 FIRST_DIRECT_TOF: Final = 4
 CONF_FIRMWARE: Final = (1, 24)
 SAMPLERATE_FIRMWARE: Final = (1, 17)
@@ -37,14 +36,15 @@ MODE_LIMIT: Final = 16
 """Mode numbers that are tried; devices have two to five modes, numbered from 0."""
 MOST_SILENCES: Final = 4
 """Questions about modes without a response, after which no more are asked. Each takes 1 s."""
-DEFAULT_RPM: Final = 600
 SPIN_UP_S: Final = 5.0
 SLOWEST_TURN_S: Final = 1.0
 NODE_TYPE: Final = 0x81
 EXPRESS_TYPE: Final = 0x82
-UNIDENTIFIED: Final = 0
+HQ_TYPE: Final = 0x83
 LEGACY_EXPRESS: Final = ScanMode(0, "Legacy express", 0.0, 0.0, EXPRESS_TYPE)
 """Working mode 0 (S-series interface manual, EXPRESS_SCAN); how far it measures no document says."""
+HQ_SCAN: Final = ScanMode(0, "HQ scan", 0.0, 0.0, HQ_TYPE)
+"""HQ_SCAN, which the vendor's SDK defines and never sends; no document says which devices know it."""
 
 
 class RplidarDevice(Device):
@@ -53,13 +53,8 @@ class RplidarDevice(Device):
     def __init__(self) -> None:
         self._major = 0
         self._firmware: tuple[int, int] = (0, 0)
-        self._rpm: int | None = None
         self._silences = 0
-
-    @property
-    def _has_motor_control(self) -> bool:
-        # Before it is identified, a request it does not know does no harm.
-        return self._major == UNIDENTIFIED or self._major >= FIRST_WITH_SPEED_CONTROL
+        self._motor = MotorControl(lambda kind: self._ask_bytes(kind, None))
 
     @property
     def _has_conf(self) -> bool:
@@ -71,7 +66,7 @@ class RplidarDevice(Device):
 
     def halt(self) -> tuple[Request, ...]:
         """As `Device.halt`: the motor first, since nothing is heard for 10 ms after STOP."""
-        return (commands.motor_speed(0), commands.STOP) if self._has_motor_control else (commands.STOP,)
+        return (*self._motor.halt(), commands.STOP)
 
     def reset(self) -> Request:
         """As `Device.reset`."""
@@ -81,6 +76,7 @@ class RplidarDevice(Device):
         """As `Device.identify`; asked until two responses are equal."""
         model, minor, major, hardware, serial = struct.unpack("<BBBB16s", (yield from agreed(commands.GET_INFO)))
         self._major, self._firmware = model >> 4, (major, minor)
+        self._motor.identified(self._major)
         return DeviceInfo(
             family="rplidar",
             model=_model_name(model),
@@ -132,12 +128,16 @@ class RplidarDevice(Device):
         return tuple(replace(mode, typical=mode.id == typical) for mode in found)
 
     def unlisted_modes(self) -> tuple[ScanMode, ...]:
-        """As `Device.unlisted_modes`: the legacy express scan, of firmware that lists its modes.
+        """As `Device.unlisted_modes`: the legacy express scan and HQ_SCAN, of firmware that lists its modes.
 
-        Older firmware has it as its mode "Express". A device that lacks it may send something else: the descriptor
-        decides.
+        Older firmware has the first as its mode "Express". A device that lacks it may send something else: the
+        descriptor decides.
         """
-        return (LEGACY_EXPRESS,) if self._has_conf else ()
+        return (LEGACY_EXPRESS, HQ_SCAN) if self._has_conf else ()
+
+    def explain_silence(self, lasted_s: float) -> Script[bool]:
+        """As `Device.explain_silence`: the motor of an A2 or A3 may not have been started."""
+        return False if lasted_s else (yield from self._motor.board_found_late())
 
     def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
         """As `Device.start`; the descriptor decides which format is decoded, not what the mode's list foretold.
@@ -154,11 +154,12 @@ class RplidarDevice(Device):
         if force and mode.response_type != NODE_TYPE:
             raise Unsupported(f"only a plain mode (response type 0x81) can be forced, and {mode.name!r} is none")
         sample_us = mode.sample_us or (yield from self._sample_us(mode))
-        if self._has_motor_control:
-            yield commands.motor_speed((yield from self._wanted_rpm()))
+        yield from self._motor.start()
         stream = FORMATS[mode.response_type]()
         if mode.response_type == NODE_TYPE:
             request = commands.scan(stream, force=force)
+        elif mode == HQ_SCAN:
+            request = commands.hq_scan(stream)
         else:
             # Firmware that cannot list its modes knows them by no number: there 0 is the express scan (SDK).
             request = commands.express_scan(mode.id if self._has_conf else 0, stream)
@@ -176,10 +177,12 @@ class RplidarDevice(Device):
         )
 
     def scan_frequency(self) -> Script[float]:
-        """As `Device.scan_frequency`: what was set here, else the device's own default."""
-        if not self._has_motor_control:
-            raise Unsupported("this model has no motor control")
-        return (yield from self._wanted_rpm()) / 60
+        """As `Device.scan_frequency`: what was set here, else the device's own default.
+
+        Raises:
+            Unsupported: The model takes no speed; the text says how its motor is turned.
+        """
+        return (yield from self._motor.frequency())
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:
         """As `Device.set_scan_frequency`; checked against the device's own limits where it tells them.
@@ -188,37 +191,17 @@ class RplidarDevice(Device):
 
         Raises:
             InvalidValue: Not a finite number, or outside the device's limits.
-            Unsupported: The model has no motor control.
+            Unsupported: As `scan_frequency`.
         """
-        if not self._has_motor_control:
-            raise Unsupported("this model has no motor control")
-        wanted = finite(hertz, "a scan frequency")
-        lowest, highest = yield from self._rpm_limits()
-        rpm = round(min(max(wanted * 60, 0), 0x10000))  # the product may be infinite, and both ends are refused
-        if not lowest <= rpm <= highest:
-            raise InvalidValue(f"{wanted * 60:g} rpm is outside this device's {lowest} to {highest} rpm")
-        self._rpm = rpm
-        return rpm / 60
+        return (yield from self._motor.set_frequency(hertz))
 
     def scan_frequency_range(self) -> Script[tuple[float, float]]:
-        """As `Device.scan_frequency_range`; what fits in the request where the device does not tell."""
-        if not self._has_motor_control:
-            raise Unsupported("this model has no motor control")
-        lowest, highest = yield from self._rpm_limits()
-        return lowest / 60, highest / 60
+        """As `Device.scan_frequency_range`; what fits in the request where the device does not tell.
 
-    def _rpm_limits(self) -> Script[tuple[int, int]]:
-        lowest = (yield from self._ask("<H", Conf.MIN_ROTATION)) or 1
-        highest = (yield from self._ask("<H", Conf.MAX_ROTATION)) or 0xFFFF
-        return lowest, highest
-
-    def _wanted_rpm(self) -> Script[int]:
-        if self._rpm is None:
-            desired = (yield from self._ask("<H", Conf.DESIRED_ROTATION)) or DEFAULT_RPM
-            # Another script may have set it meanwhile: a script begins before it is its turn to ask.
-            if self._rpm is None:
-                self._rpm = desired
-        return self._rpm
+        Raises:
+            Unsupported: As `scan_frequency`.
+        """
+        return (yield from self._motor.frequency_range())
 
     def _ask(self, layout: str, kind: Conf, mode: int | None = None) -> Script[int | None]:
         """One configuration value, or None when the device does not have or tell it."""
@@ -257,13 +240,17 @@ class RplidarDevice(Device):
         except ResponseTimeout:
             rate = SampleRate(0.0, 0.0)
         standard = ScanMode(0, "Standard", rate.standard_us, LEGACY_MAX_DISTANCE, NODE_TYPE, typical=True)
-        if self._has_conf or self._firmware < SAMPLERATE_FIRMWARE:
+        if self._major >= FIRST_DIRECT_TOF or self._firmware < SAMPLERATE_FIRMWARE:
             return (standard,)
-        express = ScanMode(1, "Express", rate.express_us, LEGACY_MAX_DISTANCE, EXPRESS_TYPE, typical=True)
+        # Firmware that knows ids, yet lists none (an A2M6), is asked for the legacy express scan: working mode 0.
+        number = 0 if self._has_conf else 1
+        express = ScanMode(number, "Express", rate.express_us, LEGACY_MAX_DISTANCE, EXPRESS_TYPE, typical=True)
         return (replace(standard, typical=False), express)
 
     def _sample_us(self, mode: ScanMode) -> Script[float]:
         """A mode that claims 0 µs a sample: ask the older way; 0 again means it is measured from the stream."""
+        if mode == HQ_SCAN:
+            return 0.0
         try:
             rate = yield from self.sample_rate()
         except ResponseTimeout:

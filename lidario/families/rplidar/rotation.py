@@ -104,12 +104,12 @@ class Rotation:
 
     def arcs(self, headings: NDArray[np.int32], following: int | None) -> Arcs:
         """The arc of each packet and the gaps behind them, given where the next packet begins, if known."""
-        spans = self._spans(headings, following)
-        shortest, longest, total = int(spans.min()), int(spans.max()), int(spans.sum())
+        spans, shortest = self._spans(headings, following)
+        longest = int(np.maximum.reduce(spans))
         ordinary = self._jitter * self._typical < shortest and longest <= (1 + self._jitter) * self._typical
         if ordinary and self._certain and following is not None:
             # The mean is as good as the median where nothing is far from either, and much cheaper.
-            self._typical = total / len(spans)
+            self._typical = int(np.add.reduce(spans)) / len(spans)
             self._strange = 0
             self._last_arc = float(spans[-1])
             return Arcs(spans, None, self._typical, certain=True)
@@ -127,7 +127,7 @@ class Rotation:
         """
         if not self._certain:
             return None
-        spans = self._spans(headings, following)
+        spans, _ = self._spans(headings, following)
         begins = [0, *ends[:-1]]
         shortest = np.minimum.reduceat(spans, begins).tolist()
         longest = np.maximum.reduceat(spans, begins).tolist()
@@ -148,12 +148,16 @@ class Rotation:
 
     def arcs_told(self, headings: NDArray[np.int32], following: int | None, inside: NDArray[np.float64]) -> Arcs:
         """As `arcs`, where the packets themselves tell how far the rotor turned during each, `inside`."""
-        mean = float(inside.mean())
-        steady = float(inside.max()) <= (1 + LIKENESS) * mean
+        mean = float(np.add.reduce(inside)) / len(inside)
+        steady = float(np.maximum.reduce(inside)) <= (1 + LIKENESS) * mean
         # The mean is as good as the median where nothing is far from it, and much cheaper.
         self._typical = mean if steady else float(np.median(inside))
-        raw = self._spans(headings, following)
-        if following is not None and int(raw.min()) > 0 and int(raw.max()) <= (1 + self._jitter) * self._typical:
+        raw, shortest = self._spans(headings, following)
+        if (
+            following is not None
+            and shortest > 0
+            and int(np.maximum.reduce(raw)) <= (1 + self._jitter) * self._typical
+        ):
             return Arcs(inside, None, self._typical, certain=True)
         spans = self._signed(raw)
         if self._typical <= 0:
@@ -172,31 +176,36 @@ class Rotation:
 
         Nothing is remembered before `settle_told`.
         """
-        raw = self._spans(headings, following)
-        if int(raw.min()) <= 0:
+        raw, shortest = self._spans(headings, following)
+        if shortest <= 0:
             return None
-        typical, begin = list[float](), 0
-        for end in ends:
-            mean = float(inside[begin:end].mean())
-            if float(inside[begin:end].max()) > (1 + LIKENESS) * mean:
-                return None
-            if int(raw[begin:end].max()) > (1 + self._jitter) * mean:
+        begins = [0, *ends[:-1]]
+        longest = np.maximum.reduceat(inside, begins).tolist()
+        farthest = np.maximum.reduceat(raw, begins).tolist()
+        typical = list[float]()
+        for begin, end, turned, step in zip(begins, ends, longest, farthest, strict=True):
+            mean = float(np.add.reduce(inside[begin:end])) / (end - begin)
+            if turned > (1 + LIKENESS) * mean or step > (1 + self._jitter) * mean:
                 return None
             typical.append(mean)
-            begin = end
         return typical
 
     def settle_told(self, arc: float) -> None:
         """Remember revolutions that `steady_told` has told, as `arcs_told` would have."""
         self._typical = arc
 
-    def _spans(self, headings: NDArray[np.int32], following: int | None) -> NDArray[np.int32]:
-        """How far ahead of each heading the next one is; the last is 0 where none follows."""
+    def _spans(self, headings: NDArray[np.int32], following: int | None) -> tuple[NDArray[np.int32], int]:
+        """How far ahead of each heading the next one is, 0 where none follows; and the least of that."""
         spans = np.empty_like(headings)
         np.subtract(headings[1:], headings[:-1], out=spans[:-1])
-        spans[-1] = 0 if following is None else following - int(headings[-1])
-        np.add(spans, self._full_turn, out=spans, where=spans < -self._retreat)
-        return spans
+        last = 0 if following is None else following - int(headings[-1])
+        # Mostly it is only here that the angles pass 0.
+        spans[-1] = last + self._full_turn if last < -self._retreat else last
+        shortest = int(np.minimum.reduce(spans))
+        if shortest < -self._retreat:
+            np.add(spans, self._full_turn, out=spans, where=spans < -self._retreat)
+            shortest = int(np.minimum.reduce(spans))
+        return spans, shortest
 
     def _signed(self, spans: NDArray[np.int32]) -> NDArray[np.float64]:
         """The same, where almost a full turn ahead is a little behind."""

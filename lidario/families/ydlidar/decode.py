@@ -34,7 +34,7 @@ from lidario.families.ydlidar.formats import (
 )
 from lidario.wire.events import Packets
 
-__all__ = ["PointCloudDecoder"]
+__all__ = ["Heads", "PointCloudDecoder"]
 
 Ints = NDArray[np.int32]
 
@@ -53,7 +53,13 @@ BACKWARD_Q6: Final = 2 << 6
 
 
 class PointCloudDecoder:
-    """Decodes the packets of one stream."""
+    """Decodes the packets of one stream.
+
+    Attributes:
+        speed_base: Tenths of Hz that the speed 0 in a start packet stands for.
+    """
+
+    speed_base: int = SPEED_BASE
 
     def __init__(self) -> None:
         self._seam: int | None = None
@@ -61,10 +67,10 @@ class PointCloudDecoder:
 
     def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         """As `Decoder.decode`."""
-        heads = _Heads.of(packets)
+        heads = Heads.of(packets, self.speed_base)
         first, way, counts, starts, _ = heads
         ends = np.add.accumulate(counts).tolist()
-        angle, distance = _samples_of(packets, heads, ends, room)
+        angle, distance, intensity = self._samples_of(packets, heads, ends, room)
         most = int(counts.max())
         step = _step(way, counts, most, ends[-1])
         missing = self._missing(first, way, counts, starts, following, step, most)
@@ -73,7 +79,7 @@ class PointCloudDecoder:
         return Samples(
             angle_deg=angle,
             distance_mm=distance,
-            intensity=None,
+            intensity=intensity,
             before_seam=ends[-1] - _behind_seam(int(first[-1]), int(way[-1]), int(counts[-1]), seam),
             ends=ends,
             lost=int(missing.sum()),
@@ -93,7 +99,7 @@ class PointCloudDecoder:
         self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None
     ) -> SteadySamples | None:
         """As `Decoder.decode_steady`."""
-        heads = _Heads.of(packets)
+        heads = Heads.of(packets, self.speed_base)
         first, way, counts, starts, _ = heads
         sample_ends = np.add.accumulate(counts).tolist()
         begins = [0, *ends[:-1]]
@@ -109,7 +115,7 @@ class PointCloudDecoder:
             if not step or longest[at] > _STEADY * step * (most[at] - 1) or farthest[at] > _ONE_STEP * step:
                 return None
             a_turn.append(FULL_TURN_Q6 / step)
-        angle, distance = _samples_of(packets, heads, sample_ends, room)
+        angle, distance, intensity = self._samples_of(packets, heads, sample_ends, room)
         marked = starts.nonzero()[0]
 
         def settle() -> None:
@@ -119,7 +125,7 @@ class PointCloudDecoder:
         return SteadySamples(
             angle_deg=angle,
             distance_mm=distance,
-            intensity=None,
+            intensity=intensity,
             packet_ends=packet_ends,
             before_seam=packet_ends
             if seam is None
@@ -134,6 +140,19 @@ class PointCloudDecoder:
             settle=settle,
             reported_rpm=[_reported_rpm(heads, *each) for each in zip(begins, ends, strict=True)],
         )
+
+    def _samples_of(
+        self, packets: Packets, heads: Heads, ends: list[int], room: int
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8] | None]:
+        """Degrees, millimetres and intensities behind `room` free places; `ends` counts up to each packet."""
+        first, way, counts, _, _ = heads
+        angle, distance = np.empty(room + ends[-1], np.float32), np.empty(room + ends[-1], np.float32)
+        _fill(angle[room:], distance[room:], packets, heads)
+        for across in (first + way >= FULL_TURN_Q6).nonzero()[0].tolist():
+            samples = int(counts[across])
+            beam = _beam_deg(int(first[across]), int(way[across]), samples)
+            angle[room + ends[across] - samples : room + ends[across]] = np.where(beam < 360.0, beam, beam - 360.0)
+        return angle, distance, None
 
     def _missing(
         self,
@@ -184,7 +203,7 @@ class PointCloudDecoder:
         return 0 if samples < SLACK_SAMPLES else math.ceil((samples - SLACK_SAMPLES) / self._usual) or 1
 
 
-class _Heads(NamedTuple):
+class Heads(NamedTuple):
     """What stands before the samples of each packet, shape (packets,) each.
 
     Attributes:
@@ -202,7 +221,7 @@ class _Heads(NamedTuple):
     speeds: Ints
 
     @classmethod
-    def of(cls, packets: Packets) -> _Heads:
+    def of(cls, packets: Packets, speed_base: int) -> Heads:
         """Those of so many packets."""
         heads = packet_heads(packets)
         control = heads[:, 1]
@@ -210,28 +229,14 @@ class _Heads(NamedTuple):
         first = (heads[:, 2] >> 1).astype(np.int32) % FULL_TURN_Q6
         way = ((heads[:, 3] >> 1) - first) % FULL_TURN_Q6
         way[counts == 1] = 0
-        speeds = (control >> 1 & SPEED_CODE).astype(np.int32) + SPEED_BASE
+        speeds = (control >> 1 & SPEED_CODE).astype(np.int32) + speed_base
         return cls(first, way, counts, (control & START_BIT).astype(np.bool_), speeds)
 
 
-def _reported_rpm(heads: _Heads, begin: int, end: int) -> float:
+def _reported_rpm(heads: Heads, begin: int, end: int) -> float:
     """What the first start packet among these says of the rotor's speed; NaN where none is there."""
     mark = begin + int(heads.starts[begin:end].argmax())
     return 6.0 * int(heads.speeds[mark]) if heads.starts[mark] else math.nan
-
-
-def _samples_of(
-    packets: Packets, heads: _Heads, ends: list[int], room: int
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Degrees and millimetres of all samples, behind `room` free places; `ends` counts them up to each packet."""
-    first, way, counts, _, _ = heads
-    angle, distance = np.empty(room + ends[-1], np.float32), np.empty(room + ends[-1], np.float32)
-    _fill(angle[room:], distance[room:], packets, heads)
-    for across in (first + way >= FULL_TURN_Q6).nonzero()[0].tolist():
-        samples = int(counts[across])
-        beam = _beam_deg(int(first[across]), int(way[across]), samples)
-        angle[room + ends[across] - samples : room + ends[across]] = np.where(beam < 360.0, beam, beam - 360.0)
-    return angle, distance
 
 
 def _jumps(first: Ints, tails: Ints, following: bytes | None) -> Ints:
@@ -250,7 +255,7 @@ def _revolution_packets(samples: float, most: int) -> float:
     return 1.0 + math.ceil((samples - 1) / most)
 
 
-def _fill(angle: NDArray[np.float32], distance: NDArray[np.float32], packets: Packets, heads: _Heads) -> None:
+def _fill(angle: NDArray[np.float32], distance: NDArray[np.float32], packets: Packets, heads: Heads) -> None:
     """Write degrees, counted on past 360, and millimetres of all samples."""
     first, way, counts, _, _ = heads
     words = np.frombuffer(packets.data, "<u2")

@@ -70,6 +70,8 @@ def _equal_sizes(data: bytes | bytearray, at: int, size: int) -> int:
 
 def packet_heads(packets: Packets) -> NDArray[np.uint16]:
     """The words before the samples, shape (packets, 5)."""
+    if any(size & 1 for size, _ in packets.blocks):
+        return _odd_heads(packets)
     words = np.frombuffer(packets.data, "<u2")
     heads: list[NDArray[np.uint16]] = []
     at = 0
@@ -80,8 +82,21 @@ def packet_heads(packets: Packets) -> NDArray[np.uint16]:
     return heads[0] if len(heads) == 1 else np.concatenate(heads)
 
 
+def _odd_heads(packets: Packets) -> NDArray[np.uint16]:
+    """The same where packets do not begin at even places."""
+    rows = np.frombuffer(packets.data, np.uint8)
+    begins = np.array(packet_offsets(packets.blocks)[:-1])
+    return rows[begins[:, None] + np.arange(HEADER_SIZE)].view("<u2")
+
+
 class PointCloud(StreamFormat):
-    """0x81 of the 4ROS: up to 80 distances between two angles."""
+    """0x81 of the 4ROS: up to 80 distances between two angles.
+
+    Attributes:
+        sample_size: Bytes of one sample.
+    """
+
+    sample_size: int = 2
 
     name = "point cloud"
     response_type = 0x81
@@ -106,7 +121,7 @@ class PointCloud(StreamFormat):
         if available < 4:
             return 0
         samples = data[at + 3]
-        return HEADER_SIZE + 2 * samples if 0 < samples <= MOST_SAMPLES else NO_PACKET
+        return HEADER_SIZE + self.sample_size * samples if 0 < samples <= MOST_SAMPLES else NO_PACKET
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:
         """As `StreamFormat.intact`: the XOR of all words is 0."""
@@ -139,7 +154,7 @@ class PointCloud(StreamFormat):
 
     def samples_in(self, blocks: Iterable[Block]) -> int:
         """As `StreamFormat.samples_in`: each packet has as many as its size has room for."""
-        return sum((size - HEADER_SIZE) // 2 * count for size, count in blocks)
+        return sum((size - HEADER_SIZE) // self.sample_size * count for size, count in blocks)
 
     def headings(self, packets: Packets) -> Headings:
         """As `StreamFormat.headings`, in 1/64 degrees."""
@@ -181,8 +196,7 @@ class PointCloud(StreamFormat):
                 whole += 1
         return whole
 
-    @staticmethod
-    def _intact_many(data: bytearray, at: int, blocks: Sequence[Block], count: int) -> int:
+    def _intact_many(self, data: bytearray, at: int, blocks: Sequence[Block], count: int) -> int:
         """The same, as one array."""
         words = np.frombuffer(data, "<u2", sum([size * rows for size, rows in blocks]) // 2, at)
         begins = np.zeros(count, np.intp)

@@ -261,16 +261,6 @@ def test_the_wanted_speed_is_asked_once() -> None:
     assert [request.name for request in sent] == ["MOTOR_SPEED_CTRL", "SCAN"]
 
 
-@pytest.mark.parametrize("model", [A1, 0x28, C1])
-def test_models_without_speed_control_are_sent_none(model: int) -> None:
-    device = identified(model)
-    assert started(device, STANDARD, {})[1] == "a520"
-    assert [request.name for request in device.halt()] == ["STOP"]
-    for script in (device.scan_frequency(), device.set_scan_frequency(10.0)):
-        with pytest.raises(Unsupported, match="motor"):
-            drive(script, {})
-
-
 @pytest.mark.parametrize("model", [S1, S2, 0x82, None])
 def test_motor_off_comes_before_stop(model: int | None) -> None:
     """Also when nobody knows yet what it is."""

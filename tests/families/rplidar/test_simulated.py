@@ -9,6 +9,7 @@ from operator import xor
 import numpy as np
 import pytest
 
+from lidario.families.rplidar import FAMILY
 from lidario.families.rplidar.simulated.device import PROFILES, Mode, Profile, SimulatedRplidar, make_simulated
 from lidario.sim.rooms import make_world
 from lidario.sim.world import World
@@ -22,6 +23,8 @@ STOP, RESET, SCAN, FORCE_SCAN = b"\xa5\x25", b"\xa5\x40", b"\xa5\x20", b"\xa5\x2
 GET_INFO, GET_HEALTH, GET_SAMPLERATE = b"\xa5\x50", b"\xa5\x52", b"\xa5\x59"
 MOTOR_600 = bytes.fromhex("a5 a8 02 58 02 55")
 MOTOR_OFF = bytes.fromhex("a5 a8 02 00 00 0f")
+BOARD = bytes.fromhex("a5 ff 04 00 00 00 00 5e")
+DUTY_660, DUTY_0 = bytes.fromhex("a5 f0 02 94 02 c1"), bytes.fromhex("a5 f0 02 00 00 57")
 EXPRESS_1 = bytes.fromhex("a5 82 05 01 00 00 00 00 23")
 
 SOLD = [profile.name for profile in PROFILES.values() if profile.kind == "sold"]
@@ -71,6 +74,12 @@ class Bench:
     def ask(self, data: bytes, within: int = 20 * MS) -> bytes:
         self.send(data)
         return self.run(within)
+
+    def begin(self, mode: Mode) -> None:
+        """Start a mode, with the motor first where nothing else starts it."""
+        if self.device.profile.motor == "pwm":
+            self.send(DUTY_660)
+        self.send(begin(mode))
 
     @property
     def why(self) -> str:
@@ -151,7 +160,11 @@ class TestAnswers:
         assert answer == bytes.fromhex("a55a1400000004 71 02 01 12") + bytes(range(16))
 
     @pytest.mark.parametrize(
-        ("model", "major"), [("rplidar-s1", 6), ("rplidar-s2", 7), ("rplidar-s3", 8), ("rplidar-old-firmware", 1)]
+        ("model", "major"),
+        [
+            *(("rplidar-s1", 6), ("rplidar-s2", 7), ("rplidar-s3", 8), ("rplidar-old-firmware", 1)),
+            *(("rplidar-a1", 1), ("rplidar-a2", 2), ("rplidar-a3", 3), ("rplidar-c1", 4), ("rplidar-t1", 9)),
+        ],
     )
     def test_model_byte(self, model: str, major: int) -> None:
         assert Bench(model).ask(GET_INFO)[7] >> 4 == major
@@ -193,8 +206,19 @@ class TestAnswers:
         answer = bench.ask(conf(kind, *mode))
         assert answer == b"\xa5\x5a" + struct.pack("<IBI", 4 + len(value), 0x20, kind) + value
 
-    @pytest.mark.parametrize(("kind", "value"), [(0x01, "5802 0000"), (0x04, "e001"), (0x05, "b004")])
-    @pytest.mark.parametrize("model", SOLD)
+    @pytest.mark.parametrize(
+        ("model", "kind", "value"),
+        [
+            *(
+                (model, kind, value)
+                for model in SOLD
+                if model[8] in "st"
+                for kind, value in ((0x01, "5802 0000"), (0x04, "e001"), (0x05, "b004"))
+            ),
+            *(("rplidar-c1", 0x01, "5802 0000"), ("rplidar-c1", 0x04, "e001"), ("rplidar-c1", 0x05, "d002")),
+            *((model, 0x01, "5802 9402") for model in ("rplidar-a1", "rplidar-a2", "rplidar-a3")),
+        ],
+    )
     def test_devices_that_are_sold_tell_their_speeds(self, model: str, kind: int, value: str) -> None:
         """The vendor's driver takes a response without a value for one with a value, and crashes."""
         assert Bench(model).ask(conf(kind))[11:] == bytes.fromhex(value)
@@ -226,6 +250,14 @@ class TestAnswers:
             ("rplidar-s2", 1, 31.25, 30),
             ("rplidar-s3", 0, 62.5, 16),
             ("rplidar-s3", 1, 31.25, 40),
+            ("rplidar-a1", 0, 508, 12),
+            ("rplidar-a1", 1, 254, 12),
+            ("rplidar-a1", 3, 127, 12),
+            ("rplidar-a1", 4, 201, 12),
+            ("rplidar-a2", 3, 62.5, 16),
+            ("rplidar-a3", 3, 62.5, 25),
+            ("rplidar-c1", 0, 200, 16),
+            ("rplidar-c1", 1, 200, 40),
         ],
     )
     def test_what_logs_of_real_devices_say_of_their_modes(
@@ -236,7 +268,11 @@ class TestAnswers:
         assert bench.ask(conf(0x74, mode))[11:] == struct.pack("<I", metres * 256)
 
     @pytest.mark.parametrize(
-        ("model", "firmware"), [("rplidar-s1", "1c 01"), ("rplidar-s2", "02 01"), ("rplidar-s3", "02 01")]
+        ("model", "firmware"),
+        [
+            *(("rplidar-s1", "1c 01"), ("rplidar-s2", "02 01"), ("rplidar-s3", "02 01"), ("rplidar-c1", "02 01")),
+            *(("rplidar-a1", "1d 01"), ("rplidar-a2", "20 01"), ("rplidar-a3", "20 01")),
+        ],
     )
     def test_firmware_of_devices_that_are_sold(self, model: str, firmware: str) -> None:
         assert Bench(model).ask(GET_INFO)[8:10] == bytes.fromhex(firmware)
@@ -417,7 +453,7 @@ class TestStream:
         bench = Bench(model, world=scene)
         mode = bench.device.profile.mode(mode_id)
         assert mode is not None
-        bench.send(begin(mode))
+        bench.begin(mode)
         stream = bench.run(500 * MS, step=7 * MS)[7:]
         samples = rplidar.decode(mode.format, packets_of(mode.format, stream))
         assert len(samples) > 0.45e9 / (mode.us_q8 / 0.256) * 0.9
@@ -606,12 +642,113 @@ class TestMotor:
         turned = sum(packet[0] & 1 for packet in packets)
         assert 1 <= turned <= 4  # of five at full speed
 
-    def test_a_motor_that_always_runs_takes_no_command(self) -> None:
-        bench = Bench("rplidar-old-firmware")
+    @pytest.mark.parametrize(
+        "model", ["rplidar-old-firmware", "rplidar-a1", "rplidar-a2-no-board", "rplidar-c1-fixed"]
+    )
+    def test_a_motor_that_runs_by_itself_takes_no_command(self, model: str) -> None:
+        bench = Bench(model)
         assert bench.device.motor_on
-        bench.send(MOTOR_OFF)
+        for request in (MOTOR_OFF, DUTY_0, BOARD):
+            assert bench.ask(request) == b""
+            assert bench.why == "unknown to this device"
+        assert bench.device.motor_on
+
+
+class TestBoard:
+    """A2 and A3: the motor hangs on an accessory board."""
+
+    def test_it_tells_that_it_is_there(self) -> None:
+        assert Bench("rplidar-a3").ask(BOARD) == bytes.fromhex("a55a04000000ff 01000000")
+        bench = Bench("rplidar-s2")
+        assert bench.ask(BOARD) == b""
         assert bench.why == "unknown to this device"
+
+    def test_there_is_no_packet_before_the_duty_was_set(self) -> None:
+        bench = Bench("rplidar-a2")
+        assert len(bench.ask(express(3), 5 * SECOND)) == 7
+        states = [bench.device.scanning]
+        bench.ask(STOP)
+        assert [*states, bench.device.scanning] == [True, False]
+        bench.send(DUTY_660)
+        assert bench.device.motor_rpm == 600
+        assert len(bench.ask(express(3), SECOND)) > 20_000
+
+    def test_it_obeys_no_other_motor_request(self) -> None:
+        bench = Bench("rplidar-a2")
+        bench.send(MOTOR_600)
+        assert bench.why == "unknown to this device"
+        assert not bench.device.motor_on
+
+    @pytest.mark.parametrize(("duty", "rpm"), [(0, 0), (330, 300), (2000, 600 * 1023 / 660)])
+    def test_the_speed_follows_from_the_duty(self, duty: int, rpm: float) -> None:
+        bench = Bench("rplidar-a2")
+        bench.send(framed(0xF0, struct.pack("<H", duty)))
+        assert bench.device.motor_rpm == pytest.approx(rpm)
+
+    def test_a_restart_forgets_the_duty(self) -> None:
+        bench = Bench("rplidar-a3")
+        bench.send(DUTY_660)
+        bench.send(RESET)
+        assert not bench.device.motor_on
+
+
+class TestControlLine:
+    """A1: DTR is the switch of the motor."""
+
+    def test_it_turns_while_dtr_is_cleared(self) -> None:
+        bench = Bench("rplidar-a1")
         assert bench.device.motor_on
+        bench.device.set_dtr(False, bench.now)
+        assert bench.device.motor_on
+        bench.device.set_dtr(True, bench.now)
+        assert not bench.device.motor_on
+
+    def test_a_stream_pauses_while_it_is_asserted(self) -> None:
+        bench = Bench("rplidar-a1")
+        bench.ask(express(3), SECOND)
+        bench.device.set_dtr(True, bench.now)
+        bench.run(50 * MS)
+        assert bench.run(SECOND) == b""
+        assert bench.device.scanning
+        bench.device.set_dtr(False, bench.now)
+        assert len(bench.run(SECOND)) > 9_000
+
+    def test_it_outlasts_a_reset(self) -> None:
+        bench = Bench("rplidar-a1")
+        bench.device.set_dtr(True, bench.now)
+        bench.ask(RESET, 2 * SECOND)
+        assert not bench.device.motor_on
+
+    def test_to_the_others_it_means_nothing(self) -> None:
+        bench = Bench("rplidar-s2")
+        bench.ask(EXPRESS_1, 100 * MS)
+        bench.device.set_dtr(True, bench.now)
+        assert bench.device.motor_on
+        assert len(bench.run(100 * MS)) > 5_000
+
+
+class TestRarerRequests:
+    def test_hq_scan(self) -> None:
+        request = framed(0x83, bytes(33))
+        assert Bench("rplidar-hq").ask(request)[:7] == bytes.fromhex("a55a0d03004083")
+        assert Bench("rplidar-s2").ask(request) == b""
+
+    def test_a_new_address_is_in_force_after_a_reset(self) -> None:
+        bench = Bench("rplidar-s2e")
+        ask = bytes.fromhex("a58406c0cc010000002a")
+        assert bench.ask(ask)[11:] == bytes(12)
+        address = bytes([192, 168, 11, 3, 255, 255, 255, 0, 192, 168, 11, 1])
+        told = bench.ask(framed(0x85, struct.pack("<I", 0x1CCC0) + address))
+        assert told == bytes.fromhex("a55a0800000021 c0cc0100 00000000")
+        assert bench.ask(ask)[11:] == bytes(12)
+        bench.ask(RESET, SECOND)
+        assert bench.ask(ask)[11:] == address
+
+    def test_only_a_network_device_has_one(self) -> None:
+        bench = Bench("rplidar-s2")
+        assert bench.ask(bytes.fromhex("a58406c0cc010000002a")) == b""
+        assert bench.ask(framed(0x85, struct.pack("<I", 0x1CCC0) + bytes(12))) == b""
+        assert Bench("rplidar-s2e").ask(conf(0x79))[11:] == PROFILES["rplidar-s2e"].mac
 
 
 class TestProtectionStop:
@@ -675,6 +812,13 @@ def test_every_profile_has_an_honest_name_and_a_line_that_can_carry_it() -> None
         for mode in profile.modes:
             size, samples = mode.packet
             assert size * 10 / profile.baudrate < samples * mode.us_q8 / 256e6
+
+
+def test_a_line_counts_as_quiet_only_after_the_slowest_packets() -> None:
+    """An adapter may hold bytes for 16 ms more."""
+    slowest = max(mode.period_ns for profile in PROFILES.values() for mode in profile.modes)
+    assert slowest > 19 * MS
+    assert slowest + 16 * MS < FAMILY.timing.quiet_s * SECOND < 60 * MS
 
 
 def test_an_overloaded_line_is_refused() -> None:

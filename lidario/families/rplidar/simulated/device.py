@@ -12,10 +12,13 @@ It discards what a real device discards:
 * in Protection Stop (health 2) STOP and all scans are discarded (the same manual); RESET clears it if the fault has
   gone;
 * samples are withheld until the motor is up to speed, except after FORCE_SCAN;
-* an EXPRESS_SCAN of a mode the device lacks gets no response.
+* an EXPRESS_SCAN of a mode the device lacks gets no response;
+* where the motor is driven by an accessory board or by DTR, a scan does not start it: the descriptor comes, and no
+  packet before the motor turns.
 
-SCAN starts a motor that is off, STOP leaves it running, RESET switches it off. Speeds outside of what the
-device can do are clamped. Section numbers are not given: the manual's editions number them differently.
+What turns the motor is told in `drive`. STOP leaves it running. Section numbers are not given: the manual's
+editions number them differently. An address that SET_LIDAR_CONF has set is in force after the next RESET, as with
+the vendor's tool.
 
 `SimulatedRplidar.log` tells of every request, with the reason where it was discarded. To put the device
 into a state that occurs in practice, use its documented attributes, `begin_streaming` and `protection_stop`; a
@@ -28,23 +31,26 @@ import struct
 from collections.abc import Callable
 from typing import ClassVar
 
-from lidario.families.rplidar.simulated.profiles import PROFILES, Mode, Profile
-from lidario.families.rplidar.simulated.requests import Request, RequestReader
+from lidario.families.rplidar.simulated.drive import Drive
+from lidario.families.rplidar.simulated.profile import Mode, Profile
+from lidario.families.rplidar.simulated.profiles import PROFILES
+from lidario.families.rplidar.simulated.requests import IGNORED_IN_PROTECTION_STOP, PAYLOADS, Request, RequestReader
 from lidario.families.rplidar.simulated.stream import MeasurementStream
 from lidario.sim.chassis import PROTECTION_STOP, Chassis
 from lidario.sim.motor import Motor
 from lidario.sim.world import WorldLike
 
-__all__ = ["PROFILES", "Mode", "Profile", "SimulatedRplidar", "make_simulated"]
+__all__ = ["PROFILES", "Mode", "Profile", "SimulatedRplidar", "describe", "make_simulated"]
 
 _MS = 1_000_000
 _SETTLE_AFTER_STOP = 10 * _MS  # S-series interface manual, STOP
 _SETTLE_AFTER_RESET = 500 * _MS  # S-series interface manual, RESET
-_DEFAULT_RPM = 600  # S-series interface manual, motor speed; vendor SDK 2.1.0 falls back to the same
 _CONTINUOUS = 1 << 30  # send mode in the descriptor's length word
 
 # Response types of single responses (S-series interface manual; 0x15 and 0x20 as in vendor SDK 2.1.0).
-_INFO, _HEALTH, _SAMPLERATE, _CONF = 0x04, 0x06, 0x15, 0x20
+_INFO, _HEALTH, _SAMPLERATE, _CONF, _CONF_SET, _BOARD = 0x04, 0x06, 0x15, 0x20, 0x21, 0xFF
+_ADDRESS = 0x0001CCC0  # conf type of the static address, 12 bytes (vendor SDK 2.1.0, frame_grabber)
+_DHCP = bytes(12)
 
 
 class SimulatedRplidar(Chassis[MeasurementStream]):
@@ -60,6 +66,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         profile: What it is.
         serial: Its serial number.
         health: Status (0 good, 1 warning, 2 Protection Stop) and error code; this and more as in `Chassis`.
+        address: Of an Ethernet device: address, mask and gateway; all zero for DHCP.
 
     Raises:
         ValueError: The serial number has not 16 bytes.
@@ -81,10 +88,35 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         self.response_delay_s: float = 0.0015
         self.boot_s: float = profile.boot_s
         self._motor = Motor(turns=float(self._random.random()))
+        self._drive = Drive(profile, self._motor)
         self._reader = RequestReader()
-        if not profile.motor_command:
-            self._motor.spin_up_s = 0.0
-            self._motor.set_rpm(_DEFAULT_RPM, 0)
+        self._waiting: Mode | None = None  # a stream that was announced, while the motor is off
+        self.address: bytes = _DHCP
+        self._next_address = _DHCP
+
+    @property
+    def is_network(self) -> bool:
+        """Whether it is reached by UDP."""
+        return self.profile.is_network
+
+    @property
+    def scanning(self) -> bool:
+        """Whether a measurement stream runs, or waits for the motor."""
+        return self._stream is not None or self._waiting is not None
+
+    def set_dtr(self, asserted: bool, now: int) -> None:
+        """The host sets the control line DTR: on an A1 the motor's switch, on others nothing.
+
+        A stream pauses while the motor is off.
+        """
+        self._advance(now)
+        if self.profile.motor != "dtr" or asserted is not self.motor_on:
+            return
+        mode = self._waiting if self._stream is None else self._stream.mode
+        self._end_stream(now)
+        self._drive.set_line(asserted, now)
+        if mode is not None:
+            self._begin(mode, now)
 
     def receive(self, data: bytes, now: int) -> None:
         """Take bytes that the host sent and that arrived at `now`."""
@@ -113,7 +145,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
             raise ValueError(f"{self.profile.name} has no scan mode {mode_id}")
         past = 10 * mode.period_ns + self._queue.airtime(mode.packet[0] * 2 // 5)
         if not self.motor_on:
-            self._spin_at_once(_DEFAULT_RPM, now - past)
+            self._drive.spin_at_once(now - past)
         self._stream = MeasurementStream(mode, now - past, self._motor, self.world, first=False)
         self._advance(now)
         self._queue.take(now)
@@ -122,8 +154,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         """Fail: the stream and the motor stop, and health reports the error until a RESET clears it."""
         self._fault(error_code)
         self._end_stream(self._now)
-        if self.profile.motor_command:
-            self._motor.set_rpm(0, self._now)
+        self._drive.protect(self._now)
 
     def _advance(self, now: int) -> None:
         """Do what is due by `now`: build packets, give up an incomplete request."""
@@ -153,15 +184,13 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
             return outstanding
         if request.fault:
             return request.fault
-        if request.name not in self._HANDLERS:
+        if request.name not in self._HANDLERS or request.name in self.profile.unknown:
             return "unknown to this device"
-        if self.health[0] == PROTECTION_STOP and request.name in _IGNORED_IN_PROTECTION_STOP:
+        if self.health[0] == PROTECTION_STOP and request.name in IGNORED_IN_PROTECTION_STOP:
             return "in protection stop"
         if request.name == "get_lidar_conf" and not self.profile.has_conf:
             return "unknown to this firmware"
-        if request.name == "motor_speed_ctrl" and not self.profile.motor_command:
-            return "unknown to this device"
-        given, wanted = len(request.payload), _PAYLOADS.get(request.name, 0)
+        given, wanted = len(request.payload), PAYLOADS.get(request.name, 0)
         if given < wanted or (given > wanted and request.name != "get_lidar_conf"):
             return f"payload of {given} bytes"
         if request.name == "get_lidar_conf" and self._conf(request) is None:
@@ -186,9 +215,9 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
     def _restart(self, now: int, up: int) -> None:
         self._forget(now)
         self._reader.clear()
-        if self.profile.motor_command:
-            self._motor.set_rpm(0, now)
+        self._drive.protect(now)
         self._recover()
+        self.address = self._next_address
         self._deaf_until, self._deaf_why = up, "still booting"
         self._queue.push(self.profile.banner, up)
 
@@ -204,25 +233,46 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         mode = legacy or self.profile.mode(request.payload[0])
         return f"no scan mode {request.payload[0]}" if mode is None else self._start(mode, request)
 
+    def _hq_scan(self, request: Request) -> str:
+        mode = next(each for each in self.profile.modes if each.response_type == 0x83)
+        return self._start(mode, request)
+
     def _start(self, mode: Mode, request: Request, *, force: bool = False) -> str:
         """Announce a stream and begin it once the motor is up to speed."""
         now = request.ended
-        if not self.motor_on:
-            self._motor.set_rpm(_DEFAULT_RPM, now)
+        self._drive.scan_begins(now)
         announced = self._response_at(now)
         self._respond_with(_descriptor(mode.packet[0] | _CONTINUOUS, mode.response_type), announced, request.name)
-        stable = self._motor.stable_at
-        origin = announced if force or stable is None else max(announced, stable)
-        self._stream = MeasurementStream(mode, origin, self._motor, self.world)
+        self._begin(mode, announced, force=force)
         return ""
 
+    def _begin(self, mode: Mode, now: int, *, force: bool = False) -> None:
+        """Measure from now on, or from when the motor is up to speed."""
+        stable = self._motor.stable_at
+        if stable is None:
+            self._waiting = mode
+            return
+        origin = now if force else max(now, stable)
+        self._stream = MeasurementStream(mode, origin, self._motor, self.world)
+
+    def _end_stream(self, now: int) -> None:
+        self._waiting = None
+        super()._end_stream(now)
+
+    def _forget(self, now: int) -> None:
+        self._waiting = None
+        super()._forget(now)
+
     def _motor_speed_ctrl(self, request: Request) -> str:
-        rpm = int.from_bytes(request.payload, "little")
-        if rpm:
-            _, least, greatest = self.profile.speed_conf or _SPEED_LIMITS
-            rpm = min(max(rpm, least), greatest)
-        self._motor.set_rpm(rpm, request.ended)
+        self._drive.set_speed(int.from_bytes(request.payload, "little"), request.ended)
         return ""
+
+    def _set_motor_pwm(self, request: Request) -> str:
+        self._drive.set_duty(int.from_bytes(request.payload, "little"), request.ended)
+        return ""
+
+    def _get_acc_board_flag(self, request: Request) -> str:
+        return self._respond(_BOARD, struct.pack("<I", 1), request)
 
     def _get_info(self, request: Request) -> str:
         major, minor = self.profile.firmware
@@ -233,9 +283,8 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         return self._respond(_HEALTH, struct.pack("<BH", *self.health), request)
 
     def _get_samplerate(self, request: Request) -> str:
-        others = [mode for mode in self.profile.modes if mode.response_type != 0x81]
         standard = self.profile.standard.said_us_q8
-        express = others[-1].said_us_q8 if others else standard
+        express = standard if self.profile.express is None else self.profile.express.said_us_q8
         return self._respond(_SAMPLERATE, struct.pack("<HH", standard >> 8, express >> 8), request)
 
     def _get_lidar_conf(self, request: Request) -> str:
@@ -243,7 +292,17 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
 
     def _conf(self, request: Request) -> bytes | None:
         """The value that GET_LIDAR_CONF asks for; None where the firmware does not know its type."""
-        return self.profile.conf(int.from_bytes(request.payload[:4], "little"), request.payload[4:])
+        kind = int.from_bytes(request.payload[:4], "little")
+        if kind == _ADDRESS and self.is_network:
+            return self.address
+        return self.profile.conf(kind, request.payload[4:])
+
+    def _set_lidar_conf(self, request: Request) -> str:
+        kind, value = int.from_bytes(request.payload[:4], "little"), request.payload[4:]
+        if kind != _ADDRESS:
+            return "unknown to this firmware"
+        self._next_address = value
+        return self._respond(_CONF_SET, struct.pack("<II", kind, 0), request)
 
     def _respond(self, kind: int, data: bytes, request: Request) -> str:
         """Send a single response, or noise of the same length when it is to be garbled."""
@@ -262,6 +321,10 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         "get_samplerate": _get_samplerate,
         "get_lidar_conf": _get_lidar_conf,
         "motor_speed_ctrl": _motor_speed_ctrl,
+        "hq_scan": _hq_scan,
+        "set_motor_pwm": _set_motor_pwm,
+        "get_acc_board_flag": _get_acc_board_flag,
+        "set_lidar_conf": _set_lidar_conf,
     }
 
 
@@ -278,13 +341,11 @@ def make_simulated(
     return SimulatedRplidar(PROFILES[model], world=world, serial=serial, seed=seed)
 
 
+def describe(model: str) -> str:
+    """What a model is, in a few words."""
+    return PROFILES[model].about
+
+
 def _descriptor(length: int, kind: int) -> bytes:
     """``A5 5A``, length of one packet with the send mode in the top bits, response type."""
     return struct.pack("<BBIB", 0xA5, 0x5A, length, kind)
-
-
-# Bytes of payload; GET_LIDAR_CONF has at least these (S-series interface manual, request formats).
-_PAYLOADS = {"express_scan": 5, "get_lidar_conf": 4, "motor_speed_ctrl": 2}
-# S-series interface manual, states of the device; it names STOP and SCAN, and the other scans have the same states.
-_IGNORED_IN_PROTECTION_STOP = {"stop", "scan", "force_scan", "express_scan"}
-_SPEED_LIMITS = (_DEFAULT_RPM, 480, 1200)  # of devices that do not tell theirs

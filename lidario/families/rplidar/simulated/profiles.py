@@ -1,178 +1,51 @@
 """Which devices can be simulated: those that are sold, one for each other format, and awkward ones.
 
-**Sold**: S1, S2, S3. Where sources differ, the log of a real device counts. The sources of the figures:
+**Sold**: A1, A2, A3, C1, S1, S2, S2L, S3, and by UDP S2E and T1. Where sources differ, the log of a real device
+counts. The sources of the figures:
 
 ==============  =======================================================================================
-model byte      logs of S1M1 (0x61) and S2M1 (0x71); 0x81 for the S3 follows from the naming rule of the
-                vendor's SDK 2.1.0
-firmware        the same logs: S1 1.28, S2 and S3 1.02, all hardware 18
+model byte      logs: A1M8 0x18, A2M12 0x2C, C1M1 0x41, S1M1 0x61, S2M1 0x71; A3M1 0x31, S3M1 0x81 and T1M1
+                0x91 follow from the naming rule of the vendor's SDK 2.1.0; no source has those of S2L and S2E,
+                which are given the S2's
+firmware        the same logs: A1 1.29 hardware 7, A2 and A3 1.32 hardware 6, S1 1.28, C1, S2 and S3 1.02,
+                these of hardware 18
 baud rate       launch files of the vendor's ROS driver
+A1 modes        the log of one device (issue 2 of rplidar.net): all five modes, their times and 12 m
+A2, A3 modes    logs: Sensitivity with 16000 samples a second and 16 m (A2M12) or 25 m (A3M1) is typical, and the
+                ids of Boost, Sensitivity and Stability (A3M1). The rates of the others are assumed
+C1 modes        logs: 5000 samples a second, 16 m in Standard and 40 m in DenseBoost; no log has the response types
+                (0x81 and 0x85, as on the S series, are assumed), nor which mode is typical (assumed: DenseBoost)
 S1 modes        the log of one device: 244 µs and 108 µs a sample, 40 m in both modes. The S-series
                 interface manual, figure 3-3, prints 4600 and 9200 samples a second, and 16 m for Standard
 S2 modes        rates: figure 3-3 and logs agree. Distances: a log, 30 m in both modes; figure 3-3 prints
-                16 m for Standard
+                16 m for Standard. S2L: users run it as an S2. S2E and T1: assumed to have the S2's
 S3 modes        rates and distances: rplidar_ros issue 150; figure 3-3 does not have the S3. No source has the
                 response type of its DenseBoost; 0x85 is assumed
-typical mode    logs: DenseBoost
-speeds          S2: a user's report of conf 0x01, 0x04 and 0x05; S1 and S3 are assumed to tell the same
+typical mode    logs: DenseBoost on the S series, Sensitivity on A1, A2 and A3
+motor           SDK 2.1.0 (`checkMotorCtrlSupport`): A1 by DTR, A2 and A3 by an accessory board, S and T by
+                MOTOR_SPEED_CTRL. The C1 is not decided there; one user's patch sends MOTOR_SPEED_CTRL with success
+speeds          S2: a user's report of conf 0x01, 0x04 and 0x05; S1 and S3 are assumed to tell the same. C1: 8 to
+                12 Hz by its data sheet. A1: 7.14 Hz in a user's report; the motor is not regulated. 660 is the
+                usual duty of an accessory board
 boot time       S1: users report 2 s; the others: the manual's 500 ms and a little more
+banner          A1: ArduPilot's driver: 56 to 63 letters that begin with the words given here
 ==============  =======================================================================================
 
 **Formats**: `rplidar-express`, `-hq`, `-ultra` and `-ultradense` stand for no product; each sends one more format.
 
 **Awkward**: modes whose numbers have holes and that come without conf 0x01; 0 µs a sample (rplidar_ros issue 155);
-a response type that no host knows; an empty list of modes (rplidar_ros issue 168); firmware older than 1.24, which
-has no GET_LIDAR_CONF.
+a response type that no host knows; an empty list of modes, on an S2 and on an A2M6 (rplidar_ros issue 168); an A2
+without an accessory board, at whose motor the host has no hand; a C1 that tells and takes no speed; firmware older
+than 1.24, which has no GET_LIDAR_CONF.
 """
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import replace
 
-__all__ = ["PACKET", "PROFILES", "Mode", "Profile"]
+from lidario.families.rplidar.simulated.profile import Mode, Profile
 
-# Response type -> bytes and samples of one packet (S-series interface manual; packed structs of SDK 2.1.0).
-PACKET = {0x81: (5, 1), 0x82: (84, 32), 0x83: (781, 96), 0x84: (132, 96), 0x85: (84, 40), 0x86: (170, 64)}
-
-
-# Conf types (S-series interface manual, GET_LIDAR_CONF; 0x01, 0x04, 0x05 from vendor SDK 2.1.0).
-_SPEED_CONFS = {0x01: 0, 0x04: 1, 0x05: 2}
-_MODE_CONFS: dict[int, Callable[[Mode], bytes]] = {
-    0x71: lambda mode: struct.pack("<I", mode.said_us_q8),
-    0x74: lambda mode: struct.pack("<I", mode.max_distance_q8),
-    0x75: lambda mode: struct.pack("<B", mode.response_type),
-    0x7F: lambda mode: mode.name.encode("ascii") + b"\0",
-}
-
-
-@dataclass(frozen=True, slots=True)
-class Mode:
-    """One scan mode of a simulated device.
-
-    Attributes:
-        id: What EXPRESS_SCAN calls it.
-        name: What the device calls it.
-        response_type: Response type, 0x81..0x86 or one that no host knows.
-        us_q8: Microseconds a sample in 1/256, as it is.
-        max_distance_q8: Longest range in 1/256 m.
-        reported_us_q8: Microseconds a sample as the device *says* (conf 0x71); None = truthfully.
-        layout: Response type whose packets are sent; None = that of `response_type`.
-    """
-
-    id: int
-    name: str
-    response_type: int
-    us_q8: int
-    max_distance_q8: int
-    reported_us_q8: int | None = None
-    layout: int | None = None
-
-    @property
-    def said_us_q8(self) -> int:
-        """The response to conf 0x71."""
-        return self.us_q8 if self.reported_us_q8 is None else self.reported_us_q8
-
-    @property
-    def packet(self) -> tuple[int, int]:
-        """Bytes and samples of one packet."""
-        return PACKET[self.format]
-
-    @property
-    def format(self) -> int:
-        """The response type whose packets are sent."""
-        return self.response_type if self.layout is None else self.layout
-
-    @property
-    def period_ns(self) -> int:
-        """Nanoseconds from packet to packet."""
-        return self.us_q8 * 1000 * self.packet[1] // 256
-
-
-@dataclass(frozen=True, slots=True)
-class Profile:
-    """What a simulated device is.
-
-    Attributes:
-        name: What users call it (``sim://`` and then this).
-        model: Model byte of GET_INFO, major and minor nibble.
-        firmware: Major and minor.
-        hardware: Hardware revision.
-        baudrate: Bits a second.
-        kind: Whether such a device is ``"sold"``, or stands for a ``"format"``, or is ``"awkward"``.
-        modes: Scan modes; EXPRESS_SCAN knows these ids and no others.
-        typical: Id of the mode conf 0x7C names.
-        listed: Whether GET_LIDAR_CONF tells of the modes.
-        has_conf: Whether the firmware has GET_LIDAR_CONF at all.
-        speed_conf: Desired, least and greatest rpm (conf 0x01, 0x04, 0x05); None = the firmware does not know them.
-        motor_command: Whether MOTOR_SPEED_CTRL is obeyed; without it the motor always runs.
-        boot_s: Silence after RESET.
-        banner: What is printed when booting is over; empty for most.
-
-    Raises:
-        ValueError: A mode makes more bytes than the line can carry.
-    """
-
-    name: str
-    model: int
-    baudrate: int
-    modes: tuple[Mode, ...]
-    typical: int
-    kind: Literal["sold", "format", "awkward"] = "awkward"
-    firmware: tuple[int, int] = (1, 29)
-    hardware: int = 18
-    listed: bool = True
-    has_conf: bool = True
-    speed_conf: tuple[int, int, int] | None = (600, 480, 1200)
-    motor_command: bool = True
-    boot_s: float = 0.6
-    banner: bytes = b""
-
-    def __post_init__(self) -> None:
-        for mode in self.modes:
-            if mode.packet[0] * 10 * 1_000_000_000 > mode.period_ns * self.baudrate:
-                raise ValueError(f"{self.name}: {self.baudrate} baud cannot carry mode {mode.name}")
-
-    def conf(self, kind: int, arguments: bytes) -> bytes | None:
-        """The value of one GET_LIDAR_CONF entry; empty when there is none for these arguments.
-
-        None when the firmware does not know the entry. To that the device sends no response: the vendor's SDK 2.1.0
-        asks for the MAC address (0x79) to tell Ethernet devices, and takes any response for a yes.
-        """
-        if kind in _SPEED_CONFS and self.speed_conf is not None:
-            rpm = self.speed_conf[_SPEED_CONFS[kind]]
-            return struct.pack("<HH", rpm, 0) if kind == 0x01 else struct.pack("<H", rpm)
-        if kind == 0x70:
-            return struct.pack("<H", len(self.modes) if self.listed else 0)
-        if kind == 0x7C:
-            return struct.pack("<H", self.typical) if self.listed else b""
-        if kind not in _MODE_CONFS:
-            return None
-        mode = self.mode(int.from_bytes(arguments[:2], "little")) if len(arguments) >= 2 and self.listed else None
-        return b"" if mode is None else _MODE_CONFS[kind](mode)
-
-    def mode(self, mode_id: int) -> Mode | None:
-        """The mode of that id, or None."""
-        return next((mode for mode in self.modes if mode.id == mode_id), None)
-
-    @property
-    def legacy_express(self) -> Mode | None:
-        """What EXPRESS_SCAN starts by working mode 0: 0x82, as fast as GET_SAMPLERATE tells of EXPRESS_SCAN.
-
-        None where the line cannot carry that, and where firmware without GET_LIDAR_CONF has it among its modes.
-        """
-        fast = [mode for mode in self.modes if mode.response_type != 0x81]
-        if not self.has_conf or not fast:
-            return None
-        mode = Mode(0, "Legacy express", 0x82, fast[-1].us_q8, fast[-1].max_distance_q8)
-        return mode if mode.packet[0] * 10 * 1_000_000_000 <= mode.period_ns * self.baudrate else None
-
-    @property
-    def standard(self) -> Mode:
-        """The mode that SCAN starts."""
-        return next(mode for mode in self.modes if mode.response_type == 0x81)
+__all__ = ["PROFILES"]
 
 
 def _q8(value: float) -> int:
@@ -188,12 +61,63 @@ def _s_series(name: str, model: int, standard_m: float, dense_m: float) -> Profi
     return Profile(name, model, 1_000_000, modes, typical=1, kind="sold", firmware=(1, 2))
 
 
-def _of_format(name: str, model: int, baudrate: int, *modes: Mode) -> Profile:
+def _of_format(name: str, model: int, baudrate: int, *modes: Mode, hq_scan: bool = False) -> Profile:
     """A device that stands for the format of its last mode, which is also the typical one."""
-    return Profile(name, model, baudrate, modes, typical=modes[-1].id, kind="format")
+    return Profile(name, model, baudrate, modes, typical=modes[-1].id, kind="format", hq_scan=hq_scan)
 
 
-_BANNER = b"Simulated scanner 1.20, hardware 5, booted, health is good.\r\n"
+_BANNER = b"RP LIDAR System.\r\nFirmware 1.29, hardware 7\r\nsimulated, ok\r\n"
+_A1_RPM = 428.0
+_ETHERNET = 100_000_000
+"""Bits a second: bytes leave at once."""
+
+
+def _a_series(name: str, model: int, metres: float) -> Profile:
+    modes = (
+        _mode(0, "Standard", 0x81, 4000, metres),
+        _mode(1, "Express", 0x82, 8000, metres),
+        _mode(2, "Boost", 0x84, 16000, metres),
+        _mode(3, "Sensitivity", 0x84, 16000, metres),
+        _mode(4, "Stability", 0x84, 10000, metres),
+    )
+    return Profile(
+        name,
+        model,
+        256_000,
+        modes,
+        typical=3,
+        kind="sold",
+        firmware=(1, 32),
+        hardware=6,
+        speed_conf=(600,),
+        motor="pwm",
+        pwm_ref=660,
+    )
+
+
+def _ethernet(name: str, model: int, mac: str) -> Profile:
+    like = _s_series(name, model, 30, 30)
+    return replace(like, baudrate=_ETHERNET, mac=bytes.fromhex(mac))
+
+
+_A1_MODES = (
+    _mode(0, "Standard", 0x81, 1e6 / 508, 12),
+    _mode(1, "Express", 0x82, 1e6 / 254, 12),
+    _mode(2, "Boost", 0x84, 1e6 / 127, 12),
+    _mode(3, "Sensitivity", 0x84, 1e6 / 127, 12),
+    _mode(4, "Stability", 0x84, 1e6 / 201, 12),
+)
+_C1 = Profile(
+    "rplidar-c1",
+    0x41,
+    460_800,
+    (_mode(0, "Standard", 0x81, 5000, 16), _mode(1, "DenseBoost", 0x85, 5000, 40)),
+    typical=1,
+    kind="sold",
+    firmware=(1, 2),
+    speed_conf=(600, 480, 720),
+)
+_A2 = _a_series("rplidar-a2", 0x2C, 16)
 
 _SOLD = (
     _s_series("rplidar-s2", 0x71, 30, 30),
@@ -208,6 +132,26 @@ _SOLD = (
         boot_s=2.0,
     ),
     _s_series("rplidar-s3", 0x81, 16, 40),
+    Profile(
+        "rplidar-a1",
+        0x18,
+        115_200,
+        _A1_MODES,
+        typical=3,
+        kind="sold",
+        hardware=7,
+        speed_conf=(600,),
+        pwm_ref=660,
+        motor="dtr",
+        own_rpm=_A1_RPM,
+        banner=_BANNER,
+    ),
+    _A2,
+    _a_series("rplidar-a3", 0x31, 25),
+    _C1,
+    _s_series("rplidar-s2l", 0x71, 30, 30),
+    _ethernet("rplidar-s2e", 0x71, "02 00 00 00 52 E0"),
+    _ethernet("rplidar-t1", 0x91, "02 00 00 00 71 00"),
 )
 
 _FORMATS = (
@@ -224,6 +168,7 @@ _FORMATS = (
         1_000_000,
         _mode(0, "Standard", 0x81, 8000, 30),
         _mode(1, "HQ", 0x83, 10000, 30),
+        hq_scan=True,
     ),
     _of_format(
         "rplidar-ultra",
@@ -249,7 +194,8 @@ _AWKWARD = (
         1_000_000,
         (_mode(0, "Standard", 0x81, 8000, 30), _mode(5, "HQ", 0x83, 10000, 30)),
         typical=5,
-        speed_conf=None,
+        speed_conf=(),
+        oddity="mode numbers with holes",
     ),
     Profile(
         "rplidar-zero-us",
@@ -260,6 +206,7 @@ _AWKWARD = (
             _mode(1, "DenseBoost", 0x85, 32000, 40, reported_us_q8=0),
         ),
         typical=1,
+        oddity="says 0 µs a sample",
     ),
     Profile(
         "rplidar-unknown-response",
@@ -267,6 +214,7 @@ _AWKWARD = (
         1_000_000,
         (_mode(0, "Standard", 0x81, 16000, 40), _mode(6, "Mystery", 0x8E, 32000, 40, layout=0x85)),
         typical=6,
+        oddity="a format unknown to hosts",
     ),
     Profile(
         "rplidar-no-modes",
@@ -275,7 +223,24 @@ _AWKWARD = (
         (_mode(0, "Standard", 0x81, 16000, 30),),
         typical=0,
         listed=False,
+        oddity="lists no modes",
     ),
+    Profile(
+        "rplidar-a2-empty-list",
+        0x26,
+        115_200,
+        (_mode(0, "Standard", 0x81, 2000, 8), _mode(1, "Express", 0x82, 4000, 8)),
+        typical=1,
+        firmware=(1, 27),
+        hardware=5,
+        listed=False,
+        speed_conf=(600,),
+        motor="pwm",
+        pwm_ref=660,
+        oddity="lists no modes",
+    ),
+    replace(_A2, name="rplidar-a2-no-board", kind="awkward", motor="fixed", oddity="no accessory board"),
+    replace(_C1, name="rplidar-c1-fixed", kind="awkward", motor="fixed", speed_conf=(), oddity="takes no speed"),
     Profile(
         "rplidar-old-firmware",
         0x18,
@@ -285,9 +250,11 @@ _AWKWARD = (
         firmware=(1, 20),
         hardware=5,
         has_conf=False,
-        speed_conf=None,
-        motor_command=False,
+        speed_conf=(),
+        motor="dtr",
+        own_rpm=_A1_RPM,
         banner=_BANNER,
+        oddity="lists no modes",
     ),
 )
 

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from functools import reduce
 from operator import xor
 
-__all__ = ["COMMANDS", "Request", "RequestReader"]
+__all__ = ["COMMANDS", "IGNORED_IN_PROTECTION_STOP", "PAYLOADS", "Request", "RequestReader"]
 
 _SYNC = 0xA5
 _COMPLETE_WITHIN_NS = 5_000_000_000  # S-series interface manual, request packets
 
-# Command -> the documents' name. Those from HQ_SCAN down are the SDK's; an S-series device ignores them.
+# Command -> the documents' name. Those from HQ_SCAN down are the SDK's; some models know some of them.
 COMMANDS = {
     0x25: "stop",
     0x40: "reset",
@@ -35,6 +35,20 @@ COMMANDS = {
     0xF0: "set_motor_pwm",
     0xFF: "get_acc_board_flag",
 }
+
+# Bytes of payload; GET_LIDAR_CONF has at least these (S-series interface manual, request formats; from HQ_SCAN on
+# the structures of vendor SDK 2.1.0).
+PAYLOADS = {
+    "express_scan": 5,
+    "get_lidar_conf": 4,
+    "motor_speed_ctrl": 2,
+    "hq_scan": 33,
+    "set_motor_pwm": 2,
+    "get_acc_board_flag": 4,
+    "set_lidar_conf": 16,
+}
+# S-series interface manual, states of the device; it names STOP and SCAN, and the other scans have the same states.
+IGNORED_IN_PROTECTION_STOP = {"stop", "scan", "force_scan", "express_scan", "hq_scan"}
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidario.families.rplidar.simulated import packers
-from lidario.families.rplidar.simulated.profiles import Mode
+from lidario.families.rplidar.simulated.profile import Mode
 from lidario.sim.motor import Motor
 from lidario.sim.world import CheckedWorld, World
 

@@ -27,23 +27,20 @@ response comes. The log carries a remark on such a request.
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_response
-from lidario.families.ydlidar.simulated.stream import SAMPLE_NS, PointStream
+from lidario.families.ydlidar.simulated.profiles import PROFILES, Profile
+from lidario.families.ydlidar.simulated.stream import PointStream
 from lidario.sim.chassis import PROTECTION_STOP, Chassis
 from lidario.sim.motor import Motor
 from lidario.sim.world import WorldLike
 
-__all__ = ["PROFILES", "Profile", "Simulated4Ros", "make_simulated"]
+__all__ = ["PROFILES", "Profile", "Simulated4Ros", "describe", "make_simulated"]
 
 _MS = 1_000_000
-_BAUDRATE = 512_000  # data sheet, chart 5
 _SETTLE_AFTER_STOP = 5 * _MS  # vendor SDK 1.2.20
 _AFTER_STOP = "within 5 ms of stop"
 _ALIVE_FOR = 3000 * _MS  # manual 3.8
-_FACTORY_SPEED = 700  # hundredths of Hz: data sheet
-_SPEEDS = (500, 1200)  # data sheet
 _SETTING, _HEALTH = 0x04, 0x06  # response types
 _FIRMWARE = (1, 3)  # minor, major, in the order in which they are sent
 _HARDWARE = 2
@@ -67,36 +64,6 @@ _NAMES = {
 _OBEYED_WHILE_SCANNING = {0x00, 0x60, 0x65}
 _STOPS = {0x00, 0x65}
 _STEPS = {0x09: 10, 0x0A: -10, 0x0B: 100, 0x0C: -100}  # hundredths of Hz
-
-
-@dataclass(frozen=True, slots=True)
-class Profile:
-    """What kind of device it is.
-
-    Attributes:
-        name: Its name in ``sim://`` sources.
-        model: Model number.
-        health_command: The health request that it responds to: 0x91 as in the manual, or 0x92 as in the SDK.
-        spin_up_s: Seconds the motor needs from standstill to a stable speed.
-        stamps: Whether a time stamp record stands before each packet, as on some relatives of the 4ROS.
-    """
-
-    name: str
-    model: int = 101
-    health_command: int = 0x91
-    spin_up_s: float = 1.0
-    stamps: bool = False
-
-
-PROFILES = {
-    profile.name: profile
-    for profile in (
-        Profile("ydlidar-4ros"),
-        Profile("ydlidar-4ros-92", health_command=0x92),
-        Profile("ydlidar-4ros-slow", spin_up_s=2.5),
-        Profile("ydlidar-4ros-stamps", stamps=True),
-    )
-}
 
 
 class Simulated4Ros(Chassis[PointStream]):
@@ -130,12 +97,12 @@ class Simulated4Ros(Chassis[PointStream]):
         serial: bytes | str | None = None,
         seed: int = 0,
     ) -> None:
-        super().__init__(_BAUDRATE, world, seed, profile.model)
+        super().__init__(profile.baudrate, world, seed, profile.model)
         self.profile = profile
         drawn = self._random.integers(0, 10, 16).tolist()
         self.serial: bytes = _digits(drawn if serial is None else serial)
         self.zero_offset: int = 0
-        self.set_speed: int = _FACTORY_SPEED
+        self.set_speed: int = profile.factory_speed
         self.protected: bool = False
         self.lapses: int = 0
         self.response_delay_s: float = 0.0005
@@ -144,8 +111,10 @@ class Simulated4Ros(Chassis[PointStream]):
         self._alive_until = 0
 
     def receive(self, data: bytes, now: int) -> None:
-        """Take bytes that the host sent and that arrived at `now`."""
+        """Take bytes that the host sent and that arrived at `now`; a model that only talks does not see them."""
         self._advance(now)
+        if self.profile.one_way:
+            return
         for byte in data:
             if not self._begun:
                 self._begun = byte == 0xA5
@@ -155,6 +124,7 @@ class Simulated4Ros(Chassis[PointStream]):
 
     def wakeup(self, now: int) -> int | None:
         """When the next response or packet will have left; None while the device is idle."""
+        self._talk(now)
         at = self._queue.wakeup(now)
         if at is None and self._stream is not None:
             at = max(now, self._stream.ready)
@@ -162,10 +132,10 @@ class Simulated4Ros(Chassis[PointStream]):
 
     def begin_streaming(self, now: int) -> None:
         """Be in the middle of a scan, and of a packet, as after a program that was killed."""
-        past = 10 * 40 * SAMPLE_NS + self._queue.airtime(90) * 2 // 5
+        past = 10 * 40 * self.profile.sample_ns + self._queue.airtime(90) * 2 // 5
         self._spin_at_once(self.set_speed * 0.6, now - past)
         self._alive_until = now + _ALIVE_FOR
-        self._stream = PointStream(now - past, self._motor, self.world, stamps=self.profile.stamps)
+        self._stream = PointStream(now - past, self._motor, self.world, self.profile)
         self._advance(now)
         self._queue.take(now)
 
@@ -177,6 +147,7 @@ class Simulated4Ros(Chassis[PointStream]):
     def _advance(self, now: int) -> None:
         """Do what is due by `now`: build packets, stop when the keepalive is missing."""
         self._now = now = max(self._now, now)
+        self._talk(now)
         if self._stream is not None and self.protected and now >= self._alive_until:
             self._build(self._alive_until)
             self._halt(self._alive_until)
@@ -187,6 +158,19 @@ class Simulated4Ros(Chassis[PointStream]):
         if self._stream is not None:
             for data, ready, size, period in self._stream.until(now):
                 self._queue.push(data, ready, size=size, period=period)
+
+    def _talk(self, now: int) -> None:
+        """A model that only talks streams as soon as it has power, and unless it failed."""
+        if not self.profile.one_way or self._stream is not None or self.health[0] or now < self._deaf_until:
+            return
+        self._spin_at_once(self.set_speed * 0.6, now) if not self._deaf_until else self._motor.set_rpm(
+            self.set_speed * 0.6, now
+        )
+        # The first byte that is heard stands anywhere in a revolution.
+        past = 0 if self._deaf_until else int(self._random.integers(1, 400)) * self.profile.sample_ns
+        self._stream = PointStream(
+            max(now, self._motor.stable_at or 0) - past, self._motor, self.world, self.profile
+        )
 
     def _halt(self, now: int) -> None:
         """End the scan and stop the motor; the packet that is made still leaves."""
@@ -205,8 +189,7 @@ class Simulated4Ros(Chassis[PointStream]):
         """Why the device discards a request; empty when it obeys."""
         if now < self._deaf_until and (command not in _STOPS or self._deaf_why != _AFTER_STOP):
             return self._deaf_why
-        other_health = command in (0x91, 0x92) and command != self.profile.health_command
-        if command not in _NAMES or other_health:
+        if command != self.profile.health_command and command not in self.profile.commands:
             return "unknown to this device"
         if self.scanning and command not in _OBEYED_WHILE_SCANNING:
             return "scanning"
@@ -237,7 +220,7 @@ class Simulated4Ros(Chassis[PointStream]):
         if command == 0xD9:
             self.protected = not self.protected
             return _SETTING, bytes((not self.protected,))
-        lowest, highest = _SPEEDS
+        lowest, highest = self.profile.speeds
         self.set_speed = min(max(self.set_speed + _STEPS.get(command, 0), lowest), highest)
         return _SETTING, struct.pack("<I", self.set_speed)
 
@@ -253,7 +236,7 @@ class Simulated4Ros(Chassis[PointStream]):
         announced = self._response_at(now)
         self._respond_with(SCAN_HEADER, announced, "scan")
         origin = max(announced, self._motor.stable_at or 0)
-        self._stream = PointStream(origin, self._motor, self.world, stamps=self.profile.stamps)
+        self._stream = PointStream(origin, self._motor, self.world, self.profile)
 
     def _reset(self, now: int) -> None:
         self._restart(now, now + int(self.boot_s * 1e9))
@@ -263,10 +246,11 @@ class Simulated4Ros(Chassis[PointStream]):
         self._forget(now)
         self._begun = False
         self._motor.set_rpm(0.0, now)
-        self.set_speed, self.protected = _FACTORY_SPEED, False
+        self.set_speed, self.protected = self.profile.factory_speed, False
         self._recover()
         self._deaf_until, self._deaf_why = up, "still booting"
-        self._queue.push(pack_response(_SETTING, self._info()), up)
+        if not self.profile.one_way:
+            self._queue.push(pack_response(_SETTING, self._info()), up)
 
 
 def make_simulated(
@@ -280,6 +264,13 @@ def make_simulated(
     if model not in PROFILES:
         raise ValueError(f"no simulated device is called {model!r}; there are {', '.join(PROFILES)}")
     return Simulated4Ros(PROFILES[model], world=world, serial=serial, seed=seed)
+
+
+def describe(model: str) -> str:
+    """What a model is, in a few words."""
+    profile = PROFILES[model]
+    talks = "; only talks" if profile.one_way else ""
+    return f"{profile.baudrate} baud, {1e9 / profile.sample_ns:.0f}/s{talks}"
 
 
 def _digits(serial: bytes | str | list[int]) -> bytes:

@@ -1,7 +1,7 @@
 """What the simulated device measures, and how it divides it into packets.
 
-The n-th sample is taken at ``origin + n * 50 µs`` (data sheet: 20000 samples a second), where the motor
-points then, and the world says how far it is: functions of n alone. So a revolution is built in one step with
+The n-th sample is taken at ``origin + n * sample time`` (4ROS data sheet: 20000 a second), where the
+motor points then, and the world says how far it is: functions of n alone. So a revolution is built in one step with
 numpy, ahead of its time, however short the steps in which the device is asked for bytes.
 
 The first sample past zero stands alone, in a start packet that tells the speed. Packets of 40 follow (by a
@@ -21,14 +21,13 @@ import numpy as np
 import numpy.typing as npt
 
 from lidario.families.ydlidar.simulated.packers import TIME_STAMP_BYTES, pack_points, pack_time_stamp, start_control
+from lidario.families.ydlidar.simulated.profiles import Profile
 from lidario.sim.motor import Motor
 from lidario.sim.world import CheckedWorld, World
 
-__all__ = ["SAMPLE_NS", "Burst", "PointStream"]
+__all__ = ["Burst", "PointStream"]
 
-SAMPLE_NS = 50_000
 _PER_PACKET = 40
-_REACH_MM = (50.0, 30_000.0)  # data sheet
 _FULL_TURN_Q6 = 360 * 64
 _MOST_AHEAD = 6000  # samples: a revolution at 3.5 Hz
 
@@ -49,21 +48,23 @@ class PointStream:
         origin: When the first sample is taken, in nanoseconds.
         motor: Rotates the head; must not change its speed while the stream lasts.
         world: What there is to see.
-        stamps: Whether a time stamp record stands before each packet.
+        profile: Sample time, layout, reach, and whether the angle depends on the distance.
     """
 
-    def __init__(self, origin: int, motor: Motor, world: World | CheckedWorld, *, stamps: bool = False) -> None:
+    def __init__(self, origin: int, motor: Motor, world: World | CheckedWorld, profile: Profile) -> None:
         self._origin = origin
         self._motor = motor
         self._world = world
-        self._stamps = stamps
+        self._profile = profile
+        self._sample_ns = profile.sample_ns
+        self._stamps = profile.stamps
         self._next = 0
         self._at_zero = False
 
     @property
     def ready(self) -> int:
         """When the first sample not built yet will have been taken."""
-        return self._origin + (self._next + 1) * SAMPLE_NS
+        return self._origin + (self._next + 1) * self._sample_ns
 
     def until(self, now: int) -> Iterator[Burst]:
         """Build revolutions until they reach beyond `now`."""
@@ -73,10 +74,10 @@ class PointStream:
     def _turn(self) -> list[Burst]:
         """The packets from the next sample to the zero behind it, or as far as is sensible."""
         first = self._next
-        hertz = self._motor.rpm(self._origin + first * SAMPLE_NS) / 60.0
-        count = min(int(1.05e9 / SAMPLE_NS / max(hertz, 1.0)) + 2 * _PER_PACKET, _MOST_AHEAD)
+        hertz = self._motor.rpm(self._origin + first * self._sample_ns) / 60.0
+        count = min(int(1.05e9 / self._sample_ns / max(hertz, 1.0)) + 2 * _PER_PACKET, _MOST_AHEAD)
         times = np.arange(first, first + count, dtype=np.float64)
-        times *= SAMPLE_NS
+        times *= self._sample_ns
         times += self._origin
         turns = self._motor.turns(times)
         zero = int(np.searchsorted(turns, np.floor(turns[0]) + 1.0))
@@ -89,10 +90,14 @@ class PointStream:
         turns, times = turns[:end], times[:end]
         q6 = np.floor(turns * _FULL_TURN_Q6).astype(np.int64) % _FULL_TURN_Q6
         mm = self._world.ranges_mm(turns * 360.0, times * 1e-9)
-        mm[(mm < _REACH_MM[0]) | (mm > _REACH_MM[1])] = 0.0
+        nearest, farthest = self._profile.reach_mm
+        if self._profile.triangle:
+            # What is measured lies beside the beam, by about the distance that the beam itself would have met.
+            mm = self._world.ranges_mm(turns * 360.0 + _aside(mm), times * 1e-9)
+        mm[(mm < nearest) | (mm > farthest)] = 0.0
         bursts = []
         if lone:
-            bursts.append(self._burst(q6[:1], mm[:1], 1, first, start_control(hertz)))
+            bursts.append(self._burst(q6[:1], mm[:1], 1, first, start_control(hertz, self._profile.speed_base)))
         middle = slice(lone, lone + full * _PER_PACKET)
         if full:
             bursts.append(self._burst(q6[middle], mm[middle], _PER_PACKET, first + lone))
@@ -110,9 +115,19 @@ class PointStream:
         control: int = 0,
     ) -> Burst:
         """Packets of `samples`, of which the first begins with sample number `first`."""
-        data = pack_points(mm.reshape(-1, samples), q6[::samples], q6[samples - 1 :: samples], control=control)
-        ready = self._origin + (first + samples) * SAMPLE_NS
-        size, period = 10 + 2 * samples, samples * SAMPLE_NS
+        layout = self._profile.layout
+        rows = mm.reshape(-1, samples)
+        lights = np.where(rows > 0, np.clip(1000 - rows / 20, 40, 1000), 0) / 4 if layout.bits else 0
+        data = pack_points(
+            rows,
+            q6[::samples],
+            q6[samples - 1 :: samples],
+            control=control,
+            layout=layout,
+            intensities=np.asarray(lights * 4 if layout.bits == 10 else lights, np.uint16),
+        )
+        ready = self._origin + (first + samples) * self._sample_ns
+        size, period = 10 + layout.size * samples, samples * self._sample_ns
         if self._stamps:
             data = self._with_stamps(data, size, ready - period, period)
             size += TIME_STAMP_BYTES
@@ -123,3 +138,9 @@ class PointStream:
         count = len(packets) // size
         times = [(began + k * period) // 1_000_000 & 0xFFFFFFFF for k in range(count)]
         return b"".join(pack_time_stamp(time) + packets[k * size : (k + 1) * size] for k, time in enumerate(times))
+
+
+def _aside(mm: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Degrees from the beam to the target, of a lens 21.8 mm aside (the vendor's SDK); 0 where there is none."""
+    away = np.degrees(np.arctan2(21.8 * (155.3 - mm), 155.3 * np.maximum(mm, 1.0)))
+    return np.where(mm > 0, away, 0.0)

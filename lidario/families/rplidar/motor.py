@@ -1,0 +1,205 @@
+"""The motor of an RPLIDAR: four ways to turn it, decided once after the device has said what it is.
+
+=====  =========================================  ====================================================
+way    who                                        what the host does
+=====  =========================================  ====================================================
+RPM    S and T series; a C1 that tells its limits MOTOR_SPEED_CTRL, revolutions a minute
+PWM    A2, A3 with an accessory board             SET_MOTOR_PWM, a duty. They send no packet before
+DTR    A1                                         the control line: cleared turns it, asserted stops it
+NONE   A2, A3 on a bare UART; other C1            nothing
+=====  =========================================  ====================================================
+
+Vendor's SDK 2.1.0, `checkMotorCtrlSupport` and `setMotorSpeed`, with two differences. The SDK takes the C1 for one
+without a motor request; here it is asked for its limits, since a user's C1 obeyed MOTOR_SPEED_CTRL. And the SDK
+moves DTR wherever it knows no other way; users report that an A2 or A3 hears nothing while DTR is asserted, so
+there it stays cleared, as it is when the port was opened.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from dataclasses import replace
+from enum import Enum
+from typing import Final
+
+from lidario.errors import InvalidValue, ResponseTimeout, Unsupported
+from lidario.families.arguments import finite
+from lidario.families.base import Script
+from lidario.families.rplidar import commands
+from lidario.families.rplidar.commands import Conf
+from lidario.wire.envelope import Request
+
+__all__ = ["MotorControl", "Way"]
+
+FIRST_BY_SPEED: Final = 6
+FIRST_C: Final = 4
+A1: Final = 1
+DEFAULT_RPM: Final = 600
+DEFAULT_DUTY: Final = 660
+"""What other drivers send; conf 0x01 tells a better one where the firmware has it."""
+MOST_DUTY: Final = 1023
+LIMITS_TIMEOUT_S: Final = 0.15
+"""A C1 that does not know the question is silent, and a stream must not wait long for that."""
+
+
+class Way(Enum):
+    """How the motor is turned; the value is why its speed cannot be set, where it cannot."""
+
+    RPM = ""
+    PWM = (
+        "the motor of this model is driven by a duty (PWM), and nothing tells which duty makes which speed: "
+        "its scan frequency cannot be set. Scan.rpm tells what it is"
+    )
+    DTR = (
+        "the motor of this model can only be switched on and off (by DTR): its scan frequency cannot be set. "
+        "Scan.rpm tells what it is"
+    )
+    NONE = "this model has no motor control that the host could use. Scan.rpm tells how fast it turns"
+
+
+class MotorControl:
+    """The motor of one device.
+
+    Args:
+        ask: Script that asks for one configuration value; empty where the device does not tell it.
+    """
+
+    def __init__(self, ask: Callable[[Conf], Script[bytes]]) -> None:
+        self._ask = ask
+        self._major = 0
+        self._way: Way | None = None
+        self._rpm: int | None = None
+        self._duty: int | None = None
+
+    def identified(self, major: int) -> None:
+        """The device has said of which series it is."""
+        if major == self._major:
+            return
+        self._major, self._way = major, None
+        if major >= FIRST_BY_SPEED:
+            self._way = Way.RPM
+        elif major == A1:
+            self._way = Way.DTR
+
+    def halt(self) -> tuple[Request, ...]:
+        """What stops the motor; where the way is not decided yet, a request that does no harm."""
+        if self._way is Way.NONE:
+            return ()
+        if self._way is Way.DTR:
+            return (commands.DTR_STOPS,)
+        if self._way is Way.PWM or A1 < self._major < FIRST_C:
+            return (commands.motor_pwm(0),)
+        # Before the device is identified too: one that does not know it ignores it.
+        return (commands.motor_speed(0),)
+
+    def start(self) -> Script[None]:
+        """Set the motor in motion."""
+        way = yield from self._decided()
+        if way is Way.RPM:
+            yield commands.motor_speed((yield from self._wanted_rpm()))
+        elif way is Way.PWM:
+            yield commands.motor_pwm((yield from self._wanted_duty()))
+        elif way is Way.DTR:
+            yield commands.DTR_TURNS
+
+    def board_found_late(self) -> Script[bool]:
+        """Ask an A2 or A3 that sends nothing once more whether it has an accessory board.
+
+        Its response may have been lost, and without a duty it sends no packet.
+        """
+        if self._way is not Way.NONE or self._major >= FIRST_C:
+            return False
+        self._way = yield from self._board()
+        return self._way is Way.PWM
+
+    def frequency(self) -> Script[float]:
+        """The scan frequency that was set, else the device's own, in Hz.
+
+        Raises:
+            Unsupported: The model takes no speed.
+        """
+        yield from self._check_speed()
+        return (yield from self._wanted_rpm()) / 60
+
+    def set_frequency(self, hertz: float) -> Script[float]:
+        """Set the scan frequency for the next start; returns it, in Hz.
+
+        It is checked against the device's own limits where it tells them.
+
+        Raises:
+            InvalidValue: Not a finite number, or outside the device's limits.
+            Unsupported: The model takes no speed.
+        """
+        yield from self._check_speed()
+        wanted = finite(hertz, "a scan frequency")
+        lowest, highest = yield from self._limits()
+        rpm = round(min(max(wanted * 60, 0), 0x10000))  # the product may be infinite, and both ends are refused
+        if not lowest <= rpm <= highest:
+            raise InvalidValue(f"{wanted * 60:g} rpm is outside this device's {lowest} to {highest} rpm")
+        self._rpm = rpm
+        return rpm / 60
+
+    def frequency_range(self) -> Script[tuple[float, float]]:
+        """The slowest and the fastest scan frequency in Hz; what fits in the request where none is told.
+
+        Raises:
+            Unsupported: The model takes no speed.
+        """
+        yield from self._check_speed()
+        lowest, highest = yield from self._limits()
+        return lowest / 60, highest / 60
+
+    def _check_speed(self) -> Script[None]:
+        way = yield from self._decided()
+        if way is not Way.RPM:
+            raise Unsupported(way.value)
+
+    def _decided(self) -> Script[Way]:
+        if self._way is None:
+            if self._major == 0:
+                return Way.RPM
+            self._way = yield from (self._limited() if self._major >= FIRST_C else self._board())
+        return self._way
+
+    def _limited(self) -> Script[Way]:
+        """A C1 that tells both limits takes a speed."""
+        for kind in (Conf.MIN_ROTATION, Conf.MAX_ROTATION):
+            try:
+                told = yield replace(commands.get_lidar_conf(kind), timeout=LIMITS_TIMEOUT_S)
+            except ResponseTimeout:
+                return Way.NONE
+            if len(told) < 6:
+                return Way.NONE
+        return Way.RPM
+
+    def _board(self) -> Script[Way]:
+        try:
+            flags = yield commands.GET_ACC_BOARD_FLAG
+        except ResponseTimeout:
+            return Way.NONE
+        return Way.PWM if flags[0] & 1 else Way.NONE
+
+    def _wanted_rpm(self) -> Script[int]:
+        if self._rpm is None:
+            desired = (yield from self._word(Conf.DESIRED_ROTATION, 0)) or DEFAULT_RPM
+            # Another script may have set it meanwhile: a script begins before it is its turn to ask.
+            if self._rpm is None:
+                self._rpm = desired
+        return self._rpm
+
+    def _wanted_duty(self) -> Script[int]:
+        if self._duty is None:
+            told = yield from self._word(Conf.DESIRED_ROTATION, 2)
+            self._duty = told if 0 < told <= MOST_DUTY else DEFAULT_DUTY
+        return self._duty
+
+    def _limits(self) -> Script[tuple[int, int]]:
+        lowest = (yield from self._word(Conf.MIN_ROTATION, 0)) or 1
+        highest = (yield from self._word(Conf.MAX_ROTATION, 0)) or 0xFFFF
+        return lowest, highest
+
+    def _word(self, kind: Conf, at: int) -> Script[int]:
+        """Two bytes of a configuration value; 0 where it is not told."""
+        value = yield from self._ask(kind)
+        return int(struct.unpack_from("<H", value, at)[0]) if len(value) >= at + 2 else 0

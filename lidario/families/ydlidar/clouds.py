@@ -1,0 +1,181 @@
+"""Point clouds of the relatives of the 4ROS: wider samples, other units, and an angle that depends on the distance.
+
+The packet is the same but for its samples (the vendor's SDK 1.2.20, `DriverInterface.h` and `CYdLidar.cpp`):
+
+* 2 bytes: the distance word;
+* 3 bytes: a byte of intensity, then the distance word. Its low two bits are flags (sunlight, glass), or bits 8 and
+  9 of the intensity, and no distance. In the check value the byte counts as a word of its own, so the XOR over the
+  words of the packet is not 0: nothing is aligned behind the first sample;
+* 4 bytes: a word of intensity, the distance word.
+
+The word counts millimetres, halves or quarters of one. Models that triangulate see with a lens beside the laser: to
+the angle of the beam they add atan(21.8 (155.3 - d) / (155.3 d)), d in mm, and nothing where nothing came back. So
+neighbours may change places, and a sample may leave the span of its packet: revolutions are cut by the beam.
+
+Intensities of 10 and 16 bits are divided so that they fit in eight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.families.ydlidar.decode import Heads, PointCloudDecoder
+from lidario.families.ydlidar.formats import FULL_TURN_Q6, HEADER_SIZE, MAGIC_WORD, MOST_SAMPLES, PointCloud
+from lidario.wire.blocks import Block
+from lidario.wire.envelope import xor_bytes
+from lidario.wire.events import Packets
+
+__all__ = ["KINDS", "CloudDecoder", "Kind", "PointCloud3", "PointCloud4"]
+
+Floats = NDArray[np.float32]
+
+
+class PointCloud3(PointCloud):
+    """Samples of three bytes."""
+
+    response_type = 0xA6
+    sample_size = 3
+    shortest = HEADER_SIZE + 3
+    longest = HEADER_SIZE + 3 * MOST_SAMPLES
+
+    def intact(self, data: bytearray, at: int, size: int) -> bool:
+        """As `StreamFormat.intact`: of the words in the head, the intensities and the distances."""
+        packet = data[at : at + size]
+        low = xor_bytes(packet[0:10:2]) ^ xor_bytes(packet[10::3]) ^ xor_bytes(packet[11::3])
+        return not low and xor_bytes(packet[1:10:2]) == xor_bytes(packet[12::3])
+
+    def _intact_many(self, data: bytearray, at: int, blocks: Sequence[Block], count: int) -> int:
+        whole = 0
+        for size, rows in blocks:
+            packets = np.frombuffer(data, np.uint8, rows * size, at).reshape(rows, size)
+            every = np.bitwise_xor.reduce
+            low = every(packets[:, 0:10:2], axis=1) ^ every(packets[:, 10::3], axis=1)
+            low ^= every(packets[:, 11::3], axis=1)
+            high = every(packets[:, 1:10:2], axis=1) ^ every(packets[:, 12::3], axis=1)
+            good = ((low | high) == 0) & (packets[:, 0] == MAGIC_WORD & 0xFF) & (packets[:, 1] == MAGIC_WORD >> 8)
+            if not good.all():
+                return whole + int(good.argmin())
+            whole += rows
+            at += rows * size
+        return count
+
+
+class PointCloud4(PointCloud):
+    """Samples of four bytes."""
+
+    response_type = 0xA7
+    sample_size = 4
+    shortest = HEADER_SIZE + 4
+    longest = HEADER_SIZE + 4 * MOST_SAMPLES
+
+    def intact(self, data: bytearray, at: int, size: int) -> bool:
+        """As `StreamFormat.intact`."""
+        packet = data[at : at + size]
+        return not xor_bytes(packet[::2]) and not xor_bytes(packet[1::2])
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """How the samples of some models are to be read.
+
+    Attributes:
+        response_type: Number of this kind in scan modes and recordings. On the wire it is always 0x81; all others
+            are our own.
+        sample_size: Bytes of a sample.
+        unit: The distance word counts so many parts of a millimetre.
+        flags: Whether its low two bits are none of the distance.
+        bits: Of the intensity; 0 where there is none.
+        triangle: Whether the angle depends on the distance.
+        speed_base: Tenths of Hz that the speed 0 stands for.
+    """
+
+    response_type: int
+    sample_size: int = 2
+    unit: int = 4
+    flags: bool = False
+    bits: int = 0
+    triangle: bool = True
+    speed_base: int = 0
+
+    def wire(self) -> PointCloud:
+        """A fresh packet format."""
+        return {2: PointCloud, 3: PointCloud3, 4: PointCloud4}[self.sample_size]()
+
+    def decoder(self) -> PointCloudDecoder:
+        """A fresh decoder."""
+        return PointCloudDecoder() if self is KINDS["tg"] else CloudDecoder(self)
+
+
+KINDS: Final = {
+    "tg": Kind(PointCloud.response_type, unit=1, triangle=False, speed_base=30),
+    "x": Kind(0xA1),
+    "x-flags": Kind(0xA2, flags=True),
+    "octave": Kind(0xA3, unit=2),
+    "g2": Kind(0xA4, sample_size=3, flags=True, bits=10),
+    "s4b": Kind(0xA5, sample_size=3, flags=True, bits=8),
+    "tmini": Kind(PointCloud3.response_type, sample_size=3, flags=True, bits=8, triangle=False),
+    "sh": Kind(PointCloud4.response_type, sample_size=4, unit=1, bits=16, triangle=False),
+}
+"""Every kind; the first is the 4ROS's."""
+
+
+class CloudDecoder(PointCloudDecoder):
+    """Decodes the packets of one stream of any kind."""
+
+    def __init__(self, kind: Kind) -> None:
+        super().__init__()
+        self.speed_base = kind.speed_base
+        self._kind = kind
+
+    def _samples_of(
+        self, packets: Packets, heads: Heads, ends: list[int], room: int
+    ) -> tuple[Floats, Floats, NDArray[np.uint8] | None]:
+        kind, total = self._kind, ends[-1]
+        raw = _sample_bytes(packets, kind.sample_size, total)
+        word = raw[:, -2] | raw[:, -1].astype(np.uint16) << 8
+        angle, distance = np.empty(room + total, np.float32), np.empty(room + total, np.float32)
+        np.divide(word & 0xFFFC if kind.flags else word, kind.unit, out=distance[room:], casting="unsafe")
+        beam = _beams(heads)
+        if kind.triangle:
+            d = distance[room:].astype(np.float64)
+            with np.errstate(divide="ignore"):
+                beam += np.where(d > 0, np.degrees(np.arctan(21.8 * (155.3 - d) / (155.3 * d))), 0.0)
+        beam += np.where(beam < 0, 360.0, np.where(beam >= 360.0, -360.0, 0.0))
+        angle[room:] = beam
+        # Just below 360 degrees, single precision rounds up to 360.
+        angle[room:][angle[room:] >= 360.0] = 0.0
+        if not kind.bits:
+            return angle, distance, None
+        intensity = np.empty(room + total, np.uint8)
+        if kind.bits == 10:
+            intensity[room:] = (raw[:, 0] | (word & 3) << 8) >> 2
+        else:
+            # Of 16 bits the upper eight.
+            intensity[room:] = raw[:, kind.sample_size - 3]
+        return angle, distance, intensity
+
+
+def _sample_bytes(packets: Packets, sample_size: int, total: int) -> NDArray[np.uint8]:
+    """The bytes of all samples, shape (samples, bytes of one)."""
+    data, found, at, place = np.frombuffer(packets.data, np.uint8), np.empty((total, sample_size), np.uint8), 0, 0
+    for size, count in packets.blocks:
+        until, end = at + size * count, place + (size - HEADER_SIZE) // sample_size * count
+        found[place:end].reshape(count, -1)[...] = data[at:until].reshape(count, size)[:, HEADER_SIZE:]
+        at, place = until, end
+    return found
+
+
+def _beams(heads: Heads) -> NDArray[np.float64]:
+    """Where the rotor stood at each sample, degrees in [0, 720)."""
+    first, way, counts, _, _ = heads
+    steps = np.maximum(counts - 1, 1)
+    order = np.arange(int(counts.sum())) - np.repeat(np.add.accumulate(counts) - counts, counts)
+    units = np.repeat(way, counts) * order + np.repeat(first * steps, counts)
+    beams: NDArray[np.float64] = units / np.repeat(64.0 * steps, counts)
+    beams[beams >= FULL_TURN_Q6 / 64] -= 360.0
+    return beams

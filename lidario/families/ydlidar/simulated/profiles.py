@@ -1,0 +1,122 @@
+"""The simulated models: rates, layouts and which requests each hears.
+
+Sources: 4ROS development manual and data sheet; for the others the vendor's SDK 1.2.20 and its tables of models.
+One-way models have no line on which a request could arrive. Which models know the second health request instead of
+the first is not documented: the SDK asks those that triangulate by the second.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lidario.families.ydlidar.simulated.packers import MILLIMETRES, Layout
+
+__all__ = ["PROFILES", "Profile"]
+
+_MS = 1_000_000
+_SPEED = frozenset({0x09, 0x0A, 0x0B, 0x0C, 0x0D})
+_ALL = frozenset({0x00, 0x60, 0x65, 0x80, 0x90, 0x93, 0xD9}) | _SPEED
+_NO_SPEED = _ALL - _SPEED - {0x93, 0xD9}
+_QUARTERS = Layout(unit=4)
+_EIGHT = Layout(3, 4, flags=True, bits=8)
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """What kind of device it is.
+
+    Attributes:
+        name: Its name in ``sim://`` sources.
+        model: Model number.
+        health_command: The health request that it responds to: 0x91 as in the manual, or 0x92 as in the SDK.
+        spin_up_s: Seconds the motor needs from standstill to a stable speed.
+        stamps: Whether a time stamp record stands before each packet, as on some relatives of the 4ROS.
+        baudrate: Speed of its line.
+        sample_ns: Nanoseconds a sample.
+        layout: How a sample lies in its bytes.
+        triangle: Whether the angle depends on the distance.
+        speed_base: Tenths of Hz that the speed 0 in a start packet stands for.
+        reach_mm: Nearest and farthest distance.
+        factory_speed: Hundredths of Hz.
+        speeds: The slowest and the fastest that can be set.
+        commands: The requests that it knows besides health; none: it only talks.
+    """
+
+    name: str
+    model: int = 101
+    health_command: int = 0x91
+    spin_up_s: float = 1.0
+    stamps: bool = False
+    baudrate: int = 512_000
+    sample_ns: int = 50_000
+    layout: Layout = MILLIMETRES
+    triangle: bool = False
+    speed_base: int = 30
+    reach_mm: tuple[float, float] = (50.0, 30_000.0)
+    factory_speed: int = 700
+    speeds: tuple[int, int] = (500, 1200)
+    commands: frozenset[int] = _ALL
+
+    @property
+    def one_way(self) -> bool:
+        """Whether it only talks."""
+        return not self.commands
+
+
+def _triangle(
+    name: str,
+    model: int,
+    baudrate: int,
+    per_second: int,
+    layout: Layout = _QUARTERS,
+    commands: frozenset[int] = _ALL,
+    *,
+    triangle: bool = True,
+    reach_mm: tuple[float, float] = (100.0, 12_000.0),
+) -> Profile:
+    return Profile(
+        name,
+        model,
+        health_command=0x92 if triangle else 0x91,
+        baudrate=baudrate,
+        sample_ns=1_000_000_000 // per_second,
+        layout=layout,
+        triangle=triangle,
+        speed_base=0,
+        reach_mm=reach_mm,
+        factory_speed=700 if commands else 600,
+        speeds=(500, 1200) if triangle else (600, 1200),
+        commands=commands - (frozenset() if model in (9, 14, 15, 16, 19) else {0x93}) - {0xD9},
+    )
+
+
+_HEARS_NOTHING = frozenset[int]()
+
+PROFILES = {
+    profile.name: profile
+    for profile in (
+        Profile("ydlidar-4ros"),
+        Profile("ydlidar-4ros-92", health_command=0x92),
+        Profile("ydlidar-4ros-slow", spin_up_s=2.5),
+        Profile("ydlidar-4ros-stamps", stamps=True),
+        Profile("ydlidar-tg15", model=100, sample_ns=100_000),
+        Profile("ydlidar-tg50", model=102),
+        _triangle("ydlidar-x4", 6, 128_000, 5000, commands=_NO_SPEED),
+        _triangle("ydlidar-g1", 19, 230_400, 9000),
+        _triangle("ydlidar-g2", 15, 230_400, 5000, Layout(3, 4, flags=True, bits=10)),
+        _triangle("ydlidar-g4", 5, 230_400, 9000),
+        _triangle("ydlidar-g6", 13, 512_000, 18_000, Layout(unit=2)),
+        _triangle("ydlidar-r2", 9, 230_400, 5000),
+        _triangle("ydlidar-f4", 1, 115_200, 4000),
+        _triangle("ydlidar-s4b", 11, 153_600, 4000, _EIGHT, _NO_SPEED),
+        _triangle("ydlidar-tmini", 140, 230_400, 4000, _EIGHT, triangle=False),
+        _triangle("ydlidar-tmini-pro", 150, 230_400, 4000, _EIGHT, triangle=False),
+        _triangle("ydlidar-tmini-plus", 151, 230_400, 4000, _EIGHT, triangle=False),
+        _triangle("ydlidar-tmini-plus-sh", 152, 230_400, 4000, Layout(4, 1, bits=16), triangle=False),
+        _triangle("ydlidar-x2", 6, 115_200, 3000, commands=_HEARS_NOTHING),
+        _triangle("ydlidar-x3", 6, 115_200, 3000, commands=_HEARS_NOTHING),
+        _triangle("ydlidar-x4-pro", 6, 128_000, 5000, Layout(unit=4, flags=True), _HEARS_NOTHING),
+        _triangle("ydlidar-s2-pro", 4, 115_200, 3000, commands=_HEARS_NOTHING),
+        _triangle("ydlidar-tx8", 100, 115_200, 4000, MILLIMETRES, _HEARS_NOTHING, triangle=False),
+    )
+}

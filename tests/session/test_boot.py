@@ -1,0 +1,82 @@
+"""A device that was told to restart hears nothing until it has booted, whatever became of the task that told it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from functools import partial
+
+import pytest
+
+from lidario import Lidar, ResponseTimeout
+from tests.support.devices import FAMILIES, both_families, discarded, left_still, make_rig, names
+from tests.support.loop import driven, run_driven
+
+BOOTS_FOR = [0.0, 0.0005, 0.02, 0.3, 0.9]
+"""Seconds after which `reset` is cancelled: at once, when RESET was just written, and while the device is asked."""
+
+
+async def first_scan(lidar: Lidar) -> None:
+    async with lidar.scans() as stream:
+        await anext(stream)
+
+
+CALLS: dict[str, Callable[[Lidar], Awaitable[object]]] = {
+    "get_health": lambda lidar: lidar.get_health(),
+    "get_modes": lambda lidar: lidar.get_modes(),
+    "set_scan_frequency": lambda lidar: lidar.set_scan_frequency(9.0),
+    "reset": lambda lidar: lidar.reset(),
+    "scan": first_scan,
+}
+
+
+@pytest.mark.parametrize("call", CALLS)
+@pytest.mark.parametrize("family", FAMILIES)
+def test_what_follows_a_cancelled_reset_waits_until_the_device_has_booted(family: str, call: str) -> None:
+    async def after(seconds: float) -> None:
+        rig = make_rig(family)
+        async with rig.open() as lidar:
+            resetting = asyncio.ensure_future(lidar.reset())
+            await asyncio.sleep(seconds)
+            resetting.cancel()
+            await asyncio.wait([resetting])
+            await CALLS[call](lidar)
+            assert seconds == 0.0 or "reset" in names(rig)
+        assert not discarded(rig)
+        assert left_still(rig)
+
+    for seconds in BOOTS_FOR:
+        run_driven(partial(after, seconds))
+
+
+@both_families
+@driven
+async def test_a_stream_goes_on_after_a_reset_that_was_cancelled(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        resetting = asyncio.ensure_future(lidar.reset())
+        await asyncio.sleep(0.2)
+        resetting.cancel()
+        for _ in range(3):
+            await asyncio.wait_for(anext(stream), 10.0)
+    assert "reset" in names(rig)
+    assert not discarded(rig)
+
+
+@both_families
+@driven
+async def test_a_device_that_never_boots_is_waited_for_only_once(family: str) -> None:
+    rig = make_rig(family)
+    loop = asyncio.get_running_loop()
+    async with rig.open() as lidar:
+        resetting = asyncio.ensure_future(lidar.reset())
+        await asyncio.sleep(0.2)
+        resetting.cancel()
+        rig.device.receive = lambda data, now: None
+        with pytest.raises(ResponseTimeout):
+            await lidar.get_health()
+        began = loop.time()
+        with pytest.raises(ResponseTimeout):
+            await lidar.get_health()
+        assert loop.time() - began < 3.0

@@ -1,0 +1,94 @@
+"""Every program and every command of the documentation works as it stands there; every link leads somewhere."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+import lidario
+import lidario.testing
+from tests.support.pages import Page, blocks
+
+ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+PAGES = sorted(DOCS.rglob("*.md"))
+SHOWN = [*PAGES, ROOT / "README.md"]
+PRINTS = {
+    "recordings.md": [
+        r"^\d+ None 0$",
+        r"^mine\.mcap \d+ scans, \d",
+        r"^ros\.mcap \d+ scans, \d",
+        r"^run\.mcap \d+ scans, \d",
+        r"^with_scans\.mcap \d+ scans, \d",
+    ],
+    "reconnect.md": [r"^\d+ revolutions missing, 1 reconnects$"],
+}
+"""What the programs of a page must print, each a line."""
+
+
+def named(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+@pytest.mark.parametrize("path", SHOWN, ids=named)
+def test_everything_it_shows_runs(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page = Page(path.read_text(encoding="utf-8"), tmp_path, capsys)
+    page.run()
+    for line in PRINTS.get(path.name, ()):
+        assert re.search(line, page.said, re.MULTILINE), f"{line}\n{page.said}"
+
+
+def test_the_pages_show_something() -> None:
+    kinds = [block.kind for path in SHOWN for block in blocks(path.read_text(encoding="utf-8"))]
+    assert kinds.count("python") > 20
+    assert kinds.count("console") > 8
+    assert set(kinds) <= {"python", "console", "toml", "ini", "text", "yaml"}
+
+
+@pytest.mark.parametrize("path", SHOWN, ids=named)
+def test_what_it_names_is_there(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text):
+        assert (path.parent / target).exists(), target
+    for name in re.findall(r"`((?:tests|lidario|examples|benchmarks|docs)/[\w./-]+)", text):
+        assert (ROOT / name.rstrip(".").replace("NAME", "rplidar")).exists(), name
+    assert not re.search(r"pip install ['\"]?lidario(?!-asyncio)", text)
+
+
+def test_every_page_is_in_the_contents() -> None:
+    contents = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    listed = re.findall(r": ([\w/-]+\.md)$", contents, re.MULTILINE)
+    assert sorted(listed) == sorted(str(path.relative_to(DOCS)) for path in PAGES)
+
+
+def test_the_api_has_every_public_name() -> None:
+    text = "\n".join(path.read_text(encoding="utf-8") for path in (DOCS / "api").glob("*.md"))
+    shown = set(re.findall(r"^::: lidario\.([\w.]+)", text, re.MULTILINE))
+    names = {name for name in lidario.__all__ if name != "__version__"}
+    assert {name.rsplit(".", 1)[-1] for name in shown} >= names | set(lidario.testing.__all__)
+
+
+# ---------------------------------------------------------------------------------------------- troubleshooting
+
+
+def texts() -> str:
+    """Every text in the source, those with gaps in pieces."""
+    found = []
+    for path in (ROOT / "lidario").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                found.append(node.value)
+    return "\n".join(found)
+
+
+def test_every_error_that_it_explains_is_raised_somewhere() -> None:
+    page = (DOCS / "troubleshooting.md").read_text(encoding="utf-8")
+    explained = re.findall(r"^### `([^`]+)`", page, re.MULTILINE)
+    assert len(explained) >= 12
+    source = texts()
+    for text in explained:
+        for piece in text.split("…"):
+            assert piece.strip() in source, f"no error says {piece.strip()!r}"
