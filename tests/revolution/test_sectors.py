@@ -14,13 +14,17 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.revolution.sectors import SectorAssembler
 from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.wire.events import Packets
-from tests.support.streams import CASES, Case, Chunks, assembled, cut_up, most_or_all, open_stream
+from tests.reference import damage
+from tests.support.kept import arrivals
+from tests.support.streams import CASES, KINDS, Case, Chunks, assembled, cut_up, most_or_all, named, open_stream
 from tests.support.streams import stream_of as described
 
 CORRECTED = (0x81, 0x82, 0x84, 0x2D)
