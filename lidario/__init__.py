@@ -38,7 +38,7 @@ if TYPE_CHECKING:
         StreamFailed,
         Unsupported,
     )
-    from lidario.laserscan import BeamOrder, LaserScan, NoReturn
+    from lidario.laserscan import BeamOrder, LaserScan, NoReturn, Preset
     from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, ScanMode, Stats
     from lidario.points import Motion, Mount, Points, PoseFunction, Velocity, merge
     from lidario.port.line import Tap
@@ -82,6 +82,7 @@ __all__ = [
     "Points",
     "PortInfo",
     "PoseFunction",
+    "Preset",
     "ProtocolError",
     "Received",
     "Reconnect",
@@ -129,7 +130,7 @@ _HOMES = {
     "recording.record": ("Recording",),
     "recording.summary": ("RecordingSummary", "summarize"),
     "session.discovery": ("Found", "PortInfo", "list_lidars", "list_serial_ports"),
-    "laserscan": ("BeamOrder", "LaserScan", "NoReturn"),
+    "laserscan": ("BeamOrder", "LaserScan", "NoReturn", "Preset"),
     "model": ("DeviceInfo", "Health", "HealthStatus", "SampleRate", "ScanMode", "Stats"),
     "scan": ("Return", "Scan"),
     "points": ("Motion", "Mount", "Points", "PoseFunction", "Velocity", "merge"),

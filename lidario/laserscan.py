@@ -27,6 +27,14 @@ Two orders of the same beams are offered:
 Each beam stands in the middle of its share of the circle. With beams on the ends of the grid, the first and the
 last share would be one and the same, and would contain samples from both ends of the revolution.
 
+**Who reads what.** docs/ros2.md tells, reader by reader, which fields laser_geometry, slam_toolbox, nav2 and
+cartographer use, and why the default grid serves the first three of them and ``"measured"`` the last.
+
+**Where the angle 0 is.** Ours is the device's forward axis: an angle is minus the device's clockwise one, plus
+`mount_yaw`. The vendors' ROS 2 drivers publish pi minus the device's angle, so their 0 is behind. The preset
+``vendor`` does the same, so that a robot description made for them stays right. It changes the angles alone: the
+stamps and the sign of `time_increment` stay true, which theirs are not.
+
 **Where the grid begins.** At the seam (the device angle where revolutions begin) that the scan states, normally
 0, so that all scans have the same grid. Where the samples show another begin (a device that marks its own
 first packet, or corrected angles that all lie before the seam), the grid begins there.
@@ -41,18 +49,36 @@ from __future__ import annotations
 
 import math
 import operator
+import struct
 from dataclasses import dataclass
 from typing import Literal, SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BeamOrder", "LaserScan", "NoReturn", "Rotor", "follow_rotor", "resample", "times_by_angle"]
+from lidario.cdr import LITTLE_ENDIAN, CdrReader, NotCdr, stamp_bytes
+
+__all__ = [
+    "BeamOrder",
+    "LaserScan",
+    "NoReturn",
+    "Preset",
+    "Rotor",
+    "follow_rotor",
+    "resample",
+    "times_by_angle",
+]
 
 BeamOrder = Literal["counter-clockwise", "measured"]
 NoReturn = Literal["inf", "nan", "zero"]
+Preset = Literal["rep103", "vendor"]
+"""Where the angle 0 of a LaserScan is: ``rep103`` ahead, ``vendor`` behind, as in the vendors' ROS 2 drivers."""
 _ORDERS = ("counter-clockwise", "measured")
 _NO_RETURN = {"inf": math.inf, "nan": math.nan, "zero": 0.0}
+_PRESET_YAW = {"rep103": 0.0, "vendor": math.pi}
+_SEVEN_AND_COUNT = struct.Struct("<7fI")
+_LENGTH = struct.Struct("<I")
+_FLOATS = np.dtype("<f4")
 
 _FALLBACK_RANGE_MAX = 40.0
 """Metres: `LaserScan.range_max` where neither the caller nor the device says one. Beyond all models supported."""
@@ -114,6 +140,59 @@ class LaserScan:
     range_max: float
     ranges: NDArray[np.float32]
     intensities: NDArray[np.float32]
+
+    def to_cdr(self) -> bytes:
+        """The message as ROS 2 sends and stores it: CDR, lowest byte first.
+
+        A stamp after 2038 does not fit in the message, and is written as its end.
+        """
+        frame = self.frame_id.encode("utf-8", "replace").replace(b"\0", b"?") + b"\0"
+        head = stamp_bytes(self.stamp_ns) + _LENGTH.pack(len(frame)) + frame
+        return b"".join(
+            (
+                LITTLE_ENDIAN,
+                head,
+                bytes(-len(head) % 4),
+                _SEVEN_AND_COUNT.pack(
+                    self.angle_min,
+                    self.angle_max,
+                    self.angle_increment,
+                    self.time_increment,
+                    self.scan_time,
+                    self.range_min,
+                    self.range_max,
+                    len(self.ranges),
+                ),
+                self.ranges.astype(_FLOATS, copy=False).tobytes(),
+                _LENGTH.pack(len(self.intensities)),
+                self.intensities.astype(_FLOATS, copy=False).tobytes(),
+            )
+        )
+
+    @classmethod
+    def from_cdr(cls, data: bytes) -> LaserScan | None:
+        """The message that anybody's `to_cdr` wrote; None where the bytes are none.
+
+        Nothing is made of a length that the bytes do not bear out. The figures in it may be anything.
+        """
+        try:
+            reader = CdrReader(data)
+            # In the order of the message, which is that of the arguments.
+            return cls(
+                stamp_ns=reader.stamp_ns(),
+                frame_id=reader.text(),
+                angle_min=reader.float32(),
+                angle_max=reader.float32(),
+                angle_increment=reader.float32(),
+                time_increment=reader.float32(),
+                scan_time=reader.float32(),
+                range_min=reader.float32(),
+                range_max=reader.float32(),
+                ranges=reader.float_sequence(),
+                intensities=reader.float_sequence(),
+            )
+        except NotCdr:
+            return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,6 +321,7 @@ def resample(
     max_range: float = 0.0,
     no_return: NoReturn = "inf",
     mount_yaw: float = 0.0,
+    preset: Preset = "rep103",
 ) -> LaserScan:
     """Put samples on a grid of equal steps; the arguments not listed are those of `Scan.to_laserscan`.
 
@@ -259,17 +339,20 @@ def resample(
         max_range: Metres; what the message states as `range_max` when that is None; 0 or NaN when not known.
         no_return: What a beam without a return becomes.
         mount_yaw: Angle of the device's forward axis in the frame, radians counter-clockwise.
+        preset: Where the angle 0 is.
 
     Raises:
         TypeError: `beams` is not a whole number.
-        ValueError: `beams` is less than one, `order` or `no_return` is not one of the words, `mount_yaw` is not
-            finite, or `range_min` and `range_max` are not a range.
+        ValueError: `beams` is less than one, `order`, `no_return` or `preset` is not one of the words, `mount_yaw`
+            is not finite, or `range_min` and `range_max` are not a range.
     """
     count = _beams(len(device_angles) if beams is None else beams)
     if order not in _ORDERS:
         raise ValueError(f"order must be one of {', '.join(_ORDERS)}, not {order!r}")
     if no_return not in _NO_RETURN:
         raise ValueError(f"no_return must be one of {', '.join(_NO_RETURN)}, not {no_return!r}")
+    if preset not in _PRESET_YAW:
+        raise ValueError(f"preset must be one of {', '.join(_PRESET_YAW)}, not {preset!r}")
     if not math.isfinite(mount_yaw):
         raise ValueError(f"mount_yaw must be finite, not {mount_yaw}")
     farthest = math.inf if range_max is None else float(range_max)
@@ -295,7 +378,7 @@ def resample(
     step = 2 * math.pi / count
     beam_ns = rotor.period_ns / count
     # The grid covers one circle counter-clockwise from here. In [-pi, pi): 0 where nothing is turned.
-    lowest = _before(math.degrees(mount_yaw) - rotor.begin_deg, 180.0) * math.pi / 180.0
+    lowest = _before(math.degrees(mount_yaw + _PRESET_YAW[preset]) - rotor.begin_deg, 180.0) * math.pi / 180.0
     angles = (lowest + step / 2, lowest + step * (count - 0.5))
     measured = order == "measured"
     first_beam_ns = beam_ns * (0.5 if measured else count - 0.5)

@@ -14,7 +14,7 @@ from typing import SupportsIndex, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lidario.laserscan import BeamOrder, LaserScan, NoReturn, Rotor, follow_rotor, resample, times_by_angle
+from lidario.laserscan import BeamOrder, LaserScan, NoReturn, Preset, Rotor, follow_rotor, resample, times_by_angle
 from lidario.points import Motion, Mount, Points, place
 from lidario.samples import is_between, mask_of, metres_of, nearest_to, radians_of, read_only
 
@@ -291,6 +291,7 @@ class Scan:
         range_max: float | None = None,
         no_return: NoReturn = "inf",
         mount_yaw: float = 0.0,
+        preset: Preset = "rep103",
     ) -> LaserScan:
         """Resample onto an even grid of angles, as the ROS message ``sensor_msgs/LaserScan`` needs it.
 
@@ -316,11 +317,13 @@ class Scan:
                 convention of the message its readers ignore these; none is lost here without being asked for.
             no_return: What a beam without a return becomes: ``"inf"``, ``"nan"`` or ``"zero"``.
             mount_yaw: Angle of the device's forward axis in the frame, radians counter-clockwise.
+            preset: ``"rep103"``: the angle 0 is ahead. ``"vendor"``: it is behind, pi minus the device's angle, as
+                the vendors' ROS 2 drivers publish it; for a robot description that was made for those.
 
         Raises:
             TypeError: `beams` is not a whole number.
-            ValueError: `beams` is less than one (also by default, for a scan without samples), `order` or
-                `no_return` is not one of the words, `mount_yaw` is not finite, or `range_min` and `range_max` are
+            ValueError: `beams` is less than one (also by default, for a scan without samples), `order`, `no_return`
+                or `preset` is not one of the words, `mount_yaw` is not finite, or `range_min` and `range_max` are
                 not a range.
         """
         scan = self if self._measured is None else self._measured
@@ -338,4 +341,5 @@ class Scan:
             max_range=scan.max_range,
             no_return=no_return,
             mount_yaw=mount_yaw,
+            preset=preset,
         )

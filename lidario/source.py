@@ -7,8 +7,10 @@
 ``serial:///dev/ttyUSB0?baud=1000000&family=NAME``     a serial port, nothing probed
 ``id:SERIAL``                                          by the lidar's own serial number
 ``tcp://host:port``, ``socket://host:port``            serial over TCP
+``udp://host:port``                                    an Ethernet model
 ``sim://MODEL?world=room&fault=drop:1%``               the simulator, its bytes through the real decoder
 ``run.mcap``, ``raw.bin?rate=10&loop=1``               a recording, at true pace unless ``rate`` says otherwise
+``zenoh:KEY?router=tcp/host:7447``                     another machine's lidar, as ``lidario publish`` sends it
 =====================================================  ====================================================
 
 This module reads the form only. Whether a family or a simulated model of that name exists is known to
@@ -39,6 +41,8 @@ __all__ = ["Source", "as_source", "parse_source", "quoted"]
 _OPTIONS = {
     "serial": {"baud", "family", "model"},
     "tcp": {"baud", "family", "model"},
+    "udp": {"family"},
+    "zenoh": {"router"},
     "file": {"rate", "loop", "family", "sample_us"},
     "sim": {"world", "fault", "serial", "seed", "via", "baud", "family", "model"},
 }
@@ -51,6 +55,8 @@ _UNPRINTABLE = {"Cc", "Cf", "Zl", "Zp"}
 _FILES = (".mcap", ".bin")
 """How the name of a recording ends."""
 _MOST_RATE = 1e6
+_EXAMPLES = {"tcp": "192.168.0.7:20108", "udp": "192.168.11.2:8089"}
+"""Addresses that lidars, and bridges to them, come with."""
 _SHOWN = 120
 """Longest part of a source that is repeated in a message."""
 
@@ -61,8 +67,8 @@ class Source:
 
     Attributes:
         text: As the user wrote it.
-        kind: ``auto``, ``serial``, ``tcp``, ``sim``, ``id`` or ``file``.
-        address: Path, ``host:port``, model or serial number; empty for ``auto``.
+        kind: ``auto``, ``serial``, ``tcp``, ``udp``, ``sim``, ``id``, ``file`` or ``zenoh``.
+        address: Path, ``host:port``, model, serial number or key; empty for ``auto``.
         options: The options after the question mark.
         device: A simulated device to connect to in memory; its kind is ``device``.
     """
@@ -128,6 +134,9 @@ def parse_source(source: str | os.PathLike[str]) -> Source:
         return Source(text or "auto", "auto")
     if text.startswith("id:"):
         return _checked(Source(text, "id", text[3:]))
+    if text.startswith("zenoh:"):
+        key, _, query = text[6:].removeprefix("//").partition("?")
+        return _checked(Source(text, "zenoh", key, _options(text, "zenoh", query)))
     if "://" not in text:
         name, _, query = text.partition("?")
         if name.casefold().endswith(_FILES):
@@ -140,9 +149,8 @@ def parse_source(source: str | os.PathLike[str]) -> Source:
         raise _refused(text, "cannot be read. IPv6 addresses stand in brackets, as in tcp://[::1]:2000") from error
     kind = {"socket": "tcp"}.get(parts.scheme, parts.scheme)
     if kind not in _OPTIONS:
-        raise _refused(
-            text, f"is not a source: {parts.scheme}:// is not known. Use a serial port, serial://, tcp:// or sim://"
-        )
+        known = "Use a serial port, serial://, tcp://, udp:// or sim://"
+        raise _refused(text, f"is not a source: {parts.scheme}:// is not known. {known}")
     options = _options(text, kind, parts.query)
     if kind == "serial":
         address = _serial_path(text, parts.netloc, parts.path)
@@ -158,7 +166,7 @@ def _options(text: str, kind: str, query: str) -> dict[str, str]:
     for name, value in parse_qsl(query, keep_blank_values=True):
         if name not in _OPTIONS[kind]:
             known = ", ".join(sorted(_OPTIONS[kind]))
-            owner = "a recording" if kind == "file" else f"{kind}://"
+            owner = {"file": "a recording", "zenoh": "zenoh:"}.get(kind, f"{kind}://")
             raise _refused(text, f"has an option that {owner} does not know: {quoted(name)}. It knows {known}")
         if name in options:
             raise _refused(text, f"cannot be read: the option {quoted(name)} is given twice")
@@ -208,7 +216,7 @@ def _checked(source: Source) -> Source:
         os.fsencode(source.address)
     except UnicodeError as error:
         raise _refused(source.text, "contains a character that cannot stand in a file name") from error
-    if source.kind == "tcp":
+    if source.kind in _EXAMPLES:
         _check_host(source)
     return source
 
@@ -219,7 +227,7 @@ def _check_host(source: Source) -> None:
     except ValueError:
         host, port = "", 0
     if not host or not port or "@" in source.address:
-        raise _refused(source.text, "needs a host and a port, as in tcp://192.168.0.7:20108")
+        raise _refused(source.text, f"needs a host and a port, as in {source.kind}://{_EXAMPLES[source.kind]}")
     try:
         # The resolver encodes the name in the same way, and raises UnicodeError while connecting.
         host.encode("idna")

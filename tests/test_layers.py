@@ -15,14 +15,15 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 VENDORS = sorted(path.name for path in (PACKAGE / "families").iterdir() if (path / "device.py").is_file())
 
 LAYERS = (
-    {"errors", "model", "laserscan", "points", "samples", "scan", "source", "version"},
+    {"cdr", "errors", "model", "laserscan", "points", "samples", "scan", "sector", "source", "version"},
     {"wire"},
     {"families", "sim"},
     {"revolution", "simulation"},
     {"port"},
     {"recording"},
+    {"network"},
     {"session"},
-    {"blocking"},
+    {"blocking", "ros"},
     {"__init__"},
     {"web", "testing"},
     {"cli", "__main__"},
@@ -199,7 +200,7 @@ def test_the_host_side_decodes_nothing_with_the_devices_packers(path: Path) -> N
 def test_the_command_uses_the_names_a_user_would(path: Path) -> None:
     for name in ours(path):
         public = name == "lidario" or name.startswith(
-            ("lidario.cli", "lidario.sim", "lidario.web", "lidario.recording")
+            ("lidario.cli", "lidario.ros", "lidario.sim", "lidario.web", "lidario.recording")
         )
         assert public or name in ("lidario.families.registry", "lidario.families"), name
 

@@ -37,6 +37,7 @@ PUBLIC = [
     "Points",
     "PortInfo",
     "PoseFunction",
+    "Preset",
     "ProtocolError",
     "Received",
     "Reconnect",
@@ -77,7 +78,7 @@ PUBLIC = [
     "simulate",
     "summarize",
 ]
-ALIASES = {"BeamOrder", "ConnectReason", "Motion", "NoReturn", "PoseFunction", "Tap", "Wall"}
+ALIASES = {"BeamOrder", "ConnectReason", "Motion", "NoReturn", "PoseFunction", "Preset", "Tap", "Wall"}
 """Type aliases: they carry no docstring at run time."""
 ERRORS = {
     "Busy": lidario.LidarError,

@@ -24,12 +24,21 @@ __all__ = ["devices", "show"]
 @click.command()
 @click.argument("ports", metavar="[PORT]...", nargs=-1)
 @click.option("--json", "as_json", is_flag=True, help="A list for programs.")
-def devices(ports: tuple[str, ...], as_json: bool) -> int:
+@click.option("--zenoh", "network", is_flag=True, help="The lidars on the network, instead of the ports.")
+@click.option("--router", default="tcp/localhost:7447", show_default=True, metavar="ADDRESS",
+              help="With --zenoh: a zenoh router.")  # fmt: skip
+def devices(ports: tuple[str, ...], as_json: bool, network: bool, router: str) -> int:
     """List the ports and the lidars that respond on them.
 
     Ports that are named are asked, whatever adapter they have. Asking a device that scans stops it. The exit code
     is 3 when no lidar responds; where ports are named, the one that `lidario scan` ends with on the first of them.
     """
+    if network:
+        if ports:
+            raise click.UsageError("--zenoh asks no ports", click.get_current_context())
+        from lidario.cli.fleet import show_fleet
+
+        return show_fleet(router, as_json=as_json)
     return show(ports, as_json=as_json)
 
 

@@ -20,6 +20,7 @@ from lidario.cli.info import info
 from lidario.cli.motor import motor
 from lidario.cli.play import play
 from lidario.cli.plot import plot
+from lidario.cli.publish import publish
 from lidario.cli.record import record
 from lidario.cli.scan import scan
 from lidario.cli.sim import sim
@@ -91,15 +92,17 @@ def cli(context: click.Context) -> int | None:
 
     Without a verb: lists the lidars that are plugged in, and what to type next.
 
-    A SOURCE is a serial port (/dev/ttyUSB0, COM3), tcp://host:port, id:SERIAL (the lidar's own serial number),
-    a simulator (sim://MODEL?world=room&fault=drop:1%; `lidario sim --list` names the models), a recording
-    (run.mcap, raw.bin; run.mcap?rate=10&loop=1), or auto, which is the default: the only lidar that responds.
+    A SOURCE is a serial port (/dev/ttyUSB0, COM3), tcp://host:port, udp://host:port (an Ethernet model),
+    id:SERIAL (the lidar's own serial number), a simulator (sim://MODEL?world=room&fault=drop:1%; `lidario sim
+    --list` names the models), a recording (run.mcap, raw.bin; run.mcap?rate=10&loop=1), another machine's lidar
+    (zenoh:KEY), or auto, which is the default: the only lidar that responds.
     """
     return show((), as_json=False, next_steps=True) if context.invoked_subcommand is None else None
 
 
 _VERBS: tuple[click.Command, ...] = (
-    devices, info, scan, view, watch, plot, stats, record, play, export, doctor, udev, motor, sim, completion
+    devices, info, scan, view, watch, plot, stats, record, play, export, publish, doctor, udev, motor, sim,
+    completion,
 )  # fmt: skip
 
 for _verb in _VERBS:

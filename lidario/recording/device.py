@@ -32,7 +32,12 @@ class RecordedDevice(Device):
     Args:
         recording: The recording.
         current: Tells which stream is played next.
+
+    Attributes:
+        told_by: Who tells what is known of it, for messages.
     """
+
+    told_by: str = "the recording"
 
     def __init__(self, recording: StoredStreams, current: Callable[[], StoredStream]) -> None:
         self._recording = recording
@@ -141,10 +146,10 @@ class RecordedDevice(Device):
             result: T = stop.value
             return result
         except ResponseTimeout:
-            raise Unsupported(f"the recording does not tell {what}: the device was not asked for it") from None
+            raise Unsupported(f"{self.told_by} does not tell {what}: the device was not asked for it") from None
         except (RemoteProtocolError, ValueError, LookupError, ArithmeticError, struct.error) as error:
             # Scripts rely on lengths that were checked when the response was received.
-            raise Unsupported(f"the recording does not tell {what}: what it holds cannot be read") from error
+            raise Unsupported(f"{self.told_by} does not tell {what}: what it holds cannot be read") from error
 
 
 def mode_type(stream: StoredStream) -> int:

@@ -23,7 +23,6 @@ import numpy as np
 from lidario.errors import CannotRecord
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.read import McapRecording
-from lidario.recording.ros_messages import encode_laserscan
 from lidario.recording.write import FileWriter
 from lidario.scan import Scan
 
@@ -131,7 +130,7 @@ def export_mcap(decoder: FileDecoder, path: Path, *, overwrite: bool = False) ->
 
 def _add_scan(writer: FileWriter, scan: Scan) -> int:
     message = scan.to_laserscan()
-    writer.add_scan(message.stamp_ns, encode_laserscan(message))
+    writer.add_scan(message.stamp_ns, message.to_cdr())
     return message.stamp_ns
 
 

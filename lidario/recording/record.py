@@ -22,7 +22,6 @@ from typing import NoReturn, Protocol, Self
 
 from lidario.errors import CannotRecord, LocalProtocolError
 from lidario.recording.about import About
-from lidario.recording.ros_messages import encode_laserscan
 from lidario.recording.write import FileWriter
 from lidario.scan import Scan
 
@@ -251,7 +250,7 @@ class Recording:
 def _write_scan(writer: FileWriter, scan: Scan) -> None:
     if len(scan):
         message = scan.to_laserscan()
-        writer.add_scan(message.stamp_ns, encode_laserscan(message))
+        writer.add_scan(message.stamp_ns, message.to_cdr())
 
 
 async def _until(condition: Callable[[], bool], seconds: float) -> None:

@@ -1,8 +1,6 @@
-"""The three ROS 2 messages that a recording holds: their definitions, and their CDR encoding.
+"""The three ROS 2 messages that a recording holds: their definitions, and the encoding of the small ones.
 
-CDR is the binary form of ROS 2 messages: four bytes that name the byte order, then the fields in order, each
-aligned to its own size, counted from behind those four bytes. It is written by hand because a general encoder takes
-hundreds of times as long. The tests compare it with an independent decoder.
+`lidario.cdr` tells what CDR is; `LaserScan.to_cdr` encodes scans. The tests compare it with an independent decoder.
 
 The definitions are in the form that rosbag2 stores (``ros2msg``): the fields of the message, then those of each
 message type that it contains.
@@ -12,9 +10,7 @@ from __future__ import annotations
 
 import struct
 
-import numpy as np
-
-from lidario.laserscan import LaserScan
+from lidario.cdr import LITTLE_ENDIAN
 
 __all__ = [
     "LASERSCAN_DEFINITION",
@@ -23,7 +19,6 @@ __all__ = [
     "RAW_TYPE",
     "TEXT_DEFINITION",
     "TEXT_TYPE",
-    "encode_laserscan",
     "encode_raw",
     "encode_text",
     "parse_raw",
@@ -64,18 +59,13 @@ int32 sec
 uint32 nanosec
 """
 
-_LITTLE_ENDIAN = b"\0\1\0\0"
 _RAW = struct.Struct("<4sB3xI")
 _LENGTH = struct.Struct("<I")
-_TIME_AND_LENGTH = struct.Struct("<iII")
-_SEVEN = struct.Struct("<7f")
-_SECOND = 1_000_000_000
-_MOST_SECONDS = (1 << 31) - 1
 
 
 def encode_raw(sent: bool, data: bytes) -> bytes:
     """A chunk as ``lidario_msgs/msg/Raw``."""
-    return _RAW.pack(_LITTLE_ENDIAN, sent, len(data)) + data
+    return _RAW.pack(LITTLE_ENDIAN, sent, len(data)) + data
 
 
 def parse_raw(message: bytes | memoryview) -> tuple[bool, bytes] | None:
@@ -83,7 +73,7 @@ def parse_raw(message: bytes | memoryview) -> tuple[bool, bytes] | None:
     if len(message) < _RAW.size:
         return None
     order, direction, length = _RAW.unpack_from(message)
-    if order != _LITTLE_ENDIAN or direction > 1 or length > len(message) - _RAW.size:
+    if order != LITTLE_ENDIAN or direction > 1 or length > len(message) - _RAW.size:
         return None
     return direction == 1, bytes(message[_RAW.size : _RAW.size + length])
 
@@ -91,42 +81,14 @@ def parse_raw(message: bytes | memoryview) -> tuple[bool, bytes] | None:
 def encode_text(text: str) -> bytes:
     """A text as ``std_msgs/msg/String``."""
     data = text.encode() + b"\0"
-    return _LITTLE_ENDIAN + _LENGTH.pack(len(data)) + data
+    return LITTLE_ENDIAN + _LENGTH.pack(len(data)) + data
 
 
 def parse_text(message: bytes | memoryview) -> str | None:
     """The text of a ``std_msgs/msg/String``; None when the message is none."""
-    if len(message) < 8 or bytes(message[:4]) != _LITTLE_ENDIAN:
+    if len(message) < 8 or bytes(message[:4]) != LITTLE_ENDIAN:
         return None
     (length,) = _LENGTH.unpack_from(message, 4)
     if not 0 < length <= len(message) - 8:
         return None
     return bytes(message[8 : 7 + length]).decode("utf-8", "replace")
-
-
-def encode_laserscan(scan: LaserScan) -> bytes:
-    """A scan as ``sensor_msgs/msg/LaserScan``. A stamp after 2038 does not fit in the message."""
-    seconds, nanoseconds = divmod(scan.stamp_ns, _SECOND)
-    seconds = min(max(seconds, -_MOST_SECONDS), _MOST_SECONDS)
-    frame = scan.frame_id.encode() + b"\0"
-    head = _TIME_AND_LENGTH.pack(seconds, nanoseconds, len(frame)) + frame
-    return b"".join(
-        (
-            _LITTLE_ENDIAN,
-            head,
-            bytes(-len(head) % 4),
-            _SEVEN.pack(
-                scan.angle_min,
-                scan.angle_max,
-                scan.angle_increment,
-                scan.time_increment,
-                scan.scan_time,
-                scan.range_min,
-                scan.range_max,
-            ),
-            _LENGTH.pack(len(scan.ranges)),
-            scan.ranges.astype(np.dtype("<f4"), copy=False).tobytes(),
-            _LENGTH.pack(len(scan.intensities)),
-            scan.intensities.astype(np.dtype("<f4"), copy=False).tobytes(),
-        )
-    )

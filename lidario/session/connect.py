@@ -32,6 +32,7 @@ from lidario.model import DeviceInfo
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.tcp import open_tcp
+from lidario.port.udp import open_udp
 from lidario.session.dialogue import Dialogue
 from lidario.session.handshake import introduce
 from lidario.session.listening import listen
@@ -103,6 +104,8 @@ async def connect(
     """
     if source.kind == "file":
         return await _connect_recording(source, family)
+    if source.kind == "zenoh":
+        return await _connect_remote(source)
     named = family or source.family
     families = (family_named(named),) if named else FAMILIES
     speed = baudrate or source.baudrate
@@ -122,6 +125,9 @@ async def connect(
     elif source.kind == "tcp":
         port = await open_tcp(source.text, *source.host_and_port, baudrate=speed or 0)
         tries = [_Try(each, 0, source.model) for each in families]
+    elif source.kind == "udp":
+        port = await open_udp(source.text, *source.host_and_port)
+        tries = [_Try(each, 0) for each in families]
     else:
         if source.model is not None:
             tries = [_Try(each, speed or each.models[source.model].baudrate, source.model) for each in families]
@@ -172,6 +178,24 @@ async def _connect_recording(source: Source, family: str | None) -> Connection:
     # Nothing is under way on this line, so nothing has to be waited for.
     dialogue = Dialogue(port, device, replace(own.timing, quiet_s=_NO_TIME_S, boot_poll_s=_NO_TIME_S))
     return Connection(port, own, device, dialogue, await dialogue.run(device.identify()))
+
+
+async def _connect_remote(source: Source) -> Connection:
+    """Another machine's lidar: its publisher says what it is, and drives it.
+
+    Raises:
+        ConnectFailed: No router, nobody publishes under that key, or several do.
+        Unsupported: The package that is needed is not installed.
+    """
+    from lidario.network.connect import open_remote  # for those who need it
+
+    remote = await open_remote(source)
+    dialogue = Dialogue(
+        remote.port, remote.device, replace(remote.family.timing, quiet_s=_NO_TIME_S, boot_poll_s=_NO_TIME_S)
+    )
+    return Connection(
+        remote.port, remote.family, remote.device, dialogue, await dialogue.run(remote.device.identify())
+    )
 
 
 def _may_hear(each: _Try) -> bool:
@@ -273,6 +297,7 @@ def _nothing_responds(source: Source, tries: list[_Try], received: ReceivedInSil
     at = f" at {_either(speeds)} baud" if speeds and source.kind == "serial" else ""
     asked = _either(list(dict.fromkeys(each.family.title for each in tries)))
     cure = "Is the lidar powered (5 V, 1.5 A)"
+    cure += ", and is this computer in its network" if source.kind == "udp" else ""
     cure += " and the adapter's speed switch right?" if source.kind == "serial" else "?"
     return ConnectFailed(
         f"{source.address} opened, but nothing responds{at} (asked as {asked}): {received.describe()}. {cure}",

@@ -163,6 +163,12 @@ class Scanner:
             self._control.pause()
             self._resume()
 
+    def deliver(self, scan: Scan) -> None:
+        """As `Audience` of another machine's lidar: a scan that came whole."""
+        if self.state is State.RUNNING:
+            self.totals.assembled.scans += 1
+            self._publish(scan)
+
     def finish(self) -> None:
         """As `Audience`."""
         if self.is_scanning:

@@ -68,6 +68,24 @@ def test_over_tcp(number: signal.Signals) -> None:
         assert sim.wait(BOUND) == 0
 
 
+def test_an_ethernet_model_by_udp() -> None:
+    with started("sim", "rplidar-s2e", "--udp", ":0") as sim:
+        address = line_of(sim.stdout).strip()
+        assert address.startswith("udp://127.0.0.1:")
+        scanned = run("scan", address, "--json")
+        assert scanned.returncode == 0, scanned.stderr
+        assert json.loads(scanned.stdout)["ranges"]
+        sim.send_signal(signal.SIGINT)
+        assert sim.wait(BOUND) == 0
+
+
+def test_one_kind_of_port() -> None:
+    ended = invoke("sim", "--udp", ":0", "--tcp", ":0")
+    assert ended.exit_code == 2
+    assert "exclude each other" in ended.stderr
+    assert "--udp" in invoke("sim", "--udp", "8089x").stderr
+
+
 def test_an_address_that_is_taken() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         ended = invoke("sim", "--tcp", f"127.0.0.1:{taken.getsockname()[1]}")

@@ -17,7 +17,8 @@ from lidario.session.lidar import Lidar
 from tests.support.devices import Rig, left_still, make_rig, names, take
 from tests.support.loop import driven
 
-TALKING = [name for name, profile in (*LDROBOT.items(), *YDLIDAR.items()) if not profile.commands]
+TALKING = [name for name, profile in LDROBOT.items() if not profile.commands]
+TALKING += [name for name, other in YDLIDAR.items() if not other.commands]
 NAMED = {"ydlidar-x4-pro": "x4pro", "ydlidar-s2-pro": "s2pro"}
 talkers = pytest.mark.parametrize("model", ["ldrobot-ld06", "ydlidar-x2"])
 

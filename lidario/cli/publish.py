@@ -1,0 +1,145 @@
+"""``lidario publish``: a lidar on the network, as a topic of ROS 2 or under a key of zenoh's, until Ctrl-C.
+
+Nothing of ROS is needed on this machine: a zenoh router (``zenohd``, or the ``rmw_zenohd`` of ROS 2) carries it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+from click.core import ParameterSource
+
+from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.output import emit, message
+from lidario.cli.parameters import complete_source
+
+if TYPE_CHECKING:
+    from lidario import Lidar
+    from lidario.ros import Publisher, Share
+
+__all__ = ["publish"]
+
+ROUTER: Final = "tcp/localhost:7447"
+_OF_ROS: Final = (
+    "topic",
+    "frame",
+    "domain",
+    "distro",
+    "namespace",
+    "node",
+    "beams",
+    "order",
+    "preset",
+    "mount_yaw",
+)
+"""Options that mean nothing without --ros."""
+
+
+@click.command()
+@click.argument("source", default="auto", shell_complete=complete_source)
+@click.option("--ros", is_flag=True, help="As a topic of ROS 2, for nodes that run rmw_zenoh_cpp.")
+@click.option("--zenoh", "key", metavar="KEY", help="Under this key, for those without ROS: robots/r7/scan.")
+@click.option("--raw", is_flag=True, help="With --zenoh: the bytes of the device, a quarter of the size.")
+@click.option("--router", default=ROUTER, show_default=True, metavar="ADDRESS", help="The zenoh router.")
+@click.option("--robot", metavar="NAME", help="Name of this robot in `lidario devices --zenoh`.  [this machine's]")
+@click.option("--topic", default="scan", show_default=True, metavar="NAME", help="Topic of the scans.")
+@click.option("--frame", default="laser", show_default=True, metavar="NAME", help="Coordinate frame.")
+@click.option("--domain", default=0, show_default=True, type=click.IntRange(0, 232), help="ROS_DOMAIN_ID.")
+@click.option("--distro", default="jazzy", show_default=True,
+              type=click.Choice(["humble", "jazzy", "kilted", "lyrical"]),
+              help="Release of the other nodes; humble has other keys than all later ones.")  # fmt: skip
+@click.option("--namespace", default="/", show_default=True, metavar="NAME", help="Namespace of the node.")
+@click.option("--node", default="lidario", show_default=True, metavar="NAME", help="Name of the node.")
+@click.option("--beams", type=click.IntRange(1, 65536), metavar="N",
+              help="Beams of each scan.  [as many as the first scan has samples]")  # fmt: skip
+@click.option("--order", default="counter-clockwise", show_default=True,
+              type=click.Choice(["counter-clockwise", "measured"]),
+              help="Order of the beams; measured for readers that expect time to rise (cartographer).")  # fmt: skip
+@click.option("--preset", default="rep103", show_default=True, type=click.Choice(["rep103", "vendor"]),
+              help="Where the angle 0 is: ahead, or behind as with the vendors' drivers.")  # fmt: skip
+@click.option("--mount-yaw", default=0.0, metavar="DEGREES",
+              help="Direction of the lidar in its frame, counter-clockwise.")  # fmt: skip
+@click.option("--mode", metavar="MODE", help="Scan mode by name or id, as `lidario info` lists them.")
+@click.option("--reconnect/--no-reconnect", default=True, show_default=True,
+              help="Come back when the lidar is unplugged or restarts.")  # fmt: skip
+def publish(
+    source: str,
+    ros: bool,
+    key: str | None,
+    raw: bool,
+    router: str,
+    robot: str | None,
+    mode: str | None,
+    reconnect: bool,
+    **of_ros: Any,
+) -> int:
+    """Publish live scans over zenoh, until Ctrl-C.
+
+    Either --ros, and `ros2 topic list` shows the topic, or --zenoh KEY, and zenoh:KEY is a SOURCE on every other
+    machine. The key is printed. It goes on when the router restarts.
+    """
+    context = click.get_current_context()
+    if ros == (key is not None):
+        raise click.UsageError("say one of --ros and --zenoh KEY", context)
+    if raw and ros:
+        raise click.UsageError("--raw belongs to --zenoh KEY; a topic of ROS 2 has scans", context)
+    given = [name for name in _OF_ROS if context.get_parameter_source(name) is ParameterSource.COMMANDLINE]
+    if given and not ros:
+        raise click.UsageError(f"--{given[0].replace('_', '-')} belongs to --ros", context)
+    from lidario.cli.running import run
+
+    by_id = int(mode) if mode is not None and mode.isdecimal() else mode
+    told: list[Publisher | Share] = []
+
+    def make(lidar: Lidar) -> Publisher | Share:
+        from lidario.ros import Publisher, Share
+
+        if key is not None:
+            return Share(lidar, key, raw=raw, router=router, robot=robot)
+        options = dict(of_ros)
+        options["frame_id"] = options.pop("frame")
+        options["mount_yaw"] = math.radians(options["mount_yaw"])
+        return Publisher(lidar, router=router, robot=robot, **options)
+
+    async def work() -> None:
+        from lidario import open_lidar
+
+        _needs_zenoh()
+        async with open_lidar(source, reconnect=reconnect) as lidar:
+            publisher = make(lidar)
+            publisher.on_change = lambda connected: _tell(router, connected)
+            async with publisher:
+                told.append(publisher)
+                emit(f"{publisher.key}\n")
+                message(f"publishing {lidar.info.model} {lidar.info.serial} through {router}; Ctrl-C ends it")
+                await publisher.run(by_id)
+
+    try:
+        run(work)
+    except Stopped:
+        message("")
+    finally:
+        for each in told:
+            message(f"{each.scans} scan{'s' if each.scans != 1 else ''} published")
+    return ExitCode.OK
+
+
+def _needs_zenoh() -> None:
+    """Before the lidar is opened: the motor need not start for nothing."""
+    from lidario import Unsupported
+
+    try:
+        import zenoh  # noqa: F401
+    except ModuleNotFoundError:
+        raise Unsupported(
+            "zenoh needs eclipse-zenoh, which is not installed: pip install 'lidario-asyncio[zenoh]'"
+        ) from None
+
+
+def _tell(router: str, connected: bool) -> None:
+    if connected:
+        message(f"the zenoh router at {router} is back")
+    else:
+        message(f"the zenoh router at {router} is lost; scans are not sent until it is back")

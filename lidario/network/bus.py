@@ -1,0 +1,269 @@
+"""One connection to a zenoh router. The only place that knows the package ``eclipse-zenoh``.
+
+It is always opened as a *client*. Since 2024 the routers of ROS 2 forward nothing from peer to peer, but always
+from and to clients, so a peer is seen by luck of the network only (rmw_zenoh's README, and its issues 625 and 929).
+
+zenoh calls back in threads of its own. Everything is handed to the event loop here, in order; what the loop does
+not take in time is dropped, oldest first, and counted. When the router goes away zenoh connects again by itself
+and declares everything anew; `Bus.on_change` tells of both.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+from collections import deque
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from lidario.errors import ConnectFailed, InvalidValue, Unsupported
+from lidario.port.background import run_in_thread
+
+if TYPE_CHECKING:
+    import zenoh
+
+__all__ = ["DEFAULT_ROUTER", "Bus", "Sample", "Sender"]
+
+_log = logging.getLogger("lidario")
+
+DEFAULT_ROUTER: Final = "tcp/localhost:7447"
+"""Where rmw_zenohd listens, and zenohd."""
+OPEN_S: Final = 10.0
+CLOSE_S: Final = 2.0
+"""Longest time that closing may take; zenoh tells the router, which may be unreachable."""
+MOST_WAITING: Final = 256
+"""Samples of one subscription that wait for the event loop."""
+MISSING: Final = "zenoh needs eclipse-zenoh, which is not installed: pip install 'lidario-asyncio[zenoh]'"
+
+
+class Sample(NamedTuple):
+    """What was published.
+
+    Attributes:
+        key: Under which key.
+        payload: The bytes.
+        attachment: What was sent beside them; empty where nothing was.
+    """
+
+    key: str
+    payload: bytes
+    attachment: bytes
+
+
+class Sender:
+    """Publishes under one key."""
+
+    def __init__(self, publisher: Any) -> None:
+        self._publisher = publisher
+
+    def put(self, payload: bytes, attachment: bytes) -> bool:
+        """Send it; False where it could not be sent. While there is no router it is lost, without an error."""
+        try:
+            self._publisher.put(payload, attachment=attachment)
+        except Exception as error:
+            _log.debug("zenoh did not take a message: %s", error)
+            return False
+        return True
+
+
+class Bus:
+    """A client of one router; made by `Bus.open`.
+
+    Attributes:
+        router: Its address, such as ``tcp/localhost:7447``.
+        is_connected: Whether the router is there.
+        on_change: Called on the event loop when the router is lost (False) and when it is back (True).
+        dropped: Samples that the event loop did not take in time.
+    """
+
+    def __init__(self, session: Any, router: str) -> None:
+        self.router = router
+        self.is_connected: bool = True
+        self.on_change: Callable[[bool], None] | None = None
+        self.dropped: int = 0
+        self._session = session
+        self._loop = asyncio.get_running_loop()
+        self._closed = False
+        # Kept alive: zenoh ends what nobody holds.
+        self._held: list[Any] = [session.info.declare_transport_events_listener(self._transport_changed)]
+
+    @classmethod
+    async def open(cls, router: str = DEFAULT_ROUTER) -> Bus:
+        """Connect to a router. Cancelling ends the waiting, and closes what still opens.
+
+        Args:
+            router: Its address in zenoh's notation: ``tcp/host:port``, ``tls/host:port``, ``udp/host:port``.
+
+        Raises:
+            ConnectFailed: It cannot be reached (reason ``refused``).
+            InvalidValue: The address is none.
+            Unsupported: The package is not installed.
+        """
+        try:
+            import zenoh
+        except ModuleNotFoundError:
+            raise Unsupported(MISSING) from None
+        try:
+            config = _config(zenoh, router)
+        except zenoh.ZError as error:
+            raise InvalidValue(f"{router!r} is not the address of a router, such as tcp/localhost:7447") from error
+        try:
+            async with asyncio.timeout(OPEN_S):
+                session = await run_in_thread(lambda: zenoh.open(config), _discard)
+        except (zenoh.ZError, TimeoutError) as error:
+            raise ConnectFailed(
+                f"no zenoh router responds at {router}. Start one: zenohd, or ros2 run rmw_zenoh_cpp rmw_zenohd",
+                reason="refused",
+            ) from error
+        return cls(session, router)
+
+    @property
+    def id(self) -> str:
+        """The id of this session, as zenoh prints it."""
+        return str(self._session.zid())
+
+    def sender(self, key: str, *, blocking: bool = False) -> Sender:
+        """Publish under `key`. A router that does not keep up loses messages, unless `blocking`."""
+        zenoh = _zenoh()
+        control = zenoh.CongestionControl.BLOCK if blocking else zenoh.CongestionControl.DROP
+        publisher = self._session.declare_publisher(key, congestion_control=control)
+        self._held.append(publisher)
+        return Sender(publisher)
+
+    def token(self, key: str) -> None:
+        """Show that we are alive: the token is there until this is closed, or its process or line has died."""
+        self._held.append(self._session.liveliness().declare_token(key))
+
+    def respond(self, key: str, response: Callable[[], bytes]) -> None:
+        """Respond to queries of `key` with what `response` returns; it is called on the event loop."""
+
+        def send(query: Any) -> None:
+            try:
+                query.reply(key, response())
+            except Exception as error:
+                _log.debug("a query of %s was not answered: %s", key, error)
+            finally:
+                query.drop()
+
+        self._held.append(self._session.declare_queryable(key, lambda query: self._call(send, query)))
+
+    def subscribe(self, key: str, take: Callable[[Sample], None]) -> Callable[[], None]:
+        """Call `take` on the event loop with everything that is published under `key`; returns what ends that."""
+        waiting: deque[Sample] = deque()
+
+        def hand_over() -> None:
+            while waiting and not self._closed:
+                take(waiting.popleft())
+
+        def receive(sample: Any) -> None:
+            # In a thread of zenoh. `append` and `popleft` of a deque are atomic.
+            attachment = sample.attachment
+            payload = sample.payload.to_bytes()
+            idle = not waiting
+            waiting.append(Sample(str(sample.key_expr), payload, attachment.to_bytes() if attachment else b""))
+            if len(waiting) > MOST_WAITING:
+                waiting.popleft()
+                self.dropped += 1
+            if idle:
+                self._call(hand_over)
+
+        subscriber: Any = self._session.declare_subscriber(key, receive)
+        self._held.append(subscriber)
+
+        def leave() -> None:
+            if not self._closed:
+                subscriber.undeclare()
+
+        return leave
+
+    def watch_tokens(self, key: str, changed: Callable[[str, bool], None]) -> None:
+        """Call `changed` on the event loop with each token of `key`: True for those there and those that come."""
+
+        def receive(sample: Any) -> None:
+            self._call(changed, str(sample.key_expr), "PUT" in str(sample.kind))
+
+        self._held.append(self._session.liveliness().declare_subscriber(key, receive, history=True))
+
+    async def tokens(self, key: str, seconds: float) -> list[str]:
+        """The tokens of `key` that are there. Cancelling ends the waiting."""
+        replies = await self._gather(lambda: self._session.liveliness().get(key, timeout=seconds))
+        return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+
+    async def query(self, key: str, seconds: float) -> list[Sample]:
+        """Ask everybody who responds to `key`. Cancelling ends the waiting."""
+        everybody = _zenoh().QueryTarget.ALL
+        none = _zenoh().ConsolidationMode.NONE
+        replies = await self._gather(
+            lambda: self._session.get(key, timeout=seconds, target=everybody, consolidation=none)
+        )
+        return [
+            Sample(str(reply.ok.key_expr), reply.ok.payload.to_bytes(), b"")
+            for reply in replies
+            if reply.ok is not None
+        ]
+
+    async def close(self) -> None:
+        """End everything; returns when the router knows, after two seconds at most. Cancelling ends the waiting."""
+        if self._closed:
+            return
+        self._closed = True
+        self.on_change = None
+        session, self._held = self._session, []
+        try:
+            async with asyncio.timeout(CLOSE_S):
+                await run_in_thread(session.close)
+        except TimeoutError:
+            _log.debug("the session with %s did not close in time", self.router)
+
+    def close_soon(self) -> None:
+        """As `close`, without waiting, and without an event loop."""
+        if not self._closed:
+            self._closed = True
+            self._held = []
+            self._session.close()
+
+    # ------------------------------------------------------------------------------------------ inside
+
+    async def _gather(self, ask: Callable[[], Any]) -> list[Any]:
+        # The iteration blocks until the last response has come, or the time is up.
+        try:
+            return await run_in_thread(lambda: list(ask()))
+        except _zenoh().ZError as error:
+            raise ConnectFailed(f"the zenoh router at {self.router} was lost: {error}", reason="refused") from error
+
+    def _transport_changed(self, event: Any) -> None:
+        if "router" in str(event.transport.whatami).lower():
+            self._call(self._change, "PUT" in str(event.kind))
+
+    def _change(self, connected: bool) -> None:
+        if connected != self.is_connected and not self._closed:
+            self.is_connected = connected
+            if self.on_change is not None:
+                self.on_change(connected)
+
+    def _call(self, callback: Callable[..., None], *values: Any) -> None:
+        """From a thread of zenoh to the event loop; nowhere, when that is closed."""
+        try:
+            self._loop.call_soon_threadsafe(callback, *values)
+        except RuntimeError:
+            _log.debug("the event loop is closed, so what zenoh brings is dropped")
+
+
+def _discard(session: Any) -> None:
+    session.close()
+
+
+def _zenoh() -> Any:
+    import zenoh
+
+    return zenoh
+
+
+def _config(module: Any, router: str) -> zenoh.Config:
+    config: zenoh.Config = module.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps([router]))
+    # Only the router that was named: another one that happens to be on the network is not asked for.
+    config.insert_json5("scouting/multicast/enabled", "false")
+    return config

@@ -1,0 +1,167 @@
+"""From ``zenoh:KEY`` to a lidar that has introduced itself.
+
+Who publishes under the key is asked for its status. Where nobody responds, the first message tells: a LaserScan of
+any ROS 2 node is a source, too, although nothing is known of the device.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+from typing import Final
+
+import anyio
+
+from lidario.errors import ConnectFailed, InvalidValue
+from lidario.families.base import Family
+from lidario.families.registry import FAMILIES
+from lidario.laserscan import LaserScan
+from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
+from lidario.network.bus import DEFAULT_ROUTER, Bus, Sample
+from lidario.network.device import RemoteDevice, RemoteStreams
+from lidario.network.keys import LASERSCAN_IN_KEY, check_key, status_key
+from lidario.network.messages import parse_scan
+from lidario.network.port import RemotePort
+from lidario.network.status import Status
+from lidario.recording.about import About
+from lidario.recording.chronicle import StreamBegan
+from lidario.source import Source
+
+__all__ = ["Remote", "open_remote"]
+
+ASK_S: Final = 2.0
+"""How long publishers have to respond. Where there is none, the router says so at once."""
+WAIT_S: Final = 5.0
+"""How long to wait for the first message of a publisher that does not respond, or for a lidar that is away."""
+_STATUS: Final = status_key("")
+_UNKNOWN: Final = Health(HealthStatus.WARNING, 0, "the publisher does not tell")
+
+
+@dataclass(frozen=True, slots=True)
+class Remote:
+    """A lidar of another machine.
+
+    Attributes:
+        port: Where it is received.
+        device: What it has told.
+        family: Whose code understands it.
+    """
+
+    port: RemotePort
+    device: RemoteDevice
+    family: Family
+
+
+async def open_remote(source: Source) -> Remote:
+    """Connect to the router, and to the publisher. Cancelling leaves nothing open.
+
+    Args:
+        source: Its kind is ``zenoh``.
+
+    Raises:
+        ConnectFailed: No router (``refused``), nobody publishes under the key (``silent``), or several do
+            (``ambiguous``).
+        Unsupported: The package is not installed.
+    """
+    try:
+        key = check_key(source.address, wildcards=True)
+    except InvalidValue as error:
+        raise ConnectFailed(str(error), reason="source") from error
+    bus = await Bus.open(source.options.get("router", DEFAULT_ROUTER))
+    try:
+        return await _meet(bus, key)
+    except BaseException:
+        with anyio.CancelScope(shield=True):
+            await bus.close()
+        raise
+
+
+async def _meet(bus: Bus, key: str) -> Remote:
+    deadline = asyncio.get_running_loop().time() + WAIT_S
+    while True:
+        found = await _ask(bus, key)
+        if len(found) > 1:
+            lines = "".join(f"\nzenoh:{each}" for each in sorted(found))
+            raise ConnectFailed(
+                f"{len(found)} lidars are published under {key}; name one:{lines}", reason="ambiguous"
+            )
+        if not found:
+            break
+        ((place, status),) = found.items()
+        began = _stream_of(status)
+        if began is not None:
+            return _remote(bus, place, status, began)
+        if asyncio.get_running_loop().time() >= deadline:
+            lost = f": {status.lost}" if status.lost else ""
+            raise ConnectFailed(f"zenoh:{place} is published, but its lidar does not scan{lost}", reason="silent")
+        await asyncio.sleep(0.1)
+    first = await _first_message(bus, key)
+    is_scan = parse_scan(first.payload, 0) is not None
+    topic = first.key.partition(LASERSCAN_IN_KEY)[0]
+    info = DeviceInfo("unknown" if is_scan else "ros2", "unknown" if is_scan else "LaserScan", 0, "", 0, topic)
+    status = Status("scan" if is_scan else "ros", "", About(info, _UNKNOWN))
+    return _remote(bus, first.key, status, _whole_scans(None))
+
+
+async def _ask(bus: Bus, key: str) -> dict[str, Status]:
+    replies = await bus.query(status_key(key), ASK_S)
+    read = ((each.key.removesuffix(_STATUS), Status.of(each.payload)) for each in replies)
+    return {place: status for place, status in read if status is not None}
+
+
+async def _first_message(bus: Bus, key: str) -> Sample:
+    """The first one that is a scan."""
+    came: asyncio.Future[Sample] = asyncio.get_running_loop().create_future()
+
+    def take(sample: Sample) -> None:
+        ours = parse_scan(sample.payload, 0) is not None
+        theirs = LASERSCAN_IN_KEY in sample.key and LaserScan.from_cdr(sample.payload) is not None
+        if (ours or theirs) and not came.done():
+            came.set_result(sample)
+
+    leave = bus.subscribe(key, take)
+    try:
+        async with asyncio.timeout(WAIT_S):
+            return await came
+    except TimeoutError:
+        raise ConnectFailed(
+            f"nobody publishes a lidar under {key} at {bus.router}; lidario devices --zenoh lists those there are",
+            reason="silent",
+        ) from None
+    finally:
+        leave()
+
+
+def _stream_of(status: Status) -> StreamBegan | None:
+    """The stream that runs; None where the lidar is away."""
+    if status.form == "raw":
+        return next((event for event in status.about.events if isinstance(event, StreamBegan)), None)
+    return None if status.mode is None and status.lost else _whole_scans(status.mode)
+
+
+def _whole_scans(mode: ScanMode | None) -> StreamBegan:
+    """What there is to say of a stream that has no packets."""
+    known = mode or ScanMode(0, "LaserScan", 0.0, 0.0, 0)
+    return StreamBegan(0, b"", known, 1, known.sample_us * 1e3, 1.0, 0, 0, 0.0)
+
+
+def _remote(bus: Bus, key: str, status: Status, began: StreamBegan) -> Remote:
+    family = next((each for each in FAMILIES if each.name == status.about.info.family), None)
+    if family is None:
+        if status.form == "raw":
+            raise ConnectFailed(
+                f"zenoh:{key} sends the bytes of a lidar that this version does not know: "
+                f"{status.about.info.family or 'nothing'}",
+                reason="source",
+            )
+        family = FAMILIES[0]  # nothing of it is used but its times
+    if status.form == "raw" and family.stream_of(began.mode.response_type) is None:
+        raise ConnectFailed(
+            f"zenoh:{key} sends packets of an unknown type, 0x{began.mode.response_type:02X}", reason="source"
+        )
+    streams = RemoteStreams(family, status.about, status.modes, began)
+    port = RemotePort(bus, key, status.form, streams)
+    bus.subscribe(status_key(key), port.learn)
+    bus.watch_tokens(f"{key}/@lidario/alive/*/*/*/*", port.token_changed)
+    bus.subscribe(key, port.receive)
+    return Remote(port, RemoteDevice(streams, raw=status.form == "raw"), family)

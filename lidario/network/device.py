@@ -1,0 +1,191 @@
+"""A lidar of another machine, as the session sees it: it responds what it has told, and nothing can be set.
+
+It is a `RecordedDevice`: the scripts of the family run on the responses that its publisher has passed on. Only a
+stream of whole scans is started in another way, since it has no packets.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final, Self
+
+from lidario.errors import Unsupported
+from lidario.families.base import Family, Script, Stream
+from lidario.model import DeviceInfo, Health, ScanMode
+from lidario.recording.about import About
+from lidario.recording.chronicle import Responded, StreamBegan, StreamEvent
+from lidario.recording.device import PLAY, RecordedDevice
+from lidario.recording.read import StoredStream
+from lidario.wire.envelope import Expected, Request
+from lidario.wire.events import Packets
+from lidario.wire.formats import NO_PACKET, Headings, StreamFormat
+
+__all__ = ["SCAN_TYPE", "RemoteDevice", "RemoteStreams"]
+
+SCAN_TYPE: Final = 0
+"""Type of the descriptor that announces whole scans; no device has it."""
+MOST_RESPONSES: Final = 512
+SLOWEST_TURN_S: Final = 10.0
+
+
+class RemoteStreams:
+    """What is known of the lidar; of `StoredStreams`, what a `RecordedDevice` needs.
+
+    Args:
+        family: Whose packets it sends.
+        about: What its publisher told.
+        modes: Its scan modes, as far as they are known.
+        began: The stream that runs.
+
+    Attributes:
+        path: Empty: there is no file.
+        about: The latest that was told.
+        modes: As above.
+        responses: Request -> the latest response to it.
+        streams: The stream that runs.
+    """
+
+    def __init__(self, family: Family, about: About, modes: tuple[ScanMode, ...], began: StreamBegan) -> None:
+        self.path: Path = Path()
+        self.about: About = about
+        self.modes: tuple[ScanMode, ...] = modes
+        self.responses: dict[bytes, Responded] = {}
+        self.streams: tuple[StoredStream, ...] = (StoredStream(family, began),)
+        # The rest of what `StoredStreams` says; nobody asks for it.
+        self.damage: str = ""
+        self.size: int = 0
+        self.duration_ns: int = 0
+        self.timed: bool = True
+        for event in about.events:
+            self.learn(event)
+
+    @property
+    def stream(self) -> StoredStream:
+        """The stream that runs."""
+        return self.streams[0]
+
+    def pieces(self) -> Any:
+        """Nothing is stored."""
+        return iter(())
+
+    def learn(self, event: StreamEvent) -> None:
+        """Remember what the device responded."""
+        if isinstance(event, Responded) and (
+            event.request in self.responses or len(self.responses) < MOST_RESPONSES
+        ):
+            self.responses[event.request] = event
+
+    def begin(self, began: StreamBegan) -> None:
+        """Another stream runs now."""
+        self.streams = (StoredStream(self.stream.family, began),)
+
+
+class RemoteDevice(RecordedDevice):
+    """The lidar of another machine.
+
+    Args:
+        streams: What is known of it.
+        raw: Whether its bytes arrive, else whole scans.
+    """
+
+    told_by = "its publisher"
+
+    def __init__(self, streams: RemoteStreams, *, raw: bool) -> None:
+        super().__init__(streams, lambda: streams.stream)
+        self._streams = streams
+        self._raw = raw
+
+    def identify(self) -> Script[DeviceInfo]:
+        """As `Device.identify`."""
+        yield from ()
+        return self._streams.about.info
+
+    def health(self) -> Script[Health]:
+        """As `Device.health`: what was told last."""
+        yield from ()
+        return self._streams.about.health
+
+    def modes(self) -> Script[tuple[ScanMode, ...]]:
+        """As `Device.modes`."""
+        if self._raw:
+            return (yield from super().modes())
+        running = self._streams.stream.began.mode
+        others = [mode for mode in self._streams.modes if mode.id != running.id]
+        return (running, *others)
+
+    def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
+        """As `Device.start`.
+
+        Raises:
+            Unsupported: It runs in another mode, or `force` is set.
+        """
+        began = self._streams.stream.began
+        if force or mode.id != began.mode.id:
+            raise Unsupported(
+                f"this lidar is driven by its publisher, in mode {began.mode.name!r}: nothing can be set from here"
+            )
+        if self._raw:
+            return (yield from super().start(mode))
+        wire = ScanMessages()
+        yield Request("PLAY", PLAY, Expected(SCAN_TYPE, wire.shortest, continuous=True), stream=wire)
+        return Stream(
+            format=wire,
+            decoder=_NoPackets(),
+            mode=began.mode,
+            sample_ns=began.sample_ns,
+            spin_up_s=0.0,
+            slowest_turn_s=SLOWEST_TURN_S,
+        )
+
+    def set_scan_frequency(self, hertz: float) -> Script[float]:  # noqa: ARG002
+        """Raises Unsupported."""
+        raise Unsupported("the scan frequency of another machine's lidar cannot be set from here")
+
+    def power_down_protection(self, on: bool) -> Script[bool]:  # noqa: ARG002
+        """Raises Unsupported."""
+        raise Unsupported("power-down protection of another machine's lidar cannot be switched from here")
+
+    def apply_zero_offset(self, on: bool) -> Script[float]:
+        """As `Device.apply_zero_offset`; raises Unsupported where whole scans arrive."""
+        if not self._raw:
+            raise Unsupported("the zero-angle offset of these scans was chosen by their publisher")
+        return super().apply_zero_offset(on)
+
+
+class ScanMessages(StreamFormat):
+    """The format of a stream of whole scans: there are no packets, and every byte is noise."""
+
+    name = "scan messages"
+    response_type = SCAN_TYPE
+    header = re.compile(rb"(?!)")
+    shortest = longest = samples = 1
+    full_turn = 360
+
+    def measure(self, data: bytearray, at: int) -> int:  # noqa: ARG002
+        """As `StreamFormat.measure`."""
+        return NO_PACKET
+
+    def intact(self, data: bytearray, at: int, size: int) -> bool:  # noqa: ARG002
+        """As `StreamFormat.intact`."""
+        return False
+
+    def headings(self, packets: Packets) -> Headings:  # noqa: ARG002
+        """As `StreamFormat.headings`."""
+        return []
+
+
+class _NoPackets:
+    """The decoder of a stream without packets; it is never called."""
+
+    def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Any:
+        raise NotImplementedError
+
+    def fork(self) -> Self:
+        return self
+
+    def decode_steady(
+        self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None
+    ) -> Any:
+        raise NotImplementedError

@@ -1,0 +1,124 @@
+"""The keys under which a lidar is on the network, and what is sent beside each message.
+
+A lidar is published under a key that its user chooses, such as ``robots/r7/scan``. Beside that, under the same key:
+
+==============================================  ==========================================================
+``KEY``                                         the scans
+``KEY/@lidario/status``                         what the lidar is and how it is: once a second, and to who asks
+``KEY/@lidario/alive/FORM/ROBOT/MODEL/SERIAL``  a liveliness token: there as long as the publisher lives
+==============================================  ==========================================================
+
+A part that begins with ``@`` is matched by no wildcard (zenoh's key expressions call it verbatim), so that a reader
+of ``robots/**`` gets scans and nothing else.
+
+The attachment of a message is that of rmw_zenoh (its docs/design.md, "Publishers"): a number that begins at 1, the
+time, and 16 bytes that tell the publisher.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from typing import Final, NamedTuple
+
+from lidario.errors import InvalidValue
+
+__all__ = [
+    "ALL_TOKENS",
+    "LASERSCAN_IN_KEY",
+    "Attachment",
+    "Token",
+    "check_key",
+    "parse_attachment",
+    "parse_token",
+    "status_key",
+    "token_key",
+]
+
+ALL_TOKENS: Final = "**/@lidario/alive/*/*/*/*"
+LASERSCAN_IN_KEY: Final = "/sensor_msgs::msg::dds_::LaserScan_/"
+"""What tells that the messages under a key are LaserScans of a ROS 2 node."""
+FORMS: Final = ("scan", "raw", "ros")
+
+_TOKEN: Final = re.compile(r"(.+)/@lidario/alive/([^/]+)/([^/]+)/([^/]+)/([^/]+)")
+_ATTACHMENT: Final = struct.Struct("<qqB16s")
+_GID_SIZE: Final = 16
+_LONGEST_KEY: Final = 512
+_BAD: Final = re.compile(r"[\x00-\x20#?$\x7f]|//|^/|/$|^$|(?<![/*])\*|\*(?![/*]|$)|\*\*\*")
+_NOT_IN_TOKEN: Final = re.compile(r"[^A-Za-z0-9._-]")
+
+
+class Token(NamedTuple):
+    """What a liveliness token says.
+
+    Attributes:
+        key: Where the scans are.
+        form: ``scan``, ``raw`` or ``ros``.
+        robot: Name of the robot or machine.
+        model: Model of the lidar.
+        serial: Its serial number.
+    """
+
+    key: str
+    form: str
+    robot: str
+    model: str
+    serial: str
+
+
+class Attachment(NamedTuple):
+    """What is sent beside a message.
+
+    Attributes:
+        number: Counts the messages of a publisher, from 1.
+        time_ns: When it was sent, nanoseconds since the Unix epoch.
+        gid: 16 bytes that tell the publisher.
+    """
+
+    number: int
+    time_ns: int
+    gid: bytes
+
+    def to_bytes(self) -> bytes:
+        """The 33 bytes."""
+        return _ATTACHMENT.pack(self.number, self.time_ns, _GID_SIZE, self.gid)
+
+
+def parse_attachment(data: bytes) -> Attachment | None:
+    """What `Attachment.to_bytes` wrote; None for anything else."""
+    if len(data) != _ATTACHMENT.size:
+        return None
+    number, time_ns, size, gid = _ATTACHMENT.unpack(data)
+    return Attachment(number, time_ns, gid) if size == _GID_SIZE else None
+
+
+def check_key(key: str, *, wildcards: bool = False) -> str:
+    """The key, if zenoh can take it.
+
+    Raises:
+        InvalidValue: It cannot be one, or has a wildcard where one key is needed.
+    """
+    if len(key) > _LONGEST_KEY or _BAD.search(key) or not key.isprintable():
+        raise InvalidValue(f"{key[:60]!r} is not a key, such as robots/r7/scan")
+    if "*" in key and not wildcards:
+        raise InvalidValue(f"{key!r} names many keys; publish under one")
+    if "@" in key and any(part.startswith("@") for part in key.split("/")):
+        raise InvalidValue(f"{key!r} has a part that begins with @; those are for the system")
+    return key
+
+
+def status_key(key: str) -> str:
+    """Where the status of a lidar is."""
+    return f"{key}/@lidario/status"
+
+
+def token_key(token: Token) -> str:
+    """The token itself; characters that could mean something in a key become ``_``."""
+    parts = (_NOT_IN_TOKEN.sub("_", part[:60]) or "-" for part in token[1:])
+    return f"{token.key}/@lidario/alive/{'/'.join(parts)}"
+
+
+def parse_token(text: str) -> Token | None:
+    """What `token_key` wrote; None for anything else."""
+    match = _TOKEN.fullmatch(text)
+    return Token(*match.groups()) if match and match[2] in FORMS and text.isprintable() else None

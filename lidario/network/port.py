@@ -1,0 +1,287 @@
+"""A port at whose other end is a publisher: the session above it is the one of a live device.
+
+As a port that plays a recording does, it waits for the request `PLAY` and sends the descriptor of the stream that
+runs. Raw messages are then handed over read by read, with the times at which the publisher read them, put on the
+clock of this machine. Whole scans are handed to the session as they are.
+
+Nobody else than the publisher drives the device: what is written here goes nowhere. Where its stream is interrupted
+and starts anew, the session is told to start its own anew, too.
+
+**Who is lost.** The publisher's liveliness token goes when its process or its line dies. It also goes, for us, when
+the router does: then nothing is decided before the router is back and has had time to learn which tokens there are.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable
+from typing import Any, Final, Protocol
+
+from lidario.errors import DeviceLost
+from lidario.laserscan import LaserScan
+from lidario.network.bus import Bus, Sample
+from lidario.network.device import SCAN_TYPE, RemoteStreams
+from lidario.network.foreign import scan_of_laserscan
+from lidario.network.messages import Entry, parse_raw_message, parse_scan
+from lidario.network.status import Status
+from lidario.port.line import Line, Schedule
+from lidario.port.port import Port
+from lidario.recording.chronicle import StreamBegan, StreamEnded, event_of
+from lidario.recording.device import PLAY, mode_type
+from lidario.scan import Scan
+from lidario.wire.envelope import encode_descriptor
+from lidario.wire.events import Descriptor
+
+__all__ = ["Audience", "RemotePort"]
+
+_log = logging.getLogger("lidario")
+
+GONE_S: Final = 0.5
+"""From the end of a token to the loss: the news that the router is gone may come after it."""
+SETTLE_S: Final = 5.0
+"""From the return of the router to the loss of who has no token by then; a publisher tries every four seconds."""
+SILENCE_S: Final = 5.0
+"""Longest pause of a publisher that shows no token: a node that is not ours."""
+
+
+class Audience(Protocol):
+    """The session, as far as this port needs it."""
+
+    def restart(self) -> None:
+        """The stream was interrupted here: start it again."""
+        ...
+
+    def deliver(self, scan: Scan) -> None:
+        """A scan that came whole."""
+        ...
+
+
+class RemotePort(Port):
+    """A port with a publisher at its other end.
+
+    Args:
+        bus: The connection to the router; closed with the port.
+        key: The key of the lidar.
+        form: ``raw``, ``scan`` or ``ros``.
+        streams: What is known of it.
+    """
+
+    def __init__(self, bus: Bus, key: str, form: str, streams: RemoteStreams) -> None:
+        super().__init__(f"zenoh:{key}", streams.stream.began.baudrate if form == "raw" else 0)
+        self._fixed_offset_ns = time.time_ns() - round(self._loop.time() * 1e9)
+        self._remote = _RemoteLine(self, bus, form, streams)
+        self.connection_made(self._remote)
+
+    @property
+    def is_live(self) -> bool:
+        """As `Port.is_live`: whether the device is there is watched here, by its publisher's token."""
+        return False
+
+    @property
+    def wall_offset_ns(self) -> int:
+        """As `Port.wall_offset_ns`; it stays as it was when the port was opened."""
+        return self._fixed_offset_ns
+
+    @property
+    def bad_messages(self) -> int:
+        """Messages that were none of ours."""
+        return self._remote.bad
+
+    def follow(self, audience: Any) -> None:
+        """Name the session (an `Audience`) that it receives for."""
+        self._remote.audience = audience
+
+    def receive(self, sample: Sample) -> None:
+        """Take what was published under the key of the lidar."""
+        self._remote.receive(sample)
+
+    def learn(self, sample: Sample) -> None:
+        """Take a status."""
+        self._remote.learn(sample)
+
+    def token_changed(self, token: str, alive: bool) -> None:
+        """A token of the lidar came or went."""
+        self._remote.token_changed(token, alive)
+
+
+class _RemoteLine(Line):
+    """Receives for the port."""
+
+    def __init__(self, port: RemotePort, bus: Bus, form: str, streams: RemoteStreams) -> None:
+        self.audience: Audience | None = None
+        self.bad = 0
+        self._loop = asyncio.get_running_loop()
+        self._port = port
+        self._bus = bus
+        self._streams = streams
+        self._take: Callable[[Sample], None] = {"raw": self._take_raw, "scan": self._take_scan}.get(
+            form, self._take_laserscan
+        )
+        self._raw = form == "raw"
+        self._closing = False
+        self._wanted = False
+        self._flows = True
+        self._count = 0
+        self._tokens: set[str] = set()
+        self._has_token = False
+        self._timer: asyncio.TimerHandle | None = None
+        self._closer: asyncio.Task[None] | None = None
+        self._heard = self._loop.time()
+        bus.on_change = self._router_changed
+        self._watch_in(SILENCE_S)
+
+    # ------------------------------------------------------------------------------------------ as a line
+
+    def is_closing(self) -> bool:
+        return self._closing
+
+    def write(self, data: bytes) -> None:
+        if data == PLAY and not self._closing:
+            stream = self._streams.stream
+            self._port.baudrate = stream.began.baudrate if self._raw else 0
+            kind, size = (mode_type(stream), stream.began.packet_size) if self._raw else (SCAN_TYPE, 1)
+            self._loop.call_soon(self._announce, encode_descriptor(Descriptor(kind, size, continuous=True)))
+
+    def set_polling(self, latency: float, schedule: Schedule | None) -> None:  # noqa: ARG002
+        # The session takes packets from now on, or no more.
+        self._wanted = schedule is not None
+        self._heard = self._loop.time()
+
+    def close(self) -> None:
+        self._end(None)
+
+    def abort(self) -> None:
+        self._end(None)
+
+    def write_without_loop(self, data: bytes) -> None:
+        """Nobody takes it."""
+
+    def close_without_loop(self) -> None:
+        self._closing = True
+        self._bus.close_soon()
+
+    # ------------------------------------------------------------------------------------------ receiving
+
+    def receive(self, sample: Sample) -> None:
+        self._heard = self._loop.time()
+        if not self._closing and not self._port.is_forked:
+            self._take(sample)
+
+    def learn(self, sample: Sample) -> None:
+        status = Status.of(sample.payload)
+        if status is None or self._closing:
+            return
+        self._streams.about = status.about
+        for event in status.about.events:
+            if self._raw and isinstance(event, StreamBegan):
+                self._begin(event)
+            else:
+                self._streams.learn(event)
+
+    def _take_scan(self, sample: Sample) -> None:
+        self._deliver(parse_scan(sample.payload, self._port.wall_offset_ns))
+
+    def _take_laserscan(self, sample: Sample) -> None:
+        laser = LaserScan.from_cdr(sample.payload)
+        scan = None if laser is None else scan_of_laserscan(laser, self._count, self._port.wall_offset_ns)
+        self._count += 1
+        self._deliver(scan)
+
+    def _deliver(self, scan: Scan | None) -> None:
+        if scan is None:
+            self.bad += 1
+        elif self._wanted and self.audience is not None:
+            self.audience.deliver(scan)
+
+    def _take_raw(self, sample: Sample) -> None:
+        entries = parse_raw_message(sample.payload)
+        if entries is None:
+            self.bad += 1
+            return
+        for entry in entries:
+            if entry.is_event:
+                self._take_event(entry)
+            elif self._wanted and self._flows:
+                # Both clocks agree about the wall clock, as far as the machines do.
+                at_ns = entry.at_ns + self._streams.stream.began.wall_offset_ns - self._port.wall_offset_ns
+                self._port.show("in", entry.data, at_ns)
+                self._port.hand_over(entry.data, at_ns)
+
+    def _take_event(self, entry: Entry) -> None:
+        event = event_of(entry.data.decode("utf-8", "replace"))
+        if isinstance(event, StreamBegan):
+            self._begin(event)
+        elif isinstance(event, StreamEnded):
+            self._flows = False
+        elif event is not None:
+            self._streams.learn(event)
+
+    def _begin(self, began: StreamBegan) -> None:
+        if began == self._streams.stream.began and self._flows:
+            return
+        if self._streams.stream.family.stream_of(began.mode.response_type) is None:
+            self.bad += 1
+            return
+        self._streams.begin(began)
+        self._flows = True
+        if self._wanted and self.audience is not None:
+            self._wanted = False
+            self.audience.restart()
+
+    def _announce(self, descriptor: bytes) -> None:
+        if not self._closing:
+            self._port.hand_over(descriptor, self._port.now())
+
+    # ------------------------------------------------------------------------------------------ who is there
+
+    def token_changed(self, token: str, alive: bool) -> None:
+        if alive:
+            self._tokens.add(token)
+            self._has_token = True
+        else:
+            self._tokens.discard(token)
+            self._watch_in(GONE_S)
+
+    def _router_changed(self, connected: bool) -> None:
+        if connected:
+            _log.warning("%s: the zenoh router is back", self._port.name)
+            self._watch_in(SETTLE_S)
+        else:
+            _log.warning("%s: the zenoh router at %s is lost, waiting for it", self._port.name, self._bus.router)
+
+    def _watch_in(self, seconds: float) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer = self._loop.call_later(seconds, self._watch)
+
+    def _watch(self) -> None:
+        if self._closing or not self._bus.is_connected:
+            return
+        silent_s = self._loop.time() - self._heard
+        if self._has_token and not self._tokens:
+            self._end(DeviceLost(f"{self._port.name} is gone: its publisher has ended or cannot be reached"))
+        elif not self._has_token and silent_s >= SILENCE_S:
+            self._end(DeviceLost(f"{self._port.name} is gone: nothing was published for {silent_s:.0f} s"))
+        else:
+            self._watch_in(SILENCE_S)
+
+    def _end(self, error: DeviceLost | None) -> None:
+        if self._closing:
+            return
+        self._closing = True
+        self._wanted = False
+        if self._timer is not None:
+            self._timer.cancel()
+        self._closer = self._loop.create_task(self._close(error), name="lidario: close zenoh")
+
+    async def _close(self, error: DeviceLost | None) -> None:
+        try:
+            if error is not None:
+                # Readers are told first: closing takes a while.
+                self._port.connection_lost(error)
+        finally:
+            await self._bus.close()
+            if error is None:
+                self._port.connection_lost(None)

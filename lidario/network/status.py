@@ -1,0 +1,98 @@
+"""What a publisher tells of its lidar: once a second, and to everybody who asks.
+
+It is one JSON object. `Status.of` takes whatever comes and replaces what cannot be right.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+from lidario.model import ScanMode
+from lidario.recording.about import About
+from lidario.recording.chronicle import StreamBegan, mode_of
+
+__all__ = ["Status", "mode_record"]
+
+LARGEST: Final = 1 << 18
+"""Bytes of a status that is read; real ones have a few thousand."""
+_MOST_MODES: Final = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """How a lidar is.
+
+    Attributes:
+        form: ``scan``, ``raw`` or ``ros``.
+        robot: Name of the robot or machine.
+        about: What the device said of itself; the responses it gave only where it was asked for.
+        modes: Its scan modes, as far as they are known.
+        mode: The one that runs, or None.
+        rate: Scans a second at the moment.
+        lost: Why the lidar is away from its publisher; empty while it is there.
+    """
+
+    form: str
+    robot: str
+    about: About
+    modes: tuple[ScanMode, ...] = ()
+    mode: ScanMode | None = None
+    rate: float = 0.0
+    lost: str = field(default="")
+
+    def to_bytes(self, *, whole: bool) -> bytes:
+        """As JSON; `whole` with everything that the device has responded, else with the stream that runs alone."""
+        events = self.about.events
+        if not whole:
+            events = tuple(each for each in events if isinstance(each, StreamBegan))
+        about = replace(self.about, events=events)
+        record = {
+            "form": self.form,
+            "robot": self.robot,
+            "about": about.as_texts(),
+            "modes": [mode_record(mode) for mode in self.modes],
+            "mode": None if self.mode is None else mode_record(self.mode),
+            "rate": round(self.rate, 3) if math.isfinite(self.rate) else 0.0,
+            "lost": self.lost,
+        }
+        return json.dumps(record, separators=(",", ":")).encode()
+
+    @classmethod
+    def of(cls, data: bytes) -> Status | None:
+        """What `to_bytes` wrote; None where it is nothing of the kind."""
+        try:
+            if len(data) > LARGEST:
+                return None
+            record = json.loads(data)
+            texts = {str(name): str(value) for name, value in record["about"].items()}
+            mode, rate = record.get("mode"), record.get("rate", 0.0)
+            return cls(
+                form=_text(record["form"]),
+                robot=_text(record.get("robot", "")),
+                about=About.of(texts),
+                modes=tuple(mode_of(each) for each in record.get("modes", ())[:_MOST_MODES]),
+                mode=None if mode is None else mode_of(mode),
+                rate=float(rate) if isinstance(rate, int | float) and 0 <= rate < 1e6 else 0.0,
+                lost=_text(record.get("lost", "")),
+            )
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
+            return None
+
+
+def mode_record(mode: ScanMode) -> dict[str, object]:
+    """A scan mode as JSON; `mode_of` reads it."""
+    return {
+        "id": mode.id,
+        "name": mode.name,
+        "sample_us": mode.sample_us,
+        "max_distance": mode.max_distance,
+        "response_type": mode.response_type,
+        "typical": mode.typical,
+    }
+
+
+def _text(value: object) -> str:
+    return "".join(each for each in str(value)[:200] if each.isprintable())

@@ -1,0 +1,58 @@
+"""ROS 2 without ROS, and fleets: messages as bytes, and publishers that need nothing but Python.
+
+::
+
+    async with lidario.open_lidar() as lidar, lidario.ros.Publisher(lidar, topic="scan") as publisher:
+        await publisher.run()
+
+The names are loaded when they are first used. Messages need numpy alone; everything that goes over the network
+needs the extra ``zenoh``. docs/ros2.md and docs/fleets.md tell how to use them.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from lidario.laserscan import LaserScan
+    from lidario.network.fleet import RemoteLidar, list_remote_lidars
+    from lidario.ros.diagnostics import DiagnosticArray, DiagnosticStatus, diagnostics
+    from lidario.ros.pointcloud import PointCloud2, pointcloud2
+    from lidario.ros.publisher import Publisher
+    from lidario.ros.share import Share
+
+__all__ = [
+    "DiagnosticArray",
+    "DiagnosticStatus",
+    "LaserScan",
+    "PointCloud2",
+    "Publisher",
+    "RemoteLidar",
+    "Share",
+    "diagnostics",
+    "list_remote_lidars",
+    "pointcloud2",
+]
+
+_HOMES = {
+    "lidario.laserscan": ("LaserScan",),
+    "lidario.network.fleet": ("RemoteLidar", "list_remote_lidars"),
+    "lidario.ros.diagnostics": ("DiagnosticArray", "DiagnosticStatus", "diagnostics"),
+    "lidario.ros.pointcloud": ("PointCloud2", "pointcloud2"),
+    "lidario.ros.publisher": ("Publisher",),
+    "lidario.ros.share": ("Share",),
+}
+
+
+def __getattr__(name: str) -> object:
+    for home, names in _HOMES.items():
+        if name in names:
+            value: object = getattr(import_module(home), name)
+            globals()[name] = value
+            return value
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,152 @@
+"""How a publisher is named so that nodes of rmw_zenoh_cpp see it: keys, tokens, quality of service.
+
+All of it is from rmw_zenoh's docs/design.md (@99a6a2bd) and its ``liveliness_utils.cpp``:
+
+* messages go to ``DOMAIN/NAME/DDS_TYPE/TYPE_HASH``, the name without its outer slashes;
+* a node is a liveliness token ``@ros2_lv/DOMAIN/ZID/NODE/NODE/NN/ENCLAVE/NAMESPACE/NAME``;
+* a publisher is ``@ros2_lv/DOMAIN/ZID/NODE/ENTITY/MP/…``: the same, then topic, type, hash and QoS;
+* in tokens every ``/`` of a name becomes ``%``, and what is empty is ``%``.
+
+The type hashes are those of the message definitions (REP-2011); the tests compute them. ROS 2 Humble knows none,
+and its nodes have a word in their place (rmw_zenoh PR 388).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from lidario.errors import InvalidValue
+
+__all__ = [
+    "DIAGNOSTICS",
+    "DISTROS",
+    "LASERSCAN",
+    "POINTCLOUD2",
+    "Distro",
+    "MessageType",
+    "Node",
+    "gid_of",
+    "qualified",
+]
+
+Distro = Literal["humble", "jazzy", "kilted", "lyrical"]
+DISTROS: Final[tuple[Distro, ...]] = ("humble", "jazzy", "kilted", "lyrical")
+
+NO_HASH: Final = "TypeHashNotSupported"
+"""What nodes of Humble have in the place of the hash. With a hash they list a topic, and drop its messages."""
+RELIABLE_10: Final = "::,10:,:,:,,"
+"""Quality of service of a publisher as most nodes have it: reliable, volatile, the last 10. A field that equals the
+default is empty. Readers are never refused because of it (rmw_zenoh's docs/design.md)."""
+MOST_DOMAIN: Final = 232
+
+_NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_LONGEST: Final = 200
+
+
+@dataclass(frozen=True, slots=True)
+class MessageType:
+    """One type of message.
+
+    Attributes:
+        dds: Its name in keys.
+        hash: Its hash in keys.
+    """
+
+    dds: str
+    hash: str
+
+    def part(self, distro: Distro) -> str:
+        """Both, as they stand in a key."""
+        return f"{self.dds}/{NO_HASH if distro == 'humble' else self.hash}"
+
+
+LASERSCAN: Final = MessageType(
+    "sensor_msgs::msg::dds_::LaserScan_",
+    "RIHS01_64c191398013af96509d518dac71d5164f9382553fce5c1f8cca5be7924bd828",
+)
+POINTCLOUD2: Final = MessageType(
+    "sensor_msgs::msg::dds_::PointCloud2_",
+    "RIHS01_9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5",
+)
+DIAGNOSTICS: Final = MessageType(
+    "diagnostic_msgs::msg::dds_::DiagnosticArray_",
+    "RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """One node of ROS 2.
+
+    Attributes:
+        name: Its name.
+        namespace: Such as ``/robot1``; ``/`` for none.
+        domain: ``ROS_DOMAIN_ID``.
+        distro: Which release of ROS 2 the other nodes are of.
+
+    Raises:
+        InvalidValue: One of them cannot be right.
+    """
+
+    name: str = "lidario"
+    namespace: str = "/"
+    domain: int = 0
+    distro: Distro = "jazzy"
+
+    def __post_init__(self) -> None:
+        if not _NAME.fullmatch(self.name) or len(self.name) > _LONGEST:
+            raise InvalidValue(f"{self.name!r} is not the name of a node: letters, digits and _ are")
+        if self.namespace != "/":
+            qualified(self.namespace, "/")
+        if not 0 <= self.domain <= MOST_DOMAIN:
+            raise InvalidValue(f"a domain is a number from 0 to {MOST_DOMAIN}, not {self.domain}")
+        if self.distro not in DISTROS:
+            raise InvalidValue(f"{self.distro!r} is not known; these are: {', '.join(DISTROS)}")
+
+    def topic(self, name: str) -> str:
+        """The full name of a topic: ``/scan`` for ``scan``; one that begins with a slash is full already."""
+        return qualified(name, self.namespace)
+
+    def data_key(self, topic: str, kind: MessageType) -> str:
+        """Where the messages of a topic go; `topic` is a full name."""
+        return f"{self.domain}/{topic.strip('/')}/{kind.part(self.distro)}"
+
+    def node_token(self, zid: str) -> str:
+        """The token that shows the node; `zid` is the id of the zenoh session."""
+        return f"@ros2_lv/{self.domain}/{zid}/0/0/NN/%/{_mangled(self.namespace)}/{self.name}"
+
+    def publisher_token(self, zid: str, entity: int, topic: str, kind: MessageType, qos: str = RELIABLE_10) -> str:
+        """The token that shows a publisher; each has its own `entity` number, from 1 on."""
+        return (
+            f"@ros2_lv/{self.domain}/{zid}/0/{entity}/MP/%/{_mangled(self.namespace)}/{self.name}/"
+            f"{_mangled(topic)}/{kind.part(self.distro)}/{qos}"
+        )
+
+
+def qualified(name: str, namespace: str) -> str:
+    """The full name of a topic.
+
+    Raises:
+        InvalidValue: It cannot be one.
+    """
+    full = name if name.startswith("/") else f"{namespace.rstrip('/')}/{name}"
+    if len(full) > _LONGEST or not all(_NAME.fullmatch(part) for part in full[1:].split("/")):
+        raise InvalidValue(
+            f"{name!r} is not a name in ROS: letters, digits and _, with / between, such as front/scan"
+        )
+    return full
+
+
+def gid_of(token: str) -> bytes:
+    """16 bytes that tell a publisher.
+
+    rmw_zenoh takes another hash (XXH3) of the same text; receivers copy the bytes and compare them with nothing.
+    """
+    return hashlib.blake2b(token.encode(), digest_size=16).digest()
+
+
+def _mangled(name: str) -> str:
+    return name.replace("/", "%") or "%"

@@ -1,0 +1,98 @@
+"""A scan as ``sensor_msgs/PointCloud2``: every return with its place, its intensity and its time.
+
+Unlike a LaserScan it needs no grid: each sample keeps its own angle and its own time. The fields are ``x``, ``y``,
+``z`` (float32, metres), ``intensity`` (float32) and ``t`` (uint32, nanoseconds after the stamp of the message,
+which is that of the first return).
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.cdr import LITTLE_ENDIAN, CdrWriter
+from lidario.scan import Scan
+
+__all__ = ["POINT", "PointCloud2", "pointcloud2"]
+
+POINT: Final = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("t", "<u4")])
+"""One point as it is stored."""
+
+_FLOAT32: Final = 7
+_UINT32: Final = 6
+"""Numbers of the types in ``sensor_msgs/PointField``."""
+_LONGEST_NS: Final = (1 << 32) - 1
+
+
+def _fields() -> bytes:
+    """The sequence of ``PointField``: the same in every message but for its place, which is a multiple of four."""
+    writer = CdrWriter()
+    writer.uint32(len(POINT.names or ()))
+    for name in POINT.names or ():
+        writer.text(name)
+        writer.uint32(POINT.fields[name][1] if POINT.fields else 0)
+        writer.byte(_UINT32 if name == "t" else _FLOAT32)
+        writer.uint32(1)
+    return writer.finish()[len(LITTLE_ENDIAN) :]
+
+
+_FIELDS: Final = _fields()
+_SIZES: Final = struct.Struct("<II")
+_BEHIND_FIELDS: Final = struct.Struct("<B3xIII")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointCloud2:
+    """The fields of ``sensor_msgs/PointCloud2`` that differ from message to message.
+
+    Attributes:
+        stamp_ns: Wall clock of the first point, nanoseconds since the Unix epoch.
+        frame_id: Name of the coordinate frame.
+        points: Records of `POINT`, shape (n,).
+    """
+
+    stamp_ns: int
+    frame_id: str
+    points: NDArray[np.void]
+
+    def to_cdr(self) -> bytes:
+        """The message as ROS 2 sends and stores it: CDR, lowest byte first."""
+        head = CdrWriter()
+        head.header(self.stamp_ns, self.frame_id)
+        head.align(4)
+        head.raw(_SIZES.pack(1, len(self.points)))
+        head.raw(_FIELDS)
+        size = POINT.itemsize * len(self.points)
+        head.raw(_BEHIND_FIELDS.pack(0, POINT.itemsize, size, size))
+        return b"".join((head.finish(), self.points.tobytes(), b"\x01"))
+
+
+def pointcloud2(scan: Scan, *, frame_id: str = "laser", mount_yaw: float = 0.0) -> PointCloud2:
+    """The returns of a scan as points, in the order of measuring.
+
+    Args:
+        scan: The scan.
+        frame_id: Name of the coordinate frame.
+        mount_yaw: Angle of the device's forward axis in the frame, radians counter-clockwise.
+
+    Raises:
+        ValueError: `mount_yaw` is not finite.
+    """
+    if not math.isfinite(mount_yaw):
+        raise ValueError(f"mount_yaw must be finite, not {mount_yaw}")
+    hit = scan.valid
+    times_ns = scan.times_ns[hit]
+    first_ns = int(times_ns[0]) if len(times_ns) else scan.stamp_ns
+    angles, ranges = scan.angles[hit] + np.float32(mount_yaw), scan.ranges[hit]
+    points = np.zeros(len(ranges), POINT)
+    points["x"] = ranges * np.cos(angles)
+    points["y"] = ranges * np.sin(angles)
+    if scan.intensities is not None:
+        points["intensity"] = scan.intensities[hit]
+    points["t"] = np.clip(times_ns - first_ns, 0, _LONGEST_NS)
+    return PointCloud2(scan.wall_stamp_ns + first_ns - scan.stamp_ns, frame_id, points)

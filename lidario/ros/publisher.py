@@ -1,0 +1,167 @@
+"""A lidar as a topic of ROS 2, without ROS: what a node of rmw_zenoh_cpp would send, from plain zenoh.
+
+Scans go to a topic as ``sensor_msgs/LaserScan``, the health once a second to ``/diagnostics``.
+
+slam_toolbox drops every scan that has not as many beams as the first one, and the samples in a revolution vary. So
+all scans get the grid of the first one, until several in turn have far more or far fewer samples: then the speed or
+the mode was changed.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Final
+
+from lidario.errors import InvalidValue
+from lidario.laserscan import BeamOrder, NoReturn, Preset
+from lidario.network.bus import DEFAULT_ROUTER, Bus
+from lidario.network.status import Status
+from lidario.ros.broadcast import Broadcast, Outlet
+from lidario.ros.diagnostics import diagnostics
+from lidario.ros.names import DIAGNOSTICS, LASERSCAN, Distro, MessageType, Node, gid_of, qualified
+from lidario.scan import Scan
+from lidario.session.lidar import Lidar
+
+__all__ = ["Publisher"]
+
+OTHER_SPEED: Final = 0.2
+"""Share by which the samples of a scan must differ from the beams of the grid to speak for another speed."""
+AGREEING: Final = 3
+"""Scans in turn that must do so: one alone may have lost packets."""
+
+
+class Publisher(Broadcast):
+    """One lidar as a publisher of ROS 2; used as an asynchronous context manager.
+
+    ::
+
+        async with lidario.open_lidar() as lidar, Publisher(lidar, topic="scan", frame_id="laser") as publisher:
+            await publisher.run()
+
+    Or call `publish` with the scans you choose.
+
+    Args:
+        lidar: An open lidar.
+        topic: Name of the topic, relative to `namespace` unless it begins with a slash.
+        frame_id: Name of the coordinate frame.
+        domain: ``ROS_DOMAIN_ID`` of the other nodes.
+        distro: Their release: ``humble`` has other keys than all later ones.
+        router: Address of the zenoh router, as ``rmw_zenohd`` prints it.
+        namespace: Namespace of the node.
+        node: Name of the node.
+        robot: Name of this robot, for the list of a fleet; None for the name of this machine.
+        beams: Beams of each scan; None for as many as the first scan has samples.
+        order: As for `Scan.to_laserscan`, and the five that follow.
+        range_min: As there.
+        range_max: As there.
+        no_return: As there.
+        mount_yaw: As there.
+        preset: As there.
+
+    Raises:
+        InvalidValue: A name, the domain, the release, `beams` or `mount_yaw` cannot be right.
+    """
+
+    form = "ros"
+
+    def __init__(
+        self,
+        lidar: Lidar,
+        *,
+        topic: str = "scan",
+        frame_id: str = "laser",
+        domain: int = 0,
+        distro: Distro = "jazzy",
+        router: str = DEFAULT_ROUTER,
+        namespace: str = "/",
+        node: str = "lidario",
+        robot: str | None = None,
+        beams: int | None = None,
+        order: BeamOrder = "counter-clockwise",
+        range_min: float = 0.05,
+        range_max: float | None = None,
+        no_return: NoReturn = "inf",
+        mount_yaw: float = 0.0,
+        preset: Preset = "rep103",
+    ) -> None:
+        super().__init__(lidar, router, robot)
+        self._node = Node(node, "/" if namespace == "/" else qualified(namespace, "/"), domain, distro)
+        self._topic = self._node.topic(topic)
+        self._frame_id = frame_id
+        if beams is not None and beams < 1:
+            raise InvalidValue(f"a grid needs at least one beam, not {beams}")
+        if not math.isfinite(mount_yaw):
+            raise InvalidValue(f"mount_yaw must be finite, not {mount_yaw}")
+        self._fixed = beams is not None
+        self._beams = beams or 0
+        self._unlike = 0
+        self._order: BeamOrder = order
+        self._range_min, self._range_max = range_min, range_max
+        self._no_return: NoReturn = no_return
+        self._mount_yaw, self._preset = mount_yaw, preset
+        self._scans: Outlet | None = None
+        self._diagnostics: Outlet | None = None
+
+    @property
+    def topic(self) -> str:
+        """The full name of the topic."""
+        return self._topic
+
+    @property
+    def key(self) -> str:
+        """The key of the scans on the network."""
+        return self._node.data_key(self._topic, LASERSCAN)
+
+    def publish(self, scan: Scan) -> None:
+        """Publish a scan as LaserScan; an empty one is left out. Never waits: without a router it is lost."""
+        if self._scans is None or not len(scan):
+            return
+        message = scan.to_laserscan(
+            self._grid(len(scan)),
+            order=self._order,
+            frame_id=self._frame_id,
+            range_min=self._range_min,
+            range_max=self._range_max,
+            no_return=self._no_return,
+            mount_yaw=self._mount_yaw,
+            preset=self._preset,
+        )
+        self._scans.send(message.to_cdr())
+        self._count()
+
+    def _declare(self, bus: Bus) -> None:
+        bus.token(self._node.node_token(bus.id))
+        self._scans = self._outlet(bus, 1, self._topic, LASERSCAN)
+        self._diagnostics = self._outlet(bus, 2, "/diagnostics", DIAGNOSTICS)
+
+    def _outlet(self, bus: Bus, entity: int, topic: str, kind: MessageType) -> Outlet:
+        token = self._node.publisher_token(bus.id, entity, topic, kind)
+        # The publisher before its token: who sees the token may expect it.
+        outlet = Outlet(bus.sender(self._node.data_key(topic, kind)), gid_of(token))
+        bus.token(token)
+        return outlet
+
+    def _each_second(self, status: Status) -> None:
+        lidar = self.lidar
+        message = diagnostics(
+            time.time_ns(),
+            f"{self._node.name}: {self._topic.lstrip('/')}",
+            lidar.info,
+            lidar.health,
+            stats=lidar.stats,
+            rate=status.rate,
+            lost=status.lost,
+        )
+        if self._diagnostics is not None:
+            self._diagnostics.send(message.to_cdr())
+
+    def _grid(self, samples: int) -> int:
+        """How many beams a scan of so many samples gets."""
+        if self._fixed:
+            return self._beams
+        like = abs(samples - self._beams) <= OTHER_SPEED * self._beams
+        self._unlike = 0 if like else self._unlike + 1
+        if not self._beams or self._unlike >= AGREEING:
+            self._beams, self._unlike = samples, 0
+        return self._beams

@@ -1,0 +1,188 @@
+"""A lidar on the network without ROS: whole scans, or the bytes of the device. ``zenoh:KEY`` reads both.
+
+Raw bytes are collected until a scan is complete, or for a short while, and sent together with the time of each read
+and with what the session learned beside them. A reader that comes later asks for the status, which holds what the
+device has responded so far and the stream that runs.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Any, Final, cast
+
+from lidario.errors import LidarError
+from lidario.network.bus import DEFAULT_ROUTER, Bus
+from lidario.network.keys import check_key
+from lidario.network.messages import Entry, encode_raw_message, encode_scan
+from lidario.recording.about import About
+from lidario.recording.chronicle import Responded, StreamBegan, StreamEnded, event_of
+from lidario.ros.broadcast import Broadcast, Outlet
+from lidario.ros.names import gid_of
+from lidario.scan import Scan
+from lidario.session.lidar import Lidar
+
+__all__ = ["Share"]
+
+COLLECT_S: Final = 0.05
+"""Longest time for which bytes wait to be sent; half a revolution."""
+COLLECT_BYTES: Final = 16384
+COLLECT_ENTRIES: Final = 1024
+
+
+class Share(Broadcast):
+    """One lidar on the network; used as an asynchronous context manager, as `Publisher` is.
+
+    ::
+
+        async with lidario.open_lidar() as lidar, Share(lidar, "robots/r7/scan") as share:
+            await share.run()
+
+    Args:
+        lidar: An open lidar.
+        key: Where its scans go.
+        raw: Whether the bytes of the device are sent, which is a quarter of the size.
+        router: Address of the zenoh router.
+        robot: Name of this robot, for the list of a fleet; None for the name of this machine.
+
+    Raises:
+        InvalidValue: The key cannot be one.
+    """
+
+    def __init__(
+        self,
+        lidar: Lidar,
+        key: str,
+        *,
+        raw: bool = False,
+        router: str = DEFAULT_ROUTER,
+        robot: str | None = None,
+    ) -> None:
+        super().__init__(lidar, router, robot)
+        self.form = "raw" if raw else "scan"
+        self._key = check_key(key)
+        self._outlet: Outlet | None = None
+        self._raw = _RawFeed(lidar, self) if raw else None
+
+    @property
+    def key(self) -> str:
+        """The key of the scans on the network."""
+        return self._key
+
+    def publish(self, scan: Scan) -> None:
+        """Publish a scan. Of a raw share nothing is to be done: its bytes have been sent already."""
+        if self._raw is None and self._outlet is not None:
+            self._outlet.send(encode_scan(scan))
+            self._count()
+
+    def _declare(self, bus: Bus) -> None:
+        self._outlet = Outlet(bus.sender(self._key), gid_of(f"{bus.id}/{self._key}"))
+        if self._raw is not None:
+            self._raw.begin()
+
+    def _leave(self) -> None:
+        if self._raw is not None:
+            self._raw.end()
+
+    def _about(self) -> About:
+        return super()._about() if self._raw is None else self._raw.about
+
+    def send_raw(self, entries: list[Entry]) -> None:
+        """Send what was collected."""
+        if self._outlet is not None:
+            self._outlet.send(encode_raw_message(entries))
+
+    def count_scan(self) -> None:
+        """A scan was complete."""
+        self._count()
+
+
+class _RawFeed:
+    """Takes what a recording would take; see `lidario.recording.record.Recorded`."""
+
+    def __init__(self, lidar: Lidar, share: Share) -> None:
+        self.path = Path("zenoh")
+        # A room of ours: a user records to files only.
+        self._session = lidar._recorded  # noqa: SLF001
+        self._share = share
+        self._about: About | None = None
+        self._responses: dict[bytes, Responded] = {}
+        self._running: StreamBegan | None = None
+        self._entries: list[Entry] = []
+        self._size = 0
+        self._timer: asyncio.TimerHandle | None = None
+
+    @property
+    def about(self) -> About:
+        """What stands at the beginning of a recording, with all that has happened since."""
+        lidar = self._share.lidar
+        running = (self._running,) if self._running else ()
+        begun = self._about or About(lidar.info)
+        return About(
+            info=lidar.info,
+            health=lidar.health,
+            source=lidar.source,
+            baudrate=lidar.baudrate,
+            clock_offset_ns=begun.clock_offset_ns,
+            lidario=begun.lidario,
+            events=(*self._responses.values(), *running),
+        )
+
+    def begin(self) -> None:
+        """See everything from now on."""
+        self._about = self._session.begin_recording(cast("Any", self))
+        for event in self._about.events:
+            self._learn(event)
+
+    def end(self) -> None:
+        """See nothing any more, and send what is collected."""
+        self._session.end_recording(cast("Any", self))
+        self._flush()
+
+    async def close(self) -> None:
+        """The session is over."""
+        self.end()
+
+    def fail(self, error: LidarError) -> None:  # noqa: ARG002
+        """The line was lost, and another one takes its place: begin again on that one."""
+        self._session.end_recording(cast("Any", self))
+        asyncio.get_running_loop().call_soon(self.begin)
+
+    def see_chunk(self, direction: str, data: bytes, now: int) -> None:
+        """As `Tap`."""
+        if direction == "in":
+            self._add(Entry(False, now, data))
+
+    def see_event(self, text: str, now: int) -> None:
+        """Something was added to the chronicle."""
+        self._learn(event_of(text))
+        self._add(Entry(True, now, text.encode()))
+
+    def see_scan(self, scan: Scan) -> None:  # noqa: ARG002
+        """A scan is complete, with what was seen last: readers shall have it at once."""
+        self._share.count_scan()
+        self._flush()
+
+    def _learn(self, event: object) -> None:
+        if isinstance(event, Responded):
+            self._responses[event.request] = event
+        elif isinstance(event, StreamBegan):
+            self._running = event
+        elif isinstance(event, StreamEnded):
+            self._running = None
+
+    def _add(self, entry: Entry) -> None:
+        self._entries.append(entry)
+        self._size += len(entry.data)
+        if self._size >= COLLECT_BYTES or len(self._entries) >= COLLECT_ENTRIES:
+            self._flush()
+        elif self._timer is None:
+            self._timer = asyncio.get_running_loop().call_later(COLLECT_S, self._flush)
+
+    def _flush(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if self._entries:
+            entries, self._entries, self._size = self._entries, [], 0
+            self._share.send_raw(entries)
