@@ -120,7 +120,7 @@ async def connect(
         from lidario.port.simulated import open_simulated  # a fifth of the import time, for those who need it
 
         port = await (open_simulated(source) if simulation is None else simulation.open())
-        tries = [_Try(family_of_simulated(source.address), port.baudrate)]
+        tries = [_Try(family_of_simulated(source.address), port.baudrate, source.model)]
     elif source.device is not None:
         from lidario.port.simulated import connect_in_memory
 
