@@ -5,10 +5,12 @@ No figure is looked at: a shared machine has none to rely on.
 
 import json
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 
-from benchmarks import damage, decode, garbage, stages, vendor, view
+import lidario
+from benchmarks import damage, decode, export, garbage, stages, vendor, view
 from benchmarks.contest import late_by, lost_scans
 from benchmarks.report import Result, Setting, spread
 from benchmarks.streams import KINDS, RATES, capture, recording
@@ -153,6 +155,16 @@ def test_damage_costs_what_it_hits_and_is_told(name: str, how: str) -> None:
     # Of nodes, a flipped distance cannot be seen; of packets with eight check bits, one damaged one in 256.
     assert found.wrong <= (0.003 if name == "0x81 nodes" else 0.0003) * found.points
     assert found.kept > (0.78 if "flip" in how or "0.8" in how else 0.9) * found.points
+
+
+def test_a_long_recording_is_made_of_a_short_one(tmp_path: Path) -> None:
+    export.make_recording(tmp_path / "a.mcap", 20.0)
+    found = lidario.summarize(tmp_path / "a.mcap")
+    assert found.scans == pytest.approx(200, abs=3)
+    assert found.duration_s == pytest.approx(20.0, abs=0.3)
+    # Where one copy ends and the next begins, the rotor stands a few packets elsewhere.
+    assert found.lost_packets <= 8
+    assert (found.missed_scans, found.skipped_bytes) == (0, 0)
 
 
 @pytest.mark.parametrize("name", ["0x82 express", "0x84 ultra", "0x85 dense", "0x86 ultra-dense"])

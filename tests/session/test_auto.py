@@ -36,7 +36,7 @@ ONE_OF_EACH: dict[str, tuple[float, int]] = {
     "ldrobot-ld14p": (0.5, 8),
 }
 """Bounds on what is measured, until it is known and left as it was. LDROBOT devices are found without a byte; a
-model of a family that also has others that obey, after it went on in spite of two STOPs; the LD14P is left with one."""
+model of a family with others that obey, after it went on in spite of two STOPs; the LD14P is left with one."""
 
 
 def port(path: str) -> PortInfo:
