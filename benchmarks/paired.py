@@ -196,6 +196,8 @@ def compare_live(old: Checkout, new: Checkout, rounds: int, window_s: float, rat
 
 
 def _read(checkout: Checkout, rate: str, player: Player, window_s: float) -> dict[str, Any]:
+    if not (checkout.root / "benchmarks" / "reader.py").exists():
+        raise Refused(f"{checkout.name} cannot read {rate}: it has no benchmarks")
     task = {"paths": player.paths, "baudrate": RATES[rate].baudrate, "family": RATES[rate].kind.family}
     task |= {"latency": _LATENCY_S, "settle_s": _SETTLE_S, "window_s": window_s}
     try:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Self
 
 from benchmarks.report import Result, Setting, Table, median, spread
 from benchmarks.streams import KINDS, RATES, Kind, capture, recording
@@ -34,6 +35,9 @@ class _Timed:
     def __init__(self, decoder: Decoder) -> None:
         self.seconds = 0.0
         self._decoder = decoder
+
+    def fork(self) -> Self:
+        return type(self)(self._decoder.fork())
 
     def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         start = time.perf_counter()

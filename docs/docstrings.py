@@ -1,7 +1,4 @@
-"""Docstrings for the site: a paragraph that ends with two colons announces code.
-
-Python's own documentation has it so. Markdown would show the colons.
-"""
+"""Docstrings for the site: two colons at the end of a paragraph announce code."""
 
 from __future__ import annotations
 

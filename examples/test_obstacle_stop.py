@@ -23,6 +23,6 @@ async def test_it_ignores_who_passes_at_its_side(simulated_lidar: SimulatedLidar
     assert await drive(simulated_lidar, seconds=3.0) == math.inf
 
 
-@pytest.mark.simulated_lidar(bodies=COMES, fault="drop:0.1%,replug:1s")
+@pytest.mark.simulated_lidar(bodies=COMES, fault="replug:1s")
 async def test_it_stops_although_the_cable_is_loose(simulated_lidar: SimulatedLidar) -> None:
     assert await drive(simulated_lidar, seconds=10.0) < 0.5

@@ -6,6 +6,7 @@
 ``serial:///dev/ttyUSB0?baud=1000000&family=NAME``     a serial port, nothing probed
 ``id:SERIAL``                                          by the lidar's own serial number
 ``tcp://host:port``, ``socket://host:port``            serial over TCP
+``udp://host:port``                                    an Ethernet model
 ``sim://MODEL?world=room&fault=drop:1%``               the simulator, its bytes through the real decoder
 ``run.mcap``, ``raw.bin?rate=10&loop=1``               a recording, at true pace unless ``rate`` says otherwise
 ``zenoh:KEY?router=tcp/host:7447``                     another machine's lidar, as ``lidario publish`` sends it
@@ -39,6 +40,7 @@ __all__ = ["Source", "as_source", "parse_source", "quoted"]
 _OPTIONS = {
     "serial": {"baud", "family", "model"},
     "tcp": {"baud", "family", "model"},
+    "udp": {"family"},
     "zenoh": {"router"},
     "file": {"rate", "loop", "family", "sample_us"},
     "sim": {"world", "fault", "serial", "seed", "via", "baud", "family"},
@@ -52,6 +54,8 @@ _UNPRINTABLE = {"Cc", "Cf", "Zl", "Zp"}
 _FILES = (".mcap", ".bin")
 """How the name of a recording ends."""
 _MOST_RATE = 1e6
+_EXAMPLES = {"tcp": "192.168.0.7:20108", "udp": "192.168.11.2:8089"}
+"""Addresses that lidars, and bridges to them, come with."""
 _SHOWN = 120
 """Longest part of a source that is repeated in a message."""
 
@@ -62,7 +66,7 @@ class Source:
 
     Attributes:
         text: As the user wrote it.
-        kind: ``auto``, ``serial``, ``tcp``, ``sim``, ``id``, ``file`` or ``zenoh``.
+        kind: ``auto``, ``serial``, ``tcp``, ``udp``, ``sim``, ``id``, ``file`` or ``zenoh``.
         address: Path, ``host:port``, model, serial number or key; empty for ``auto``.
         options: The options after the question mark.
         device: A simulated device to connect to in memory; its kind is ``device``.
@@ -144,9 +148,8 @@ def parse_source(source: str | os.PathLike[str]) -> Source:
         raise _refused(text, "cannot be read. IPv6 addresses stand in brackets, as in tcp://[::1]:2000") from error
     kind = {"socket": "tcp"}.get(parts.scheme, parts.scheme)
     if kind not in _OPTIONS:
-        raise _refused(
-            text, f"is not a source: {parts.scheme}:// is not known. Use a serial port, serial://, tcp:// or sim://"
-        )
+        known = "Use a serial port, serial://, tcp://, udp:// or sim://"
+        raise _refused(text, f"is not a source: {parts.scheme}:// is not known. {known}")
     options = _options(text, kind, parts.query)
     if kind == "serial":
         address = _serial_path(text, parts.netloc, parts.path)
@@ -212,7 +215,7 @@ def _checked(source: Source) -> Source:
         os.fsencode(source.address)
     except UnicodeError as error:
         raise _refused(source.text, "contains a character that cannot stand in a file name") from error
-    if source.kind == "tcp":
+    if source.kind in _EXAMPLES:
         _check_host(source)
     return source
 
@@ -223,7 +226,7 @@ def _check_host(source: Source) -> None:
     except ValueError:
         host, port = "", 0
     if not host or not port or "@" in source.address:
-        raise _refused(source.text, "needs a host and a port, as in tcp://192.168.0.7:20108")
+        raise _refused(source.text, f"needs a host and a port, as in {source.kind}://{_EXAMPLES[source.kind]}")
     try:
         # The resolver encodes the name in the same way, and raises UnicodeError while connecting.
         host.encode("idna")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,7 @@ import pytest
 from benchmarks import __main__ as measuring
 
 ROOT = Path(__file__).parent.parent
+PATIENCE_S = 60.0
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 MEASURING = "\n".join(
     path.read_text(encoding="utf-8") for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
@@ -22,6 +25,16 @@ MEASURED_BY = sorted(
         )
     }
 )
+
+
+def test_the_first_program_runs_as_a_process() -> None:
+    program = re.findall(r"```python\n(.*?)```", README, re.DOTALL)[0]
+    result = subprocess.run(
+        [sys.executable, "-W", "error", "-c", program],
+        capture_output=True, text=True, timeout=PATIENCE_S, cwd=ROOT, check=False,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    assert len(result.stdout.splitlines()) >= 1
 
 
 @pytest.mark.parametrize("command", MEASURED_BY)

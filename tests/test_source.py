@@ -32,6 +32,8 @@ from lidario.source import Source, parse_source
         ("id:ABCDEF01", "id", "ABCDEF01", {}),
         ("tcp://192.168.0.7:20108", "tcp", "192.168.0.7:20108", {}),
         ("socket://[::1]:2000", "tcp", "[::1]:2000", {}),
+        ("udp://192.168.11.2:8089", "udp", "192.168.11.2:8089", {}),
+        ("udp://[::1]:8089?family=x", "udp", "[::1]:8089", {"family": "x"}),
         ("sim://model-2?world=room&fault=drop:1%25,flip:0.1%25", "sim", "model-2", None),
         ("sim://model-2?fault=drop:1%", "sim", "model-2", {"fault": "drop:1%"}),
     ],
@@ -63,6 +65,8 @@ def test_what_a_source_says() -> None:
         ("serial://", "names nothing"),
         ("tcp://host", "host and a port"),
         ("tcp://host:port", "host and a port"),
+        ("udp://host", "host and a port, as in udp://192.168.11.2:8089"),
+        ("udp://host:8089?baud=115200", "does not know: 'baud'"),
     ],
 )
 def test_what_is_no_source_says_why(text: str, says: str) -> None:

@@ -10,6 +10,7 @@ import click
 
 from lidario.cli.errors import ExitCode
 from lidario.cli.output import console, dump, emit, progress, rendered
+from lidario.cli.parameters import complete_source
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -32,7 +33,7 @@ class _Told:
 
 
 @click.command()
-@click.argument("source", default="auto")
+@click.argument("source", default="auto", shell_complete=complete_source)
 @click.option("--json", "as_json", is_flag=True, help="One object for programs.")
 def info(source: str, as_json: bool) -> int:
     """Model, firmware, serial number, health and scan modes of a lidar.

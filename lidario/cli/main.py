@@ -92,10 +92,10 @@ def cli(context: click.Context) -> int | None:
 
     Without a verb: lists the lidars that are plugged in, and what to type next.
 
-    A SOURCE is a serial port (/dev/ttyUSB0, COM3), tcp://host:port, id:SERIAL (the lidar's own serial number),
-    a simulator (sim://MODEL?world=room&fault=drop:1%; `lidario sim --list` names the models), a recording
-    (run.mcap, raw.bin; run.mcap?rate=10&loop=1), another machine's lidar (zenoh:KEY), or auto, which is the
-    default: the only lidar that responds.
+    A SOURCE is a serial port (/dev/ttyUSB0, COM3), tcp://host:port, udp://host:port (an Ethernet model),
+    id:SERIAL (the lidar's own serial number), a simulator (sim://MODEL?world=room&fault=drop:1%; `lidario sim
+    --list` names the models), a recording (run.mcap, raw.bin; run.mcap?rate=10&loop=1), another machine's lidar
+    (zenoh:KEY), or auto, which is the default: the only lidar that responds.
     """
     return show((), as_json=False, next_steps=True) if context.invoked_subcommand is None else None
 

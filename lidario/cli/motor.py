@@ -40,6 +40,7 @@ def stop(source: str, as_json: bool) -> int:
     from lidario.cli.running import run
 
     with progress(f"stopping {source} …"):
+        _refuse_recording(source)
         run(lambda: _stop(source))
     _tell(as_json, "stopped", None)
     return ExitCode.OK
@@ -61,9 +62,18 @@ def _run(source: str, hertz: float | None, as_json: bool) -> int:
     from lidario.cli.running import run
 
     with progress("waiting for the rotor …"):
+        _refuse_recording(source)
         state, measured = run(lambda: _turn(source, hertz))
     _tell(as_json, state, measured)
     return ExitCode.OK
+
+
+def _refuse_recording(source: str) -> None:
+    from lidario import Unsupported
+    from lidario.recording.files import file_source
+
+    if file_source(source) is not None:
+        raise Unsupported("a recording has no motor")
 
 
 def _tell(as_json: bool, state: str, hertz: float | None) -> None:

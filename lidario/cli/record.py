@@ -18,6 +18,7 @@ import click
 from lidario.cli.durations import Duration
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import console, emit, message
+from lidario.cli.parameters import complete_source
 
 if TYPE_CHECKING:
     from rich.status import Status
@@ -37,7 +38,7 @@ class _Told:
 
 
 @click.command()
-@click.argument("source", default="auto")
+@click.argument("source", default="auto", shell_complete=complete_source)
 @click.option("-o", "--output", metavar="FILE", help="The file to make; named after the time where not given.")
 @click.option("-t", "seconds", type=Duration(), metavar="TIME", help="How long, as in 60s or 5m.")
 @click.option("-n", "count", type=click.IntRange(min=1), metavar="N", help="How many scans.")

@@ -19,6 +19,7 @@ import click
 
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import Writer, console, emit, message, progress, rendered
+from lidario.cli.parameters import complete_source
 
 if TYPE_CHECKING:
     from lidario import Lidar, Scan
@@ -49,7 +50,7 @@ class _Tally:
 
 
 @click.command()
-@click.argument("source", default="auto")
+@click.argument("source", default="auto", shell_complete=complete_source)
 @click.option("-n", "count", default=1, show_default=True, type=click.IntRange(min=0), metavar="N",
               help="How many scans; 0: until Ctrl-C.")  # fmt: skip
 @click.option("--mode", metavar="MODE", help="Scan mode by name or id, as `lidario info` lists them.")

@@ -1,4 +1,4 @@
-"""``lidario sim``: a simulated lidar for any driver, on a pseudo-terminal or a TCP port.
+"""``lidario sim``: a simulated lidar for any driver, on a pseudo-terminal, a TCP port or a UDP port.
 
 The only line on stdout is what a client opens, so that a script can read it; after the fault ``replug`` a second
 line tells the new name. The simulated lidar is served until Ctrl-C. Then the command prints which requests it
@@ -8,10 +8,12 @@ received, and which of them a real device would have discarded, and why; this he
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import errno
 import sys
 import time
 from collections import Counter
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import click
@@ -23,9 +25,9 @@ if TYPE_CHECKING:
     from lidario import ConnectReason
     from lidario.sim.device import SimulatedDevice
     from lidario.sim.faults import Faults
-    from lidario.sim.serve import PtyServer, TcpServer
+    from lidario.sim.serve import PtyServer, TcpServer, UdpServer
 
-__all__ = ["HAS_PTY", "name_of", "on_pty", "on_tcp", "sim"]
+__all__ = ["HAS_PTY", "name_of", "on_pty", "on_tcp", "on_udp", "sim"]
 
 POLL_S = 0.1
 HAS_PTY = sys.platform != "win32"
@@ -37,6 +39,7 @@ HAS_PTY = sys.platform != "win32"
 @click.option(
     "--tcp", metavar="[HOST]:PORT", help="On a TCP port of this machine, or of that address; port 0 is any."
 )
+@click.option("--udp", metavar="[HOST]:PORT", help="On a UDP port: the default for an Ethernet model.")
 @click.option("--fault", "faults", multiple=True, metavar="NAME[:VALUE]",
               help="What goes wrong, for instance drop:1% or reboot:5s. May be given several times.")  # fmt: skip
 @click.option("--list-faults", is_flag=True, help="List the faults and what they do, and exit.")
@@ -44,11 +47,12 @@ HAS_PTY = sys.platform != "win32"
 @click.option("--serial", metavar="HEX", help="Its serial number.")
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0), metavar="N",
               help="Seed of everything random.")  # fmt: skip
-@click.option("--list", "list_models", is_flag=True, help="List the models, the default first, and exit.")
+@click.option("--list", "list_models", is_flag=True, help="List the models by vendor, the default first, and exit.")
 def sim(
     model: str | None,
     pty: bool,
     tcp: str | None,
+    udp: str | None,
     faults: tuple[str, ...],
     list_faults: bool,
     world: str | None,
@@ -62,21 +66,36 @@ def sim(
     """
     from lidario import simulate
     from lidario.families.registry import FAMILIES
+    from lidario.sim.device import is_network
 
     if list_models:
-        emit("".join(f"{name}\n" for family in FAMILIES for name in family.simulated))
+        emit(_model_table())
         return ExitCode.OK
     if list_faults:
         emit(_fault_table())
         return ExitCode.OK
-    if pty and tcp is not None:
-        raise click.UsageError("--pty and --tcp exclude each other", click.get_current_context())
+    if sum((pty, tcp is not None, udp is not None)) > 1:
+        raise click.UsageError("--pty, --tcp and --udp exclude each other", click.get_current_context())
     model = model or FAMILIES[0].simulated[0]
     device = simulate(model, world=world or "room", serial=serial, seed=seed)
     happening = _faults(faults, seed)
+    if udp is not None or (is_network(device) and tcp is None and not pty):
+        return _serve(on_udp(device, udp or ":0", happening), model)
     if tcp is not None or not (pty or HAS_PTY):
         return _serve(on_tcp(device, tcp or ":0", happening), model)
     return _serve(on_pty(device, happening), model)
+
+
+def _model_table() -> str:
+    """Every simulated model and what it is, under the name of its family."""
+    from lidario.families.registry import FAMILIES
+
+    width = max(len(name) for family in FAMILIES for name in family.simulated)
+    lines = []
+    for family in FAMILIES:
+        lines.append(f"{family.title}:")
+        lines += [f"  {name:{width}}  {family.describe(name)}".rstrip() for name in family.simulated]
+    return "".join(f"{line}\n" for line in lines)
 
 
 def _fault_table() -> str:
@@ -111,33 +130,58 @@ def on_pty(device: SimulatedDevice, faults: Faults | None) -> PtyServer:
 
 def on_tcp(device: SimulatedDevice, address: str, faults: Faults | None) -> TcpServer:
     """Listen on the loopback interface, unless the address names another."""
-    from lidario import ConnectFailed
     from lidario.sim.serve import TcpServer
 
+    host, number = _address(address, "tcp")
+    with _listening(address, "tcp"):
+        return TcpServer(device, host, number, faults=faults)
+
+
+def on_udp(device: SimulatedDevice, address: str, faults: Faults | None) -> UdpServer:
+    """As `on_tcp`, by UDP."""
+    from lidario.sim.serve import UdpServer
+
+    host, number = _address(address, "udp")
+    with _listening(address, "udp"):
+        return UdpServer(device, host, number, faults=faults)
+
+
+def _address(address: str, kind: str) -> tuple[str, int]:
+    """Host and port; the loopback interface where no host is named."""
     host, _, port = address.rpartition(":")
     if not port.isdecimal() or int(port) > 0xFFFF:
-        raise click.BadParameter(f"{address!r} is not [HOST]:PORT, such as :2000", param_hint="--tcp")
+        raise click.BadParameter(f"{address!r} is not [HOST]:PORT, such as :2000", param_hint=f"--{kind}")
+    return host or "127.0.0.1", int(port)
+
+
+@contextlib.contextmanager
+def _listening(address: str, kind: str) -> Iterator[None]:
+    """Say why an address cannot be listened on."""
+    from lidario import ConnectFailed
+
     try:
-        return TcpServer(device, host or "127.0.0.1", int(port), faults=faults)
+        yield
     except OSError as error:
         why: ConnectReason = "source"
         if error.errno == errno.EADDRINUSE:
             why = "busy"
         elif error.errno == errno.EACCES:
             why = "permission"
-        cure = ". --tcp :0 takes any free port" if why == "busy" else ""
+        cure = f". --{kind} :0 takes any free port" if why == "busy" else ""
         what = (error.strerror or str(error)).partition(" (while")[0]
         raise ConnectFailed(f"cannot listen on {address}: {what}{cure}", reason=why) from error
 
 
-def _serve(server: PtyServer | TcpServer, model: str) -> int:
+def _serve(server: PtyServer | TcpServer | UdpServer, model: str) -> int:
     from lidario.cli.running import run
+    from lidario.sim.serve import UdpServer
 
     name = name_of(server)
     began = time.monotonic()
     with server:
         emit(f"{name}\n")
-        message(f"a simulated {model} at {server.device.baudrate} baud, until Ctrl-C; for instance")
+        at = "" if isinstance(server, UdpServer) else f" at {server.device.baudrate} baud"
+        message(f"a simulated {model}{at}, until Ctrl-C; for instance")
         message(f"  lidario scan {name}")
         try:
             run(lambda: _until_unplugged(server))
@@ -149,17 +193,17 @@ def _serve(server: PtyServer | TcpServer, model: str) -> int:
     return ExitCode.OK
 
 
-def name_of(server: PtyServer | TcpServer) -> str:
+def name_of(server: PtyServer | TcpServer | UdpServer) -> str:
     """What a client opens."""
-    from lidario.sim.serve import TcpServer
+    from lidario.sim.serve import PtyServer, UdpServer
 
-    if isinstance(server, TcpServer):
-        host, port = server.address
-        return f"tcp://{host}:{port}"
-    return server.path
+    if isinstance(server, PtyServer):
+        return server.path
+    host, port = server.address
+    return f"{'udp' if isinstance(server, UdpServer) else 'tcp'}://{host}:{port}"
 
 
-async def _until_unplugged(server: PtyServer | TcpServer) -> None:
+async def _until_unplugged(server: PtyServer | TcpServer | UdpServer) -> None:
     """Wait until the line is dead and stays so; tell when it was plugged in again."""
     plugged = True
     while not server.unplugged:
@@ -171,7 +215,7 @@ async def _until_unplugged(server: PtyServer | TcpServer) -> None:
         await asyncio.sleep(POLL_S)  # the server is a thread, and has no event to await
 
 
-def _sum_up(server: PtyServer | TcpServer, took: float) -> None:
+def _sum_up(server: PtyServer | TcpServer | UdpServer, took: float) -> None:
     log = server.device.log
     obeyed = Counter(request.name for request in log if request.obeyed)
     discarded = Counter((request.name, request.why) for request in log if not request.obeyed)

@@ -129,8 +129,12 @@ async def _serve(feeds: list[Feed], places: list[Mount], port: int, lan: bool) -
         for feed in feeds:
             feed.on_scan, feed.on_change = server.publish_scan, server.publish_states
         _announce(server, lan)
-        await asyncio.wait(reading, return_when=asyncio.FIRST_COMPLETED)
-        _raise_of(reading)
+        left = set(reading)
+        while left:
+            _, left = await asyncio.wait(left, return_when=asyncio.FIRST_COMPLETED)
+            _raise_of(reading)
+        # All were recordings, and are over: what they showed last stays to be looked at.
+        await asyncio.get_running_loop().create_future()
     finally:
         for task in reading:
             task.cancel()
@@ -141,7 +145,7 @@ async def _serve(feeds: list[Feed], places: list[Mount], port: int, lan: bool) -
 
 
 def _raise_of(reading: list[asyncio.Task[None]]) -> None:
-    """Raise the error of the first task that has one; feeds end in no other way."""
+    """Raise the error of the first task that has one."""
     for task in reading:
         if task.done():
             task.result()

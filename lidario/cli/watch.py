@@ -1,13 +1,19 @@
 """``lidario watch``: the picture of the latest scan in the terminal, in place, for work over SSH.
 
 It is drawn on the terminal's second screen, so that what was there before comes back at the end. Where the terminal
-is wide, the figures stand beside the picture, else below it. A frame is written by `Writer`, in a thread: a
-terminal that takes nothing (Ctrl-S, a slow line) then holds up the drawing, and neither the lidar nor a signal.
+is wide, the figures stand beside the picture, else below it.
+
+A frame is one text, written by `Writer` in a thread: a terminal that takes nothing (Ctrl-S, a slow line) then holds
+up the drawing, and neither the lidar nor a signal. `rich.Live`, which draws in place too, is not used for that
+reason: it writes where it is told to refresh. On the event loop that would hold up the reading of the lidar, and a
+Ctrl-C would wait until the terminal takes bytes again. In its own thread it holds a lock while it writes, and
+leaving it waits for that thread.
 """
 
 from __future__ import annotations
 
 import asyncio
+import logging
 import sys
 from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, Final
@@ -52,11 +58,15 @@ def watch(source: str, mode: str | None) -> int:
 
     feed = Feed(source, mode=int(mode) if mode is not None and mode.isdecimal() else mode)
     writer = Writer()
+    # The picture says what the log would say, and a line of the log would run through it.
+    quiet = logging.NullHandler()
+    logging.getLogger("lidario").addHandler(quiet)
     try:
         with suppress(Stopped):
             run(lambda: _draw(feed, writer))
     finally:
         writer.close()
+        logging.getLogger("lidario").removeHandler(quiet)
     lost = f", lost {feed.losses} time{'s' if feed.losses > 1 else ''}" if feed.losses else ""
     message(f"{feed.scans} scans of {feed.info.model if feed.info else source}{lost}")
     return ExitCode.OK
@@ -133,7 +143,10 @@ def figures(feed: Feed) -> list[tuple[str, str]]:
     assert scan is not None
     hits = int(np.count_nonzero(scan.valid))
     nearest = f"{float(np.nanmin(scan.ranges)):.2f} m" if hits else "no returns"
-    state = "scanning" if feed.state == "scanning" else f"lost, reconnecting ({feed.reason})"
+    state = {
+        "lost": "lost, reconnecting" + (f" ({feed.reason})" if feed.reason else ""),
+        "ended": "the recording has ended",
+    }.get(feed.state, feed.state)
     rows = [
         ("state", state),
         ("model", feed.info.model if feed.info else ""),

@@ -274,3 +274,8 @@ class Family:
         if spin_up is not None:
             device.spin_up_s = spin_up
         return device
+
+    def describe(self, model: str) -> str:
+        """What a simulated model is, in a few words."""
+        words: str = import_module(f"lidario.families.{self.name}.simulated.device").describe(model)
+        return words

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,6 +94,10 @@ class Decoder(Protocol):
             seam: Heading at which the revolution ends, so that `Samples.before_seam` can be told; None where no
                 packet lies across its end.
         """
+        ...
+
+    def fork(self) -> Self:
+        """Another decoder, which goes on from here without changing what this one remembers."""
         ...
 
     def decode_steady(

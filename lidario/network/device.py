@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final, Self, TypeVar
 
 from lidario.errors import Unsupported
 from lidario.families.base import Family, Script, Stream
@@ -191,6 +191,9 @@ class _NoPackets:
 
     def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Any:
         raise NotImplementedError
+
+    def fork(self) -> Self:
+        return self
 
     def decode_steady(
         self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None

@@ -1,8 +1,9 @@
 """What carries the bytes of a port, and who is told of them.
 
-A `Line` is one kind of connection: `lidario.port.serial`, `lidario.port.tcp` and `lidario.port.simulated` each have
-their own. A `Port` (`lidario.port.port`) holds one line and gives the session the same interface for all of them.
-A `Receiver` and a `Schedule` are what the session gives to the port; a `Tap` is what a user gives to it.
+A `Line` is one kind of connection: `lidario.port.serial`, `lidario.port.tcp`, `lidario.port.udp` and
+`lidario.port.simulated` each have their own. A `Port` (`lidario.port.port`) holds one line and gives the session
+the same interface for all of them. A `Receiver` and a `Schedule` are what the session gives to the port; a `Tap` is
+what a user gives to it.
 """
 
 from __future__ import annotations

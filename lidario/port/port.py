@@ -39,7 +39,7 @@ LONGEST_WAIT_S = 0.05
 
 
 class Port(asyncio.Protocol):
-    """One open line; made by `open_serial`, `open_tcp`, `open_simulated` or `connect_in_memory`.
+    """One open line; made by `open_serial`, `open_tcp`, `open_udp`, `open_simulated` or `connect_in_memory`.
 
     Attributes:
         name: What was opened, for messages.

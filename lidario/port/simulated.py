@@ -1,9 +1,9 @@
 """A port with a simulated device at its other end.
 
-Three ways to get there: ``via=pty`` (the default where the system has pseudo-terminals) takes the whole path a
-real device takes, through the kernel and pyserial-asyncio; ``via=tcp`` the same through a socket; ``via=memory``
-hands the bytes over inside the event loop, on the loop's own clock, so that a test that drives the loop's time
-drives the device with it.
+Four ways to get there: ``via=pty`` (the default where the system has pseudo-terminals) takes the whole path a
+real device takes, through the kernel and pyserial-asyncio; ``via=tcp`` the same through a socket, and ``via=udp``
+(the default of Ethernet models) by datagrams; ``via=memory`` hands the bytes over inside the event loop, on the
+loop's own clock, so that a test that drives the loop's time drives the device with it.
 
 An exception raised inside a simulated device, by a mistake in a user's world for instance, ends the line. It is the
 cause of the `DeviceLost` that the receiver is told.
@@ -20,16 +20,17 @@ from lidario.port.line import Line
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.tcp import open_tcp
-from lidario.sim.device import SimulatedDevice
+from lidario.port.udp import open_udp
+from lidario.sim.device import SimulatedDevice, is_network
 from lidario.sim.faults import Faults, parse_faults
 from lidario.sim.rooms import make_world
-from lidario.sim.serve import MemoryLine, PtyServer, TcpServer
+from lidario.sim.serve import MemoryLine, PtyServer, TcpServer, UdpServer
 from lidario.source import Source, quoted
 
 __all__ = ["Simulation", "connect_in_memory", "make_device", "open_simulated"]
 
 _TICK_S = 0.002
-_WAYS = ("pty", "tcp", "memory")
+_WAYS = ("pty", "tcp", "udp", "memory")
 
 
 def make_device(source: Source) -> tuple[SimulatedDevice, Faults | None]:
@@ -67,13 +68,17 @@ class Simulation:
         self._name = source.text
         self._ended = not lasting
         self._device, self._faults = make_device(source)
-        self._server: PtyServer | TcpServer | None = None
+        self._server: PtyServer | TcpServer | UdpServer | None = None
         self._ports = 0
         way = _way(source)
+        if "via" not in source.options and way != "memory" and is_network(self._device):
+            way = "udp"
         if way == "pty":
             self._server = PtyServer(self._device, faults=self._faults)
         elif way == "tcp":
             self._server = TcpServer(self._device, faults=self._faults)
+        elif way == "udp":
+            self._server = UdpServer(self._device, faults=self._faults)
 
     async def open(self) -> Port:
         """Open a line to it.
@@ -88,6 +93,8 @@ class Simulation:
         try:
             if isinstance(server, PtyServer):
                 port = await open_serial(server.path, self._device.baudrate)
+            elif isinstance(server, UdpServer):
+                port = await open_udp(self._name, *server.address)
             else:
                 port = await open_tcp(self._name, *server.address, baudrate=self._device.baudrate)
         except BaseException as error:

@@ -1,11 +1,12 @@
 """Raw bytes to scans, without a device, a session or an event loop.
 
 The bytes are those that a device sent, without times. They pass through the same `Link`, `Assembler` and decoders
-as live ones, in blocks that hold some ten revolutions: as many as a processor's cache holds together with what is
-decoded from them. Time is counted in samples, from 0 at the first byte of the stream: bytes that were damaged take
-the time of the samples that they would have held, bytes that are missing take none.
+as live ones, in blocks that hold ten to a hundred revolutions: as many as a processor's cache holds together with
+what is decoded from them. Time is counted in samples, from 0 at the first byte of the stream: bytes that were
+damaged take the time of the samples that they would have held, bytes that are missing take none.
 
-Nothing larger is held than one block and its scans, and those that the caller keeps.
+Nothing larger is held than one block and its scans, and those that the caller keeps; who keeps one scan of a block
+keeps all of them, some two megabytes.
 """
 
 from __future__ import annotations
@@ -32,8 +33,9 @@ __all__ = ["OfflineDecoder", "RawBytes", "ScanArrays", "decode", "decode_arrays"
 RawBytes: TypeAlias = bytes | bytearray | memoryview
 """Or anything else that has one dimension of bytes in one piece, as `mmap` or an array of uint8."""
 
-_BLOCK = 64 * 1024
-"""Bytes decoded at a time."""
+_BLOCK = 256 * 1024
+"""Bytes decoded at a time. Measured, in MB/s for 0x81, 0x85 and 0x84: 275, 227 and 107 at 64 KiB; 374, 300 and 126
+at 128; 453, 383 and 127 at 256. Above that 0x84 falls to 57: its arrays then come from the system each time."""
 _TRIED = 32 * 1024
 """Bytes from the beginning of a stream that must tell whose packets they are."""
 _MOST_US = 1e6
@@ -144,7 +146,7 @@ class OfflineDecoder:
         self.family: Family = known
         self.begin: int = found.begin
         self.stream: Stream = found.stream
-        self._link = Link()
+        self._link = Link(_BLOCK)
         self._link.enter_stream(self.stream.format)
         self._assembler = Assembler(self.stream)
         self._samples = 0.0

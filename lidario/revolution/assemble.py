@@ -58,6 +58,8 @@ class Assembler:
         self._count = RevolutionCount()
         self._last_spanned_ns = 0.0
         self._measured_sample_ns = 0.0
+        # Several revolutions that end together are decoded at once, unless somebody wants parts of each.
+        self._by_blocks = True
 
     def set_zero_offset(self, degrees: float) -> None:
         """Add another zero-angle offset, clockwise degrees, from the next scan on."""
@@ -73,7 +75,7 @@ class Assembler:
         offsets = packet_offsets(event.blocks)
         begin = done = 0
         while done < len(splits):
-            left = len(splits) - done
+            left = len(splits) - done if self._by_blocks else 1
             if left >= _WORTH_A_BLOCK and not is_ready(self._stream, self._partial, self._count):
                 # The first revolutions of a stream, and those behind a gap, teach what the others are measured by.
                 left = 1
@@ -184,13 +186,7 @@ class Assembler:
         packets = ended.packets()
         if packets is not None:
             room = 0 if arrays is None else len(arrays)
-            ends_inside = not (split.marked or split.broken)
-            samples = self._stream.decoder.decode(
-                packets,
-                None if split.broken else following,
-                room,
-                self._seam.angle if ends_inside else None,
-            )
+            samples = self._decode(ended, packets, split, following, room)
             self.stats.lost_packets += samples.lost
             self._partial.behind_gap = samples.lost_behind > 0 or not samples.certain
             lost += samples.lost
@@ -217,6 +213,23 @@ class Assembler:
             self._count.restart()
             return None
         return self._scan(arrays, ended, packets, samples, lost)
+
+    def _decode(
+        self,
+        ended: PartialRevolution,  # noqa: ARG002 - for those who decode parts of it before
+        packets: Packets,
+        split: Split,
+        following: bytes,
+        room: int,
+    ) -> Samples:
+        """Decode all packets of a revolution, with so many free elements before their samples."""
+        ends_inside = not (split.marked or split.broken)
+        return self._stream.decoder.decode(
+            packets,
+            None if split.broken else following,
+            room,
+            self._seam.angle if ends_inside else None,
+        )
 
     def _scan(
         self,
@@ -275,7 +288,7 @@ class Assembler:
     ) -> Scan:
         if self.stats.left_off is not None:
             self.stats.resume(start_ns)
-        seq = self.stats.scans + self.stats.missed_scans
+        seq = self._next_seq()
         self.stats.scans += 1
         return build_scan(
             self._stream,
@@ -289,6 +302,9 @@ class Assembler:
             lost=lost,
             reported_rpm=reported_rpm,
         )
+
+    def _next_seq(self) -> int:
+        return self.stats.scans + self.stats.missed_scans
 
     def _passed(
         self,

@@ -29,9 +29,11 @@ from lidario.errors import ConnectFailed, LidarError, ResponseTimeout
 from lidario.families.base import Device, Family
 from lidario.families.registry import FAMILIES, families_of_model, family_named, family_of_simulated
 from lidario.model import DeviceInfo
+from lidario.port.background import run_in_thread
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.tcp import open_tcp
+from lidario.port.udp import open_udp
 from lidario.session.dialogue import Dialogue
 from lidario.session.handshake import introduce
 from lidario.session.listening import listen
@@ -124,6 +126,9 @@ async def connect(
     elif source.kind == "tcp":
         port = await open_tcp(source.text, *source.host_and_port, baudrate=speed or 0)
         tries = [_Try(each, 0, source.model) for each in families]
+    elif source.kind == "udp":
+        port = await open_udp(source.text, *source.host_and_port)
+        tries = [_Try(each, 0) for each in families]
     else:
         if source.model is not None:
             tries = [_Try(each, speed or each.models[source.model].baudrate, source.model) for each in families]
@@ -167,7 +172,8 @@ async def _connect_recording(source: Source, family: str | None) -> Connection:
     from lidario.recording.files import open_stored_source
     from lidario.recording.port import open_replay
 
-    recording = open_stored_source(source, family)
+    # The file is gone through once: an hour takes a second.
+    recording = await run_in_thread(lambda: open_stored_source(source, family))
     port = open_replay(recording, rate=source.rate, loop=source.options.get("loop") == "1")
     device = RecordedDevice(recording, lambda: port.stream)
     own = recording.streams[0].family
@@ -289,10 +295,11 @@ async def _try(port: Port, attempt: _Try, *, quick: bool) -> Connection | None:
 
 
 def _nothing_responds(source: Source, tries: list[_Try], received: ReceivedInSilence) -> LidarError:
-    speeds = [str(each.baudrate) for each in tries if each.baudrate]
+    speeds = list(dict.fromkeys(str(each.baudrate) for each in tries if each.baudrate))
     at = f" at {_either(speeds)} baud" if speeds and source.kind == "serial" else ""
     asked = _either(list(dict.fromkeys(each.family.title for each in tries)))
     cure = "Is the lidar powered (5 V, 1.5 A)"
+    cure += ", and is this computer in its network" if source.kind == "udp" else ""
     cure += " and the adapter's speed switch right?" if source.kind == "serial" else "?"
     return ConnectFailed(
         f"{source.address} opened, but nothing responds{at} (asked as {asked}): {received.describe()}. {cure}",

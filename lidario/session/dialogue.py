@@ -225,7 +225,6 @@ class Dialogue(DeviceLine):
         """Send STOP and wait until the line is quiet; False if it did not fall quiet in time."""
         await self._until_it_listens()
         self.write((self._device.stop(),))
-        self.deliver_to(None)
         return await self.drain()
 
     async def drain(self) -> bool:
@@ -316,13 +315,17 @@ class Dialogue(DeviceLine):
         for request in requests:
             self._link.send_request(request)
             self._stopper.sent(request)
+            if request.ends_stream:
+                # Also what came before anybody could read it: it is no part of the next stream.
+                self.deliver_to(None)
             if request.dtr is not None:
                 self._port.set_dtr(request.dtr)
             if self._stopper.is_reset(request):
                 # Noted here: whoever wrote it may be cancelled before anybody waits until the device has booted.
                 self.reset_at = self._loop.time()
-        if data := self._link.data_to_send():
-            self._port.write(data)
+            # One by one: where the line carries datagrams, a device may look for one request in each.
+            if data := self._link.data_to_send():
+                self._port.write(data)
         settle = max((request.settle for request in requests), default=0.0)
         if settle:
             self._listens_at = max(self._listens_at, self._loop.time() + settle + _MARGIN_S)

@@ -152,8 +152,9 @@ class Questions:
         Raises:
             ResponseTimeout: It does not come back.
             DeviceFault: It came back and reports an error.
+            Unsupported: It hears no such request; the streams go on.
         """
-        self._open_device()
+        self._open_device().reset()
         health = await self._scanner.between(self._reset, vital=True)
         self._scanner.take_note(health)
         return health

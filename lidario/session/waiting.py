@@ -11,7 +11,7 @@ import asyncio
 from enum import Enum, auto
 
 from lidario.errors import LidarError
-from lidario.session.twin import twin_of
+from lidario.session.twin import to_be_kept, twin_of
 
 __all__ = ["Awaited", "Waiting"]
 
@@ -55,6 +55,7 @@ class Waiting:
 
     def fail(self, error: LidarError) -> None:
         """End this operation and all later ones with `error`."""
+        to_be_kept(error)
         self.fatal = error
         self._raise(error)
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-__all__ = ["HasControlLine", "Received", "SimulatedDevice"]
+__all__ = ["HasControlLine", "Received", "SimulatedDevice", "is_network"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,3 +80,8 @@ class HasControlLine(Protocol):
     def set_dtr(self, asserted: bool, now: int) -> None:
         """The host sets DTR."""
         ...
+
+
+def is_network(device: SimulatedDevice) -> bool:
+    """Whether the device has no serial line but is reached by UDP: it says so by an attribute `is_network`."""
+    return bool(getattr(device, "is_network", False))

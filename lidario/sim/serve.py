@@ -1,11 +1,11 @@
-"""Serving a simulated device on a pseudo-terminal or over TCP.
+"""Serving a simulated device on a pseudo-terminal, over TCP or by UDP.
 
-`PtyServer` and `TcpServer` run the device at true pace in a daemon thread of their own, so that any program
-can open it: ours, another process, another vendor's driver. `MemoryLine`, which both are built on, has no clock and
-no thread.
+`PtyServer`, `TcpServer` and `UdpServer` run the device at true pace in a daemon thread of their own, so that any
+program can open it: ours, another process, another vendor's driver. `MemoryLine`, which all are built on, has no
+clock and no thread.
 
 The line loses bytes as a real one does. What the terminal's or socket's buffer cannot take is lost, as on
-a UART, and is counted in `lost`. While no TCP client is connected the bytes go nowhere. `unplug` is the
+a UART, and is counted in `lost`. While there is no client the bytes go nowhere. `unplug` is the
 cable pulled out: the client's port dies. `replug` puts it in again; as on a real system, the new port may have
 another name. An exception of the simulated device is kept and raised by `close`, so that it does not get lost in a
 thread.
@@ -23,7 +23,7 @@ from lidario.sim.faults import Faults
 from lidario.sim.memory import MemoryLine
 from lidario.sim.server import READ, Server
 
-__all__ = ["MemoryLine", "PtyServer", "TcpServer"]
+__all__ = ["MemoryLine", "PtyServer", "TcpServer", "UdpServer"]
 
 
 class PtyServer(Server):
@@ -216,3 +216,84 @@ class TcpServer(Server):
     def _shut(self) -> None:
         self._hang_up()
         self._listener.close()
+
+
+class UdpServer(Server):
+    """A simulated Ethernet device: it responds to whoever wrote last, by UDP.
+
+    Args:
+        device: The device.
+        host: Address to listen on.
+        port: Port to listen on; 0 = any free one.
+        tick: Seconds between two polls of a device that is sending.
+        faults: What happens to its bytes on the way.
+        chunk: Most bytes in a datagram; the vendor's driver reads 1024 of each.
+
+    Attributes:
+        address: Host and port that it listens on.
+
+    Raises:
+        OSError: The address cannot be listened on.
+    """
+
+    def __init__(
+        self,
+        device: SimulatedDevice,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        *,
+        tick: float = 0.002,
+        faults: Faults | None = None,
+        chunk: int = 1024,
+    ) -> None:
+        self._socket = _datagram_socket((host, port))
+        try:
+            super().__init__(device, tick, faults, chunk)
+        except BaseException:
+            self._socket.close()
+            raise
+        self._peer: tuple[str, int] | None = None
+        bound = self._socket.getsockname()
+        self.address: tuple[str, int] = (bound[0], bound[1])
+        self._thread.start()
+
+    def _sources(self) -> list[int | socket.socket]:
+        return [self._socket]
+
+    def _receive(self, readable: list[int | socket.socket]) -> bytes:
+        parts: list[bytes] = []
+        while self._socket in readable and len(parts) < 64:
+            try:
+                part, self._peer = self._socket.recvfrom(READ)
+            except BlockingIOError:
+                break
+            except OSError:
+                continue  # an earlier datagram was refused: the client is gone
+            parts.append(part)
+        return b"".join(parts)
+
+    def _send(self, data: bytes) -> int:
+        if self._peer is None:
+            return len(data)
+        try:
+            return self._socket.sendto(data, self._peer)
+        except OSError:
+            return 0
+
+    def _plug_in(self) -> None:
+        self._socket = _datagram_socket(self.address)
+
+    def _shut(self) -> None:
+        self._socket.close()
+
+
+def _datagram_socket(address: tuple[str, int]) -> socket.socket:
+    family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
+    made = socket.socket(family, socket.SOCK_DGRAM)
+    try:
+        made.bind(address)
+    except BaseException:
+        made.close()
+        raise
+    made.setblocking(False)
+    return made

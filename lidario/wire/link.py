@@ -36,7 +36,7 @@ from lidario.wire.stats import LinkStats
 __all__ = ["Link", "LinkState", "LinkStats"]
 
 _SLICE = 64 * 1024
-_LIMIT = 2 * _SLICE
+"""Bytes parsed at a time, unless told otherwise: as many as come while a program blocks its loop for a second."""
 
 
 class LinkState(Enum):
@@ -55,15 +55,19 @@ _AWAIT_RESPONSE, _STREAMING = LinkState.AWAIT_RESPONSE, LinkState.STREAMING
 class Link:
     """The host's end of the line, sans-IO.
 
+    Args:
+        slice_size: Bytes of a long read that are parsed at a time; the buffer holds at most twice as many.
+
     Attributes:
         state: What arriving bytes mean at the moment.
         stats: Running totals.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, slice_size: int = _SLICE) -> None:
         self.state: LinkState = LinkState.IDLE
         self.stats: LinkStats = LinkStats()
-        self._buffer = ReceiveBuffer(_LIMIT)
+        self._slice_size = slice_size
+        self._buffer = ReceiveBuffer(2 * slice_size)
         self._events: list[Event] = []
         self._outgoing = bytearray()
         self._pending: Request | None = None
@@ -113,12 +117,13 @@ class Link:
             # Counted from the first byte ever fed, they stay right while slices come into the buffer and leave it.
             fed = self._fed
             self._arrivals = [(fed + size, at_ns) for size, at_ns in arrivals]
-        if len(data) <= _SLICE:
+        size = self._slice_size
+        if len(data) <= size:
             self._feed(data, now)
         else:
             view = memoryview(data)
-            for start in range(0, len(view), _SLICE):
-                self._feed(view[start : start + _SLICE], now)
+            for start in range(0, len(view), size):
+                self._feed(view[start : start + size], now)
         if arrivals:
             self._arrivals.clear()
 
@@ -144,7 +149,7 @@ class Link:
         """
         if request.ends_stream:
             self._drain()
-            if not request.data:
+            if not request.data and request.dtr is None:
                 self._unasked = True
                 self.state = LinkState.IDLE
         elif self.state is LinkState.STREAMING and not request.in_stream:

@@ -34,6 +34,9 @@ def test_another_shell_is_a_usage_error() -> None:
         ("lidario stats --", {"--json", "--mode", "--time"}),
         ("lidario stats sim://rplidar-s", {"sim://rplidar-s1", "sim://rplidar-s2", "sim://rplidar-s3"}),
         ("lidario doctor au", {"auto"}),
+        ("lidario scan au", {"auto"}),
+        ("lidario info au", {"auto"}),
+        ("lidario record au", {"auto"}),
     ],
 )
 def test_what_is_offered(words: str, offered: set[str], monkeypatch: pytest.MonkeyPatch) -> None:

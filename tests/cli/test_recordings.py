@@ -49,9 +49,10 @@ def test_other_verbs_read_a_recording_to_its_end(live: Live, tmp_path: Path) -> 
     assert json.loads(done.stdout)["scans"] >= len(live.scans) - 2
     drawn = invoke("plot", f"{path}?rate=0", "-n", "50", "-o", str(tmp_path / "a.svg"))
     assert (drawn.exit_code, drawn.stderr) == (0, "")
-    turned = invoke("motor", "start", path)
-    assert turned.exit_code == 2
-    assert "a recording has no motor" in turned.stderr
+    for words in (["start"], ["stop"], ["speed", "12"]):
+        turned = invoke("motor", *words, path)
+        assert (turned.exit_code, turned.stdout) == (2, "")
+        assert "error: a recording has no motor" in turned.stderr
 
 
 def test_a_recording_without_a_scan_is_told(live: Live, tmp_path: Path) -> None:

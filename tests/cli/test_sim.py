@@ -16,7 +16,12 @@ from tests.cli.processes import BOUND, invoke, line_of, run, started
 def test_the_models_are_listed() -> None:
     listed = invoke("sim", "--list")
     assert listed.exit_code == 0
-    assert listed.stdout.splitlines() == [model for family in FAMILIES for model in family.simulated]
+    lines = listed.stdout.splitlines()
+    assert [line for line in lines if line[0] != " "] == [f"{family.title}:" for family in FAMILIES]
+    models = [line.split(maxsplit=1) for line in lines if line[0] == " "]
+    assert [name for name, *_ in models] == [model for family in FAMILIES for model in family.simulated]
+    assert ["rplidar-a1", "115200 baud, Sensitivity 0x84 7874/s, motor by DTR"] in models
+    assert max(map(len, lines)) <= 100
 
 
 def test_the_faults_are_listed() -> None:
@@ -66,6 +71,24 @@ def test_over_tcp(number: signal.Signals) -> None:
         assert json.loads(scanned.stdout)["ranges"]
         sim.send_signal(number)
         assert sim.wait(BOUND) == 0
+
+
+def test_an_ethernet_model_by_udp() -> None:
+    with started("sim", "rplidar-s2e", "--udp", ":0") as sim:
+        address = line_of(sim.stdout).strip()
+        assert address.startswith("udp://127.0.0.1:")
+        scanned = run("scan", address, "--json")
+        assert scanned.returncode == 0, scanned.stderr
+        assert json.loads(scanned.stdout)["ranges"]
+        sim.send_signal(signal.SIGINT)
+        assert sim.wait(BOUND) == 0
+
+
+def test_one_kind_of_port() -> None:
+    ended = invoke("sim", "--udp", ":0", "--tcp", ":0")
+    assert ended.exit_code == 2
+    assert "exclude each other" in ended.stderr
+    assert "--udp" in invoke("sim", "--udp", "8089x").stderr
 
 
 def test_an_address_that_is_taken() -> None:

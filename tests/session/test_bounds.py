@@ -86,8 +86,8 @@ def test_no_call_takes_longer_than_the_table_says(call: str, family: str) -> Non
 def test_the_table_has_every_call() -> None:
     public = {
         name
-        for name, value in vars(Lidar).items()
-        if not name.startswith("_") and asyncio.iscoroutinefunction(value)
+        for name in dir(Lidar)
+        if not name.startswith("_") and asyncio.iscoroutinefunction(getattr(Lidar, name))
     }
     assert public | {"open_lidar", "anext", "aclose"} == set(BOUNDS)
 

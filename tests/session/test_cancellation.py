@@ -15,8 +15,8 @@ from contextlib import suppress
 import anyio
 import pytest
 
-from lidario import LidarError
-from tests.support.devices import FAMILIES, Rig, discarded, left_still, make_rig
+from lidario import LidarError, Unsupported
+from tests.support.devices import EVERY_FAMILY, FAMILIES, Rig, discarded, left_still, make_rig
 from tests.support.loop import DrivenLoop, run_driven
 
 Scenario = Callable[[Rig], Awaitable[None]]
@@ -75,13 +75,15 @@ async def wait_for_an_answer(rig: Rig) -> None:
 async def change_speed(rig: Rig) -> None:
     async with rig.open() as lidar, lidar.scans() as stream:
         await anext(stream)
-        await lidar.set_scan_frequency(8.0)
+        with suppress(Unsupported):
+            await lidar.set_scan_frequency(8.0)
 
 
 async def reset_and_stop(rig: Rig) -> None:
     async with rig.open() as lidar, lidar.scans() as stream:
         await anext(stream)
-        await lidar.reset()
+        with suppress(Unsupported):
+            await lidar.reset()
         await lidar.stop()
 
 
@@ -148,14 +150,15 @@ def cancelled_at(scenario: Scenario, family: str, turn: int, how: str) -> None:
 
 
 @pytest.mark.parametrize("how", ["once", "twice", "scope"])
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", EVERY_FAMILY)
 @pytest.mark.parametrize("scenario", SCENARIOS)
 @pytest.mark.exhaustive("points", sample=[8], full=[40])
 def test_cancelled_anywhere_the_device_is_left_still(
     scenario: Scenario, family: str, how: str, points: int
 ) -> None:
     turns = turns_of(scenario, family)
-    stride = max(1, turns // points)
+    # The third family goes other ways only where nothing is written: a quarter of the points shows as much.
+    stride = max(1, turns // (points if family in FAMILIES else -(-points // 4)))
     for turn in range(1, turns + 1, stride):
         cancelled_at(scenario, family, turn, how)
 

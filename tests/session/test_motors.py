@@ -43,6 +43,9 @@ async def test_scans_show_the_world_and_the_device_is_left_still(model: str) -> 
         assert scans[-1].rpm == pytest.approx(60 / rig.turn_s, rel=0.01)
         assert left_still(rig)
         assert len(await take(lidar, 2)) == 2
+        # What the device was still sending when it was stopped belongs to the stream.
+        await asyncio.sleep(0.1)
+        assert lidar.stats.stray_bytes == 0
     assert left_still(rig)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from lidario.families.ldrobot.simulated.device import make_simulated as make_third
 from lidario.families.rplidar.simulated.device import make_simulated as make_first
 from lidario.families.ydlidar.simulated.device import make_simulated as make_second
 from lidario.scan import Scan
@@ -16,6 +17,7 @@ from lidario.session.opening import OpenLidar, open_lidar
 from tests.support.discards import PROTECTED
 
 __all__ = [
+    "EVERY_FAMILY",
     "FAMILIES",
     "Rig",
     "both_families",
@@ -50,8 +52,11 @@ class Rig:
 MAKERS: dict[str, tuple[Callable[..., Any], str, float]] = {
     "rplidar": (make_first, "rplidar-s2", 0.1),
     "ydlidar": (make_second, "ydlidar-4ros", 1 / 7),
+    "ldrobot": (make_third, "ldrobot-ld06", 0.1),
 }
-FAMILIES = tuple(MAKERS)
+FAMILIES = ("rplidar", "ydlidar")
+"""Those whose devices obey requests, and so are asked, stopped and reset in most tests of sessions."""
+EVERY_FAMILY = tuple(MAKERS)
 both_families = pytest.mark.parametrize("family", FAMILIES)
 
 
@@ -68,15 +73,18 @@ def names(rig: Rig, *, obeyed: bool | None = None) -> list[str]:
     return [each.name for each in rig.device.log if obeyed is None or each.obeyed is obeyed]
 
 
-MOVING = ("stop", "reset", "scan", "force_scan", "express_scan", "motor_speed_ctrl")
+MOVING = ("stop", "reset", "start", "scan", "force_scan", "express_scan", "motor_speed_ctrl")
 """Requests that set the device in motion or leave it still."""
 
 
 def left_still(rig: Rig) -> bool:
     """Whether laser and motor are off, and the last request that could move the device was one that stops it.
 
-    A device in Protection Stop ignores STOP, but it has heard it.
+    A device in Protection Stop ignores STOP, but it has heard it. One that only talks cannot be left in any other
+    state than it is in.
     """
+    if not getattr(rig.device.profile, "commands", True):
+        return True
     heard = [each.name for each in rig.device.log if each.obeyed or each.why == PROTECTED]
     moved = [name for name in heard if name in MOVING]
     return not rig.device.scanning and not rig.device.motor_on and moved[-1] in ("stop", "reset")

@@ -90,8 +90,8 @@ def ledgers_made() -> Iterator[Ledgers]:
     found = Ledgers()
     make_link, make_lidar, adopt = Link.__init__, Lidar.__init__, Scanner.adopt
 
-    def link_made(self: Link) -> None:
-        make_link(self)
+    def link_made(self: Link, *args: Any) -> None:
+        make_link(self, *args)
         found.links.append(self)
 
     def lidar_made(self: Lidar, *args: Any, **kwargs: Any) -> None:

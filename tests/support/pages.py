@@ -216,7 +216,8 @@ class Page:
         return done.stdout + done.stderr
 
     def _pytest(self, words: list[str]) -> str:
-        (self._folder / "pytest.ini").write_text(ASYNCIO_INI, encoding="utf-8")
+        if not (self._folder / "pytest.ini").exists():
+            (self._folder / "pytest.ini").write_text(ASYNCIO_INI, encoding="utf-8")
         ran = run_pytest(self._folder, "-p", "no:anyio", *words)
         assert ran.code == 0, ran.text
         return ran.text

@@ -227,7 +227,7 @@ def test_two_lidars_stand_where_they_are_mounted(opened: Open) -> None:
 
 
 def test_after_unplugging_it_says_so_and_comes_back(opened: Open) -> None:
-    with started("view", S2 + "&fault=unplug:3s", "--port", "0") as process:
+    with started("view", S2 + "&fault=replug:3s", "--port", "0") as process:
         page = opened(line_of(process.stdout).strip())
         page.until("document.body.innerText.includes('lost, reconnecting')")
         # The last scan is still there.

@@ -15,7 +15,7 @@ from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_points,
 from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor, Event, Packets, Response
 from lidario.wire.link import Link, LinkState
-from tests.support.streams import arrived
+from tests.support.streams import CASES, arrived, open_stream
 
 INFO = bytes(range(20))
 INFO_ANSWER = pack_response(0x04, INFO)
@@ -391,3 +391,11 @@ def test_a_large_chunk_is_taken_in_slices() -> None:
     assert b"".join(event.data for event in events if isinstance(event, Packets)) == data
     assert link.buffered == 0
     assert link.stats.packets == 1200
+
+
+def test_a_request_that_only_sets_a_control_line_is_followed_by_a_quiet_line() -> None:
+    """It has no bytes, as what ends a stream that nobody asked for; but this device was told something."""
+    link = open_stream(CASES[0])
+    link.send_request(Request("motor off", b"", ends_stream=True, dtr=True))
+    assert link.state is LinkState.DRAINING
+    assert link.data_to_send() == b""

@@ -40,7 +40,7 @@ FAMILY: Final = Family(
         boot_s=3.0,
         boot_poll_s=0.25,
         forget_s=0.5,
-        probe_s=0.2,
+        probe_s=0.12,
     ),
     device=LdrobotDevice,
     # Models that triangulate send the same packets.

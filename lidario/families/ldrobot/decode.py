@@ -12,9 +12,10 @@ Lost packets: from one packet to the next the angle advances by one step. What t
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,6 +123,10 @@ class PacketDecoder:
             certain=a_turn > 0,
             reported_rpm=arcs.rpm(),
         )
+
+    def fork(self) -> Self:
+        """As `Decoder.fork`."""
+        return copy.copy(self)
 
     def decode_steady(
         self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None

@@ -6,10 +6,10 @@ angles of a whole stretch are one product of two small matrices. What is inside 
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from itertools import pairwise
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,6 +104,12 @@ class CapsuleDecoder(ABC):
             before_seam = self._before_seam(len(starts), int(starts[-1]), float(arcs.arc[-1]), seam)
         return decoded_samples(decoded, arcs, FULL_TURN_Q6, self.samples, before_seam)
 
+    def fork(self) -> Self:
+        """As `Decoder.fork`."""
+        twin = copy.copy(self)
+        twin._rotation = copy.copy(self._rotation)  # noqa: SLF001 - its own
+        return twin
+
     def decode_steady(
         self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None
     ) -> SteadySamples | None:
@@ -162,12 +168,15 @@ class CapsuleDecoder(ABC):
         """Take 360 degrees off the angles of those few packets that may lie across 0."""
         back, ahead = self.reach
         full_turn = FULL_TURN_Q6 * self.samples
-        for beyond in _stretches(starts > FULL_TURN_Q6 - ahead - np.maximum.reduce(arc)):
+        beyond = _places(starts > FULL_TURN_Q6 - ahead - np.maximum.reduce(arc))
+        if beyond is not None:
+            # Of several revolutions a copy: the packets do not lie side by side.
             few = angle[beyond]
             np.subtract(few, full_turn, out=few, where=few >= full_turn)
-        if back:
-            for behind in _stretches(starts < back):
-                in_turn(angle[behind], full_turn)
+            angle[beyond] = few
+        behind = _places(starts < back) if back else None
+        if behind is not None:
+            angle[behind] = in_turn(angle[behind], full_turn)
 
     def _before_seam(self, packets: int, start: int, arc: float, seam: int) -> int:
         """How many samples lie before the rotor passed `seam` in the last of so many packets."""
@@ -243,16 +252,13 @@ class UltraDenseDecoder(CapsuleDecoder):
         self._last_q2 = 0 if missing_behind else int(distance[-1] * 4)
 
 
-def _stretches(these: NDArray[np.bool_]) -> list[slice]:
-    """These packets, as stretches of such that follow each other; one or none in each revolution."""
+def _places(these: NDArray[np.bool_]) -> slice | NDArray[np.intp] | None:
+    """Where these packets are: one stretch, if they follow each other; None where there is none."""
     places = these.nonzero()[0]
     if not len(places):
-        return []
+        return None
     first, last = int(places[0]), int(places[-1])
-    if last - first < len(places):
-        return [slice(first, last + 1)]
-    parts = (np.flatnonzero(places[1:] - places[:-1] > 1) + 1).tolist()
-    return [slice(int(places[a]), int(places[b - 1]) + 1) for a, b in pairwise([0, *parts, len(places)])]
+    return slice(first, last + 1) if last - first < len(places) else places
 
 
 def _in_range(starts: Ints) -> Ints:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from functools import partial
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,12 @@ class HqDecoder:
         arcs = self._rotation.arcs_told(first, after, inside)
         before_seam = nodes.size if seam is None else nodes.size - self._behind_seam(nodes["angle"][-1], seam)
         return decoded_samples(self._samples_of(nodes, room), arcs, FULL_TURN_Q14, self.samples, before_seam)
+
+    def fork(self) -> Self:
+        """As `Decoder.fork`."""
+        twin = copy.copy(self)
+        twin._rotation = copy.copy(self._rotation)  # noqa: SLF001 - its own
+        return twin
 
     def decode_steady(
         self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None
@@ -115,6 +122,12 @@ class NodeDecoder:
         rows, angles = self._read(packets)
         arcs = self._rotation.arcs(angles, None if following is None else self._angle(following))
         return decoded_samples(self._samples_of(rows, angles, room), arcs, FULL_TURN_Q6, 1, len(rows))
+
+    def fork(self) -> Self:
+        """As `Decoder.fork`."""
+        twin = copy.copy(self)
+        twin._rotation = copy.copy(self._rotation)  # noqa: SLF001 - its own
+        return twin
 
     def decode_steady(
         self,

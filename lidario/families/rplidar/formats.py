@@ -227,9 +227,13 @@ class HqFormat(StreamFormat):
         data[at + bit // 8] ^= 1 << bit % 8
         return True
 
-    def headings(self, packets: Packets) -> list[int]:
+    def headings(self, packets: Packets) -> Headings:
         """As `StreamFormat.headings`, in 90/16384 degrees."""
         data = packets.data
+        if len(data) >= HEADINGS_WORTH_AN_ARRAY * self.shortest:
+            rows = np.frombuffer(data, np.uint8).reshape(-1, self.shortest)
+            angles = rows[:, self._first_angle : self._first_angle + 2].copy().view("<u2")
+            return angles[:, 0].astype(np.int32)
         places = range(self._first_angle, len(data), self.shortest)
         return [data[place] | data[place + 1] << 8 for place in places]
 

@@ -19,7 +19,7 @@ Where the first mark of a stream stands elsewhere, or two in a row do at one pla
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -74,10 +74,8 @@ _CHECKED_CHAIN: Final = re.compile(
 """Nodes in a row whose check bits hold and whose angles are below 360 degrees: searched for faster than by hand."""
 
 NODE: Final = np.dtype([("quality", "u1"), ("angle", "<u2"), ("distance", "<u2")])
-_HEADS = np.dtype({"names": ("head",), "formats": ("<u4",), "offsets": (0,), "itemsize": SIZE})
-"""A node's first four bytes: its quality, the angle and its check bit, and half the distance."""
-_CHECKED, _UNMARKED = 0x103, 0x102
-"""The check bits among them, and what they are where no new scan begins."""
+_UNMARKED = 2
+"""The two lowest bits of a node that begins no scan."""
 
 
 class NodeFormat(StreamFormat):
@@ -137,23 +135,38 @@ class NodeFormat(StreamFormat):
         """Nodes from `at` that continue the last accepted angle, and each other."""
         count = (len(data) - at) // SIZE
         self._marked_far = bool(self._marked_far)
-        done = one_by_one = 0
-        while done < count and self._continues(data, at, self._last):
-            self._last = _angle(data, at)
-            if data[at] & 1:
-                self._mark = self._last if self._mark is None else self._mark
-                self._marked_far |= _apart(self._last, 0) > SEAM_Q6
-            at += SIZE
+        done = 0
+        while done < count and self._takes(data, at + done * SIZE):
             done += 1
-            if done >= one_by_one and count - done >= WORTH_AN_ARRAY:
-                # What stops it may be right all the same, a new scan's mark for one: that the next step tells.
-                ordinary = self._ordinary_rows(data, at, count - done, self._last)
-                at += ordinary * SIZE
-                done += ordinary
-                self._last = _angle(data, at - SIZE)
-                if ordinary < WORTH_AN_ARRAY:
-                    one_by_one = done + WORTH_AN_ARRAY
-        return Stretch((Block(SIZE, done),) if done else (), at, at)
+            if done == 1 and count >= WORTH_AN_ARRAY:
+                done += self._take_many(data, at + SIZE, count - 1)
+                break
+        end = at + done * SIZE
+        return Stretch((Block(SIZE, done),) if done else (), end, end)
+
+    def _takes(self, data: bytearray, at: int) -> bool:
+        """Take the node at `at` if it continues the one before."""
+        if not self._continues(data, at, self._last):
+            return False
+        self._last = _angle(data, at)
+        if data[at] & 1:
+            self._mark = self._last if self._mark is None else self._mark
+            self._marked_far = self._marked_far or _apart(self._last, 0) > SEAM_Q6
+        return True
+
+    def _take_many(self, data: bytearray, at: int, count: int) -> int:
+        """Take nodes that follow each other from `at`; how many of the `count` that are there."""
+        done = 0
+        for other in self._not_ordinary(data, at, count):
+            if other > done:
+                self._last = _angle(data, at + (other - 1) * SIZE)
+            # It may be right all the same: a new scan's mark, or the first node behind 360 degrees.
+            if not self._takes(data, at + other * SIZE):
+                return other
+            done = other + 1
+        if count > done:
+            self._last = _angle(data, at + (count - 1) * SIZE)
+        return count
 
     def next_stretch(self, data: bytearray, at: int) -> Stretch:
         """As `StreamFormat.next_stretch`, with chains of nodes in place of a check value."""
@@ -225,21 +238,23 @@ class NodeFormat(StreamFormat):
             self._mark = angle
         return again
 
-    @staticmethod
-    def _ordinary_rows(data: bytearray, at: int, count: int, last: int) -> int:
-        """How many nodes from `at` are ordinary: unmarked, and a small step ahead of the one before."""
-        heads = np.frombuffer(data, _HEADS, count, at)["head"].astype(np.uint32)
-        angles = np.empty(count + 1, np.int32)
-        angles[0] = last
-        np.bitwise_and(heads >> 9, 0x7FFF, out=angles[1:], casting="unsafe")
-        steps = angles[1:] - angles[:-1]
-        steps += BACKWARD_Q6
-        # Without a sign, what is below 0 is large.
-        good = steps.view(np.uint32) <= FORWARD_Q6 + BACKWARD_Q6
-        heads &= _CHECKED
-        good &= heads == _UNMARKED
-        good &= angles[1:] < FULL_TURN_Q6
-        return count if np.count_nonzero(good) == count else int(good.argmin())
+    def _not_ordinary(self, data: bytearray, at: int, count: int) -> Iterator[int]:
+        """Which nodes from `at` are not ordinary: unmarked, and a small step ahead of the one before."""
+        nodes = np.frombuffer(data, NODE, count, at)
+        words = np.empty(count + 1, np.uint16)
+        words[0] = _angle(data, at - SIZE) << 1 | 1
+        words[1:] = nodes["angle"]
+        # With the check bits, which are all 1, a step is twice as large; without a sign, what is below 0 is large.
+        steps = words[1:] - words[:-1]
+        steps += np.uint16(2 * BACKWARD_Q6)
+        other = steps > 2 * (FORWARD_Q6 + BACKWARD_Q6)
+        marks = nodes["quality"] & 3
+        other |= marks != _UNMARKED
+        if not np.bitwise_and.reduce(words) & 1:
+            other |= words[1:] & 1 == 0
+        if np.maximum.reduce(words) >= 2 * FULL_TURN_Q6:
+            other |= words[1:] >= 2 * FULL_TURN_Q6
+        return map(int, other.nonzero()[0]) if np.count_nonzero(other) else iter(())
 
 
 def _angle(data: bytes | bytearray, at: int) -> int:

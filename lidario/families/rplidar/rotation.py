@@ -179,15 +179,15 @@ class Rotation:
         raw, shortest = self._spans(headings, following)
         if shortest <= 0:
             return None
-        typical, begin = list[float](), 0
-        for end in ends:
-            mean = float(inside[begin:end].mean())
-            if float(inside[begin:end].max()) > (1 + LIKENESS) * mean:
-                return None
-            if int(raw[begin:end].max()) > (1 + self._jitter) * mean:
+        begins = [0, *ends[:-1]]
+        longest = np.maximum.reduceat(inside, begins).tolist()
+        farthest = np.maximum.reduceat(raw, begins).tolist()
+        typical = list[float]()
+        for begin, end, turned, step in zip(begins, ends, longest, farthest, strict=True):
+            mean = float(np.add.reduce(inside[begin:end])) / (end - begin)
+            if turned > (1 + LIKENESS) * mean or step > (1 + self._jitter) * mean:
                 return None
             typical.append(mean)
-            begin = end
         return typical
 
     def settle_told(self, arc: float) -> None:

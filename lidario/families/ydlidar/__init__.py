@@ -1,4 +1,4 @@
-"""YDLIDAR 4ROS and its TG relatives.
+"""YDLIDAR: the 4ROS and its relatives, see `models`.
 
 Sources throughout: the 4ROS development manual, the 4ROS data sheet, and the vendor's C++ SDK 1.2.20 (1.2.19
 where said). Nothing was measured on a real device.
@@ -9,21 +9,46 @@ from __future__ import annotations
 from typing import Final
 
 from lidario.families.base import Family, Timing
-from lidario.families.ydlidar.device import Device4Ros
+from lidario.families.ydlidar.clouds import PointCloud3, PointCloud4
+from lidario.families.ydlidar.device import NAMED, YdlidarDevice
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.raw import find_stream, stream_of
 
 __all__ = ["FAMILY"]
 
-SIMULATED: Final = ("ydlidar-4ros", "ydlidar-4ros-92", "ydlidar-4ros-slow", "ydlidar-4ros-stamps")
+SIMULATED: Final = (
+    "ydlidar-4ros",
+    "ydlidar-4ros-92",
+    "ydlidar-4ros-slow",
+    "ydlidar-4ros-stamps",
+    "ydlidar-tg15",
+    "ydlidar-tg50",
+    "ydlidar-x4",
+    "ydlidar-g1",
+    "ydlidar-g2",
+    "ydlidar-g4",
+    "ydlidar-g6",
+    "ydlidar-r2",
+    "ydlidar-f4",
+    "ydlidar-s4b",
+    "ydlidar-tmini",
+    "ydlidar-tmini-pro",
+    "ydlidar-tmini-plus",
+    "ydlidar-tmini-plus-sh",
+    "ydlidar-x2",
+    "ydlidar-x3",
+    "ydlidar-x4-pro",
+    "ydlidar-s2-pro",
+    "ydlidar-tx8",
+)
 """The names of `simulated.PROFILES`, repeated here so that users of a real device do not load the simulated
 one."""
 
 FAMILY: Final = Family(
     name="ydlidar",
     title="YDLIDAR",
-    # Data sheet, chart 5.
-    baudrates=(512_000,),
+    # 4ROS (data sheet, chart 5), G6; G1 to G5, R2, Tmini; X4; X2, X3, S2, S4, F4, TX8; S4B.
+    baudrates=(512_000, 230_400, 128_000, 115_200, 153_600),
     timing=Timing(
         # Packets come every 2 ms, and a USB adapter may hold bytes back for 16 ms.
         quiet_s=0.05,
@@ -34,12 +59,13 @@ FAMILY: Final = Family(
         boot_poll_s=0.25,
         # Commands are two bytes long, so the next one completes what was left of the last.
         forget_s=0.5,
-        probe_s=0.5,
+        probe_s=0.15,
     ),
-    device=Device4Ros,
-    formats=(PointCloud,),
+    device=YdlidarDevice,
+    formats=(PointCloud, PointCloud3, PointCloud4),
     simulated=SIMULATED,
     find_stream=find_stream,
     stream_of=stream_of,
+    models=NAMED,
 )
 """The family's row of the registry."""

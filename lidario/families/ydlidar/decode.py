@@ -17,9 +17,10 @@ packets pass the place where the one before stood.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,6 +90,10 @@ class PointCloudDecoder:
             certain=step > 0,
             reported_rpm=_reported_rpm(heads, 0, len(counts)),
         )
+
+    def fork(self) -> Self:
+        """As `Decoder.fork`."""
+        return copy.copy(self)
 
     def decode_steady(
         self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None

@@ -1,4 +1,4 @@
-"""One YDLIDAR 4ROS: what its responses mean, and how it is started and set.
+"""One YDLIDAR: what its responses mean, and how it is started and set. What varies is in `models`.
 
 Payloads: 4ROS development manual, figures 10, 12 and 13 to 15. Where it contradicts what is seen elsewhere:
 
@@ -14,38 +14,30 @@ Payloads: 4ROS development manual, figures 10, 12 and 13 to 15. Where it contrad
   the manual knows only whole millimetres, and a version read in the wrong order would halve every distance.
 
 The motor has neither a pin nor a request of its own: a scan starts it, STOP stops it.
+
+Some models only talk (`Model.one_way`). One that was not named is known by that it goes on sending after two STOPs,
+and says nothing.
 """
 
 from __future__ import annotations
 
 import struct
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.arguments import finite
-from lidario.families.base import Device, Keepalive, Script, Stream, agreed, health_of
+from lidario.families.base import Device, Keepalive, NamedModel, Script, Stream, agreed, health_of
+from lidario.families.unasked import NOT_STOPPED, begin, hear
 from lidario.families.ydlidar import commands
-from lidario.families.ydlidar.decode import PointCloudDecoder
-from lidario.families.ydlidar.formats import PointCloud
-from lidario.model import DeviceInfo, Health, ScanMode
+from lidario.families.ydlidar.formats import FULL_TURN_Q6, PointCloud
+from lidario.families.ydlidar.models import FOUR_ROS, MODELS, ONE_WAY, Model, model_of
+from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.wire.envelope import Request
 
-__all__ = ["Device4Ros"]
+__all__ = ["NAMED", "YdlidarDevice"]
 
-MODELS: Final = {100: "TG15", 101: "4ROS", 102: "TG50"}
-"""Models that send this stream (vendor SDK). The code of the 4ROS (manual 3.3) is the TG30's in the SDK."""
-MODE: Final = ScanMode(
-    id=0,
-    name="Standard",
-    sample_us=50.0,
-    max_distance=30.0,
-    response_type=PointCloud.response_type,
-    typical=True,
-)
-"""The only mode: 20000 samples a second, up to 30 m (data sheet)."""
-SPEED_RANGE: Final = (5.0, 12.0)
-"""Hz (data sheet)."""
 FINE_STEP: Final = 10
 COARSE_BEYOND: Final = 95
 """Hundredths of Hz: the small step, and the difference above which a step of 1 Hz is better (SDK)."""
@@ -65,15 +57,23 @@ LAPSE_S: Final = (2.5, 4.0)
 """Without a keepalive a stream ends 3 s after its start (manual 3.8). The last packets may be read half a second
 later."""
 LEARN_TIMEOUT_S: Final = 0.5
+HEAR_S: Final = 0.5
+OVERHEARD: Final = 8
+MOST_A_TURN: Final = 1300
+"""Samples a revolution above which no model only talks: the fastest of those has 1250 at 4 Hz."""
 
 
-class Device4Ros(Device):
-    """A 4ROS, or one of the TG models that speak the same way."""
+class YdlidarDevice(Device):
+    """One YDLIDAR.
 
-    can_keep_spinning = False
+    Args:
+        model: The model, where the user has named it.
+    """
 
-    def __init__(self) -> None:
-        self._model: int | None = None
+    def __init__(self, model: Model | None = None) -> None:
+        self._named = model
+        self._be(model or FOUR_ROS)
+        self._code: int | None = None
         self._health_request: Request | None = None
         self._protected = False
         self._offset_deg = 0.0
@@ -82,21 +82,42 @@ class Device4Ros(Device):
         self._wanted_speed: int | None = None
         self._was_restarted = False
 
+    def _be(self, model: Model) -> None:
+        self._model = model
+        self._mode = ScanMode(
+            id=0,
+            name="Standard",
+            sample_us=model.sample_us,
+            max_distance=model.reach,
+            response_type=model.kind.response_type,
+            typical=True,
+        )
+        self.can_be_stopped = not model.one_way
+        # The motor of one that hears requests stops with its laser.
+        self.can_keep_spinning = model.one_way
+
     def scan_frequency_range(self) -> Script[tuple[float, float]]:
         """As `Device.scan_frequency_range`: the data sheet's, since the device cannot be asked."""
-        yield from ()
-        return SPEED_RANGE
+        if self._model.speeds is None:
+            return super().scan_frequency_range()
+        return _told(self._model.speeds)
 
     def stop(self) -> Request:
         """As `Device.stop`; the motor stops too."""
-        return commands.STOP
+        return NOT_STOPPED if self._model.one_way else commands.STOP
 
     def halt(self) -> tuple[Request, ...]:
         """As `Device.halt`: the forced stop that the SDK sends before each STOP, then the manual's STOP."""
-        return (commands.FORCED_STOP, commands.STOP)
+        return (NOT_STOPPED,) if self._model.one_way else (commands.FORCED_STOP, commands.STOP)
 
     def reset(self) -> Request:
-        """As `Device.reset`. Whether settings outlast it is not documented."""
+        """As `Device.reset`. Whether settings outlast it is not documented.
+
+        Raises:
+            Unsupported: The device only talks.
+        """
+        if self._model.one_way:
+            raise Unsupported("this device cannot be restarted from here: cut its power")
         return commands.RESET
 
     def restarted(self) -> None:
@@ -111,6 +132,8 @@ class Device4Ros(Device):
         device that has stopped when protection would have stopped it, so never without need.
         """
         earliest, latest = LAPSE_S
+        if not self._model.protection:
+            return False
         if self._protected or (lasted_s and not earliest <= lasted_s <= latest):
             return False
         told = 0
@@ -128,30 +151,57 @@ class Device4Ros(Device):
 
     def identify(self) -> Script[DeviceInfo]:
         """As `Device.identify`; asked until two responses are equal."""
+        if self._model.one_way:
+            return (yield from self._hear())
         model, minor, major, hardware, serial = struct.unpack("<BBBB16s", (yield from agreed(commands.GET_INFO)))
-        self._model = model
+        self._code = model
+        found = self._named or model_of(model)
+        if found is not None:
+            self._be(found)
         return DeviceInfo(
             family="ydlidar",
-            model=_model_name(model),
+            model=f"YDLIDAR {found.title}" if found else f"YDLIDAR (model {model})",
             model_id=model,
             firmware=f"{major}.{minor}",
             hardware=hardware,
             serial="".join(str(digit) if digit < 10 else f"[{digit:02x}]" for digit in serial),
         )
 
+    def overhear(self) -> Script[DeviceInfo]:
+        """As `Device.overhear`: one whose STOP was lost responds after another; one that only talks does not."""
+        for _ in range(0 if self._model.one_way else 2):
+            yield commands.STOP
+            try:
+                yield _SHORT_INFO
+            except ResponseTimeout:
+                continue
+            return (yield from self.identify())
+        return (yield from self._hear())
+
+    def _hear(self) -> Script[DeviceInfo]:
+        model = self._named or ONE_WAY
+        packets = yield hear(model.kind.wire(), OVERHEARD, HEAR_S)
+        if self._named is None and _samples_a_turn(packets) > MOST_A_TURN:
+            raise ResponseTimeout(commands.GET_INFO.name, HEAR_S)
+        self._be(model)
+        return DeviceInfo("ydlidar", f"YDLIDAR {model.title}", model.code, "", 0, "")
+
     def complete_probe(self) -> bytes:
         """As `Device.complete_probe`."""
         return commands.COMPLETE_INFO
 
     def health(self) -> Script[Health]:
-        """As `Device.health`; a status that is not defined is a warning."""
+        """As `Device.health`; a status that is not defined is a warning, and one that talks is well."""
+        if self._model.one_way:
+            yield hear(self._model.kind.wire(), timeout=HEAR_S)
+            return Health(HealthStatus.OK, 0)
         status, code = struct.unpack("<BH", (yield from self._ask_health()))
         return health_of(status, code)
 
     def modes(self) -> Script[tuple[ScanMode, ...]]:
         """As `Device.modes`: there is one, and the device cannot be asked."""
         yield from ()
-        return (MODE,)
+        return (self._mode,)
 
     def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
         """As `Device.start`.
@@ -162,48 +212,65 @@ class Device4Ros(Device):
         """
         if force:
             raise Unsupported("a scan of this device cannot be forced")
-        if self._model is not None and self._model not in MODELS:
+        if self._named is None and self._code is not None and model_of(self._code) is None:
+            known = sorted({(model.code, model.title) for model in MODELS.values() if not model.one_way})
             raise Unsupported(
-                f"model {self._model} measures in other units than a 4ROS; lidario decodes models "
-                + ", ".join(f"{code} ({name})" for code, name in MODELS.items())
+                f"how model {self._code} measures is not known; lidario decodes models "
+                + ", ".join(f"{code} ({name})" for code, name in known)
+                + ". If it is like one of them, name that: ?model="
             )
-        if mode.response_type != MODE.response_type or mode.id != MODE.id:
-            raise Unsupported(f"this device has one scan mode, {MODE.name!r}, and not {mode.name!r}")
+        if mode.response_type != self._mode.response_type or mode.id != self._mode.id:
+            raise Unsupported(f"this device has one scan mode, {self._mode.name!r}, and not {mode.name!r}")
         if self._was_restarted:
             yield from self._restore()
-        try:
-            stream = PointCloud()
-            yield commands.scan(stream)
-        except ResponseTimeout:
-            # A header that was lost is not repeated while packets flow: begin again from standstill.
-            yield commands.STOP
-            stream = PointCloud()
-            yield commands.scan(stream)
+        stream = yield from self._begin()
         return Stream(
             format=stream,
-            decoder=PointCloudDecoder(),
+            decoder=self._model.kind.decoder(),
             mode=mode,
-            sample_ns=MODE.sample_us * 1e3,
+            sample_ns=self._mode.sample_us * 1e3,
             spin_up_s=SPIN_UP_S,
             slowest_turn_s=SLOWEST_TURN_S,
             keepalive=Keepalive(commands.KEEPALIVE, KEEPALIVE_S) if self._protected else None,
             zero_offset_deg=self._offset_deg,
         )
 
+    def _begin(self) -> Script[PointCloud]:
+        """Have it send packets."""
+        stream = self._model.kind.wire()
+        if self._model.one_way:
+            yield begin(stream)
+            return stream
+        try:
+            yield commands.scan(stream)
+        except ResponseTimeout:
+            # A header that was lost is not repeated while packets flow: begin again from standstill.
+            yield commands.STOP
+            stream = self._model.kind.wire()
+            yield commands.scan(stream)
+        return stream
+
     def scan_frequency(self) -> Script[float]:
         """As `Device.scan_frequency`: the frequency that is set, not the one the motor reaches."""
+        if self._model.speeds is None:
+            raise Unsupported("this device does not tell its scan frequency")
         return (yield from self._ask_speed()) / 100
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:
         """As `Device.set_scan_frequency`: in steps of 1 and 0.1 Hz, then read back.
 
         Raises:
-            InvalidValue: Not a finite number, or outside of 5 to 12 Hz.
+            InvalidValue: Not a finite number, or outside of the range.
+            Unsupported: The motor of the model follows the supply, or a pin that is not in the cable.
         """
-        lowest, highest = SPEED_RANGE
+        if self._model.speeds is None:
+            raise Unsupported("the scan frequency of this device cannot be set from here")
+        lowest, highest = self._model.speeds
         wanted = finite(hertz, "a scan frequency")
         if not lowest <= wanted <= highest:
-            raise InvalidValue(f"{wanted:g} Hz is outside of the 4ROS's {lowest:g} to {highest:g} Hz")
+            raise InvalidValue(
+                f"{wanted:g} Hz is outside of the {self._model.title}'s {lowest:g} to {highest:g} Hz"
+            )
         return self._set_speed(round(wanted * 100))
 
     def zero_offset(self) -> Script[float]:
@@ -211,7 +278,10 @@ class Device4Ros(Device):
 
         Raises:
             RemoteProtocolError: More than 360 degrees, twice.
+            Unsupported: The model does not tell any.
         """
+        if not self._model.offset:
+            raise Unsupported("this device knows no zero-angle offset")
         quarters = 0
         for _ in range(2):
             (quarters,) = struct.unpack("<i", (yield commands.GET_ZERO_OFFSET))
@@ -234,7 +304,10 @@ class Device4Ros(Device):
 
         Raises:
             RemoteProtocolError: The device does not reach the wanted state.
+            Unsupported: It is not known of the model that it has any.
         """
+        if not self._model.protection:
+            raise Unsupported("this device knows no power-down protection")
         wanted = bool(on)  # 1 and numpy's True are meant as well, and are not identical to True
         for attempt in range(MOST_TOGGLES):
             try:
@@ -266,7 +339,8 @@ class Device4Ros(Device):
 
     def _ask_health(self) -> Script[bytes]:
         known = self._health_request
-        *questions, last = ((known,) if known else (commands.GET_HEALTH, commands.GET_HEALTH_92)) * 2
+        both = (commands.GET_HEALTH, commands.GET_HEALTH_92)
+        *questions, last = ((known,) if known else both[::-1] if self._model.health_by_92 else both) * 2
         self._health_request = None
         for request in questions:
             try:
@@ -301,6 +375,7 @@ class Device4Ros(Device):
         return (yield from self._ask_speed()) / 100
 
 
+_SHORT_INFO: Final = replace(commands.GET_INFO, timeout=0.25, attempts=1)
 _LEARN_PROTECTION: Final = replace(commands.TOGGLE_PROTECTION, timeout=LEARN_TIMEOUT_S)
 _STEPS: Final = {
     (True, True): commands.SPEED_UP_BY_1,
@@ -314,6 +389,23 @@ def _hundredths(payload: bytes) -> int:
     return int.from_bytes(payload, "little")
 
 
-def _model_name(model: int) -> str:
-    name = MODELS.get(model)
-    return f"YDLIDAR {name}" if name else f"YDLIDAR (model {model})"
+def _told(speeds: tuple[float, float]) -> Script[tuple[float, float]]:
+    yield from ()
+    return speeds
+
+
+def _samples_a_turn(packets: bytes) -> float:
+    """By the widest packet among these, of two bytes a sample; 0 where none has several samples."""
+    at, most = 0, 0.0
+    while at < len(packets):
+        count = packets[at + 3]
+        first, last = (int.from_bytes(packets[at + place : at + place + 2], "little") >> 1 for place in (4, 6))
+        way = (last - first) % FULL_TURN_Q6
+        if count > 1 and way:
+            most = max(most, (count - 1) * FULL_TURN_Q6 / way)
+        at += 10 + 2 * count
+    return most
+
+
+NAMED: Final = {name: NamedModel(model.baudrate, partial(YdlidarDevice, model)) for name, model in MODELS.items()}
+"""As `Family.models`."""

@@ -1,7 +1,8 @@
 """Recorded bytes of this family: where the measurement stream begins among them.
 
 It begins behind the scan header (4ROS development manual, 3.1), or with the first intact packet where the header
-was not recorded: there is one format only. The bytes carry no time; a sample takes 50 us (data sheet).
+was not recorded. What the samples mean, only the model tells: by the device information, where that was recorded
+before the stream. Else it is the 4ROS, or the Tmini where a sample has three bytes. The bytes carry no time.
 """
 
 from __future__ import annotations
@@ -10,25 +11,43 @@ import re
 from typing import Final
 
 from lidario.families.base import Decoder, RawStream, raw_stream
-from lidario.families.ydlidar.decode import PointCloudDecoder
-from lidario.families.ydlidar.formats import PointCloud
+from lidario.families.ydlidar.clouds import KINDS
+from lidario.families.ydlidar.formats import INFO_HEADER, PointCloud
+from lidario.families.ydlidar.models import FOUR_ROS, MODELS, Model, model_of
 from lidario.wire.formats import StreamFormat
 
 __all__ = ["find_stream", "stream_of"]
 
-_USUAL_US: Final = 50.0
 _HEADER: Final = re.compile(rb"\xa5\x5a.{3}[\x40-\x7f]\x81", re.DOTALL)
 """The scan header; its length is to be ignored (manual 3.1)."""
+_GUESSES: Final = (FOUR_ROS, MODELS["tmini"], MODELS["tmini-plus-sh"])
+"""One model for each size of a sample."""
+_LEAST_RATE: Final = 4000.0
+"""Samples a second where the model has several rates: the slowest of them, so that no revolution is too long."""
 
 
 def find_stream(data: memoryview, sample_us: float | None) -> RawStream | None:
     """As `Family.find_stream`: behind the header, or at the first intact packet."""
-    wire = PointCloud()
-    begin = _first_packet(data, wire)
-    if begin is None:
+    found = [(begin, model) for model in _GUESSES if (begin := _first_packet(data, model.kind.wire())) is not None]
+    if not found:
         return None
+    begin, model = min(found, key=lambda each: each[0])
+    told = _told(data[:begin])
+    if told is not None and told.kind.sample_size == model.kind.sample_size:
+        model = told
     header = _HEADER.search(data[:begin])
-    return raw_stream(begin if header is None else header.end(), wire, PointCloudDecoder(), sample_us or _USUAL_US)
+    return raw_stream(
+        begin if header is None else header.end(),
+        model.kind.wire(),
+        model.kind.decoder(),
+        sample_us or model.sample_us or 1e6 / _LEAST_RATE,
+    )
+
+
+def _told(before: memoryview) -> Model | None:
+    """The model that the device said it is, if that stands in these bytes."""
+    at = bytes(before).rfind(INFO_HEADER)
+    return model_of(before[at + len(INFO_HEADER)]) if 0 <= at < len(before) - len(INFO_HEADER) else None
 
 
 def _first_packet(data: memoryview, wire: PointCloud) -> int | None:
@@ -41,5 +60,6 @@ def _first_packet(data: memoryview, wire: PointCloud) -> int | None:
 
 
 def stream_of(response_type: int) -> tuple[StreamFormat, Decoder] | None:
-    """As `Family.stream_of`; there is one format."""
-    return (PointCloud(), PointCloudDecoder()) if response_type == PointCloud.response_type else None
+    """As `Family.stream_of`: by the number that lidario gives each kind."""
+    kind = next((kind for kind in KINDS.values() if kind.response_type == response_type), None)
+    return None if kind is None else (kind.wire(), kind.decoder())

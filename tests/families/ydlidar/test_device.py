@@ -11,7 +11,7 @@ import pytest
 from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.base import Script
 from lidario.families.ydlidar import FAMILY, commands
-from lidario.families.ydlidar.device import Device4Ros
+from lidario.families.ydlidar.device import YdlidarDevice
 from lidario.families.ydlidar.simulated.device import Simulated4Ros, make_simulated
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.sim.world import World
@@ -29,7 +29,7 @@ class Bench:
 
     def __init__(self, simulated: Simulated4Ros) -> None:
         self.simulated = simulated
-        self.device = Device4Ros()
+        self.device = YdlidarDevice()
         self.link = Link()
         self.now = 10**9
         self.packets: list[Packets] = []
@@ -106,7 +106,7 @@ def played(script: Script[T], answer: Callable[[Request], bytes | None]) -> T:
 
 
 def test_requests_are_two_bytes() -> None:
-    device = Device4Ros()
+    device = YdlidarDevice()
     assert device.stop().data == b"\xa5\x65"
     assert [request.data for request in device.halt()] == [b"\xa5\x00", b"\xa5\x65"]
     assert device.reset().data == b"\xa5\x80"
@@ -127,11 +127,11 @@ def test_identify(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("model", "name"), [(100, "YDLIDAR TG15"), (102, "YDLIDAR TG50"), (6, "YDLIDAR (model 6)")]
+    ("model", "name"), [(100, "YDLIDAR TG15"), (102, "YDLIDAR TG50"), (6, "YDLIDAR X4"), (99, "YDLIDAR (model 99)")]
 )
 def test_model_names_and_firmware_order(model: int, name: str) -> None:
     payload = bytes((model, 10, 1, 0)) + bytes(range(9)) + b"\x09\x0a" + bytes(5)
-    info = played(Device4Ros().identify(), lambda _: payload)
+    info = played(YdlidarDevice().identify(), lambda _: payload)
     assert (info.model, info.firmware, info.serial) == (name, "1.10", "0123456789[0a]00000")
 
 
@@ -158,7 +158,7 @@ def test_health_gives_up_after_each_way_was_tried_twice(bench: Bench) -> None:
 
 
 def test_an_undefined_health_is_a_warning() -> None:
-    health = played(Device4Ros().health(), lambda _: b"\x03\x00\x00")
+    health = played(YdlidarDevice().health(), lambda _: b"\x03\x00\x00")
     assert health.status is HealthStatus.WARNING
     assert "status 3" in health.note
 
@@ -235,14 +235,14 @@ def test_a_first_packet_that_is_late_after_the_header() -> None:
 
 
 def test_what_is_not_this_device_is_not_decoded() -> None:
-    device = Device4Ros()
+    device = YdlidarDevice()
     (mode,) = played(device.modes(), lambda _: b"")
     with pytest.raises(Unsupported, match="forced"):
         played(device.start(mode, force=True), lambda _: b"")
     with pytest.raises(Unsupported, match="one scan mode"):
         played(device.start(ScanMode(1, "Boost", 31.25, 30, 0x85)), lambda _: b"")
-    played(device.identify(), lambda _: bytes((6,)) + bytes(19))
-    with pytest.raises(Unsupported, match="model 6"):
+    played(device.identify(), lambda _: bytes((99,)) + bytes(19))
+    with pytest.raises(Unsupported, match="model 99"):
         played(device.start(mode), lambda _: b"")
 
 
@@ -265,7 +265,7 @@ def test_the_set_frequency_is_reached_without_the_vendors_correction(bench: Benc
 
 @pytest.mark.parametrize("hertz", [4.9, 12.1, 0.0, -7.0, 1e308])
 def test_a_frequency_out_of_range_is_refused_before_anything_is_sent(hertz: float) -> None:
-    device = Device4Ros()
+    device = YdlidarDevice()
     script = device.scan_frequency_range()
     with pytest.raises(StopIteration) as done:
         next(script)
@@ -277,7 +277,7 @@ def test_a_frequency_out_of_range_is_refused_before_anything_is_sent(hertz: floa
 @pytest.mark.parametrize("hertz", [math.nan, math.inf, "10", None, 1j, 10**400])
 def test_what_is_no_frequency_is_refused(hertz: Any) -> None:
     with pytest.raises(InvalidValue, match="scan frequency"):
-        Device4Ros().set_scan_frequency(hertz)
+        YdlidarDevice().set_scan_frequency(hertz)
 
 
 def test_a_device_that_does_not_step_ends_the_setting() -> None:
@@ -287,7 +287,7 @@ def test_a_device_that_does_not_step_ends_the_setting() -> None:
         asked.append(request.data[1])
         return struct.pack("<I", 800)
 
-    assert played(Device4Ros().set_scan_frequency(10.0), stubborn) == 8.0
+    assert played(YdlidarDevice().set_scan_frequency(10.0), stubborn) == 8.0
     assert asked == [0x0D, 0x0B, 0x0D]
 
 
@@ -300,7 +300,7 @@ def test_a_device_that_overshoots_is_not_asked_for_ever() -> None:
         speed += {0x0B: 100, 0x0C: -100, 0x09: 30, 0x0A: -30, 0x0D: 0}[request.data[1]]
         return struct.pack("<I", speed)
 
-    played(Device4Ros().set_scan_frequency(8.5), wild)
+    played(YdlidarDevice().set_scan_frequency(8.5), wild)
     assert asked < 50
 
 
@@ -315,7 +315,7 @@ def test_a_step_without_an_answer_is_not_repeated_blindly() -> None:
         speed += {0x0B: 100, 0x0C: -100, 0x09: 10, 0x0A: -10}[request.data[1]]
         return None if steps == 2 else struct.pack("<I", speed)
 
-    assert played(Device4Ros().set_scan_frequency(10.0), deaf_once) == 10.0
+    assert played(YdlidarDevice().set_scan_frequency(10.0), deaf_once) == 10.0
     assert steps == 3
 
 
@@ -327,9 +327,9 @@ def test_zero_offset(bench: Bench, quarters: int, degrees: float) -> None:
 
 def test_an_absurd_zero_offset_is_asked_again_and_refused() -> None:
     answers = [struct.pack("<i", 100_000), struct.pack("<i", 9)]
-    assert played(Device4Ros().zero_offset(), lambda _: answers.pop(0)) == 2.25
+    assert played(YdlidarDevice().zero_offset(), lambda _: answers.pop(0)) == 2.25
     with pytest.raises(RemoteProtocolError, match="25000"):
-        played(Device4Ros().zero_offset(), lambda _: struct.pack("<i", 100_000))
+        played(YdlidarDevice().zero_offset(), lambda _: struct.pack("<i", 100_000))
 
 
 def test_zero_offset_is_applied_only_on_demand(bench: Bench) -> None:
@@ -377,15 +377,15 @@ def test_a_toggle_whose_answer_was_lost_ends_in_the_wanted_state() -> None:
         enabled, toggles = not enabled, toggles + 1
         return None if toggles == 1 else bytes((not enabled,))
 
-    assert played(Device4Ros().power_down_protection(True), lossy) is True
+    assert played(YdlidarDevice().power_down_protection(True), lossy) is True
     assert (enabled, toggles) == (True, 3)
 
 
 def test_protection_that_does_not_change_is_an_error() -> None:
     with pytest.raises(RemoteProtocolError, match="does not go on"):
-        played(Device4Ros().power_down_protection(True), lambda _: b"\x01")
+        played(YdlidarDevice().power_down_protection(True), lambda _: b"\x01")
     with pytest.raises(ResponseTimeout):
-        played(Device4Ros().power_down_protection(True), lambda _: None)
+        played(YdlidarDevice().power_down_protection(True), lambda _: None)
 
 
 @pytest.mark.parametrize(("interval", "survives"), [(1.0, True), (2.5, True), (3.5, False)])

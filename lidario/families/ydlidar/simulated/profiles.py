@@ -1,8 +1,8 @@
 """The simulated models: rates, layouts and which requests each hears.
 
 Sources: 4ROS development manual and data sheet; for the others the vendor's SDK 1.2.20 and its tables of models.
-One-way models have no line on which a request could arrive. Which models know the second health request instead
-of the first is not documented: the SDK asks those that triangulate by the second.
+One-way models have no line on which a request could arrive. Which models know the second health request instead of
+the first is not documented: the SDK asks those that triangulate by the second.
 """
 
 from __future__ import annotations

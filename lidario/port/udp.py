@@ -1,0 +1,143 @@
+"""A lidar that is reached by UDP, as Ethernet models are: its serial byte stream, in datagrams.
+
+A datagram is a piece of the same stream as on a serial line; where datagrams end means nothing. There is no
+connection: opening sends nothing, and a device that is switched off is only silent. What the system reports means
+different things. A refusal says that the address is right and that nothing listens at this port: the line is lost.
+An unreachable network is what a device on a direct cable leaves while it boots: the bytes are lost, and whether the
+device is silent for too long is for the session to say. Lost datagrams are gaps, as damage on a serial line is.
+
+Writes do not wait for the transport: uvloop writes only when the running callback has returned.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import os
+import socket
+from typing import Any, cast
+
+from lidario.errors import ConnectFailed
+from lidario.port.line import Line
+from lidario.port.port import Port
+
+__all__ = ["open_udp"]
+
+RESOLVE_TIMEOUT_S = 5.0
+BUFFER = 1 << 20
+"""Bytes that the system is asked to keep while the program blocks its event loop; it may grant less."""
+
+
+async def open_udp(name: str, host: str, number: int) -> Port:
+    """Open a line to a lidar in the network; nothing is sent.
+
+    Args:
+        name: What is opened, for messages.
+        host: Name or address.
+        number: Number of the UDP port.
+
+    Raises:
+        ConnectFailed: Unknown host, impossible address, or no way to it. Cancelling leaves nothing open.
+    """
+    if not 0 < number < 65536 or "\0" in host:
+        raise ConnectFailed(f"{name}: not an address that can be connected to", reason="refused")
+    loop = asyncio.get_running_loop()
+    port = Port(name)
+    events = _Events(port)
+    try:
+        async with asyncio.timeout(RESOLVE_TIMEOUT_S):
+            await loop.create_datagram_endpoint(lambda: events, remote_addr=(host, number))
+    except TimeoutError as error:
+        text = f"{name}: the name was not resolved within {RESOLVE_TIMEOUT_S:g} s. Is the name of the host right?"
+        raise ConnectFailed(text, reason="refused") from error
+    except (OSError, ValueError) as error:
+        # ValueError: among others the UnicodeError of a name that cannot be a host's.
+        raise ConnectFailed(f"{name}: {_why(error)}", reason="refused") from error
+    return port
+
+
+def _why(error: Exception) -> str:
+    """What the system said, and what can be done about it."""
+    if isinstance(error, socket.gaierror):
+        return f"{error.strerror}. Is the name of the host right?"
+    if isinstance(error, OSError) and error.errno in (errno.EHOSTUNREACH, errno.ENETUNREACH):
+        return f"{os.strerror(error.errno)}. Is this computer in the network of the lidar?"
+    return f"not an address that can be connected to ({error})"
+
+
+class _Events(asyncio.DatagramProtocol):
+    """What asyncio's transport tells."""
+
+    def __init__(self, port: Port) -> None:
+        self._port = port
+        self._line: _UdpLine | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._line = _UdpLine(cast("asyncio.DatagramTransport", transport), self._port)
+        self._port.connection_made(self._line)
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:  # noqa: ARG002
+        if data:
+            self._port.data_received(data)
+
+    def error_received(self, exc: Exception) -> None:
+        if self._line is not None:
+            self._line.failed(exc)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        error = exc if self._line is None or self._line.error is None else self._line.error
+        self._port.connection_lost(error)
+
+
+class _UdpLine(Line):
+    """asyncio's transport of a connected UDP socket.
+
+    Attributes:
+        error: Why the line is lost, if it is.
+    """
+
+    def __init__(self, transport: asyncio.DatagramTransport, port: Port) -> None:
+        self.error: Exception | None = None
+        self._transport = transport
+        self._port = port
+        self._socket: Any = transport.get_extra_info("socket")
+        with contextlib.suppress(OSError):
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
+
+    def is_closing(self) -> bool:
+        return self._transport.is_closing()
+
+    def failed(self, error: Exception) -> None:
+        """The system reports an error of an earlier datagram."""
+        # Windows calls a refusal a reset.
+        if isinstance(error, ConnectionError) and not self._transport.is_closing():
+            why = OSError("nothing listens at this UDP port. Are address and port right?")
+            why.__cause__ = error
+            self.error = why
+            self._transport.abort()
+
+    def write(self, data: bytes) -> None:
+        if os.name != "posix":
+            self._transport.sendto(data)
+            return
+        try:
+            os.write(self._socket.fileno(), data)
+        except BlockingIOError:
+            self._transport.sendto(data)
+        except OSError as error:
+            self.failed(error)
+
+    def close(self) -> None:
+        self._transport.close()
+
+    def abort(self) -> None:
+        self._transport.abort()
+
+    def write_without_loop(self, data: bytes) -> None:
+        # Has no effect under uvloop once its loop is closed, since that closes the socket.
+        with contextlib.suppress(OSError, ValueError):
+            os.write(self._socket.fileno(), data)
+
+    def close_without_loop(self) -> None:
+        """Nobody has to be told; the socket is closed with the loop, or by the garbage collector."""

@@ -1,0 +1,148 @@
+"""A part of a revolution, as a user gets it before the revolution is whole.
+
+The convention of angles, and everything that the arrays mean, is that of `lidario.scan`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.laserscan import Rotor, times_by_angle
+from lidario.samples import is_between, metres_of, radians_of, read_only
+from lidario.scan import Return
+
+__all__ = ["Sector"]
+
+FloatArray = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Sector:
+    """A part of one revolution, its samples in the order they were measured. All arrays are read-only, shape (n,).
+
+    Sector ``index`` holds what was measured while the rotor turned from ``index * degrees`` to
+    ``(index + 1) * degrees``, clockwise from the angle where the revolution began. Formats that correct angles by
+    the distance may show samples a few degrees outside. The sectors of a revolution together hold the samples of
+    its `Scan`, each exactly once.
+
+    What is missing can be told from `seq` and `index`: they name every sector in order, so a step of more than one
+    is a sector that did not come.
+
+    Attributes:
+        device_angles: As `Scan.device_angles`.
+        device_distances: As `Scan.device_distances`.
+        intensities: As `Scan.intensities`.
+        stamp_ns: When the first sample was measured, on the monotonic clock of the event loop. It rests on the
+            packets that have come so far; the stamp of the `Scan` rests on all of them, and so may be a little
+            earlier.
+        wall_stamp_ns: The same instant in nanoseconds since the Unix epoch.
+        time_increment_ns: Time from one sample to the next.
+        duration_ns: Time from the first sample to the end of the sector.
+        rpm: Speed of the rotor during the sector, revolutions a minute, by its angles; NaN where they do not tell.
+        seq: Number of the revolution: that of its `Scan`.
+        index: Which part of the revolution, from 0.
+        degrees: Size of a sector, as it was asked for.
+        dropped_before: Sectors this reader missed since the one before, because it was slow.
+        lost_packets: Packets that were damaged or lost on the wire since the sector before, of this revolution.
+        mode: Name of the scan mode.
+        max_range: As `Scan.max_range`.
+    """
+
+    device_angles: FloatArray
+    device_distances: FloatArray
+    intensities: NDArray[np.uint8] | None
+    stamp_ns: int
+    wall_stamp_ns: int
+    time_increment_ns: int
+    duration_ns: int
+    rpm: float
+    seq: int
+    index: int
+    degrees: float
+    dropped_before: int
+    lost_packets: int
+    mode: str
+    max_range: float = 0.0
+    _angles: FloatArray | None = field(default=None, init=False)
+    _ranges: FloatArray | None = field(default=None, init=False)
+    _times_ns: NDArray[np.int64] | None = field(default=None, init=False)
+
+    def __len__(self) -> int:
+        return len(self.device_distances)
+
+    def __repr__(self) -> str:
+        hits = int(np.count_nonzero(self.device_distances))
+        return (
+            f"<Sector {self.seq}.{self.index}: {len(self)} samples, {hits} returns, "
+            f"{self.lost_packets} packets lost, {self.dropped_before} sectors dropped before>"
+        )
+
+    @property
+    def is_last(self) -> bool:
+        """Whether the revolution ends with this sector."""
+        return self.index == round(360.0 / self.degrees) - 1
+
+    @property
+    def angles(self) -> FloatArray:
+        """Radians, float32, counter-clockwise, in [-pi, pi]; 0 is the device's forward axis."""
+        if self._angles is None:
+            object.__setattr__(self, "_angles", radians_of(self.device_angles))
+        return cast("FloatArray", self._angles)
+
+    @property
+    def ranges(self) -> FloatArray:
+        """Metres, float32; NaN where nothing came back."""
+        if self._ranges is None:
+            object.__setattr__(self, "_ranges", metres_of(self.device_distances))
+        return cast("FloatArray", self._ranges)
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Mask of the samples with a return, shape (n,)."""
+        return self.device_distances > 0
+
+    def xy(self) -> NDArray[np.float32]:
+        """Cartesian points in metres, float32, shape (n, 2): x forward, y left; NaN rows without a return."""
+        return np.stack((self.ranges * np.cos(self.angles), self.ranges * np.sin(self.angles)), axis=1)
+
+    @property
+    def times_ns(self) -> NDArray[np.int64]:
+        """When each sample was measured, on the clock of `stamp_ns`; int64, shape (n,).
+
+        Where no packet is missing, sample ``i`` is at ``stamp_ns + i * time_increment_ns``. Otherwise the angle
+        tells the time, since the rotor turns evenly.
+        """
+        if self._times_ns is None:
+            if self.lost_packets and not math.isnan(self.rpm):
+                rotor = Rotor(float(self.device_angles[0]), 0.0, 60e9 / self.rpm)
+                offsets = times_by_angle(self.device_angles, rotor)
+            else:
+                offsets = np.arange(len(self), dtype=np.int64) * self.time_increment_ns
+            object.__setattr__(self, "_times_ns", read_only(offsets + self.stamp_ns))
+        return cast("NDArray[np.int64]", self._times_ns)
+
+    def nearest(self, between: tuple[float, float] | None = None) -> Return | None:
+        """The nearest return, or None where nothing came back.
+
+        ::
+
+            ahead = sector.nearest(between=(-0.3, 0.3))
+            if ahead and ahead.range < 0.5:
+                stop()
+
+        Args:
+            between: Only from the first angle counter-clockwise to the second, radians. None for all of the sector.
+
+        Raises:
+            ValueError: `between` is not two finite angles.
+        """
+        ranges = self.ranges if between is None else np.where(is_between(self.angles, between), self.ranges, np.nan)
+        if not np.any(ranges > 0):
+            return None
+        index = int(np.nanargmin(ranges))
+        return Return(float(ranges[index]), float(self.angles[index]), index)

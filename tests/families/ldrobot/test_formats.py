@@ -1,0 +1,185 @@
+"""Packets, records and noise of the LDROBOT stream."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from random import Random
+
+import numpy as np
+import pytest
+
+from lidario.families.ldrobot.decode import PacketDecoder, samples_a_second
+from lidario.families.ldrobot.formats import PacketFormat, crc8
+from lidario.families.ldrobot.raw import find_stream
+from lidario.families.ldrobot.simulated.packers import pack_health, pack_points, pack_response
+from lidario.families.unasked import begin, hear
+from lidario.wire.events import Packets, Response
+from lidario.wire.link import Link, LinkState, LinkStats
+from tests.reference import golden, ldrobot
+from tests.support.streams import checked_one_by_one, cut_up, in_one_run
+
+MANUAL = bytes.fromhex(
+    "54 2C 68 08 AB 7E E0 00 E4 DC 00 E2 D9 00 E5 D5 00 E3 D3 00 E4 D0 00 E9 CD 00 E4 CA 00 E2 C7 00 E9 C5"
+    "00 E5 C2 00 E5 C0 00 E5 BE 82 3A 1A 50"
+)
+"""The example in the LD06 development manual."""
+CLEAN = [
+    pack_points(np.arange(12) + 1000 + n, range(100, 112), 950 * n % 36_000, (950 * n + 870) % 36_000)
+    for n in range(80)
+]
+REAL = Path("/work/shared/golden/ldrobot_ld06_real.npz")
+"""A recording of a real LD06 by somebody else: read where it is there, and never copied."""
+
+
+def received(raw: bytes, chunk: int | None = None) -> tuple[bytes, LinkStats]:
+    """The packets in these bytes, and the link's counters."""
+    link, found = Link(), b""
+    link.send_request(begin(PacketFormat()))
+    for piece in cut_up(raw, chunk):
+        link.receive_data(piece, 0)
+        found += b"".join(event.data for event in link.events_received() if isinstance(event, Packets))
+    return found, link.stats
+
+
+def test_the_manuals_example_and_its_check_value() -> None:
+    assert crc8(MANUAL) == crc8(b"") == 0
+    assert ldrobot.crc8(MANUAL[:-1]) == MANUAL[-1] == 0x50
+    samples = PacketDecoder().decode(in_one_run(PacketFormat(), MANUAL), None)
+    assert samples.distance_mm.tolist()[:3] == [224.0, 220.0, 217.0]
+    assert samples.intensity is not None
+    assert samples.intensity.tolist()[:3] == [228, 226, 229]
+    assert (samples.angle_deg[0], samples.angle_deg[-1]) == (pytest.approx(324.27), pytest.approx(334.7))
+    assert samples.reported_rpm == pytest.approx(0x0868 / 6)
+
+
+def test_packers_agree_with_the_reference() -> None:
+    raw = pack_points([[1] * 12, [0, *range(2, 13)]], 7, [35_900, 800], [700, 1900], speed=3600)
+    first, second = ldrobot.split(raw)
+    assert [sample.distance_mm for sample in ldrobot.decode([second])] == [0, *range(2, 13)]
+    assert ldrobot.decode([first])[-1].raw_deg == 367.0
+
+
+@pytest.mark.parametrize("chunk", [None, 1, 7, 47, 64])
+@pytest.mark.parametrize("name", golden.LDROBOT_NAMES)
+def test_records_between_packets_are_no_noise(name: str, chunk: int | None) -> None:
+    raw = golden.load(name).raw
+    packets, stats = received(raw, chunk)
+    assert packets == b"".join(ldrobot.split(raw))
+    records = (len(raw) - len(packets)) / 4
+    assert stats.skipped_bytes == 0
+    assert 0 < stats.records <= records
+    assert stats.record_bytes == len(raw) - len(packets)
+
+
+@pytest.mark.parametrize("chunk", [None, 1, 13])
+def test_responses_of_the_one_model_that_has_any_are_records(chunk: int | None) -> None:
+    between = pack_response(0xA0) + pack_health(1) + pack_response(0xA8, b"\x54\x2c" * 12)
+    packets, stats = received(b"".join(CLEAN[:40]) + between + b"".join(CLEAN[40:]), chunk)
+    assert packets == b"".join(CLEAN)
+    assert (stats.records, stats.skipped_bytes) == (3, 0)
+
+
+def test_a_record_with_a_wrong_check_value_is_noise() -> None:
+    wrong = bytearray(pack_health(1))
+    wrong[-1] ^= 1
+    packets, stats = received(b"".join(CLEAN[:40]) + bytes(wrong) + b"".join(CLEAN[40:]))
+    assert packets == b"".join(CLEAN)
+    assert (stats.records, stats.skipped_bytes) == (0, 4)
+
+
+@pytest.mark.parametrize("noise", [b"\x54", b"\x54\x54", b"\x54\x2c", b"\x54\xa0", b"\x54\x2c\x54", b"\x00" * 46])
+def test_in_step_within_two_packets_after_noise(noise: bytes) -> None:
+    packets, stats = received(b"".join(CLEAN[:10]) + noise + b"".join(CLEAN[10:]))
+    assert packets == b"".join(CLEAN)
+    assert stats.skipped_bytes == len(noise)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_packet_that_is_not_due_needs_another_behind_it(seed: int) -> None:
+    """Noise with packets in it by chance: a mark, and a check value that holds."""
+    random = Random(seed)
+    false = MANUAL[:2] + random.randbytes(44)
+    false += bytes((crc8(false),))
+    packets, _ = received(
+        b"".join(CLEAN[:5]) + random.randbytes(5) + false + random.randbytes(60) + b"".join(CLEAN)
+    )
+    assert packets == b"".join(CLEAN[:5] + CLEAN)
+
+
+@pytest.mark.parametrize("lead", [0, 1])
+def test_checking_as_an_array_finds_what_checking_one_by_one_finds(lead: int) -> None:
+    for flip in (None, 3, 400, 1801, 3700):
+        data = bytearray(bytes(lead) + b"".join(CLEAN))
+        if flip is not None:
+            data[flip] ^= 0x40
+        assert PacketFormat().run(data, lead) == checked_one_by_one(PacketFormat(), data, lead)
+
+
+# ------------------------------------------------------------------------------------------ packets as a response
+
+
+@pytest.mark.parametrize("chunk", [None, 1, 30])
+@pytest.mark.parametrize("skip", [0, 1, 46])
+def test_so_many_packets_in_a_row_are_the_response(skip: int, chunk: int | None) -> None:
+    link = Link()
+    link.send_request(hear(PacketFormat(), 4))
+    assert link.data_to_send() == b""
+    raw, events = b"".join(CLEAN[:12])[skip:], []
+    for piece in cut_up(raw, chunk):
+        link.receive_data(piece, 7)
+        events += link.events_received()
+    (response,) = events
+    assert isinstance(response, Response)
+    heard = ldrobot.split(response.payload)
+    assert len(heard) >= 4
+    assert b"".join(CLEAN).startswith(b"".join(CLEAN[:1] if skip else []) + response.payload)
+    stats = link.stats
+    assert link.state is LinkState.IDLE
+    counted = stats.response_bytes + stats.stray_bytes + stats.drained_bytes + link.buffered
+    assert counted == stats.bytes_received == len(raw)
+
+
+def test_noise_between_them_begins_the_count_anew() -> None:
+    link = Link()
+    link.send_request(hear(PacketFormat(), 4))
+    link.receive_data(b"".join(CLEAN[:3]) + b"\0" * 50 + b"".join(CLEAN[3:6]), 0)
+    assert link.events_received() == []
+    link.receive_data(b"".join(CLEAN[6:9]), 0)
+    (response,) = link.events_received()
+    assert isinstance(response, Response)
+    assert ldrobot.split(response.payload)[0] == CLEAN[3]
+
+
+def test_what_comes_when_nobody_listens_is_drained() -> None:
+    link = Link()
+    link.send_request(hear(PacketFormat(), 2))
+    link.receive_data(b"".join(CLEAN[:2]), 0)
+    link.receive_data(b"".join(CLEAN[2:4]), 0)
+    assert (link.stats.drained_bytes, link.stats.stray_bytes) == (94, 0)
+
+
+# ------------------------------------------------------------------------------------------ a real device
+
+
+def test_the_rate_is_told_by_step_and_speed() -> None:
+    for name, rate in (("ldrobot_ld19_6hz", 4500), ("ldrobot_stl27l_13hz", 21_600), ("ldrobot_ld14p_6hz", 4000)):
+        raw = b"".join(ldrobot.split(golden.load(name).raw)[:24])
+        assert samples_a_second(raw) == pytest.approx(rate, rel=0.01)
+
+
+@pytest.mark.parametrize("path", [REAL] if REAL.exists() else [], ids=lambda path: path.stem)
+def test_a_recording_of_a_real_device(path: Path) -> None:
+    with np.load(path) as arrays:
+        truth = {name: arrays[name] for name in ("raw", "angle_deg", "distance_mm", "intensity", "stray_bytes")}
+    raw = truth["raw"].tobytes()
+    packets, stats = received(raw)
+    assert received(raw, 1) == received(raw, 100) == (packets, stats)
+    samples = PacketDecoder().decode(in_one_run(PacketFormat(), packets), None)
+    np.testing.assert_array_equal(samples.distance_mm, truth["distance_mm"])
+    np.testing.assert_array_equal(samples.intensity, truth["intensity"])
+    off = (samples.angle_deg.astype(float) - truth["angle_deg"] + 180) % 360 - 180
+    assert np.abs(off).max() <= 1e-4
+    assert (stats.skipped_bytes, samples.lost) == (int(truth["stray_bytes"]), 0)
+    found = find_stream(memoryview(raw), None)
+    assert found is not None
+    assert 1e9 / found.stream.sample_ns == pytest.approx(4546, rel=0.01)

@@ -1,0 +1,173 @@
+"""A line of datagrams: both event loops, a device that is not there, one that is pulled out."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Iterator
+from types import ModuleType
+from typing import Any
+
+import pytest
+import uvloop
+
+from lidario import ConnectFailed, DeviceLost, open_lidar
+from lidario.port.udp import open_udp
+from lidario.sim.rooms import make_world
+from lidario.sim.serve import UdpServer
+from tests.support.devices import left_still, make_rig, names
+from tests.support.ports import PATIENCE_S, Sink, impatient, open_files
+
+both_loops = pytest.mark.parametrize("library", [asyncio, uvloop], ids=["asyncio", "uvloop"])
+
+
+@pytest.fixture
+def peer() -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as made:
+        made.bind(("127.0.0.1", 0))
+        made.settimeout(PATIENCE_S)
+        yield made
+
+
+def run(library: ModuleType, main: Any) -> None:
+    with asyncio.Runner(loop_factory=library.new_event_loop) as runner:
+        runner.run(main())
+
+
+@both_loops
+def test_bytes_both_ways(library: ModuleType, peer: socket.socket) -> None:
+    async def once() -> int:
+        port, sink = await open_udp("udp://x", *peer.getsockname()), Sink()
+        assert (port.baudrate, port.is_open) == (0, True)
+        port.attach(sink)
+        # Reaches the system before `write` returns: nothing else runs between these two lines.
+        port.write(b"request")
+        data, client = peer.recvfrom(100)
+        assert data == b"request"
+        for piece in (b"resp", b"", b"onse"):
+            peer.sendto(piece, client)
+        await sink.until(8)
+        assert bytes(sink.data) == b"response"
+        port.set_polling(0.005, None)  # is for serial ports; ignored
+        port.set_dtr(True)
+        port.poll()
+        port.write(b"the last")
+        await port.close()
+        assert peer.recv(100) == b"the last"
+        assert sink.lost == [None]
+        port.write(b"ignored")
+        return open_files()
+
+    async def main() -> None:
+        # The first time, uvloop opens something of its own.
+        assert await once() == await once()
+
+    run(library, main)
+
+
+@both_loops
+def test_each_request_is_a_datagram_of_its_own(library: ModuleType, peer: socket.socket) -> None:
+    """No document says that a device looks for a second request in one."""
+
+    async def main() -> None:
+        source = "udp://{}:{}?family=rplidar".format(*peer.getsockname())
+        opening = asyncio.ensure_future(open_lidar(source)._open())
+        loop = asyncio.get_running_loop()
+        first = await loop.run_in_executor(None, peer.recv, 100)
+        assert first == b"\xa5\x25"
+        opening.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await opening
+        assert [peer.recv(100) for _ in range(2)] == [bytes.fromhex("a5a80200000f"), b"\xa5\x25"]
+
+    run(library, main)
+
+
+@both_loops
+def test_a_session(library: ModuleType) -> None:
+    async def main() -> None:
+        rig = make_rig("rplidar", "rplidar-s2e", world=make_world("circle"))
+        with UdpServer(rig.device) as server:
+            source = "udp://{}:{}".format(*server.address)
+            async with asyncio.timeout(PATIENCE_S), open_lidar(source) as lidar:
+                assert lidar.info.model == "RPLIDAR S2M1"
+                scan = await lidar.scan()
+                assert len(scan) == pytest.approx(3200, abs=3)
+                assert scan.ranges[scan.ranges > 0] == pytest.approx(2.0, abs=0.01)
+                await lidar.get_health()
+                await lidar.scan()
+            assert server.lost == 0
+        assert left_still(rig)
+
+    run(library, main)
+
+
+@both_loops
+def test_where_nothing_listens(library: ModuleType, peer: socket.socket) -> None:
+    host, number = peer.getsockname()
+    peer.close()
+
+    async def main() -> None:
+        with pytest.raises(DeviceLost, match="nothing listens at this UDP port"):
+            await open_lidar(f"udp://{host}:{number}")
+
+    run(library, main)
+
+
+async def test_a_host_that_is_silent(peer: socket.socket, monkeypatch: pytest.MonkeyPatch) -> None:
+    impatient(monkeypatch)
+    with pytest.raises(ConnectFailed, match="in its network") as caught:
+        await open_lidar("udp://{}:{}".format(*peer.getsockname()))
+    assert caught.value.reason == "silent"
+
+
+@pytest.mark.parametrize("address", ["nohost.invalid:8089", "127.0.0.1:0", "a..b:1"])
+async def test_an_address_that_cannot_be(address: str) -> None:
+    with pytest.raises(ConnectFailed):
+        await open_lidar(f"udp://{address}")
+
+
+@both_loops
+def test_a_device_that_is_pulled_out_is_noticed(library: ModuleType) -> None:
+    async def main() -> None:
+        rig = make_rig("rplidar", "rplidar-s2e")
+        with UdpServer(rig.device) as server:
+            async with asyncio.timeout(PATIENCE_S), open_lidar("udp://{}:{}".format(*server.address)) as lidar:
+                await lidar.scan()
+                async with lidar.scans() as stream:
+                    await anext(stream)
+                    server.unplug()
+                    with pytest.raises(DeviceLost, match="nothing listens"):
+                        async for _ in stream:
+                            pass
+
+    run(library, main)
+
+
+async def test_abandoned_writes_the_stop_requests(peer: socket.socket) -> None:
+    port = await open_udp("udp://x", *peer.getsockname())
+    port.abandon(b"stop")
+    assert peer.recv(100) == b"stop"
+    await port.wait_closed()
+    port.abandon(b"again")
+    peer.setblocking(False)
+    with pytest.raises(BlockingIOError):
+        peer.recv(100)
+
+
+@pytest.mark.parametrize("model", ["rplidar-s2e", "rplidar-t1"])
+async def test_an_ethernet_model_is_simulated_by_udp(model: str) -> None:
+    async with asyncio.timeout(PATIENCE_S), open_lidar(f"sim://{model}") as lidar:
+        assert len(await lidar.scan()) > 1000
+        assert lidar._scanner._dialogue.baudrate == 0
+
+
+async def test_the_last_client_is_the_one_that_is_served() -> None:
+    rig = make_rig("rplidar", "rplidar-s2e")
+    with UdpServer(rig.device) as server:
+        source = "udp://{}:{}?family=rplidar".format(*server.address)
+        async with asyncio.timeout(PATIENCE_S):
+            for _ in range(2):
+                async with open_lidar(source) as lidar:
+                    await lidar.scan()
+    assert names(rig).count("express_scan") == 2

@@ -1,0 +1,144 @@
+"""``auto`` over every kind of device: how long it takes, and how much is written until it is found.
+
+Times are of a driven clock and lines that garble what is sent at another speed, so any machine gives the same.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from lidario import list_lidars, open_lidar
+from lidario.session import remembered
+from lidario.session.connect import connect
+from lidario.session.discovery import PortInfo
+from lidario.source import parse_source
+from tests.support.devices import make_rig
+from tests.support.loop import driven
+from tests.support.speeds import serial_in_memory
+
+ONE_OF_EACH: dict[str, tuple[float, int]] = {
+    # seconds, bytes written
+    "rplidar-s2": (0.2, 12),
+    "rplidar-a1": (0.55, 26),
+    "rplidar-c1": (0.65, 38),
+    "ydlidar-4ros": (0.3, 10),
+    "ydlidar-g2": (0.5, 24),
+    "ydlidar-tmini-pro": (0.5, 24),
+    "ydlidar-x4": (0.6, 30),
+    "ydlidar-f4": (0.7, 36),
+    "ydlidar-x2": (1.9, 10),
+    "ldrobot-ld06": (0.4, 0),
+    "ldrobot-stl27l": (0.9, 0),
+    "ldrobot-ld14": (0.75, 0),
+    "ldrobot-ld14p": (0.5, 8),
+}
+"""Bounds on what is measured, until it is known and left as it was.
+
+LDROBOT devices are found without a byte. A model of a family that also has others that obey is known after it went
+on in spite of two STOPs; the LD14P is left with one."""
+
+
+def port(path: str) -> PortInfo:
+    return PortInfo(path, "", "CP2102", "")
+
+
+def made(model: str) -> Any:
+    return make_rig(model.partition("-")[0], model).device
+
+
+@pytest.mark.parametrize("model", ONE_OF_EACH)
+def test_auto_finds_each_in_turn(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    device = made(model)
+    written = serial_in_memory(monkeypatch, only=device)
+    monkeypatch.setattr("lidario.session.discovery.list_serial_ports", lambda: [port("only")])
+    longest, most = ONE_OF_EACH[model]
+
+    @driven
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        began = loop.time()
+        (found,) = await list_lidars()
+        took, size = loop.time() - began, sum(len(data) for _, data in written)
+        print(f"{model:20} {took:5.2f} s {size:4} bytes written")
+        assert found.info is not None, found.error
+        assert found.info.family == model.partition("-")[0]
+        assert found.baudrate == device.baudrate
+        assert (took < longest, size <= most) == (True, True), (took, size)
+        async with open_lidar("auto") as lidar, lidar.scans() as stream:
+            await anext(stream)
+
+    main()
+
+
+def test_one_that_was_stopped_is_woken(monkeypatch: pytest.MonkeyPatch) -> None:
+    device = made("ldrobot-ld14p")
+    device.spin_up_s = 1.0
+    serial_in_memory(monkeypatch, only=device)
+    monkeypatch.setattr("lidario.session.discovery.list_serial_ports", lambda: [port("only")])
+
+    @driven
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        device.receive(bytes.fromhex("54A104000000004A"), round(loop.time() * 1e9))
+        began = loop.time()
+        async with open_lidar("auto") as lidar:
+            assert lidar.info.model == "LDROBOT LD14P"
+            assert loop.time() - began < 5.0
+        assert not device.motor_on
+
+    main()
+
+
+def test_ten_of_them_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    models = [model for model in ONE_OF_EACH if model not in ("rplidar-a1", "ydlidar-tmini-pro", "ldrobot-ld14p")]
+    serial_in_memory(monkeypatch, **{model: made(model) for model in models})
+    monkeypatch.setattr("lidario.session.discovery.list_serial_ports", lambda: [port(model) for model in models])
+
+    @driven
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        began = loop.time()
+        found = await list_lidars()
+        assert len(found) == 10
+        assert [each.info.family if each.info else "" for each in found] == [
+            model.partition("-")[0] for model in models
+        ]
+        # As long as the slowest of them alone.
+        assert loop.time() - began < 1.9
+
+    main()
+
+
+def test_the_last_one_at_an_adapter_is_tried_first(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
+    link = tmp_path / "usb-adapter"
+    link.symlink_to(tmp_path / "ttyUSB0")
+    monkeypatch.setattr(remembered, "BY_ID", tmp_path)
+    monkeypatch.setattr(remembered, "_found", {})
+    path = str(tmp_path / "ttyUSB0")
+    written = serial_in_memory(monkeypatch, **{path: made("ydlidar-f4")})
+
+    @driven
+    async def main() -> None:
+        loop, took = asyncio.get_running_loop(), []
+        for _ in range(2):
+            written.clear()
+            began = loop.time()
+            connection = await connect(parse_source(path))
+            took.append(loop.time() - began)
+            await connection.dialogue.close()
+        assert took[1] < 0.2 < took[0]
+        assert {speed for speed, _ in written} == {115_200}
+
+    main()
+
+
+def test_nothing_is_remembered_of_a_port_without_a_lasting_name(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Any
+) -> None:
+    monkeypatch.setattr(remembered, "BY_ID", tmp_path / "absent")
+    assert remembered.adapter_of("/dev/ttyUSB0") is None
+    monkeypatch.setattr(remembered, "BY_ID", tmp_path)
+    assert remembered.adapter_of("/dev/ttyUSB0") is None

@@ -1,0 +1,33 @@
+"""Packets that come before anybody can read them belong to the stream that brought them, and to no later one."""
+
+from __future__ import annotations
+
+import asyncio
+
+from tests.support.devices import both_families, make_rig
+from tests.support.loop import DrivenLoop, driven
+
+BLOCKED_S = 0.05
+"""For so long the program blocks its loop: then the descriptor and many packets are read at once."""
+
+
+@both_families
+@driven
+async def test_a_stream_that_was_stopped_as_it_began_leaves_no_packets_to_the_next(family: str) -> None:
+    rig = make_rig(family)
+    loop = asyncio.get_running_loop()
+    assert isinstance(loop, DrivenLoop)
+    async with rig.open() as lidar:
+        await lidar.get_modes()
+        reading = asyncio.ensure_future(anext(lidar.scans()))
+        while "scan" not in rig.device.log[-1].name:
+            await asyncio.sleep(0.0001)
+        loop.block(BLOCKED_S)
+        await asyncio.sleep(0)  # so that `stop` and what was received come in one step, before the start can end
+        await lidar.stop()
+        await asyncio.wait([reading])
+        assert isinstance(reading.exception(), StopAsyncIteration)
+        assert lidar.stats.discarded_packets > 1, "no packet came before the stop requests"
+        await lidar.scan()
+        stats = lidar.stats
+        assert stats.lost_packets == stats.broken_scans == stats.missed_scans == 0, stats

@@ -1,0 +1,201 @@
+"""Devices that only talk: opened without a word, read, left as they are; and a relative that hears requests."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import pytest
+
+from lidario import ConnectFailed, InvalidValue, StreamFailed, Unsupported, open_lidar
+from lidario.families.ldrobot.simulated.device import PROFILES as LDROBOT
+from lidario.families.registry import FAMILIES
+from lidario.families.ydlidar.simulated.device import PROFILES as YDLIDAR
+from lidario.session.lidar import Lidar
+from tests.support.devices import Rig, left_still, make_rig, names, take
+from tests.support.loop import driven
+
+TALKING = [name for name, profile in LDROBOT.items() if not profile.commands]
+TALKING += [name for name, other in YDLIDAR.items() if not other.commands]
+NAMED = {"ydlidar-x4-pro": "x4pro", "ydlidar-s2-pro": "s2pro"}
+talkers = pytest.mark.parametrize("model", ["ldrobot-ld06", "ydlidar-x2"])
+
+
+def rig_of(model: str) -> Rig:
+    return make_rig(model.partition("-")[0], model)
+
+
+def opened(rig: Rig, **options: Any) -> Any:
+    """By its family, the stream of which tells the rest."""
+    return open_lidar(rig.device, family=rig.family, **options)
+
+
+class Written:
+    """What a session writes, by a tap."""
+
+    def __init__(self, lidar: Lidar) -> None:
+        self.data = b""
+        lidar.tap(self._see)
+
+    def _see(self, direction: str, data: bytes, now: int) -> None:
+        if direction == "out":
+            self.data += data
+
+
+@pytest.mark.parametrize("model", TALKING)
+def test_every_one_of_them_is_opened_read_and_left(model: str, caplog: pytest.LogCaptureFixture) -> None:
+    rig = rig_of(model)
+
+    @driven
+    async def main() -> None:
+        caplog.clear()
+        async with opened(rig) as lidar:
+            written = Written(lidar)
+            scans = await take(lidar, 3)
+            assert all(len(scan) > 300 and not scan.lost_packets for scan in scans)
+            assert scans[-1].rpm == pytest.approx(rig.device.motor_rpm, rel=0.02)
+            assert scans[-1].reported_rpm == pytest.approx(rig.device.motor_rpm, abs=6.0)
+            # Scans are followed by others: nothing was stopped.
+            assert len(await take(lidar, 2)) == 2
+        assert written.data == b""
+        assert names(rig) == []
+        told = [each for each in caplog.records if each.levelno >= logging.WARNING]
+        assert ["cannot be stopped from here" in each.getMessage() for each in told] == [True]
+
+    main()
+
+
+@talkers
+def test_what_needs_a_request_is_refused_and_the_stream_goes_on(model: str) -> None:
+    rig = rig_of(model)
+
+    @driven
+    async def main() -> None:
+        async with opened(rig, keep_spinning=True) as lidar, lidar.scans() as stream:
+            before = await anext(stream)
+            refused: list[Callable[[], Awaitable[object]]] = [
+                lidar.reset,
+                lidar.get_scan_frequency,
+                lambda: lidar.set_scan_frequency(8.0),
+                lidar.get_sample_rate,
+            ]
+            for call in refused:
+                with pytest.raises(Unsupported):
+                    await call()
+            assert lidar.stats.interruptions == 0
+            assert (await anext(stream)).seq == before.seq + 1
+            assert (await lidar.get_health()).ok
+            assert (await lidar.get_info()).serial == ""
+            await anext(stream)
+            await lidar.stop()
+            assert not lidar.is_scanning
+            assert len(await take(lidar, 2)) == 2
+
+    main()
+
+
+@talkers
+def test_closing_does_not_wait_for_silence(model: str) -> None:
+    rig = rig_of(model)
+
+    @driven
+    async def main() -> None:
+        lidar = await opened(rig)
+        await take(lidar, 1)
+        before = asyncio.get_running_loop().time()
+        await lidar.close()
+        assert asyncio.get_running_loop().time() - before < 0.02
+
+    main()
+
+
+@talkers
+def test_one_that_is_silent_is_not_found(model: str) -> None:
+    rig = rig_of(model)
+    rig.device.mute = True
+
+    @driven
+    async def main() -> None:
+        with pytest.raises(ConnectFailed, match="nothing came back") as caught:
+            await opened(rig)
+        assert caught.value.reason == "silent"
+
+    main()
+
+
+@talkers
+def test_one_that_falls_silent_is_told_of_and_may_come_back(model: str) -> None:
+    rig = rig_of(model)
+
+    @driven
+    async def main() -> None:
+        async with opened(rig) as lidar:
+            stream = lidar.scans()
+            await anext(stream)
+            rig.device.mute = True
+            with pytest.raises(StreamFailed, match=r"no scan data for 0.\d s"):
+                while True:
+                    await anext(stream)
+            rig.device.mute = False
+            assert len(await take(lidar, 2)) == 2
+
+    main()
+
+
+@talkers
+def test_a_session_comes_back_to_it(model: str) -> None:
+    rig = rig_of(model)
+
+    @driven
+    async def main() -> None:
+        async with opened(rig, reconnect=True) as lidar, lidar.scans() as stream:
+            for _ in range(2):
+                await anext(stream)
+            rig.device.reboot(round(asyncio.get_running_loop().time() * 1e9), off_s=2.0)
+            for _ in range(20):
+                await anext(stream)
+            assert lidar.stats.reconnects + lidar.stats.restarts == 1
+
+    main()
+
+
+@pytest.mark.parametrize("family", [family for family in FAMILIES if family.models], ids=lambda family: family.name)
+def test_a_model_may_be_named_where_the_device_cannot_tell(family: Any) -> None:
+    for name, model in family.models.items():
+        made = family.make(name)
+        assert type(made) is type(family.device())
+        assert model.baudrate in family.baudrates
+
+
+def test_an_unknown_model_is_answered_with_the_known_ones() -> None:
+    for source in ("serial:///dev/x?model=ld60", "serial:///dev/x?family=ldrobot&model=tx8"):
+        with pytest.raises(ConnectFailed, match="ld06") as caught:
+            open_lidar(source)
+        assert caught.value.reason == "source"
+
+
+# ----------------------------------------------------------------------------------------------- the one that hears
+
+
+def test_the_ld14p_is_started_and_stopped_by_requests() -> None:
+    rig = rig_of("ldrobot-ld14p")
+
+    @driven
+    async def main() -> None:
+        async with rig.open() as lidar:
+            await take(lidar, 2)
+            assert await lidar.get_scan_frequency_range() == (2.0, 8.0)
+            with pytest.raises(InvalidValue):
+                await lidar.set_scan_frequency(9.0)
+            assert await lidar.set_scan_frequency(8.0) == pytest.approx(8.0)
+            scans = await take(lidar, 8)
+            assert scans[-1].rpm == pytest.approx(480, rel=0.02)
+        assert left_still(rig)
+        # It is found all the same, and is started for that.
+        async with rig.open() as lidar:
+            assert lidar.info.model == "LDROBOT LD14P"
+        assert left_still(rig)
+
+    main()
