@@ -35,10 +35,8 @@ ONE_OF_EACH: dict[str, tuple[float, int]] = {
     "ldrobot-ld14": (0.75, 0),
     "ldrobot-ld14p": (0.5, 8),
 }
-"""Bounds on what is measured, until it is known and left as it was.
-
-LDROBOT devices are found without a byte. A model of a family that also has others that obey is known after it went
-on in spite of two STOPs; the LD14P is left with one."""
+"""Bounds on what is measured, until it is known and left as it was. LDROBOT devices are found without a byte; a
+model of a family with others that obey, after it went on in spite of two STOPs; the LD14P is left with one."""
 
 
 def port(path: str) -> PortInfo:

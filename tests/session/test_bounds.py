@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidario import Lidar, LidarError
+from lidario import Lidar, LidarError, NetworkAddress
 from lidario.session.delivery import Delivery
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
@@ -29,6 +29,7 @@ ARGUMENTS: dict[str, tuple[object, ...]] = {
     "set_scan_frequency": (9.0,),
     "set_motor_speed": (540.0,),
     "set_zero_offset": (True,),
+    "set_network_address": (NetworkAddress("192.168.11.2"),),
     "set_power_down_protection": (True,),
 }
 
