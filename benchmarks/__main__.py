@@ -14,12 +14,14 @@ from benchmarks import (
     blocked,
     damage,
     decode,
+    export,
     faults,
     flatout,
     garbage,
     latency,
     live,
     memory,
+    publish,
     readme,
     scale,
     stages,
@@ -36,6 +38,7 @@ __all__ = ["BENCHMARKS", "main", "parser"]
 
 BENCHMARKS: dict[str, Callable[[Setting], Result]] = {
     "decode": decode.run,
+    "export": export.run,
     "stages": stages.run,
     "flatout": flatout.run,
     "live": live.run,
@@ -49,6 +52,7 @@ BENCHMARKS: dict[str, Callable[[Setting], Result]] = {
     "damage": damage.run,
     "garbage": garbage.run,
     "view": view.run,
+    "publish": publish.run,
 }
 _RESULTS = ROOT / "benchmarks" / "results"
 

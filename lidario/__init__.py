@@ -19,6 +19,7 @@ from lidario.version import __version__
 
 if TYPE_CHECKING:
     from lidario.blocking import SyncLidar, SyncRecording, SyncScanStream, open_sync
+    from lidario.blocking_sectors import SyncSectorStream
     from lidario.errors import (
         Busy,
         CannotRecord,
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
         Unsupported,
     )
     from lidario.laserscan import BeamOrder, LaserScan, NoReturn, Preset
-    from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, ScanMode, Stats
+    from lidario.model import DeviceInfo, Health, HealthStatus, NetworkAddress, SampleRate, ScanMode, Stats
     from lidario.points import Motion, Mount, Points, PoseFunction, Velocity, merge
     from lidario.port.line import Tap
     from lidario.recording.decode_file import decode_file, decode_file_arrays
@@ -47,11 +48,13 @@ if TYPE_CHECKING:
     from lidario.recording.record import Recording
     from lidario.recording.summary import RecordingSummary, summarize
     from lidario.scan import Return, Scan
+    from lidario.sector import Sector
     from lidario.session.discovery import Found, PortInfo, list_lidars, list_serial_ports
     from lidario.session.lidar import Lidar
     from lidario.session.opening import OpenLidar, open_lidar
     from lidario.session.reconnect import Reconnect
     from lidario.session.run import run
+    from lidario.session.sectors import SectorStream
     from lidario.session.stream import ScanStream
     from lidario.sim.device import Received, SimulatedDevice
     from lidario.sim.world import Wall, WorldLike
@@ -77,6 +80,7 @@ __all__ = [
     "LocalProtocolError",
     "Motion",
     "Mount",
+    "NetworkAddress",
     "NoReturn",
     "OpenLidar",
     "Points",
@@ -97,6 +101,8 @@ __all__ = [
     "ScanArrays",
     "ScanMode",
     "ScanStream",
+    "Sector",
+    "SectorStream",
     "SessionClosed",
     "SimulatedDevice",
     "Stats",
@@ -104,6 +110,7 @@ __all__ = [
     "SyncLidar",
     "SyncRecording",
     "SyncScanStream",
+    "SyncSectorStream",
     "Tap",
     "Unsupported",
     "Velocity",
@@ -131,8 +138,10 @@ _HOMES = {
     "recording.summary": ("RecordingSummary", "summarize"),
     "session.discovery": ("Found", "PortInfo", "list_lidars", "list_serial_ports"),
     "laserscan": ("BeamOrder", "LaserScan", "NoReturn", "Preset"),
-    "model": ("DeviceInfo", "Health", "HealthStatus", "SampleRate", "ScanMode", "Stats"),
+    "model": ("DeviceInfo", "Health", "HealthStatus", "NetworkAddress", "SampleRate", "ScanMode", "Stats"),
+    "blocking_sectors": ("SyncSectorStream",),
     "scan": ("Return", "Scan"),
+    "sector": ("Sector",),
     "points": ("Motion", "Mount", "Points", "PoseFunction", "Velocity", "merge"),
     "port.line": ("Tap",),
     "recording.offline": ("ScanArrays", "decode", "decode_arrays"),
@@ -140,6 +149,7 @@ _HOMES = {
     "session.opening": ("OpenLidar", "open_lidar"),
     "session.reconnect": ("Reconnect",),
     "session.run": ("run",),
+    "session.sectors": ("SectorStream",),
     "session.stream": ("ScanStream",),
     "sim.device": ("Received", "SimulatedDevice"),
     "sim.world": ("Wall", "WorldLike"),

@@ -206,3 +206,27 @@ def test_a_family_given_beside_the_source_must_be_known_too() -> None:
     with pytest.raises(ConnectFailed, match="hokuyo") as caught:
         open_lidar("auto", family="hokuyo")
     assert caught.value.reason == "source"
+
+
+@pytest.mark.parametrize(
+    ("text", "address", "router"),
+    [
+        ("zenoh:robots/r7/scan", "robots/r7/scan", None),
+        ("zenoh:robots/*/scan?router=tls/fleet.example:7447", "robots/*/scan", "tls/fleet.example:7447"),
+        (
+            "zenoh://0/scan/sensor_msgs::msg::dds_::LaserScan_/**",
+            "0/scan/sensor_msgs::msg::dds_::LaserScan_/**",
+            None,
+        ),
+    ],
+)
+def test_another_machines_lidar(text: str, address: str, router: str | None) -> None:
+    source = parse_source(text)
+    assert (source.kind, source.address, source.options.get("router")) == ("zenoh", address, router)
+
+
+@pytest.mark.parametrize("text", ["zenoh:", "zenoh:a?port=3", "zenoh:a\nb"])
+def test_what_names_no_lidar_on_the_network(text: str) -> None:
+    with pytest.raises(ConnectFailed) as caught:
+        parse_source(text)
+    assert caught.value.reason == "source"

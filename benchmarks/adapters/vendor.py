@@ -16,10 +16,13 @@ _STDOUT = sys.stdout
 
 
 def main(task: dict[str, Any]) -> dict[str, Any]:
-    """Open ``path`` at ``baudrate`` and read ``scans`` scans, for ``patience_s`` at most."""
+    """Open ``path`` at ``baudrate``, or ``host`` and ``port``; read ``scans`` scans, for ``patience_s`` at most."""
     from pyrplidarsdk import RplidarDriver
 
-    driver = RplidarDriver(port=task["path"], baudrate=task["baudrate"])
+    if "path" in task:
+        driver = RplidarDriver(port=task["path"], baudrate=task["baudrate"])
+    else:
+        driver = RplidarDriver(ip_address=task["host"], udp_port=task["port"])
     began = time.monotonic()
     found: dict[str, Any] = {"connected": driver.connect()}
     info, health = driver.get_device_info(), driver.get_health()

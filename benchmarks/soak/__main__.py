@@ -63,7 +63,7 @@ def main(arguments: list[str] | None = None) -> int:
         memory.append(_resident_mb())
         print(
             f"hour {hour}: {whole.steps} steps, {whole.sessions} sessions, {whole.scans} scans, "
-            f"{memory[-1]:.1f} MB, {time.monotonic() - began:.0f} s",
+            f"{memory[-1]:.1f} MB, {len(gc.get_objects())} objects, {time.monotonic() - began:.0f} s",
             file=sys.stderr,
             flush=True,
         )

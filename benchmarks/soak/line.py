@@ -91,6 +91,11 @@ class BadLine:
         return bool(self.device.scanning)
 
     @property
+    def protected(self) -> bool:
+        """Whether a device stops by itself when its host falls silent."""
+        return bool(getattr(self.device, "protected", False))
+
+    @property
     def motor_on(self) -> bool:
         """As the device."""
         return bool(self.device.motor_on)

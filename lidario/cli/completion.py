@@ -4,7 +4,7 @@ The script calls ``lidario`` again with the variable ``_LIDARIO_COMPLETE`` set, 
 never installed: which file a shell reads is the user's choice.
 
 For bash the script is one of ours: bash divides words at ``:`` and ``=`` (``COMP_WORDBREAKS``), and click's script
-takes the pieces of ``sim://rplidar-s2`` for several words. Where nothing is offered, bash completes names of files,
+takes the pieces of ``sim://MODEL`` for several words. Where nothing is offered, bash completes names of files,
 so that a recording can be named.
 """
 

@@ -47,7 +47,7 @@ HAS_PTY = sys.platform != "win32"
 @click.option("--serial", metavar="HEX", help="Its serial number.")
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0), metavar="N",
               help="Seed of everything random.")  # fmt: skip
-@click.option("--list", "list_models", is_flag=True, help="List the models, the default first, and exit.")
+@click.option("--list", "list_models", is_flag=True, help="List the models by vendor, the default first, and exit.")
 def sim(
     model: str | None,
     pty: bool,
@@ -69,7 +69,7 @@ def sim(
     from lidario.sim.device import is_network
 
     if list_models:
-        emit("".join(f"{name}\n" for family in FAMILIES for name in family.simulated))
+        emit(_model_table())
         return ExitCode.OK
     if list_faults:
         emit(_fault_table())
@@ -84,6 +84,18 @@ def sim(
     if tcp is not None or not (pty or HAS_PTY):
         return _serve(on_tcp(device, tcp or ":0", happening), model)
     return _serve(on_pty(device, happening), model)
+
+
+def _model_table() -> str:
+    """Every simulated model and what it is, under the name of its family."""
+    from lidario.families.registry import FAMILIES
+
+    width = max(len(name) for family in FAMILIES for name in family.simulated)
+    lines = []
+    for family in FAMILIES:
+        lines.append(f"{family.title}:")
+        lines += [f"  {name:{width}}  {family.describe(name)}".rstrip() for name in family.simulated]
+    return "".join(f"{line}\n" for line in lines)
 
 
 def _fault_table() -> str:

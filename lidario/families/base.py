@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, TypeVar
 from lidario.errors import RemoteProtocolError, Unsupported
 from lidario.families.samples import Decoder, Samples, SteadySamples
 from lidario.families.stream import Keepalive, RawStream, Stream, raw_stream
-from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, ScanMode
+from lidario.model import DeviceInfo, Health, HealthStatus, NetworkAddress, SampleRate, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.formats import StreamFormat
 
@@ -194,6 +194,14 @@ class Device(ABC):
         """Choose whether streams have the zero-angle offset added; returns what is added, clockwise degrees."""
         raise Unsupported("this device knows no zero-angle offset")
 
+    def network_address(self) -> Script[NetworkAddress]:
+        """Ask for the address that an Ethernet model has been given."""
+        raise Unsupported("this device has no network address")
+
+    def set_network_address(self, address: NetworkAddress) -> Script[None]:  # noqa: ARG002
+        """Give an Ethernet model another address, which it takes when it is restarted."""
+        raise Unsupported("this device has no network address")
+
     def power_down_protection(self, on: bool) -> Script[bool]:  # noqa: ARG002
         """Switch power-down protection; returns the state the device confirms."""
         raise Unsupported("this device knows no power-down protection")
@@ -277,3 +285,8 @@ class Family:
         if spin_up is not None:
             device.spin_up_s = spin_up
         return device
+
+    def describe(self, model: str) -> str:
+        """What a simulated model is, in a few words."""
+        words: str = import_module(f"lidario.families.{self.name}.simulated.device").describe(model)
+        return words

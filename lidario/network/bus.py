@@ -13,6 +13,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import os
 from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -92,6 +93,9 @@ class Bus:
     async def open(cls, router: str = DEFAULT_ROUTER) -> Bus:
         """Connect to a router. Cancelling ends the waiting, and closes what still opens.
 
+        Where the environment names a file as ``ZENOH_CONFIG``, that is zenoh's configuration; only the mode, the
+        router and the search for others are ours.
+
         Args:
             router: Its address in zenoh's notation: ``tcp/host:port``, ``tls/host:port``, ``udp/host:port``.
 
@@ -107,7 +111,11 @@ class Bus:
         try:
             config = _config(zenoh, router)
         except zenoh.ZError as error:
-            raise InvalidValue(f"{router!r} is not the address of a router, such as tcp/localhost:7447") from error
+            file = os.environ.get("ZENOH_CONFIG")
+            also = f", or ZENOH_CONFIG={file} is no configuration of zenoh" if file else ""
+            raise InvalidValue(
+                f"{router!r} is not the address of a router, such as tcp/localhost:7447{also}"
+            ) from error
         try:
             async with asyncio.timeout(OPEN_S):
                 session = await run_in_thread(lambda: zenoh.open(config), _discard)
@@ -261,9 +269,14 @@ def _zenoh() -> Any:
 
 
 def _config(module: Any, router: str) -> zenoh.Config:
-    config: zenoh.Config = module.Config()
+    # Certificates, user names and all else that a network may need stand in a file of the user's.
+    config: zenoh.Config = module.Config.from_env() if "ZENOH_CONFIG" in os.environ else module.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps([router]))
     # Only the router that was named: another one that happens to be on the network is not asked for.
     config.insert_json5("scouting/multicast/enabled", "false")
+    # How soon it tries again when the router is gone: zenoh's own first wait is a second.
+    config.insert_json5("connect/retry", "{period_init_ms: 250, period_max_ms: 4000, period_increase_factor: 2}")
+    # It would keep files in /dev/shm open for messages of a few kilobytes.
+    config.insert_json5("transport/shared_memory/enabled", "false")
     return config

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, Final, Self, TypeVar
 
 from lidario.errors import Unsupported
 from lidario.families.base import Family, Script, Stream
@@ -23,6 +23,8 @@ from lidario.wire.events import Packets
 from lidario.wire.formats import NO_PACKET, Headings, StreamFormat
 
 __all__ = ["SCAN_TYPE", "RemoteDevice", "RemoteStreams"]
+
+T = TypeVar("T")
 
 SCAN_TYPE: Final = 0
 """Type of the descriptor that announces whole scans; no device has it."""
@@ -96,6 +98,7 @@ class RemoteDevice(RecordedDevice):
         super().__init__(streams, lambda: streams.stream)
         self._streams = streams
         self._raw = raw
+        self._foreign = streams.about.info.family != streams.stream.family.name
 
     def identify(self) -> Script[DeviceInfo]:
         """As `Device.identify`."""
@@ -138,6 +141,13 @@ class RemoteDevice(RecordedDevice):
             spin_up_s=0.0,
             slowest_turn_s=SLOWEST_TURN_S,
         )
+
+    def _recall(self, script: Script[T], what: str) -> Script[T]:
+        if self._foreign:
+            # The scripts of our families would assume what holds for their own devices.
+            script.close()
+            raise Unsupported(f"{self.told_by} does not tell {what}: it is a node of ROS 2, or another version")
+        return super()._recall(script, what)
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:  # noqa: ARG002
         """Raises Unsupported."""

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from lidario.laserscan import LaserScan
     from lidario.network.fleet import RemoteLidar, list_remote_lidars
     from lidario.ros.diagnostics import DiagnosticArray, DiagnosticStatus, diagnostics
+    from lidario.ros.fleet import Fleet, FleetScan
     from lidario.ros.pointcloud import PointCloud2, pointcloud2
     from lidario.ros.publisher import Publisher
     from lidario.ros.share import Share
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 __all__ = [
     "DiagnosticArray",
     "DiagnosticStatus",
+    "Fleet",
+    "FleetScan",
     "LaserScan",
     "PointCloud2",
     "Publisher",
@@ -39,6 +42,7 @@ _HOMES = {
     "lidario.laserscan": ("LaserScan",),
     "lidario.network.fleet": ("RemoteLidar", "list_remote_lidars"),
     "lidario.ros.diagnostics": ("DiagnosticArray", "DiagnosticStatus", "diagnostics"),
+    "lidario.ros.fleet": ("Fleet", "FleetScan"),
     "lidario.ros.pointcloud": ("PointCloud2", "pointcloud2"),
     "lidario.ros.publisher": ("Publisher",),
     "lidario.ros.share": ("Share",),

@@ -18,10 +18,13 @@ from lidario.errors import LidarError
 from lidario.families.base import Stream
 from lidario.model import ScanMode
 from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.revolution.sectors import SectorAssembler
 from lidario.scan import Scan
+from lidario.sector import Sector
 from lidario.session.dialogue import Dialogue
 from lidario.session.log import Trouble
 from lidario.session.pace import Pace
+from lidario.session.sectors import SectorPace
 from lidario.wire.events import Packets
 
 __all__ = ["SILENCE_S", "Failure", "Running", "Totals"]
@@ -95,6 +98,7 @@ class Running:
         trouble: Where discarded revolutions are logged.
         publish: Called with each scan.
         failed: Called once if the stream falls silent or makes no revolutions.
+        publish_sector: Called with how many sectors of its size a revolution has, and the sector.
     """
 
     def __init__(
@@ -107,6 +111,7 @@ class Running:
         trouble: Trouble,
         publish: Callable[[Scan], None],
         failed: Callable[[Failure], None],
+        publish_sector: Callable[[int, Sector], None],
     ) -> None:
         self._stream = stream
         self._dialogue = dialogue
@@ -116,10 +121,13 @@ class Running:
         self._discarded = totals.assembled.broken_scans
         self._publish = publish
         self._failed = failed
+        self._publish_sector = publish_sector
         self._loop = asyncio.get_running_loop()
         self._wall_offset_ns = dialogue.wall_offset_ns
         self._assembler = Assembler(stream, dialogue.baudrate, self._wall_offset_ns, totals.assembled)
         self._pace = Pace(stream, dialogue.baudrate, latency, dialogue.bytes_received)
+        self._take_packets = self._take
+        self._delivered = False
         self._watchdog: asyncio.TimerHandle | None = None
         self._keepalive: asyncio.TimerHandle | None = None
         self._began = self._last_packet = self._last_scan = self._loop.time()
@@ -128,6 +136,7 @@ class Running:
         # Bytes that had come when the last part of a silence began.
         self._received = 0
         self._watch_due = self._began
+        self._note_damage()
 
     @property
     def mode(self) -> ScanMode:
@@ -147,7 +156,8 @@ class Running:
             self._wall_offset_ns,
             stream.zero_offset_deg,
         )
-        self._dialogue.deliver_to(self._take)
+        self._delivered = True
+        self._dialogue.deliver_to(self._take_packets)
         self._dialogue.set_polling(self._latency, self._pace)
         if self._dialogue.is_live:
             self._watch()
@@ -174,16 +184,39 @@ class Running:
         """Add another zero-angle offset from the next revolution on, clockwise degrees."""
         self._assembler.set_zero_offset(degrees)
 
+    def divide(self, parts: frozenset[int]) -> None:
+        """Publish sectors from the next revolution on, so many of each revolution; none for no more."""
+        if not isinstance(self._assembler, SectorAssembler):
+            # Only from now on does a stream cost what sectors cost.
+            assembler = self._assembler = SectorAssembler(self._assembler, self._publish_sector)
+            pace = self._pace = SectorPace(self._pace)
+
+            def take(packets: Packets) -> None:
+                self._take(packets)
+                pace.expect(assembler.next_ns)
+
+            self._take_packets = take
+            if self._delivered:
+                self._dialogue.deliver_to(take)
+                self._dialogue.set_polling(self._latency, pace)
+        self._assembler.divide(parts)
+
     def _take(self, packets: Packets) -> None:
         self._last_packet = self._loop.time()
         for scan in self._assembler.add(packets):
             self._last_scan = self._last_packet
+            self._note_damage()
             self._scans += 1
             self._pace.turned(scan, self._dialogue.bytes_received, self._last_packet)
             self._publish(scan)
         if self._totals.assembled.broken_scans > self._discarded:
             self._trouble.tell("revolutions discarded: %d so far", self._totals.assembled.broken_scans)
             self._discarded = self._totals.assembled.broken_scans
+
+    def _note_damage(self) -> None:
+        """What is counted as damaged from now on has come since the last scan."""
+        self._broken_before = self._totals.assembled.broken_scans
+        self._lost_before = self._totals.assembled.lost_packets
 
     def _watch(self) -> None:
         began = self._last_packet == self._began
@@ -206,11 +239,19 @@ class Running:
             self._failed(self._failure(f"no scan data for {idle:.1f} s", "does the rotor turn?", noise=noise))
         elif turning >= turns:
             what = f"scan data arrives, but no full revolution for {turning:.1f} s"
-            self._failed(self._failure(what, "is the rotor blocked?", silent=False))
+            self._failed(self._failure(what, self._why_no_revolution(), silent=False))
         else:
             # First to the last part of the silence, then to its end.
             wait = patience - idle if idle >= patience - NOISE_S else patience - NOISE_S - idle
             self._watch_in(min(wait, self._silence_s, turns - turning) + _WATCH_MARGIN_S)
+
+    def _why_no_revolution(self) -> str:
+        """What to look for where packets come and no revolution does."""
+        counted = self._totals.assembled
+        lost = counted.lost_packets - self._lost_before
+        if counted.broken_scans > self._broken_before and lost:
+            return f"{lost} packets of it are damaged or missing. Check the cable, the plug and the power supply"
+        return "is the rotor blocked?"
 
     def _watch_in(self, seconds: float) -> None:
         self._watch_due = self._loop.time() + seconds

@@ -5,9 +5,9 @@ from __future__ import annotations
 import copy
 from typing import TypeVar
 
-from lidario.errors import LidarError
+from lidario.errors import InternalError, LidarError
 
-__all__ = ["again", "twin_of"]
+__all__ = ["again", "to_be_kept", "twin_of"]
 
 ErrorT = TypeVar("ErrorT", bound=LidarError)
 
@@ -17,6 +17,21 @@ def twin_of(error: ErrorT) -> ErrorT:
     twin = copy.copy(error)
     twin.__cause__ = error
     return twin
+
+
+def to_be_kept(error: LidarError) -> None:
+    """Have `error` let go of what the program was doing when it came up; its causes stay.
+
+    An exception refers to the frames that it has passed, these to the frames that had called them, and an exception
+    that comes up while another one is handled to the frames of that one. All of them may hold the session, and what
+    a finalizer reaches must not. Of a mistake of ours the traceback is worth more than that.
+    """
+    each: BaseException | None = error
+    while each is not None and not isinstance(each, InternalError):
+        each.__traceback__ = None
+        if not isinstance(each.__context__, OSError | LidarError):
+            each.__context__ = None
+        each = each.__cause__ or each.__context__
 
 
 def again(error: ErrorT) -> ErrorT:

@@ -16,7 +16,12 @@ from tests.cli.processes import BOUND, invoke, line_of, run, started
 def test_the_models_are_listed() -> None:
     listed = invoke("sim", "--list")
     assert listed.exit_code == 0
-    assert listed.stdout.splitlines() == [model for family in FAMILIES for model in family.simulated]
+    lines = listed.stdout.splitlines()
+    assert [line for line in lines if line[0] != " "] == [f"{family.title}:" for family in FAMILIES]
+    models = [line.split(maxsplit=1) for line in lines if line[0] == " "]
+    assert [name for name, *_ in models] == [model for family in FAMILIES for model in family.simulated]
+    assert ["rplidar-a1", "115200 baud, Sensitivity 0x84 7874/s, motor by DTR"] in models
+    assert max(map(len, lines)) <= 100
 
 
 def test_the_faults_are_listed() -> None:

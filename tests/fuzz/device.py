@@ -17,6 +17,7 @@ from typing import Any
 
 import lidario
 from benchmarks.relayed import Relayed
+from tests.fuzz.checks import check_error, check_text
 from tests.support.ledger import assert_stats_close
 from tests.support.loop import run_driven
 
@@ -25,7 +26,6 @@ __all__ = ["SEEDS", "hostile_device"]
 _FAMILIES = {"rplidar": "rplidar-s2", "ydlidar": "ydlidar-4ros"}
 _PATIENCE_S = 100.0
 _MOST_BUFFERED = 64 * 1024
-_LONGEST_TEXT = 300
 _FLOOD = 20_000
 
 SEEDS = [
@@ -113,9 +113,9 @@ async def _use(family: str, data: bytes) -> None:
                 assert stats.buffered <= _MOST_BUFFERED
                 _check_texts(lidar)
             for mode in await _tried(lidar.get_modes()) or ():
-                _check_text(mode.name)
+                check_text(mode.name)
     except lidario.LidarError as error:
-        _check_error(error)
+        check_error(error)
     except TimeoutError:
         assert not limit.expired(), f"it is still busy after {_PATIENCE_S:g} s"
         raise
@@ -125,22 +125,11 @@ async def _tried(call: Awaitable[Any]) -> Any:
     try:
         return await call
     except lidario.LidarError as error:
-        _check_error(error)
+        check_error(error)
         return None
-
-
-def _check_error(error: lidario.LidarError) -> None:
-    if isinstance(error, lidario.InternalError):
-        raise AssertionError(f"a mistake of ours: {error.__cause__!r}") from error
-    assert str(error).replace("\n", "").isprintable(), ascii(error)
 
 
 def _check_texts(lidar: lidario.Lidar) -> None:
     info = lidar.info
     for text in (info.model, info.firmware, info.serial, lidar.health.note, repr(lidar)):
-        _check_text(text)
-
-
-def _check_text(text: str) -> None:
-    assert text.isprintable(), ascii(text)
-    assert len(text) <= _LONGEST_TEXT
+        check_text(text)

@@ -46,9 +46,9 @@ def none_of(scan: Scan) -> Scan:
     return scan.select(np.zeros(len(scan), bool))
 
 
-@pytest.mark.parametrize("length", range(len(encode_scan(GOOD))))
-def test_a_scan_message_that_was_cut_is_none(length: int) -> None:
-    assert parse_scan(encode_scan(GOOD)[:length], 0) is None
+def test_a_scan_message_that_was_cut_is_none() -> None:
+    whole = encode_scan(GOOD)
+    assert all(parse_scan(whole[:length], 0) is None for length in range(len(whole)))
 
 
 BAD_FIGURES = {

@@ -140,9 +140,8 @@ def test_the_other_byte_order_is_read() -> None:
 WHOLE = FOUR.to_laserscan(8).to_cdr()
 
 
-@pytest.mark.parametrize("length", range(len(WHOLE)))
-def test_a_message_that_was_cut_is_none(length: int) -> None:
-    assert LaserScan.from_cdr(WHOLE[:length]) is None
+def test_a_message_that_was_cut_is_none() -> None:
+    assert all(LaserScan.from_cdr(WHOLE[:length]) is None for length in range(len(WHOLE)))
 
 
 @example(WHOLE[:52] + b"\xff\xff\xff\x7f" + WHOLE[56:])

@@ -9,6 +9,7 @@ from operator import xor
 import numpy as np
 import pytest
 
+from lidario.families.rplidar import FAMILY
 from lidario.families.rplidar.simulated.device import PROFILES, Mode, Profile, SimulatedRplidar, make_simulated
 from lidario.sim.rooms import make_world
 from lidario.sim.world import World
@@ -811,6 +812,13 @@ def test_every_profile_has_an_honest_name_and_a_line_that_can_carry_it() -> None
         for mode in profile.modes:
             size, samples = mode.packet
             assert size * 10 / profile.baudrate < samples * mode.us_q8 / 256e6
+
+
+def test_a_line_counts_as_quiet_only_after_the_slowest_packets() -> None:
+    """An adapter may hold bytes for 16 ms more."""
+    slowest = max(mode.period_ns for profile in PROFILES.values() for mode in profile.modes)
+    assert slowest > 19 * MS
+    assert slowest + 16 * MS < FAMILY.timing.quiet_s * SECOND < 60 * MS
 
 
 def test_an_overloaded_line_is_refused() -> None:

@@ -25,7 +25,7 @@ from lidario.sim.chassis import Chassis
 from lidario.sim.motor import Motor
 from lidario.sim.world import WorldLike
 
-__all__ = ["PROFILES", "Profile", "SimulatedLdrobot", "make_simulated"]
+__all__ = ["PROFILES", "Profile", "SimulatedLdrobot", "describe", "make_simulated"]
 
 _POINTS = 12
 _PACKET_BYTES = 47
@@ -256,6 +256,13 @@ def make_simulated(
     if model not in PROFILES:
         raise ValueError(f"no simulated device is called {model!r}; there are {', '.join(PROFILES)}")
     return SimulatedLdrobot(PROFILES[model], world=world, serial=serial, seed=seed)
+
+
+def describe(model: str) -> str:
+    """What a model is, in a few words."""
+    profile = PROFILES[model]
+    talks = "" if profile.commands else "; only talks"
+    return f"{profile.baudrate} baud, {profile.rate:.0f}/s{talks}"
 
 
 def _shift(mm: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

@@ -40,7 +40,7 @@ from lidario.sim.chassis import PROTECTION_STOP, Chassis
 from lidario.sim.motor import Motor
 from lidario.sim.world import WorldLike
 
-__all__ = ["PROFILES", "Mode", "Profile", "SimulatedRplidar", "make_simulated"]
+__all__ = ["PROFILES", "Mode", "Profile", "SimulatedRplidar", "describe", "make_simulated"]
 
 _MS = 1_000_000
 _SETTLE_AFTER_STOP = 10 * _MS  # S-series interface manual, STOP
@@ -339,6 +339,11 @@ def make_simulated(
     if model not in PROFILES:
         raise ValueError(f"no simulated device is called {model!r}; there are {', '.join(PROFILES)}")
     return SimulatedRplidar(PROFILES[model], world=world, serial=serial, seed=seed)
+
+
+def describe(model: str) -> str:
+    """What a model is, in a few words."""
+    return PROFILES[model].about
 
 
 def _descriptor(length: int, kind: int) -> bytes:

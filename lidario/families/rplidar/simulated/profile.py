@@ -92,6 +92,7 @@ class Profile:
         mac: Its Ethernet address, by conf 0x79; empty for a serial device.
         boot_s: Silence after RESET.
         banner: What is printed when booting is over; empty for most.
+        oddity: What is awkward about it, for people.
 
     Raises:
         ValueError: A mode makes more bytes than the line can carry.
@@ -115,11 +116,21 @@ class Profile:
     mac: bytes = b""
     boot_s: float = 0.6
     banner: bytes = b""
+    oddity: str = ""
 
     def __post_init__(self) -> None:
         for mode in self.modes:
             if mode.packet[0] * 10 * 1_000_000_000 > mode.period_ns * self.baudrate:
                 raise ValueError(f"{self.name}: {self.baudrate} baud cannot carry mode {mode.name}")
+
+    @property
+    def about(self) -> str:
+        """What it is, in a few words."""
+        typical = self.mode(self.typical) or self.standard
+        line = "UDP" if self.is_network else f"{self.baudrate} baud"
+        motor = {"pwm": ", motor by PWM", "dtr": ", motor by DTR"}.get(self.motor, "")
+        odd = f"; {self.oddity}" if self.oddity else ""
+        return f"{line}, {typical.name} 0x{typical.response_type:02X} {256e6 / typical.us_q8:.0f}/s{motor}{odd}"
 
     @property
     def is_network(self) -> bool:

@@ -195,6 +195,7 @@ _AWKWARD = (
         (_mode(0, "Standard", 0x81, 8000, 30), _mode(5, "HQ", 0x83, 10000, 30)),
         typical=5,
         speed_conf=(),
+        oddity="mode numbers with holes",
     ),
     Profile(
         "rplidar-zero-us",
@@ -205,6 +206,7 @@ _AWKWARD = (
             _mode(1, "DenseBoost", 0x85, 32000, 40, reported_us_q8=0),
         ),
         typical=1,
+        oddity="says 0 µs a sample",
     ),
     Profile(
         "rplidar-unknown-response",
@@ -212,6 +214,7 @@ _AWKWARD = (
         1_000_000,
         (_mode(0, "Standard", 0x81, 16000, 40), _mode(6, "Mystery", 0x8E, 32000, 40, layout=0x85)),
         typical=6,
+        oddity="a format unknown to hosts",
     ),
     Profile(
         "rplidar-no-modes",
@@ -220,6 +223,7 @@ _AWKWARD = (
         (_mode(0, "Standard", 0x81, 16000, 30),),
         typical=0,
         listed=False,
+        oddity="lists no modes",
     ),
     Profile(
         "rplidar-a2-empty-list",
@@ -233,9 +237,10 @@ _AWKWARD = (
         speed_conf=(600,),
         motor="pwm",
         pwm_ref=660,
+        oddity="lists no modes",
     ),
-    replace(_A2, name="rplidar-a2-no-board", kind="awkward", motor="fixed"),
-    replace(_C1, name="rplidar-c1-fixed", kind="awkward", motor="fixed", speed_conf=()),
+    replace(_A2, name="rplidar-a2-no-board", kind="awkward", motor="fixed", oddity="no accessory board"),
+    replace(_C1, name="rplidar-c1-fixed", kind="awkward", motor="fixed", speed_conf=(), oddity="takes no speed"),
     Profile(
         "rplidar-old-firmware",
         0x18,
@@ -249,6 +254,7 @@ _AWKWARD = (
         motor="dtr",
         own_rpm=_A1_RPM,
         banner=_BANNER,
+        oddity="lists no modes",
     ),
 )
 

@@ -35,7 +35,7 @@ from lidario.sim.chassis import PROTECTION_STOP, Chassis
 from lidario.sim.motor import Motor
 from lidario.sim.world import WorldLike
 
-__all__ = ["PROFILES", "Profile", "Simulated4Ros", "make_simulated"]
+__all__ = ["PROFILES", "Profile", "Simulated4Ros", "describe", "make_simulated"]
 
 _MS = 1_000_000
 _SETTLE_AFTER_STOP = 5 * _MS  # vendor SDK 1.2.20
@@ -282,6 +282,13 @@ def make_simulated(
     if model not in PROFILES:
         raise ValueError(f"no simulated device is called {model!r}; there are {', '.join(PROFILES)}")
     return Simulated4Ros(PROFILES[model], world=world, serial=serial, seed=seed)
+
+
+def describe(model: str) -> str:
+    """What a model is, in a few words."""
+    profile = PROFILES[model]
+    talks = "; only talks" if profile.one_way else ""
+    return f"{profile.baudrate} baud, {1e9 / profile.sample_ns:.0f}/s{talks}"
 
 
 def _digits(serial: bytes | str | list[int]) -> bytes:

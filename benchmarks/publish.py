@@ -1,0 +1,220 @@
+"""Lidars on the network: what publishing costs beside scanning alone, and many publishers into one reader.
+
+A separate process plays an S2 on a pseudo-terminal. ``lidario publish`` reads it as a process of its own, in each
+of its forms, through a zenoh router that is another process; its time on the processor is read from ``/proc`` (all
+threads). Beside it stands `benchmarks.reader`, which only scans.
+
+Then so many publishers send whole scans of 3200 samples, 10 a second each, and one `Fleet` reads them all. The
+publishers are clients of the router in one process, which makes no scans: the machine shall have time for the
+reader. Latency is counted from just before the sending to the reader's hands, by the one clock of this machine.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from benchmarks.contest import Entry, read_live
+from benchmarks.processes import ROOT, Failed, Player
+from benchmarks.report import Result, Setting, Table, median, percentile, spread
+from lidario import Scan
+from lidario.network.bus import Bus
+from lidario.network.messages import encode_scan
+from lidario.ros import Fleet
+from lidario.ros.broadcast import Outlet
+
+__all__ = ["run"]
+
+RATE: Final = "S2 DenseBoost"
+FORMS: Final = {
+    "publish --ros": ["--ros"],
+    "publish --zenoh KEY": ["--zenoh", "bench/scan"],
+    "publish --zenoh KEY --raw": ["--zenoh", "bench/scan", "--raw"],
+}
+COUNTS: Final = (1, 8, 32)
+HERTZ: Final = 10
+SAMPLES: Final = 3200
+_SETTLE_S: Final = 1.0
+
+
+def run(setting: Setting) -> Result:
+    """Publishing beside scanning, several times in turn; then each number of publishers once."""
+    rounds, window_s = (1, 0.5) if setting.quick else (3, 4.0)
+    data: dict[str, Any] = {"cpu": {}, "many": {}}
+    with _router() as address, Player(RATE) as player:
+        for number in range(rounds):
+            setting.say(f"publish: round {number + 1} of {rounds}")
+            _one_round(setting, player, address, window_s, data["cpu"])
+            player.report()
+    for count in (1, 2) if setting.quick else COUNTS:
+        setting.say(f"publish: {count} into one")
+        with _router(data) as address:
+            data["many"][str(count)] = _many(count, address, 1.0 if setting.quick else 10.0, data)
+    data.pop("router", None)
+    return Result("publish", _tables(data), data)
+
+
+def _tables(data: dict[str, Any]) -> list[Table]:
+    cpu = data["cpu"]
+    costs = Table("Publishing beside scanning: S2, 32 kS/s, 10 Hz", ["", "CPU, % of a core", "more than scanning"])
+    alone = median(cpu.get("scanning alone", []))
+    for name, values in cpu.items():
+        more = "" if name == "scanning alone" else f"{median(values) - alone:+.2f}"
+        costs.rows.append([name, spread(values, 2), more])
+    many = Table(
+        "Publishers of whole scans (29 kB, 10 Hz each) into one reader",
+        ["publishers", "reader, CPU %", "router, CPU %", "latency p50, ms", "p99, ms", "scans", "lost"],
+    )
+    for count, found in data["many"].items():
+        many.rows.append([
+            count, f"{found['reader_cpu']:.1f}", f"{found['router_cpu']:.1f}", f"{found['p50_ms']:.2f}",
+            f"{found['p99_ms']:.2f}", str(found["scans"]), str(found["lost"]),
+        ])  # fmt: skip
+    return [costs, many]
+
+
+def _one_round(
+    setting: Setting, player: Player, address: str, window_s: float, cpu: dict[str, list[float]]
+) -> None:
+    with suppress(Failed):
+        entry = Entry("lidario", latency=0.005)
+        alone, _ = read_live(setting, entry, RATE, player, settle_s=0.5, window_s=window_s)[:2]
+        cpu.setdefault("scanning alone", []).append(100 * alone["cpu"])
+    for name, options in FORMS.items():
+        command = [sys.executable, "-m", "lidario", "publish", player.paths[0], *options, "--router", address]
+        with subprocess.Popen(
+            command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        ) as it:
+            try:
+                assert it.stdout is not None
+                it.stdout.readline()
+                time.sleep(2 * _SETTLE_S)
+                cpu.setdefault(name, []).append(100 * _share(it.pid, window_s))
+            finally:
+                it.terminate()
+
+
+def _many(count: int, address: str, seconds: float, data: dict[str, Any]) -> dict[str, Any]:
+    command = [sys.executable, "-m", "benchmarks.publish", "send", address, str(count)]
+    with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as sender:
+        try:
+            assert sender.stdout is not None
+            sender.stdout.readline()
+            return asyncio.run(_read(address, seconds, data["router"]))
+        finally:
+            assert sender.stdin is not None
+            sender.stdin.close()
+
+
+async def _read(address: str, seconds: float, router_pid: int) -> dict[str, Any]:
+    late: list[float] = []
+    loop = asyncio.get_running_loop()
+    async with Fleet("bench/*/scan", router=address) as fleet:
+        until = loop.time() + _SETTLE_S
+        began, own, router = 0.0, 0.0, 0.0
+        async for each in fleet:
+            now = loop.time()
+            if now >= until:
+                if began:
+                    break
+                began, until = now, now + seconds
+                own, router, lost = time.process_time(), _on_processor(router_pid), fleet.lost + fleet.dropped
+            elif began:
+                late.append((time.time_ns() - each.sent_ns) * 1e-6)
+        took = loop.time() - began
+        return {
+            "reader_cpu": 100 * (time.process_time() - own) / took,
+            "router_cpu": 100 * (_on_processor(router_pid) - router) / took,
+            "p50_ms": percentile(late, 50),
+            "p99_ms": percentile(late, 99),
+            "scans": len(late),
+            "lost": fleet.lost + fleet.dropped - lost,
+        }
+
+
+async def _send(address: str, count: int) -> None:
+    """Publish until standard input is closed; each publisher at its own moment."""
+    buses = [await Bus.open(address) for _ in range(count)]
+    outlets = [Outlet(bus.sender(f"bench/{n}/scan"), n.to_bytes(16, "little")) for n, bus in enumerate(buses)]
+    message = encode_scan(_scan())
+    loop = asyncio.get_running_loop()
+    ended = loop.run_in_executor(None, sys.stdin.read)
+    print("ready", flush=True)
+    begin, number = loop.time(), 0
+    while not ended.done():
+        outlets[number % count].send(message)
+        number += 1
+        await asyncio.sleep(max(0.0, begin + number / (count * HERTZ) - loop.time()))
+    for bus in buses:
+        await bus.close()
+
+
+def _scan() -> Scan:
+    angles = np.linspace(0, 359.9, SAMPLES, dtype=np.float32)
+    strengths = np.full(SAMPLES, 47, np.uint8)
+    made = Scan(
+        angles, np.full(SAMPLES, 3000, np.float32), strengths, 0, 0, 31250, 10**8, 600.0, 0, 0, 0, "DenseBoost"
+    )
+    return replace(made, max_range=30.0)
+
+
+@contextmanager
+def _router(data: dict[str, Any] | None = None) -> Iterator[str]:
+    """A router in a process of its own."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        address = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    command = [sys.executable, "-m", "benchmarks.publish", "router", address]
+    with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            process.stdout.readline()
+            if data is not None:
+                data["router"] = process.pid
+            yield address
+        finally:
+            assert process.stdin is not None
+            process.stdin.close()
+
+
+def _route(address: str) -> None:
+    import zenoh
+
+    config = zenoh.Config()
+    config.insert_json5("mode", '"router"')
+    config.insert_json5("listen/endpoints", json.dumps([address]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    with ExitStack() as stack:
+        stack.enter_context(zenoh.open(config))
+        print("ready", flush=True)
+        sys.stdin.read()
+
+
+def _share(pid: int, window_s: float) -> float:
+    """The share of a core that all threads of a process took."""
+    begin, before = time.perf_counter(), _on_processor(pid)
+    time.sleep(window_s)
+    return (_on_processor(pid) - before) / (time.perf_counter() - begin)
+
+
+def _on_processor(pid: int) -> float:
+    """Seconds; the kernel counts nanoseconds for each thread."""
+    return sum(int(each.read_text().split()[0]) for each in Path(f"/proc/{pid}/task").glob("*/schedstat")) * 1e-9
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "router":
+        _route(sys.argv[2])
+    else:
+        asyncio.run(_send(sys.argv[2], int(sys.argv[3])))

@@ -1,0 +1,282 @@
+"""Through a router, in one process: what is published arrives as it was sent, and is shown as long as it is there.
+
+Times are real here, since zenoh has threads of its own. Every wait is for an event, with a bound that nothing but a
+defect reaches.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from contextlib import AsyncExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_typestore
+
+import lidario
+from lidario.errors import ConnectFailed, InvalidValue, Unsupported
+from lidario.laserscan import LaserScan
+from lidario.network.bus import Bus, Sample
+from lidario.network.keys import parse_attachment
+from lidario.ros import Fleet, Publisher, Share, list_remote_lidars
+from lidario.ros.names import DIAGNOSTICS, LASERSCAN, Node, gid_of
+from lidario.scan import Scan
+from tests.support.router import Router
+from tests.test_model import FOUR
+
+BOUND_S = 30.0
+MODELS = {"rplidar": "rplidar-s2", "ydlidar": "ydlidar-4ros"}
+
+
+async def until(condition: Callable[[], object]) -> None:
+    async with asyncio.timeout(BOUND_S):
+        while not condition():
+            await asyncio.sleep(0.002)
+
+
+class Rig:
+    """A simulated lidar that is open, and a list of its scans."""
+
+    def __init__(self, stack: AsyncExitStack, router: Router) -> None:
+        self.stack = stack
+        self.router = router.address
+        self.sent: list[Scan] = []
+
+    async def open(self, family: str = "rplidar") -> lidario.Lidar:
+        device = lidario.simulate(MODELS[family], spin_up=0)
+        return await self.stack.enter_async_context(lidario.open_lidar(device))
+
+    def run(self, publisher: Publisher | Share) -> None:
+        """Publish all scans of its lidar in a task."""
+
+        async def work() -> None:
+            async with publisher.lidar.scans(depth=64) as stream:
+                async for scan in stream:
+                    self.sent.append(scan)
+                    publisher.publish(scan)
+
+        task = asyncio.create_task(work())
+
+        async def end() -> None:
+            task.cancel()
+            await asyncio.wait([task])
+
+        self.stack.push_async_callback(end)
+
+    async def take(self, key: str, count: int) -> tuple[lidario.Lidar, list[Scan]]:
+        """So many scans of ``zenoh:KEY``."""
+        lidar = await self.stack.enter_async_context(lidario.open_lidar(f"zenoh:{key}?router={self.router}"))
+        stream = await self.stack.enter_async_context(lidar.scans(depth=64))
+        async with asyncio.timeout(BOUND_S):
+            return lidar, [await anext(stream) for _ in range(count)]
+
+
+@pytest.mark.parametrize(("family", "raw"), [("rplidar", False), ("ydlidar", True)])
+async def test_scans_arrive_equal_and_info_and_health_with_them(router: Router, family: str, raw: bool) -> None:
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        lidar = await rig.open(family)
+        key = f"equal/{family}/{raw}"
+        share = await stack.enter_async_context(Share(lidar, key, raw=raw, router=router.address))
+        rig.run(share)
+        await until(lambda: rig.sent)
+        remote, scans = await rig.take(key, 3)
+        await until(lambda: rig.sent[-1].wall_stamp_ns >= scans[-1].wall_stamp_ns)
+        by_time = {round(scan.wall_stamp_ns, -5): scan for scan in rig.sent}
+        for scan in scans:
+            sent = by_time[round(scan.wall_stamp_ns, -5)]
+            np.testing.assert_array_equal(scan.device_angles, sent.device_angles)
+            np.testing.assert_array_equal(scan.device_distances, sent.device_distances)
+            np.testing.assert_array_equal(scan.intensities, sent.intensities)
+            assert scan.wall_stamp_ns == sent.wall_stamp_ns
+            assert (scan.duration_ns, scan.mode, scan.max_range) == (sent.duration_ns, sent.mode, sent.max_range)
+        assert np.all(np.diff([scan.seq for scan in scans]) == 1)
+        assert (remote.info, remote.health) == (lidar.info, lidar.health)
+        assert await remote.get_health() == lidar.health
+        assert remote.mode is not None
+        assert remote.mode.name == scans[0].mode
+        assert {mode.name for mode in await remote.get_modes()} >= {remote.mode.name}
+        with pytest.raises(Unsupported, match="cannot be set from here"):
+            await remote.set_scan_frequency(10)
+        stats = remote.stats
+        assert stats.scans >= 3
+        assert stats.dropped_scans == 0
+        if raw:
+            assert stats.lost_packets == 0
+
+
+async def test_a_topic_of_ros(router: Router) -> None:
+    """Keys, tokens, payload, attachment and diagnostics, as a node would see them; ``zenoh:`` reads it, too."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    node = Node(domain=9)
+    key, health = node.data_key("/front/scan", LASERSCAN), node.data_key("/diagnostics", DIAGNOSTICS)
+    tokens: dict[str, bool] = {}
+    messages: list[Sample] = []
+    diagnostics: list[Any] = []
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        reader = await Bus.open(router.address)
+        stack.push_async_callback(reader.close)
+        reader.watch_tokens("@ros2_lv/9/**", tokens.__setitem__)
+        reader.subscribe(key, messages.append)
+        reader.subscribe(health, diagnostics.append)
+        lidar = await rig.open()
+        publisher = Publisher(
+            lidar,
+            topic="front/scan",
+            frame_id="front",
+            domain=9,
+            router=router.address,
+            robot="r7",
+            preset="vendor",
+        )
+        async with publisher:
+            assert publisher.key == key
+            await until(lambda: len(tokens) == 3)
+            zid = publisher._bus.id if publisher._bus else ""
+            scan_token = node.publisher_token(zid, 1, "/front/scan", LASERSCAN)
+            assert set(tokens) == {
+                node.node_token(zid), scan_token, node.publisher_token(zid, 2, "/diagnostics", DIAGNOSTICS),
+            }  # fmt: skip
+            async with lidar.scans(depth=64) as stream:
+                async for scan in stream:
+                    rig.sent.append(scan)
+                    publisher.publish(scan)
+                    if len(rig.sent) == 3:
+                        break
+            await until(lambda: len(messages) == 3 and diagnostics)
+            (found,) = [
+                each for each in await list_remote_lidars(router.address) if each.source == "zenoh:9/front/scan/*/*"
+            ]
+        await until(lambda: not any(tokens.values()))
+    beams = len(rig.sent[0])
+    for number, (scan, sample) in enumerate(zip(rig.sent, messages, strict=True), 1):
+        assert sample.payload == scan.to_laserscan(beams, frame_id="front", preset="vendor").to_cdr()
+        attachment = parse_attachment(sample.attachment)
+        assert attachment is not None
+        assert (attachment.number, attachment.gid) == (number, gid_of(scan_token))
+        assert 0 < attachment.time_ns - scan.wall_stamp_ns < BOUND_S * 1e9
+    (status,) = store.deserialize_cdr(diagnostics[-1].payload, "diagnostic_msgs/msg/DiagnosticArray").status  # type: ignore[attr-defined]
+    assert (status.level, status.hardware_id, status.name) == (0, lidar.info.serial, "lidario: front/scan")
+    assert (found.form, found.robot, found.model) == ("ros", "r7", lidar.info.model)
+    assert found.health == lidar.health
+
+
+async def test_the_grid_stays_until_the_speed_changes(router: Router) -> None:
+    """slam_toolbox drops scans that have not as many beams as the first one."""
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        publisher = Publisher(await rig.open(), router=router.address)
+        counts = [3200, 3195, 100, 3205, 2000, 2000, 2000, 2010, 3200]
+        assert [publisher._grid(count) for count in counts] == [3200] * 6 + [2000] * 3
+        assert [Publisher(publisher.lidar, beams=720)._grid(count) for count in counts] == [720] * 9
+
+
+async def test_a_laserscan_of_somebody_elses_node_is_a_source(router: Router) -> None:
+    key = f"0/urg/scan/{LASERSCAN.dds}/RIHS01_{'0' * 64}"
+    laser = LaserScan(
+        10**18, "laser", -1.0, 1.0, 0.5, 0.001, 0.1, 0.1, 8.0,
+        np.array([1, 2, 3, 4, 5], np.float32), np.zeros(0, np.float32),
+    )  # fmt: skip
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        node = await Bus.open(router.address)
+        stack.push_async_callback(node.close)
+        node.token(Node("urg").publisher_token(node.id, 7, "/urg/scan", LASERSCAN))
+        sender = node.sender(key)
+
+        async def publish() -> None:
+            while True:
+                sender.put(b"junk", b"")
+                sender.put(laser.to_cdr(), b"")
+                await asyncio.sleep(0.02)
+
+        publishing = asyncio.create_task(publish())
+        try:
+            lidar, scans = await rig.take("0/urg/scan/*/*", 2)
+        finally:
+            publishing.cancel()
+        assert scans[0].ranges.tolist() == [1, 2, 3, 4, 5]
+        assert (lidar.info.family, lidar.info.serial) == ("ros2", "0/urg/scan")
+        with pytest.raises(Unsupported, match="its publisher does not tell"):
+            await lidar.get_sample_rate()
+        found = [each for each in await list_remote_lidars(router.address) if "urg" in each.source]
+        assert [(each.robot, each.model, each.health) for each in found] == [("/urg", "", None)]
+
+
+async def test_many_lidars_are_one_fleet_or_have_to_be_named(router: Router) -> None:
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        fleet = await stack.enter_async_context(Fleet("many/*/scan", router=router.address, depth=4))
+        shares = []
+        for robot in ("a", "b"):
+            share = Share(await rig.open(), f"many/{robot}/scan", router=router.address)
+            shares.append(await stack.enter_async_context(share))
+        with pytest.raises(
+            ConnectFailed, match=r"2 lidars .* name one:\nzenoh:many/a/scan\nzenoh:many/b"
+        ) as caught:
+            await lidario.open_lidar(f"zenoh:many/*/scan?router={router.address}")
+        assert caught.value.reason == "ambiguous"
+        for number in (1, 2):
+            for share in shares:
+                share.publish(replace(FOUR, seq=number))
+        outlets = [share._outlet for share in shares]
+        assert outlets[0] is not None
+        assert outlets[1] is not None
+        await until(lambda: len(fleet._scans) == 4)
+        outlets[0].sent += 2
+        shares[0].publish(replace(FOUR, seq=5))
+        await until(lambda: fleet.dropped == 1)
+        seen = [await anext(fleet) for _ in range(4)]
+        assert (seen[-1].key, seen[-1].scan.seq, seen[-1].lost) == ("many/a/scan", 5, 2)
+        assert {each.key for each in seen} == {"many/a/scan", "many/b/scan"}
+        assert (fleet.lost, fleet.bad_messages) == (2, 0)
+        outlets[1].send(b"junk")
+        await until(lambda: fleet.bad_messages)
+        reading = asyncio.ensure_future(anext(fleet))
+        await asyncio.sleep(0)
+        await fleet.close()
+        with pytest.raises(StopAsyncIteration):
+            await reading
+
+
+async def test_nobody_and_no_router(router: Router, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidario.network.connect.WAIT_S", 0.05)
+    with pytest.raises(ConnectFailed, match="nobody publishes a lidar under nothing/here") as caught:
+        await lidario.open_lidar(f"zenoh:nothing/here?router={router.address}")
+    assert caught.value.reason == "silent"
+    with pytest.raises(ConnectFailed, match=r"no zenoh router responds at tcp/127\.0\.0\.1:1") as caught:
+        await lidario.open_lidar("zenoh:nothing/here?router=tcp/127.0.0.1:1")
+    assert caught.value.reason == "refused"
+    with pytest.raises(InvalidValue, match="is not the address of a router"):
+        await Bus.open("7447")
+
+
+async def test_a_configuration_of_zenoh_is_taken(
+    router: Router, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("ZENOH_CONFIG", str(tmp_path / "client.json5"))
+    with pytest.raises(InvalidValue, match=r"or ZENOH_CONFIG=.* is no configuration of zenoh"):
+        await Bus.open(router.address)
+    (tmp_path / "client.json5").write_text('{id: "abc123", mode: "peer"}')
+    bus = await Bus.open(router.address)
+    assert bus.id == "abc123"
+    await bus.close()
+
+
+async def test_a_missing_package_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "zenoh", None)
+    with pytest.raises(Unsupported, match=r"^zenoh needs .* pip install 'lidario-asyncio\[zenoh\]'$"):
+        await lidario.open_lidar("zenoh:robots/r7/scan")
+
+
+async def test_cancelling_an_opening_leaves_nothing(router: Router) -> None:
+    opening = asyncio.ensure_future(lidario.open_lidar(f"zenoh:nothing/there?router={router.address}")._open())
+    await asyncio.sleep(0.05)  # anywhere on the way: wherever that is, nothing may be left
+    opening.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await opening

@@ -1,0 +1,79 @@
+"""Processes through a router: each is killed, and so is the router; who is left goes on, or says who is gone."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import signal
+import subprocess
+from collections.abc import Iterator
+
+import pytest
+
+import lidario
+from lidario.errors import DeviceLost
+from lidario.network.bus import Bus
+from lidario.network.keys import ALL_TOKENS, parse_token
+from lidario.ros import list_remote_lidars
+from tests.cli.processes import line_of, started
+from tests.support.recorded import record
+from tests.support.router import Router
+
+BOUND_S = 30.0
+
+
+@pytest.fixture(scope="module")
+def tape(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A recording that is played without end: its lidar needs no time to speed up."""
+    path = tmp_path_factory.mktemp("tape") / "run.mcap"
+    record(path, "sim://rplidar-s2", 12)
+    return f"{path}?loop=1"
+
+
+@contextlib.contextmanager
+def publishing(tape: str, router: Router, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    with started("publish", tape, "--router", router.address, *arguments) as process:
+        assert line_of(process.stdout).strip()
+        assert "publishing" in line_of(process.stderr)
+        yield process
+
+
+async def said(process: subprocess.Popen[str]) -> str:
+    """The next line that it says; a thread waits for it, since zenoh needs the event loop."""
+    return await asyncio.to_thread(line_of, process.stderr)
+
+
+async def test_each_is_killed_and_the_router_restarts(tape: str) -> None:
+    """A killed reader disturbs nobody. Scans go on after the router is back. A killed publisher is gone at once."""
+    router = Router()
+    tokens: dict[str, bool] = {}
+    source = f"zenoh:robots/r1/scan?router={router.address}"
+    try:
+        with (
+            publishing(tape, router, "--zenoh", "robots/r1/scan", "--raw", "--robot", "r1") as publisher,
+            started("scan", source, "--json", "-n", "0") as reader,
+        ):
+            watcher = await Bus.open(router.address)
+            watcher.watch_tokens(ALL_TOKENS, tokens.__setitem__)
+            async with asyncio.timeout(BOUND_S), lidario.open_lidar(source) as lidar, lidar.scans() as scans:
+                assert json.loads(await asyncio.to_thread(line_of, reader.stdout))["mode"] == "DenseBoost"
+                reader.send_signal(signal.SIGKILL)
+                before = await anext(scans)
+                router.stop()
+                assert "is lost; scans are not sent until it is back" in await said(publisher)
+                router.start()
+                assert "is back" in await said(publisher)
+                while (await anext(scans)).stamp_ns <= before.stamp_ns + 10**9:
+                    pass
+                (token,) = (token for token, alive in tokens.items() if alive)
+                assert parse_token(token) == ("robots/r1/scan", "raw", "r1", "RPLIDAR_S2M1", lidar.info.serial)
+                publisher.send_signal(signal.SIGKILL)
+                with pytest.raises(DeviceLost, match="its publisher has ended or cannot be reached"):
+                    async for _ in scans:
+                        pass
+                assert not tokens[token]
+            assert await list_remote_lidars(router.address) == []
+            await watcher.close()
+    finally:
+        router.stop()

@@ -1,0 +1,40 @@
+"""A zenoh router in this process: no package brings zenohd, and a session in router mode is the same engine."""
+
+from __future__ import annotations
+
+import json
+import socket
+from typing import Any
+
+import zenoh
+
+__all__ = ["Router"]
+
+
+class Router:
+    """A router on a port of its own, that can go away and come back."""
+
+    def __init__(self) -> None:
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self.address = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+        self._session: Any = None
+        self.start()
+
+    def start(self) -> None:
+        """Listen; connections of before come back by themselves."""
+        config = zenoh.Config()
+        for name, value in {
+            "mode": "router",
+            "listen/endpoints": [self.address],
+            "scouting/multicast/enabled": False,
+            # It would wait half a second for other routers.
+            "scouting/delay": 1,
+            "transport/shared_memory/enabled": False,
+        }.items():
+            config.insert_json5(name, json.dumps(value))
+        self._session = zenoh.open(config)
+
+    def stop(self) -> None:
+        """Let every connection break."""
+        self._session.close()
