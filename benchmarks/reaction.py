@@ -13,6 +13,7 @@ import sys
 from bisect import bisect_left
 from typing import Any
 
+from benchmarks.contest import late_by
 from benchmarks.processes import ROOT, Failed, run_json
 from benchmarks.report import Result, Setting, Table, median, percentile, spread
 
@@ -23,6 +24,8 @@ _WAYS = ("scans", "sectors")
 _EARLY_NS = 30_000_000
 """A part of the obstacle in the sector before is reason enough to stop."""
 _LATEST_NS = 240_000_000
+_SKIP = 8
+"""First records that do not count: caches are cold, and nothing is known of the rotor yet."""
 _WORKER = (sys.executable, "-m", "benchmarks.reaction_worker")
 
 
@@ -51,11 +54,16 @@ def _measure(hertz: int, how: str, window_s: float) -> dict[str, Any]:
             task = {"path": path, "hertz": hertz, "how": how, "window_s": window_s}
             got = run_json([*_WORKER, "reader", json.dumps(task)], timeout=window_s + 30)
         finally:
-            shown = json.loads(device.communicate("\n", timeout=30)[0] or "[]")
+            told = json.loads(device.communicate("\n", timeout=30)[0] or "{}")
     begin, end = got["window"]
-    within = [at for at in shown if begin < at < end - _LATEST_NS]
+    within = [at for at in told["shown"] if begin < at < end - _LATEST_NS]
     late = [reaction for at in within if (reaction := _reaction(at, got["stops"])) is not None]
-    return {"late_ms": late, "shown": len(within), "cpu": got["cpu"], "per_s": got["per_s"]}
+    return {
+        "late_ms": late,
+        "shown": len(within),
+        "cpu": got["cpu"],
+        "delay_ms": late_by(got["arrivals"][_SKIP:], told["ends"]),
+    }
 
 
 def _reaction(shown_ns: int, stops: list[int]) -> float | None:
@@ -67,10 +75,20 @@ def _reaction(shown_ns: int, stops: list[int]) -> float | None:
 
 
 def _table(found: dict[str, list[dict[str, Any]]]) -> Table:
-    columns = ["setting", "p50, ms", "p99, ms", "max, ms", "obstacles", "not seen", "CPU, %"]
+    columns = [
+        "setting",
+        "p50, ms",
+        "p99, ms",
+        "max, ms",
+        "obstacles",
+        "not seen",
+        "handed over p50, p99",
+        "CPU, %",
+    ]
     table = Table("reaction: simulated S2, 32 kS/s, sectors of 45 degrees", columns)
     for name, rounds in found.items():
         late = [each for one in rounds for each in one["late_ms"]]
+        delays = [each for one in rounds for each in one["delay_ms"]]
         shown = sum(each["shown"] for each in rounds)
         table.rows.append(
             [
@@ -78,6 +96,7 @@ def _table(found: dict[str, list[dict[str, Any]]]) -> Table:
                 *(f"{percentile(late, percent):.1f}" for percent in (50, 99, 100)),
                 f"{shown}",
                 f"{shown - len(late)}",
+                f"{percentile(delays, 50):.1f}, {percentile(delays, 99):.1f}",
                 spread([100 * each["cpu"] for each in rounds], 2),
             ]
         )
@@ -86,5 +105,10 @@ def _table(found: dict[str, list[dict[str, Any]]]) -> Table:
         if both[0] and both[1]:
             scans, sectors = (median([each["cpu"] for each in rounds]) for rounds in both if rounds)
             table.notes.append(f"{hertz} Hz: sectors() takes {sectors / scans:.1f} times the CPU of scans()")
-    table.notes.append("from the last byte that shows the obstacle, as it is written, to the call of stop")
+    table.notes.append(
+        "handed over: from the last byte of the packet behind the sector, or revolution, to the consumer"
+    )
+    table.notes.append(
+        "p50 to max: from the last byte that shows the obstacle, as it is written, to the call of stop"
+    )
     return table

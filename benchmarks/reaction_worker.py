@@ -32,7 +32,8 @@ NEAR_M = 0.5
 _FAR_MM, _NEAR_MM = 3000.0, 400.0
 _WIDTH_DEG = 4.0
 _EVERY_S, _STAYS_S = 0.55, 0.25
-_PACKET, _HEAD = 84, 4
+_PACKET, _HEAD, _ANNOUNCEMENT = 84, 4, 7
+_SECTOR_DEG = 45
 _ANNOUNCED = b"\xa5\x5a"
 
 
@@ -73,14 +74,28 @@ class _Noting(PtyServer):
         return taken
 
 
-def _shown_ns(server: _Noting) -> list[int]:
-    """When the last byte was written that shows each obstacle for the first time."""
+def _report(server: _Noting) -> dict[str, list[int]]:
+    """When which bytes were written.
+
+    Returns:
+        ``shown``: for each obstacle, the last byte that shows it for the first time; ``ends``: for each sector, the
+        last byte of the packet that begins behind it.
+    """
     data = b"".join(server.written)
     ends = np.cumsum([len(each) for each in server.written]).tolist()
-    begin = data.rindex(b"\x85", 0, data.index(b"\xa5\x5a" + _PACKET.to_bytes(4, "little")[:1]) + 7) + 1
+    begin = data.index(_ANNOUNCED + bytes([_PACKET])) + _ANNOUNCEMENT
     count = (len(data) - begin) // _PACKET
     packets = np.frombuffer(data, np.uint8, count * _PACKET, begin).reshape(count, _PACKET)
-    distances = np.ascontiguousarray(packets[:, _HEAD:]).view("<u2")
+    words = np.ascontiguousarray(packets).view("<u2")
+    sectors = (words[:, 1] & 0x7FFF) // (_SECTOR_DEG * 64)
+    ended = [
+        server.times[bisect_left(ends, begin + (packet + 1) * _PACKET)]
+        for packet in ((sectors[1:] != sectors[:-1]).nonzero()[0] + 1).tolist()
+    ]
+    return {"shown": _shown_ns(server, ends, begin, words[:, _HEAD // 2 :]), "ends": ended}
+
+
+def _shown_ns(server: _Noting, ends: list[int], begin: int, distances: npt.NDArray[np.uint16]) -> list[int]:
     shows = ((distances > 0) & (distances < 1000 * NEAR_M)).any(axis=1).nonzero()[0].tolist()
     shown: list[int] = []
     last_ns, before = -(10**12), -10
@@ -101,20 +116,20 @@ def device() -> None:
     with _Noting(made, tick=0.001, chunk=64) as server:
         print(json.dumps(server.path), flush=True)
         sys.stdin.readline()
-        print(json.dumps(_shown_ns(server)), flush=True)
+        print(json.dumps(_report(server)), flush=True)
 
 
 async def read(task: dict[str, Any]) -> dict[str, Any]:
     """Read for a while; tell when `stop` was called, and what reading cost."""
     stops: list[int] = []
-    records = 0
+    arrivals: list[int] = []
     async with lidario.open_lidar(task["path"]) as lidar:
         await lidar.set_scan_frequency(task["hertz"], verify=False)
         stream: Any = lidar.sectors() if task["how"] == "sectors" else lidar.scans()
         await anext(stream)
         start, before = time.monotonic_ns(), resource.getrusage(resource.RUSAGE_SELF)
         async for record in _until(stream, start + round(task["window_s"] * 1e9)):
-            records += 1
+            arrivals.append(time.monotonic_ns())
             nearest = record.nearest()
             if nearest and nearest.range < NEAR_M:
                 stops.append(time.monotonic_ns())
@@ -122,7 +137,7 @@ async def read(task: dict[str, Any]) -> dict[str, Any]:
         await stream.aclose()
     used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     seconds = (end - start) * 1e-9
-    return {"stops": stops, "cpu": used / seconds, "per_s": records / seconds, "window": [start, end]}
+    return {"stops": stops, "arrivals": arrivals, "cpu": used / seconds, "window": [start, end]}
 
 
 async def _until(stream: Any, end_ns: int) -> AsyncIterator[Any]:
