@@ -14,6 +14,7 @@ from benchmarks import (
     blocked,
     damage,
     decode,
+    export,
     faults,
     flatout,
     garbage,
@@ -38,6 +39,7 @@ __all__ = ["BENCHMARKS", "main", "parser"]
 
 BENCHMARKS: dict[str, Callable[[Setting], Result]] = {
     "decode": decode.run,
+    "export": export.run,
     "stages": stages.run,
     "flatout": flatout.run,
     "live": live.run,

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
         Unsupported,
     )
     from lidario.laserscan import BeamOrder, LaserScan, NoReturn, Preset
-    from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, ScanMode, Stats
+    from lidario.model import DeviceInfo, Health, HealthStatus, NetworkAddress, SampleRate, ScanMode, Stats
     from lidario.points import Motion, Mount, Points, PoseFunction, Velocity, merge
     from lidario.port.line import Tap
     from lidario.recording.decode_file import decode_file, decode_file_arrays
@@ -80,6 +80,7 @@ __all__ = [
     "LocalProtocolError",
     "Motion",
     "Mount",
+    "NetworkAddress",
     "NoReturn",
     "OpenLidar",
     "Points",
@@ -137,7 +138,7 @@ _HOMES = {
     "recording.summary": ("RecordingSummary", "summarize"),
     "session.discovery": ("Found", "PortInfo", "list_lidars", "list_serial_ports"),
     "laserscan": ("BeamOrder", "LaserScan", "NoReturn", "Preset"),
-    "model": ("DeviceInfo", "Health", "HealthStatus", "SampleRate", "ScanMode", "Stats"),
+    "model": ("DeviceInfo", "Health", "HealthStatus", "NetworkAddress", "SampleRate", "ScanMode", "Stats"),
     "blocking_sectors": ("SyncSectorStream",),
     "scan": ("Return", "Scan"),
     "sector": ("Sector",),

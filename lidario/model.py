@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 
-__all__ = ["DeviceInfo", "Health", "HealthStatus", "SampleRate", "ScanMode", "Stats"]
+__all__ = ["DeviceInfo", "Health", "HealthStatus", "NetworkAddress", "SampleRate", "ScanMode", "Stats"]
 
 
 class HealthStatus(Enum):
@@ -69,6 +69,21 @@ class SampleRate:
 
     standard_us: float
     express_us: float
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkAddress:
+    """Where an Ethernet model is found in its network; IPv4, as in ``"192.168.11.2"``.
+
+    Attributes:
+        address: Its own address; ``"0.0.0.0"`` where it asks the network for one (DHCP).
+        mask: Mask of its network.
+        gateway: Gateway of its network.
+    """
+
+    address: str
+    mask: str = "255.255.255.0"
+    gateway: str = "0.0.0.0"
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, ScanMode, Stats
+from lidario.model import DeviceInfo, Health, HealthStatus, NetworkAddress, SampleRate, ScanMode, Stats
 from lidario.scan import Scan
 
 
@@ -115,6 +115,7 @@ def test_a_mode_knows_its_rate() -> None:
         Health(HealthStatus.OK, 1),
         DeviceInfo("a", "b", 1, "1.2", 3, "00"),
         SampleRate(1.0, 2.0),
+        NetworkAddress("192.168.11.2"),
         ScanMode(0, "x", 1.0, 2.0, 0x81),
         Stats(),
     ],

@@ -32,6 +32,7 @@ PUBLIC = [
     "LocalProtocolError",
     "Motion",
     "Mount",
+    "NetworkAddress",
     "NoReturn",
     "OpenLidar",
     "Points",

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import ast
+import os
 import re
+import socket
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -50,6 +54,59 @@ def test_nothing_received_is_evaluated() -> None:
                 used = {getattr(node.func, "id", getattr(node.func, "attr", ""))}
                 used |= {"system"} if any(word.arg == "shell" for word in node.keywords) else set()
             assert not used & RISKY, f"{path}: {used & RISKY}"
+
+
+VERBS = """
+import os, signal, sys, threading
+from tests.cli.processes import invoke, invoke_driven
+
+connected, told = [], ("socket.connect", "socket.sendto", "socket.sendmsg", "socket.getaddrinfo", "urllib.Request")
+
+def watch(event, arguments):
+    if event in told:
+        connected.append((event, arguments[1] if event.startswith("socket.connect") else arguments[0]))
+
+port, folder = sys.argv[1:]
+os.chdir(folder)
+sys.addaudithook(watch)
+memory = "sim://rplidar-s2?via=memory"
+for words in (
+    "", "--version", "devices", "udev", "completion bash", "completion zsh", "sim --list", f"info {memory}",
+    f"scan {memory} -n 1", f"plot {memory}", f"stats {memory} -t 1s", f"doctor {memory}", f"motor start {memory}",
+    f"motor stop {memory}", f"record {memory} -n 2 -o a.mcap", "info a.mcap", "export a.mcap a.npz",
+    "scan a.mcap?rate=0 -n 1", "scan auto", "info id:0000",
+):
+    done = (invoke_driven if memory in words else invoke)(*words.split())
+    assert done.exit_code in (0, 3), (words, done.exit_code, done.stderr)
+for words in (f"view {memory} --port 0 --lan",):
+    ctrl_c = threading.Timer(1.5, lambda: os.kill(os.getpid(), signal.SIGINT))
+    ctrl_c.start()
+    assert invoke(*words.split()).exit_code == 0
+    ctrl_c.join()
+invoke(*f"info tcp://127.0.0.1:{port}".split())
+for each in connected:
+    print(*each)
+"""
+
+
+def test_the_verbs_connect_to_what_a_source_names_and_to_nothing_else(tmp_path: Path) -> None:
+    """Every verb under an audit hook. The peer that a source names is seen, so the hook does see.
+
+    192.0.2.1 is an address for documentation, where nobody is. ``view --lan`` names it to the system, to learn by
+    which address this machine is reached, and sends nothing.
+    """
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    ended = subprocess.run(
+        [sys.executable, "-c", VERBS, str(port), str(tmp_path)],
+        cwd=ROOT, capture_output=True, text=True, timeout=120, check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert ended.returncode == 0, ended.stderr
+    seen = ended.stdout.splitlines()
+    named = f"socket.connect ('127.0.0.1', {port})"
+    assert named in seen
+    assert set(seen) <= {named, "socket.connect ('192.0.2.1', 9)", "socket.getaddrinfo 127.0.0.1"}, seen
 
 
 @both_families

@@ -1,4 +1,9 @@
-"""``lidario export``: the scans of recordings as NPZ, CSV or MCAP; several files at once, on processes."""
+"""``lidario export``: the scans of recordings as NPZ, CSV or MCAP; several files at once, on processes.
+
+One file is decoded by one process. The number of a scan, its time stamp where packets came late, and what is
+counted as missing depend on what came before, back to the beginning of the stream, so parts that were decoded apart
+would not always give the same file.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +27,7 @@ FORMS = (".npz", ".csv", ".mcap")
 @click.argument("files", metavar="FILE...", nargs=-1, required=True)
 @click.argument("out", metavar="OUT")
 @click.option("-j", "jobs", type=click.IntRange(min=1), default=1, show_default=True, metavar="N",
-              help="How many files at the same time.")  # fmt: skip
+              help="How many files at the same time, each on a process. One file is decoded by one.")  # fmt: skip
 @click.option("--family", metavar="NAME", help="Of bare bytes, where it cannot be told from them.")
 @click.option("--sample-us", type=click.FloatRange(min=0, min_open=True), metavar="US",
               help="Of bare bytes: microseconds a sample; by default as the format usually takes.")  # fmt: skip

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, TypeVar
 from lidario.errors import RemoteProtocolError, Unsupported
 from lidario.families.samples import Decoder, Samples, SteadySamples
 from lidario.families.stream import Keepalive, RawStream, Stream, raw_stream
-from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, ScanMode
+from lidario.model import DeviceInfo, Health, HealthStatus, NetworkAddress, SampleRate, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.formats import StreamFormat
 
@@ -194,6 +194,14 @@ class Device(ABC):
         """Choose whether streams have the zero-angle offset added; returns what is added, clockwise degrees."""
         raise Unsupported("this device knows no zero-angle offset")
 
+    def network_address(self) -> Script[NetworkAddress]:
+        """Ask for the address that an Ethernet model has been given."""
+        raise Unsupported("this device has no network address")
+
+    def set_network_address(self, address: NetworkAddress) -> Script[None]:  # noqa: ARG002
+        """Give an Ethernet model another address, which it takes when it is restarted."""
+        raise Unsupported("this device has no network address")
+
     def power_down_protection(self, on: bool) -> Script[bool]:  # noqa: ARG002
         """Switch power-down protection; returns the state the device confirms."""
         raise Unsupported("this device knows no power-down protection")
@@ -226,6 +234,8 @@ class Family:
         formats: Every packet format it may send.
         simulated: Names of its simulated models.
         models: Its models that may be named, as in ``model=`` of a source, where the device cannot tell its own.
+        by_dtr: Those of `models` that are dark while the control line DTR is cleared, as it is when a port opens.
+            They are looked for last.
         asked_at: Line speeds at which a silent device may hear a request; at others, devices only talk. None for
             all speeds.
         find_stream: Finds the measurement stream in recorded bytes: ``find_stream(data, sample_us)``, with the time
@@ -243,6 +253,7 @@ class Family:
     find_stream: Callable[[memoryview, float | None], RawStream | None]
     models: Mapping[str, NamedModel] = field(default_factory=dict, hash=False)
     asked_at: tuple[int, ...] | None = None
+    by_dtr: tuple[str, ...] = ()
 
     def make(self, model: str | None = None) -> Device:
         """A device for a newly opened port; `model` is one of `models`, None where it was not named."""

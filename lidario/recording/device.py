@@ -14,7 +14,7 @@ from typing import TypeVar
 
 from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.base import Device, Script, Stream
-from lidario.model import DeviceInfo, Health, SampleRate, ScanMode
+from lidario.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
 from lidario.recording.read import StoredStream, StoredStreams
 from lidario.wire.envelope import Expected, Request
 
@@ -125,6 +125,14 @@ class RecordedDevice(Device):
         """As `Device.apply_zero_offset`; before it is called, what was chosen while it was recorded holds."""
         self._offset_deg = (yield from self.zero_offset()) if on else 0.0
         return self._offset_deg
+
+    def network_address(self) -> Script[NetworkAddress]:
+        """As `Device.network_address`."""
+        return self._recall(self._device.network_address(), "its network address")
+
+    def set_network_address(self, address: NetworkAddress) -> Script[None]:  # noqa: ARG002
+        """Raises Unsupported."""
+        raise Unsupported("a recording has no network address to be set")
 
     def power_down_protection(self, on: bool) -> Script[bool]:  # noqa: ARG002
         """Raises Unsupported."""

@@ -29,11 +29,13 @@ from lidario.errors import ConnectFailed, LidarError, ResponseTimeout
 from lidario.families.base import Device, Family
 from lidario.families.registry import FAMILIES, families_of_model, family_named, family_of_simulated
 from lidario.model import DeviceInfo
+from lidario.port.background import run_in_thread
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.tcp import open_tcp
 from lidario.port.udp import open_udp
 from lidario.session.dialogue import Dialogue
+from lidario.session.guard import Guard
 from lidario.session.handshake import introduce
 from lidario.session.listening import listen
 from lidario.session.remembered import adapter_of, last_at, remember
@@ -56,6 +58,7 @@ class Connection:
         device: The device as that family sees it.
         dialogue: The conversation with it.
         info: What it says it is.
+        guard: Leaves it still, until a session takes care of it.
     """
 
     port: Port
@@ -63,6 +66,7 @@ class Connection:
     device: Device
     dialogue: Dialogue
     info: DeviceInfo
+    guard: Guard
 
 
 class _Try(NamedTuple):
@@ -116,7 +120,7 @@ async def connect(
         from lidario.port.simulated import open_simulated  # a fifth of the import time, for those who need it
 
         port = await (open_simulated(source) if simulation is None else simulation.open())
-        tries = [_Try(family_of_simulated(source.address), port.baudrate)]
+        tries = [_Try(family_of_simulated(source.address), port.baudrate, source.model)]
     elif source.device is not None:
         from lidario.port.simulated import connect_in_memory
 
@@ -139,22 +143,36 @@ async def connect(
             # Sorting keeps the order of all others.
             tries = sorted(_by_likelihood(families), key=lambda each: (each.family.name, each.baudrate) != known)
         port = await open_serial(source.address, tries[0].baudrate)
+    # Where Ctrl-C has ended it, what follows is run by the garbage collector.
+    loop = asyncio.get_running_loop()
     received = ReceivedInSilence()
+    asked: list[Dialogue] = []
+
+    def began(dialogue: Dialogue) -> None:
+        asked.append(dialogue)
+        if on_dialogue is not None:
+            on_dialogue(dialogue)
+
     port.add_tap(received.see)
     try:
-        connection, tries = await _find(port, tries, patient=patient, on_dialogue=on_dialogue)
+        connection, tries = await _find(port, tries, patient=patient, on_dialogue=began)
+        if connection is None and source.model is None:
+            connection = await _find_by_dtr(port, tries)
         if connection is not None:
             if adapter is not None:
                 remember(adapter, connection.family.name, port.baudrate)
             return connection
         port.close_soon()
     except BaseException:
-        if not port.is_closing:
+        # Ctrl-C may come when the device has responded, and before its connection is returned.
+        for dialogue in asked:
+            dialogue.hang_up()
+        if not asked and not port.is_closing:
             port.close_soon()
         raise
     finally:
         port.remove_tap(received.see)
-        if port.is_closing:
+        if port.is_closing and not loop.is_closed():
             with anyio.CancelScope(shield=True):
                 await port.wait_closed()
     raise _nothing_responds(source, tries, received)
@@ -171,13 +189,15 @@ async def _connect_recording(source: Source, family: str | None) -> Connection:
     from lidario.recording.files import open_stored_source
     from lidario.recording.port import open_replay
 
-    recording = open_stored_source(source, family)
+    # The file is gone through once: an hour takes a second.
+    recording = await run_in_thread(lambda: open_stored_source(source, family))
     port = open_replay(recording, rate=source.rate, loop=source.options.get("loop") == "1")
     device = RecordedDevice(recording, lambda: port.stream)
     own = recording.streams[0].family
     # Nothing is under way on this line, so nothing has to be waited for.
     dialogue = Dialogue(port, device, replace(own.timing, quiet_s=_NO_TIME_S, boot_poll_s=_NO_TIME_S))
-    return Connection(port, own, device, dialogue, await dialogue.run(device.identify()))
+    info = await dialogue.run(device.identify())
+    return Connection(port, own, device, dialogue, info, Guard(dialogue))
 
 
 async def _connect_remote(source: Source) -> Connection:
@@ -193,9 +213,8 @@ async def _connect_remote(source: Source) -> Connection:
     dialogue = Dialogue(
         remote.port, remote.device, replace(remote.family.timing, quiet_s=_NO_TIME_S, boot_poll_s=_NO_TIME_S)
     )
-    return Connection(
-        remote.port, remote.family, remote.device, dialogue, await dialogue.run(remote.device.identify())
-    )
+    info = await dialogue.run(remote.device.identify())
+    return Connection(remote.port, remote.family, remote.device, dialogue, info, Guard(dialogue))
 
 
 def _may_hear(each: _Try) -> bool:
@@ -238,6 +257,23 @@ async def _find(
         quick = False
 
 
+async def _find_by_dtr(port: Port, tries: list[_Try]) -> Connection | None:
+    """One of the models that are dark while DTR is cleared, each asked shortly; None when none responds."""
+    speeds = {each.baudrate for each in tries}
+    for family in dict.fromkeys(each.family for each in tries):
+        for name in family.by_dtr:
+            baudrate = family.models[name].baudrate
+            if 0 in speeds:
+                baudrate = 0
+            elif baudrate not in speeds:
+                continue
+            connection = await _try(port, _Try(family, baudrate, name), quick=False)
+            if connection is not None:
+                return connection
+    port.set_dtr(False)
+    return None
+
+
 async def _try_known(
     port: Port, known: _Try, *, patient: bool = True, on_dialogue: Callable[[Dialogue], None] | None = None
 ) -> Connection | None:
@@ -247,6 +283,7 @@ async def _try_known(
     if known.baudrate and known.baudrate != port.baudrate:
         port.set_baudrate(known.baudrate)
     dialogue = Dialogue(port, device, family.timing)
+    guard = Guard(dialogue)
     try:
         if on_dialogue is not None:
             on_dialogue(dialogue)
@@ -254,12 +291,13 @@ async def _try_known(
     except ResponseTimeout:
         # It may hear us although its responses do not reach us.
         dialogue.stop_device()
+        guard.release()
         port.attach(None)
         return None
     except BaseException:
         await dialogue.close()
         raise
-    return Connection(port, family, device, dialogue, info)
+    return Connection(port, family, device, dialogue, info, guard)
 
 
 async def _try(port: Port, attempt: _Try, *, quick: bool) -> Connection | None:
@@ -278,18 +316,20 @@ async def _try(port: Port, attempt: _Try, *, quick: bool) -> Connection | None:
             return None  # the adapter cannot do it; its device runs at another speed
     device = family.make(attempt.model)
     dialogue = Dialogue(port, device, family.timing)
+    guard = Guard(dialogue)
     try:
         dialogue.hurry(QUICK_S if quick else family.timing.probe_s)
         info = await introduce(dialogue, device, patience=0, quiet=quick)
         dialogue.hurry(None)
     except ResponseTimeout:
+        guard.release()
         port.attach(None)
         port.write(device.complete_probe())
         return None
     except BaseException:
         await dialogue.close()
         raise
-    return Connection(port, family, device, dialogue, info)
+    return Connection(port, family, device, dialogue, info, guard)
 
 
 def _nothing_responds(source: Source, tries: list[_Try], received: ReceivedInSilence) -> LidarError:

@@ -181,7 +181,10 @@ class StreamControl:
             for _ in range(STOP_ATTEMPTS):
                 if await self._dialogue.quieten():
                     return
-            raise StreamFailed(f"the device goes on sending after {STOP_ATTEMPTS} STOP requests: is it listening?")
+            raise StreamFailed(
+                f"bytes still arrive after {STOP_ATTEMPTS} STOP requests: the device does not hear them, or it is "
+                "noise on the line. Check the cable and the plug"
+            )
 
     def leave_off(self) -> None:
         """What passes until the stream goes on is counted as missed, as it is where the line was lost."""

@@ -171,10 +171,11 @@ class Dialogue(DeviceLine):
             await self._until_it_listens()
             left = max(self._hurried_until - self._loop.time(), RESPONSE_S)
             timeout = min(request.timeout, self._patience, left)
+            # As the pause in `write`: noted before it is written.
+            self._response_due = self._loop.time() + timeout
             self.write((request,))
             if request.expects is None:
                 return b""
-            self._response_due = self._loop.time() + timeout
             try:
                 payload = await self._waiting.wait(timeout, Awaited.RESPONSE)
                 self.reset_at = None
@@ -312,6 +313,12 @@ class Dialogue(DeviceLine):
 
     def write(self, requests: Sequence[Request]) -> None:
         """Write requests, now; the pause that they demand counts from now."""
+        # What KeyboardInterrupt kept from being written is not written before something else.
+        self._link.data_to_send()
+        # Noted before anything is written: KeyboardInterrupt may come right behind it, and a finalizer waits then.
+        settle = max((request.settle for request in requests), default=0.0)
+        if settle:
+            self._listens_at = max(self._listens_at, self._loop.time() + settle + _MARGIN_S)
         for request in requests:
             self._link.send_request(request)
             self._stopper.sent(request)
@@ -326,9 +333,6 @@ class Dialogue(DeviceLine):
             # One by one: where the line carries datagrams, a device may look for one request in each.
             if data := self._link.data_to_send():
                 self._port.write(data)
-        settle = max((request.settle for request in requests), default=0.0)
-        if settle:
-            self._listens_at = max(self._listens_at, self._loop.time() + settle + _MARGIN_S)
         self._waiting.wake(Awaited.CHANGE)
 
     # ------------------------------------------------------------------------------------------------ inside

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 from lidario.errors import InvalidValue, RemoteProtocolError
 from lidario.families.base import Device, Script
-from lidario.model import DeviceInfo, Health, SampleRate, ScanMode
+from lidario.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
 from lidario.session.dialogue import Dialogue
 from lidario.session.handshake import healthy, restart
 from lidario.session.reconnect import Reconnector
@@ -142,6 +142,31 @@ class Questions:
         state = await self._scanner.ask(lambda: device.power_down_protection(on))
         self._remember("protection", lambda device: device.power_down_protection(on))
         return state
+
+    async def get_network_address(self) -> NetworkAddress:
+        """Ask an Ethernet model which address it has been given.
+
+        Raises:
+            Unsupported: The device tells none: it is no Ethernet model, or its firmware is too old.
+        """
+        return await self._scanner.ask(self._open_device().network_address)
+
+    async def set_network_address(self, address: NetworkAddress) -> None:
+        """Give an Ethernet model another address, which it takes when it is reset or powered up.
+
+        After that this session cannot reach it any more: close it, and open the new address. Write the address
+        down: no document names a way back for a device whose address is lost.
+
+        Args:
+            address: The new one; ``NetworkAddress("0.0.0.0")`` to have it ask the network for one (DHCP).
+
+        Raises:
+            InvalidValue: Not an IPv4 address.
+            Unsupported: As `get_network_address`.
+            RemoteProtocolError: The device refuses it.
+        """
+        device = self._open_device()
+        await self._scanner.ask(lambda: device.set_network_address(address))
 
     async def reset(self) -> Health:
         """Restart the device and wait until it responds again; streams are started again afterwards.

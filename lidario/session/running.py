@@ -136,6 +136,7 @@ class Running:
         # Bytes that had come when the last part of a silence began.
         self._received = 0
         self._watch_due = self._began
+        self._note_damage()
 
     @property
     def mode(self) -> ScanMode:
@@ -204,12 +205,18 @@ class Running:
         self._last_packet = self._loop.time()
         for scan in self._assembler.add(packets):
             self._last_scan = self._last_packet
+            self._note_damage()
             self._scans += 1
             self._pace.turned(scan, self._dialogue.bytes_received, self._last_packet)
             self._publish(scan)
         if self._totals.assembled.broken_scans > self._discarded:
             self._trouble.tell("revolutions discarded: %d so far", self._totals.assembled.broken_scans)
             self._discarded = self._totals.assembled.broken_scans
+
+    def _note_damage(self) -> None:
+        """What is counted as damaged from now on has come since the last scan."""
+        self._broken_before = self._totals.assembled.broken_scans
+        self._lost_before = self._totals.assembled.lost_packets
 
     def _watch(self) -> None:
         began = self._last_packet == self._began
@@ -232,11 +239,19 @@ class Running:
             self._failed(self._failure(f"no scan data for {idle:.1f} s", "does the rotor turn?", noise=noise))
         elif turning >= turns:
             what = f"scan data arrives, but no full revolution for {turning:.1f} s"
-            self._failed(self._failure(what, "is the rotor blocked?", silent=False))
+            self._failed(self._failure(what, self._why_no_revolution(), silent=False))
         else:
             # First to the last part of the silence, then to its end.
             wait = patience - idle if idle >= patience - NOISE_S else patience - NOISE_S - idle
             self._watch_in(min(wait, self._silence_s, turns - turning) + _WATCH_MARGIN_S)
+
+    def _why_no_revolution(self) -> str:
+        """What to look for where packets come and no revolution does."""
+        counted = self._totals.assembled
+        lost = counted.lost_packets - self._lost_before
+        if counted.broken_scans > self._broken_before and lost:
+            return f"{lost} packets of it are damaged or missing. Check the cable, the plug and the power supply"
+        return "is the rotor blocked?"
 
     def _watch_in(self, seconds: float) -> None:
         self._watch_due = self._loop.time() + seconds

@@ -8,6 +8,7 @@ Timers, not cancel scopes, bound it: native cancellation and anyio's behave alik
 from __future__ import annotations
 
 import asyncio
+import weakref
 from enum import Enum, auto
 
 from lidario.errors import LidarError
@@ -34,7 +35,8 @@ class Waiting:
     def __init__(self) -> None:
         self.fatal: LidarError | None = None
         self._loop = asyncio.get_running_loop()
-        self._waiter: asyncio.Future[bytes] | None = None
+        # Held by its task and its timer. A finalizer reaches this object, and must not reach the frames of a task.
+        self._waiter: weakref.ref[asyncio.Future[bytes]] | None = None
         self._awaited = Awaited.TIME
         self._interruption: LidarError | None = None
 
@@ -63,7 +65,7 @@ class Waiting:
         """Wait for `what`, and return what it is woken with; TimeoutError after `seconds`."""
         self.check()
         waiter: asyncio.Future[bytes] = self._loop.create_future()
-        self._waiter, self._awaited = waiter, what
+        self._waiter, self._awaited = weakref.ref(waiter), what
         timer = self._loop.call_later(seconds, _time_out, waiter)
         try:
             return await waiter
@@ -73,12 +75,18 @@ class Waiting:
 
     def wake(self, what: Awaited, result: bytes = b"") -> None:
         """The operation in progress need not wait any more, if it waits for this."""
-        if self._waiter is not None and self._awaited is what and not self._waiter.done():
-            self._waiter.set_result(result)
+        waiter = self._pending()
+        if waiter is not None and self._awaited is what:
+            waiter.set_result(result)
 
     def _raise(self, error: LidarError) -> None:
-        if self._waiter is not None and not self._waiter.done():
-            self._waiter.set_exception(twin_of(error))
+        waiter = self._pending()
+        if waiter is not None:
+            waiter.set_exception(twin_of(error))
+
+    def _pending(self) -> asyncio.Future[bytes] | None:
+        waiter = None if self._waiter is None else self._waiter()
+        return None if waiter is None or waiter.done() else waiter
 
 
 def _time_out(waiter: asyncio.Future[bytes]) -> None:

@@ -11,6 +11,7 @@ from lidario.families.rplidar.simulated import packers
 from lidario.families.ydlidar.simulated.packers import pack_points
 from lidario.revolution.assemble import Assembler
 from lidario.scan import Scan
+from tests.fuzz.checks import check_scan
 from tests.support.contents import sealed
 from tests.support.streams import KINDS, Case, in_one_run, stream_of
 
@@ -42,14 +43,7 @@ def decode_packets(data: bytes) -> None:
     assert stats.unfinished_packets == 0
     assert stats.lost_packets >= 0
     for scan in scans:
-        assert len(scan) == len(scan.angles) == len(scan.device_angles) > 0
-        assert ((scan.device_angles >= 0) & (scan.device_angles < 360)).all()
-        assert (np.abs(scan.angles) <= np.float32(np.pi)).all()
-        assert (scan.device_distances >= 0).all()
-        assert scan.lost_packets >= 0
-        assert scan.duration_ns >= 0
-        assert np.isnan(scan.rpm) or scan.rpm > 0
-        scan.to_laserscan()
+        check_scan(scan)
 
 
 def packet_seeds() -> list[bytes]:

@@ -1,7 +1,4 @@
-"""The targets, by name, and the bytes that they begin with.
-
-A later one, for recordings, belongs here: a function that takes the bytes of a file, and small files as seeds.
-"""
+"""The targets, by name, and the bytes that they begin with."""
 
 from __future__ import annotations
 
@@ -18,6 +15,7 @@ from lidario.wire.link import Link
 from tests.fuzz.device import SEEDS as DEVICE_SEEDS
 from tests.fuzz.device import hostile_device
 from tests.fuzz.packets import decode_packets, packet_seeds
+from tests.fuzz.recordings import open_recording, recording_seeds
 from tests.properties.test_robust import STATES
 from tests.support.ledger import assert_link_closes
 from tests.support.streams import KINDS, Case
@@ -115,6 +113,7 @@ TARGETS = {
     "link": Target(link, _link_seeds()),
     "decoders": Target(decode_packets, packet_seeds()),
     "source": Target(source, [text.encode("utf-8", "surrogateescape") for text in _SOURCES], most=300),
+    "recordings": Target(open_recording, recording_seeds(), most=32 * 1024),
     "device": Target(hostile_device, DEVICE_SEEDS, most=2048),
 }
 """Every target by its name."""

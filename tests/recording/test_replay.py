@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 import time
 from pathlib import Path
 
@@ -11,8 +12,11 @@ import pytest
 
 import lidario
 from lidario.families.registry import family_named
+from lidario.recording import files
+from lidario.recording.read import StoredStreams
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
+from lidario.source import Source
 from lidario.wire.envelope import encode_descriptor
 from lidario.wire.events import Descriptor
 from tests.reference.golden import NAMES, load
@@ -226,3 +230,22 @@ def test_bare_bytes_are_played_as_they_are_decoded(tmp_path: Path, name: str) ->
         assert abs(one.stamp_ns - other.stamp_ns) <= 1  # rounded in other places
         np.testing.assert_array_equal(one.device_angles, other.device_angles)
         np.testing.assert_array_equal(one.device_distances, other.device_distances)
+
+
+def test_a_file_is_opened_beside_the_event_loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is gone through once, which takes a second for an hour of recording."""
+    path = record(tmp_path / "a.mcap", "sim://ydlidar-4ros", 3).path
+    turned, really = threading.Event(), files.open_stored_source
+
+    def slow(source: Source, family: str | None = None) -> StoredStreams:
+        assert turned.wait(10.0), "the event loop waits for the file"
+        return really(source, family)
+
+    monkeypatch.setattr(files, "open_stored_source", slow)
+
+    async def main() -> None:
+        asyncio.get_running_loop().call_later(0.01, turned.set)
+        async with lidario.open_lidar(path) as lidar:
+            assert lidar.info.family == "ydlidar"
+
+    asyncio.run(main())

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidario import Lidar, LidarError
+from lidario import Lidar, LidarError, NetworkAddress
 from lidario.session.delivery import Delivery
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
@@ -29,6 +29,7 @@ ARGUMENTS: dict[str, tuple[object, ...]] = {
     "set_scan_frequency": (9.0,),
     "set_motor_speed": (540.0,),
     "set_zero_offset": (True,),
+    "set_network_address": (NetworkAddress("192.168.11.2"),),
     "set_power_down_protection": (True,),
 }
 
@@ -86,8 +87,8 @@ def test_no_call_takes_longer_than_the_table_says(call: str, family: str) -> Non
 def test_the_table_has_every_call() -> None:
     public = {
         name
-        for name, value in vars(Lidar).items()
-        if not name.startswith("_") and asyncio.iscoroutinefunction(value)
+        for name in dir(Lidar)
+        if not name.startswith("_") and asyncio.iscoroutinefunction(getattr(Lidar, name))
     }
     assert public | {"open_lidar", "anext", "aclose"} == set(BOUNDS)
 

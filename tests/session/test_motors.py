@@ -250,3 +250,39 @@ async def test_a_reboot_in_mid_scan_is_survived(model: str) -> None:
         await anext(stream)
         assert loop.time() - before < 5
     assert left_still(rig)
+
+
+@driven
+async def test_a_board_whose_responses_were_lost_is_found_when_no_packet_comes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = rig_of("rplidar-a2")
+    lost = 2
+    flag = type(rig.device)._HANDLERS["get_acc_board_flag"]
+
+    def lose(device: object, request: object) -> str:
+        nonlocal lost
+        lost -= 1
+        return "" if lost >= 0 else flag(device, request)
+
+    monkeypatch.setitem(type(rig.device)._HANDLERS, "get_acc_board_flag", lose)
+    async with rig.open() as lidar:
+        assert len(await lidar.scan()) > 1000
+        assert lidar.stats.restarts == 1
+    assert names(rig).count("get_acc_board_flag") == 3
+    assert left_still(rig)
+
+
+@switched
+@driven
+async def test_a_session_that_is_abandoned_is_left_still(model: str) -> None:
+    """As a finalizer does, which cannot wait."""
+    rig = rig_of(model)
+    lidar = await rig.open()
+    stream = lidar.scans()
+    await anext(stream)
+    lidar._dialogue.abandon()
+    assert left_still(rig)
+    await asyncio.sleep(0.1)
+    await lidar.close()
+    await stream.aclose()

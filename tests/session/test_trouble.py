@@ -306,7 +306,7 @@ async def test_a_device_that_does_not_stop_is_reported(family: str) -> None:
         random = np.random.default_rng(1)
         rig.device.transmit = lambda now: random.bytes(64)
         rig.device.wakeup = lambda now: now + 5_000_000
-        with pytest.raises(StreamFailed, match="goes on sending after 3 STOP requests"):
+        with pytest.raises(StreamFailed, match="bytes still arrive after 3 STOP requests"):
             await lidar.stop()
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import selectors
+import threading
 from collections.abc import Awaitable, Callable
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
@@ -16,6 +17,7 @@ __all__ = ["DrivenLoop", "driven", "run_driven"]
 P = ParamSpec("P")
 T = TypeVar("T")
 START = 1000.0
+THREAD = "lidario: blocking call"
 
 
 class _DrivenSelector(selectors.DefaultSelector):
@@ -27,11 +29,22 @@ class _DrivenSelector(selectors.DefaultSelector):
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         events: list[tuple[selectors.SelectorKey, int]] = super().select(0)
+        while not events and _in_a_thread():
+            # A blocking call takes no time of this clock.
+            events = super().select(0.001)
+        if not events:
+            # What it told last.
+            events = super().select(0)
         if not events:
             if timeout is None:
                 raise AssertionError("nothing is due and nothing can arrive: this would wait for ever")
             self.now += max(0.0, timeout)
         return events
+
+
+def _in_a_thread() -> bool:
+    """Whether a blocking call of lidario is under way."""
+    return threading.active_count() > 1 and any(thread.name == THREAD for thread in threading.enumerate())
 
 
 class DrivenLoop(asyncio.SelectorEventLoop):

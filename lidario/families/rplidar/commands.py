@@ -36,6 +36,7 @@ __all__ = [
     "motor_pwm",
     "motor_speed",
     "scan",
+    "set_lidar_conf",
 ]
 
 STOP_SETTLE_S: Final = 0.010
@@ -57,11 +58,12 @@ class ResponseType(IntEnum):
     HEALTH = 0x06
     SAMPLE_RATE = 0x15
     LIDAR_CONF = 0x20
+    LIDAR_CONF_SET = 0x21
     ACC_BOARD_FLAG = 0xFF
 
 
 class Conf(IntEnum):
-    """Configuration types of GET_LIDAR_CONF; those from 0x71 on, but for 0x7C, take a mode id."""
+    """Configuration types of GET_LIDAR_CONF; those from 0x71 to 0x7F, but for 0x7C, take a mode id."""
 
     DESIRED_ROTATION = 0x01
     MIN_ROTATION = 0x04
@@ -72,6 +74,7 @@ class Conf(IntEnum):
     RESPONSE_TYPE = 0x75
     TYPICAL_MODE = 0x7C
     MODE_NAME = 0x7F
+    NETWORK_ADDRESS = 0x0001CCC0
 
 
 STOP: Final = Request("STOP", encode_request(0x25), settle=STOP_SETTLE_S, ends_stream=True)
@@ -107,6 +110,17 @@ def get_lidar_conf(kind: Conf, mode: int | None = None) -> Request:
         f"GET_LIDAR_CONF {kind.name}" + ("" if mode is None else f" of mode {mode}"),
         encode_request(0x84, payload),
         expects=Expected(ResponseType.LIDAR_CONF, 4, LONGEST_CONF, prefix=echo),
+        timeout=QUERY_TIMEOUT_S,
+    )
+
+
+def set_lidar_conf(kind: Conf, value: bytes) -> Request:
+    """SET_LIDAR_CONF; the response is the type and a result, 0 for success."""
+    echo = struct.pack("<I", kind)
+    return Request(
+        f"SET_LIDAR_CONF {kind.name}",
+        encode_request(0x85, echo + value),
+        expects=Expected(ResponseType.LIDAR_CONF_SET, 8, prefix=echo),
         timeout=QUERY_TIMEOUT_S,
     )
 

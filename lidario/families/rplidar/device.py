@@ -15,11 +15,12 @@ from typing import Final
 from lidario.errors import ResponseTimeout, Unsupported
 from lidario.families.base import Device, Script, Stream, agreed, health_of
 from lidario.families.rplidar import commands
+from lidario.families.rplidar.address import ask_address, set_address
 from lidario.families.rplidar.commands import Conf
 from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.formats import FORMATS
 from lidario.families.rplidar.motor import MotorControl
-from lidario.model import DeviceInfo, Health, SampleRate, ScanMode
+from lidario.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
 from lidario.wire.envelope import Request
 
 __all__ = ["RplidarDevice"]
@@ -202,6 +203,14 @@ class RplidarDevice(Device):
             Unsupported: As `scan_frequency`.
         """
         return (yield from self._motor.frequency_range())
+
+    def network_address(self) -> Script[NetworkAddress]:
+        """As `Device.network_address`."""
+        return (yield from ask_address())
+
+    def set_network_address(self, address: NetworkAddress) -> Script[None]:
+        """As `Device.set_network_address`."""
+        yield from set_address(address)
 
     def _ask(self, layout: str, kind: Conf, mode: int | None = None) -> Script[int | None]:
         """One configuration value, or None when the device does not have or tell it."""

@@ -1,0 +1,79 @@
+"""The network address of an Ethernet model."""
+
+import struct
+from typing import Any
+
+import pytest
+
+from lidario import InvalidValue, NetworkAddress, RemoteProtocolError, Unsupported
+from lidario.families.rplidar.commands import Conf, get_lidar_conf, set_lidar_conf
+from tests.families.rplidar.test_device import S2, identified
+from tests.support.devices import make_rig, names
+from tests.support.loop import driven
+from tests.support.scripts import drive
+
+ADDRESS = NetworkAddress("192.168.11.3", "255.255.255.0", "192.168.11.1")
+BYTES = bytes([192, 168, 11, 3, 255, 255, 255, 0, 192, 168, 11, 1])
+TYPE = struct.pack("<I", 0x1CCC0)
+ASK = bytes.fromhex("a58406c0cc010000002a")
+
+
+def test_the_documented_request() -> None:
+    assert get_lidar_conf(Conf.NETWORK_ADDRESS, 0).data == ASK
+    told, _ = drive(identified(S2).network_address(), {ASK: TYPE + BYTES})
+    assert told == ADDRESS
+
+
+@pytest.mark.parametrize("response", [None, TYPE, TYPE + BYTES[:11]])
+def test_a_device_without_one(response: bytes | None) -> None:
+    with pytest.raises(Unsupported, match="Ethernet"):
+        drive(identified(S2).network_address(), {ASK: response})
+
+
+def test_setting_it() -> None:
+    request = set_lidar_conf(Conf.NETWORK_ADDRESS, BYTES).data
+    assert request[:3] == b"\xa5\x85\x10"
+    drive(identified(S2).set_network_address(ADDRESS), {request: TYPE + bytes(4)})
+    with pytest.raises(RemoteProtocolError, match="0x80008001"):
+        drive(identified(S2).set_network_address(ADDRESS), {request: TYPE + bytes.fromhex("01800080")})
+    with pytest.raises(Unsupported, match="Ethernet"):
+        drive(identified(S2).set_network_address(ADDRESS), {})
+
+
+def test_the_address_zero_means_dhcp() -> None:
+    request = set_lidar_conf(Conf.NETWORK_ADDRESS, bytes(12)).data
+    drive(identified(S2).set_network_address(NetworkAddress("0.0.0.0")), {request: TYPE + bytes(4)})
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        *(NetworkAddress("192.168.11"), NetworkAddress("::1"), NetworkAddress("192.168.11.3", gateway="")),
+        NetworkAddress(3232238339),  # type: ignore[arg-type]
+        *("192.168.11.3", None),
+    ],
+)
+def test_what_is_no_address_is_refused_before_anything_is_sent(wrong: Any) -> None:
+    with pytest.raises(InvalidValue, match="address"):
+        next(identified(S2).set_network_address(wrong))
+
+
+@driven
+async def test_it_is_in_force_after_a_reset() -> None:
+    rig = make_rig("rplidar", "rplidar-s2e")
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        await lidar.set_network_address(ADDRESS)
+        assert (await lidar.get_network_address()).address == "0.0.0.0"
+        await anext(stream)
+        await lidar.reset()
+        assert await lidar.get_network_address() == ADDRESS
+    assert "set_lidar_conf" in names(rig)
+
+
+@driven
+async def test_a_serial_device_has_none() -> None:
+    async with make_rig("rplidar").open() as lidar:
+        for request in (lidar.get_network_address(), lidar.set_network_address(ADDRESS)):
+            with pytest.raises(Unsupported, match="Ethernet"):
+                await request
