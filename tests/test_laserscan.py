@@ -414,6 +414,8 @@ def test_golden_samples_meet_the_times_of_their_beams(case: Case, every: int) ->
     number = {(sample.packet, sample.index): n for n, sample in enumerate(case.samples)}
     turns = [[sample for sample in turn if sample.packet in there] for turn in case.turns]
     assert len(scans) == len(turns)
+    # The beams of a LaserScan are evenly spaced in time; an unregulated motor is not that even.
+    wander = 0.005 if "_a1_" in case.name else 0.0
     checked = 0
     for made, turn in zip(scans, turns, strict=True):
         first = number[turn[0].packet, turn[0].index]
@@ -432,7 +434,7 @@ def test_golden_samples_meet_the_times_of_their_beams(case: Case, every: int) ->
             when = laser.stamp_ns - made.wall_stamp_ns + beam * laser.time_increment * 1e9
             # A sample whose angle is corrected unlike the others' stands beside those measured before or after.
             unlike = abs(correction - usual) / 360 * period_ns
-            assert abs(when - since) <= period_ns / 720 + EVERY_MS + unlike
+            assert abs(when - since) <= period_ns / 720 + EVERY_MS + unlike + wander * period_ns
             checked += 1
     assert checked > 500
 
