@@ -1,4 +1,4 @@
-"""What damage costs: of streams of all seven formats, damaged in seven ways, what is kept, wrong, and told.
+"""What damage costs: of streams of all seven formats, damaged in nine ways, what is kept, wrong, and told.
 
 Nothing here is timed; the same command prints the same figures. The stream of a simulated device is damaged, every
 byte arrives when it would have arrived anyway, and the scans are compared with those of the undamaged stream.
@@ -25,7 +25,7 @@ from lidario.wire.envelope import DESCRIPTOR_SIZE
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
 
-__all__ = ["DAMAGES", "Outcome", "outcome", "run"]
+__all__ = ["DAMAGES", "SCARCE", "Outcome", "outcome", "run"]
 
 _SECONDS = 6.0
 _CHUNK = 512
@@ -116,10 +116,31 @@ DAMAGES: dict[str, Callable[[Bytes, Places, np.random.Generator], Damaged]] = {
 """Ways to damage a stream: from its bytes and where packets begin to what arrives, and where it stood."""
 
 
+def _each_second_packet(raw: Bytes, offsets: Places, random: np.random.Generator) -> Damaged:
+    del random
+    kept = np.zeros(len(raw), np.bool_)
+    for begin, end in zip(offsets[:-1:2].tolist(), offsets[1::2].tolist(), strict=False):
+        kept[begin:end] = True
+    left = np.flatnonzero(kept)
+    return raw[left], left
+
+
+def _most_packets(raw: Bytes, _: Places, random: np.random.Generator) -> Damaged:
+    left = np.flatnonzero(random.random(len(raw)) >= 2e-2)
+    return raw[left], left
+
+
+SCARCE: dict[str, Callable[[Bytes, Places, np.random.Generator], Damaged]] = {
+    "each second packet lost": _each_second_packet,
+    "2 bytes in 100 lost": _most_packets,
+}
+"""Ways after which most packets are missing from the beginning on, so that the step of the angle is never seen."""
+
+
 def run(setting: Setting) -> Result:
     """Every kind of damage to every format."""
     tables, data = list[Table](), dict[str, dict[str, list[int]]]()
-    for damage in DAMAGES:
+    for damage in (*DAMAGES, *SCARCE):
         setting.say(damage)
         table = Table(
             f"Damage: {damage}", ["", "kept", "wrong", "packets missing, told", "revolutions missing, told"]
@@ -144,7 +165,7 @@ def outcome(kind: Kind, damage: str, seed: int) -> Outcome:
     """What becomes of a stream of one kind."""
     raw = np.frombuffer(capture(kind, _SECONDS), np.uint8)[DESCRIPTOR_SIZE:]
     clean, packets, offsets = _undamaged(kind)
-    damaged, places = DAMAGES[damage](raw, offsets, np.random.default_rng(seed))
+    damaged, places = (DAMAGES | SCARCE)[damage](raw, offsets, np.random.default_rng(seed))
     scans, stats, got, _ = _received(kind, damaged, places)
     kept = wrong = 0
     stamps = np.array([scan.stamp_ns for scan in clean])

@@ -7,6 +7,7 @@ it is long enough. Several files are exported on several processes; one file on 
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import sys
 import tempfile
@@ -92,7 +93,7 @@ def make_recording(path: Path, seconds: float) -> None:
         received_before=stream.began.at,
     )
     writer = FileWriter(path, about)
-    for copy in range(round(seconds * 1e9 / lasts_ns) or 1):
+    for copy in range(math.ceil(seconds * 1e9 / lasts_ns)):
         left = whole
         for piece in pieces:
             data = piece.data[:left]

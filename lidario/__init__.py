@@ -19,6 +19,7 @@ from lidario.version import __version__
 
 if TYPE_CHECKING:
     from lidario.blocking import SyncLidar, SyncRecording, SyncScanStream, open_sync
+    from lidario.blocking_sectors import SyncSectorStream
     from lidario.errors import (
         Busy,
         CannotRecord,
@@ -47,11 +48,13 @@ if TYPE_CHECKING:
     from lidario.recording.record import Recording
     from lidario.recording.summary import RecordingSummary, summarize
     from lidario.scan import Return, Scan
+    from lidario.sector import Sector
     from lidario.session.discovery import Found, PortInfo, list_lidars, list_serial_ports
     from lidario.session.lidar import Lidar
     from lidario.session.opening import OpenLidar, open_lidar
     from lidario.session.reconnect import Reconnect
     from lidario.session.run import run
+    from lidario.session.sectors import SectorStream
     from lidario.session.stream import ScanStream
     from lidario.sim.device import Received, SimulatedDevice
     from lidario.sim.world import Wall, WorldLike
@@ -98,6 +101,8 @@ __all__ = [
     "ScanArrays",
     "ScanMode",
     "ScanStream",
+    "Sector",
+    "SectorStream",
     "SessionClosed",
     "SimulatedDevice",
     "Stats",
@@ -105,6 +110,7 @@ __all__ = [
     "SyncLidar",
     "SyncRecording",
     "SyncScanStream",
+    "SyncSectorStream",
     "Tap",
     "Unsupported",
     "Velocity",
@@ -133,7 +139,9 @@ _HOMES = {
     "session.discovery": ("Found", "PortInfo", "list_lidars", "list_serial_ports"),
     "laserscan": ("BeamOrder", "LaserScan", "NoReturn", "Preset"),
     "model": ("DeviceInfo", "Health", "HealthStatus", "NetworkAddress", "SampleRate", "ScanMode", "Stats"),
+    "blocking_sectors": ("SyncSectorStream",),
     "scan": ("Return", "Scan"),
+    "sector": ("Sector",),
     "points": ("Motion", "Mount", "Points", "PoseFunction", "Velocity", "merge"),
     "port.line": ("Tap",),
     "recording.offline": ("ScanArrays", "decode", "decode_arrays"),
@@ -141,6 +149,7 @@ _HOMES = {
     "session.opening": ("OpenLidar", "open_lidar"),
     "session.reconnect": ("Reconnect",),
     "session.run": ("run",),
+    "session.sectors": ("SectorStream",),
     "session.stream": ("ScanStream",),
     "sim.device": ("Received", "SimulatedDevice"),
     "sim.world": ("Wall", "WorldLike"),

@@ -24,17 +24,20 @@ from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from functools import update_wrapper
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Concatenate, Final, ParamSpec, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Concatenate, Final, ParamSpec, Self, TypeVar, cast
 
+from lidario.blocking_sectors import SyncSectorStream
 from lidario.errors import LidarError, SessionClosed
 from lidario.model import DeviceInfo, Health, ScanMode, Stats
 from lidario.port.line import Tap
 from lidario.recording.record import Recording
 from lidario.scan import Scan
+from lidario.sector import Sector
 from lidario.session.lidar import Lidar
 from lidario.session.loop_thread import LoopThread
 from lidario.session.opening import DEFAULT_LATENCY_S, open_lidar
 from lidario.session.reconnect import Reconnect
+from lidario.session.sectors import DEFAULT_DEGREES, SectorStream
 from lidario.session.stream import ScanStream
 
 if TYPE_CHECKING:
@@ -171,6 +174,21 @@ class SyncLidar:
         """
         return SyncScanStream(self._thread, self._lidar.scans(mode, depth=depth, force=force), self)
 
+    def sectors(
+        self,
+        degrees: float = DEFAULT_DEGREES,
+        mode: str | int | None = None,
+        *,
+        depth: int | None = None,
+        force: bool = False,
+    ) -> SyncSectorStream:
+        """A stream of parts of revolutions, each as soon as it is measured, for ``for``; as `Lidar.sectors`."""
+        sectors = self._lidar.sectors(degrees, mode, depth=depth, force=force)
+        return SyncSectorStream(SyncScanStream(self._thread, sectors, self))
+
+    # The whole of it, from one place.
+    sectors.__doc__ = (Lidar.sectors.__doc__ or "").replace("``async for``", "``for``")
+
     def tap(self, tap: Tap) -> None:
         """As `Lidar.tap`. It is called in the session's own thread, and must not wait for the lidar."""
 
@@ -223,7 +241,7 @@ class SyncScanStream:
     raised while it waits, leaves the stream; the last stream to be left stops laser and motor a second later.
     """
 
-    def __init__(self, thread: LoopThread, stream: ScanStream, lidar: SyncLidar) -> None:
+    def __init__(self, thread: LoopThread, stream: ScanStream | SectorStream, lidar: SyncLidar) -> None:
         self._thread = thread
         self._stream = stream
         self._lidar = lidar  # held, so that the session is not closed while somebody reads
@@ -238,7 +256,7 @@ class SyncScanStream:
 
     def __next__(self) -> Scan:
         try:
-            scan = self._thread.call(_next, self._stream)
+            scan = cast("Scan | None", self._thread.call(_next, self._stream))
         except BaseException:
             self._release()
             raise
@@ -290,7 +308,7 @@ class SyncRecording:
             self._thread.call(self.recording.close)
 
 
-async def _next(stream: ScanStream) -> Scan | None:
+async def _next(stream: ScanStream | SectorStream) -> Scan | Sector | None:
     # StopAsyncIteration cannot pass through a future.
     try:
         return await anext(stream)

@@ -3,6 +3,7 @@
 =====================================================  ====================================================
 ``auto``                                               the only lidar that responds
 ``/dev/ttyUSB0``, ``COM3``                             a serial port; family and baud rate by probing
+``serial:///dev/ttyUSB0?model=NAME``                   a model that cannot tell its own name
 ``serial:///dev/ttyUSB0?baud=1000000&family=NAME``     a serial port, nothing probed
 ``id:SERIAL``                                          by the lidar's own serial number
 ``tcp://host:port``, ``socket://host:port``            serial over TCP
@@ -43,7 +44,7 @@ _OPTIONS = {
     "udp": {"family"},
     "zenoh": {"router"},
     "file": {"rate", "loop", "family", "sample_us"},
-    "sim": {"world", "fault", "serial", "seed", "via", "baud", "family"},
+    "sim": {"world", "fault", "serial", "seed", "via", "baud", "family", "model"},
 }
 _MAX_BAUD = 100_000_000
 """Far above every adapter (12 Mbaud), and below what overflows the C integer that the system call takes."""

@@ -23,7 +23,7 @@ LAYERS = (
     {"recording"},
     {"network"},
     {"session"},
-    {"blocking", "ros"},
+    {"blocking", "blocking_sectors", "ros"},
     {"__init__"},
     {"web", "testing"},
     {"cli", "__main__"},

@@ -36,7 +36,9 @@ def _table(found: list[RemoteLidar]) -> Table:
     from rich.table import Table
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold")
-    for title in ("source", "robot", "model", "serial number", "health", "scans/s"):
+    # Never folded: it is to be copied.
+    table.add_column("source", no_wrap=True)
+    for title in ("robot", "model", "serial number", "health", "scans/s"):
         table.add_column(title, overflow="fold", justify="right" if title == "scans/s" else "left")
     for each in found:
         table.add_row(

@@ -21,7 +21,7 @@ __all__ = ["RemoteLidar", "list_remote_lidars"]
 ASK_S: Final = 2.0
 ALL_LASERSCANS: Final = "@ros2_lv/*/*/*/*/MP/*/*/*/*/sensor_msgs::msg::dds_::LaserScan_/*/*"
 _ROS_TOKEN: Final = re.compile(
-    r"@ros2_lv/(\d+)/[^/]+/\d+/\d+/MP/[^/]+/([^/]+)/([^/]+)/([^/]+)/sensor_msgs::msg::dds_::LaserScan_/([^/]+)/[^/]+"
+    r"@ros2_lv/(\d+)/[^/]+/\d+/\d+/MP/[^/]+/([^/]+)/([^/]+)/([^/]+)/sensor_msgs::msg::dds_::LaserScan_/[^/]+/[^/]+"
 )
 
 
@@ -74,7 +74,7 @@ async def list_remote_lidars(router: str = DEFAULT_ROUTER) -> list[RemoteLidar]:
     for token in map(parse_token, tokens):
         if token is None:
             continue
-        source = f"zenoh:{token.key}"
+        source = f"zenoh:{_short(token.key)}"
         status = told.get(status_key(token.key))
         if status is None:
             found[source] = RemoteLidar(source, token.form, token.robot, token.model, token.serial)
@@ -92,8 +92,14 @@ async def list_remote_lidars(router: str = DEFAULT_ROUTER) -> list[RemoteLidar]:
             )
     for match in map(_ROS_TOKEN.fullmatch, others):
         if match is not None:
-            domain, namespace, node, topic, kind = match.groups()
-            key = f"{domain}/{topic.replace('%', '/').strip('/')}{LASERSCAN_IN_KEY}{kind}"
+            domain, namespace, node, topic = match.groups()
+            source = f"zenoh:{domain}/{topic.replace('%', '/').strip('/')}/*/*"
             robot = f"{namespace.replace('%', '/').rstrip('/')}/{node}"
-            found.setdefault(f"zenoh:{key}", RemoteLidar(f"zenoh:{key}", "ros", robot, "", ""))
+            found.setdefault(source, RemoteLidar(source, "ros", robot, "", ""))
     return [found[source] for source in sorted(found)]
+
+
+def _short(key: str) -> str:
+    """The key of a LaserScan without its type and its hash, which nobody wants to type."""
+    topic, found, _ = key.partition(LASERSCAN_IN_KEY)
+    return f"{topic}/*/*" if found else key

@@ -334,7 +334,7 @@ class Assembler:
                 if ended.carried is not None or not ended.behind_gap
                 else share_over(wire, packets, samples, self._seam.angle or 0),
                 gap_behind=self._partial.carried is None,
-                broken=broken and ended.whole,
+                broken=broken,
             )
         )
         self.stats.lost_packets += passed.lost

@@ -21,6 +21,11 @@ NOISE: Final = 0.35
 """Revolutions by which the time between two beginnings may be off, by late stamps and an uneven rotor."""
 ALIKE: Final = 1.5
 """Times that a revolution may take longer or shorter than the one before, where most of it did not come."""
+FEWEST_PACKETS: Final = 6
+"""Packets of a revolution from which its speed is believed; no mode has fewer. Of a few packets, all others being
+lost, the gaps may be alike by chance, and then tell of a rotor that is many times too fast."""
+MORE_THAN_ONE: Final = 1.005
+"""Times the packets of a revolution from which a broken one holds parts of two for certain."""
 PATIENCE: Final = 2
 """Revolutions for which stamps must stay late, where no packet is known to be missing."""
 
@@ -121,7 +126,7 @@ class RevolutionCount:
             if ordinary and abs(elapsed / last.revolution_ns - share) < NOISE:
                 self._sure = here
                 return Passed(0, 0, elapsed / share)
-        self._correct_speed(here)
+        self._correct_speed(here, last)
         if last is None:
             return Passed(0, 0, math.nan)
         elapsed = here.start_ns - last.start_ns
@@ -130,24 +135,35 @@ class RevolutionCount:
             return Passed(0, _lost_by_time(last, elapsed), math.nan)
         share = 1 + here.over - last.over
         extra = elapsed / last.revolution_ns - share
-        unseen = self._unseen(extra, last.lost > 0)
+        # More than one revolution has: an outage of almost one lies in it, and its angles fell back by little.
+        met = last.broken and last.packets > MORE_THAN_ONE * last.revolution_packets
+        unseen = self._unseen(extra, met or last.lost > 0)
         lost = round(unseen * last.revolution_packets)
         if unseen and last.broken:
             lost = _lost_by_time(last, elapsed)
         near = not unseen and abs(extra) < NOISE and elapsed > 0
         return Passed(unseen, lost, elapsed / share if near else math.nan)
 
-    def _correct_speed(self, here: Beginning) -> None:
-        """Where too little came to tell the speed for sure, take the one before: a rotor keeps its speed."""
+    def _correct_speed(self, here: Beginning, last: Beginning | None) -> None:
+        """Where the speed is not sure, take the one before: a rotor keeps its speed.
+
+        Sure is what the time confirms, and of the first revolution what it tells if enough came of it. Gaps that
+        are alike by chance tell of another speed.
+        """
         sure = self._sure
-        if here.revolution_ns and not here.broken and here.lost <= here.packets:
-            alike = sure is None or 1 / ALIKE < here.revolution_ns / sure.revolution_ns < ALIKE
-            if alike or (sure is not None and here.packets > sure.revolution_packets / 2):
+        enough = here.packets >= FEWEST_PACKETS and here.lost <= here.packets
+        if here.revolution_ns and not here.broken and enough:
+            if last is None:
+                confirmed = sure is None
+            else:
+                elapsed = (here.start_ns - last.start_ns) / here.revolution_ns
+                confirmed = abs(elapsed - (1 + here.over - last.over)) < NOISE
+            if confirmed:
                 self._sure = here
                 return
         if sure is not None:
             here.revolution_ns, here.revolution_packets = sure.revolution_ns, sure.revolution_packets
-        elif here.lost > here.packets:
+        elif here.broken or not enough:
             here.revolution_ns = 0.0
 
     def _unseen(self, extra: float, gap: bool) -> int:
@@ -167,6 +183,8 @@ class RevolutionCount:
 
 
 def _lost_by_time(last: Beginning, elapsed: int) -> int:
-    if not last.packet_ns or not last.broken:
+    """Packets missing beyond those that are known, by what one takes; of a whole revolution only if most are."""
+    if not last.packet_ns:
         return 0
-    return max(0, round(elapsed / last.packet_ns) - last.packets - last.lost)
+    missing = max(0, round(elapsed / last.packet_ns) - last.packets - last.lost)
+    return missing if last.broken or missing > max(last.packets, FEWEST_PACKETS) else 0

@@ -19,6 +19,8 @@ _FEWEST_PACKETS: Final = 3
 """A revolution of which the angles are not certain is delivered when it has so many packets, and took at most so
 many times the time of what it holds and misses."""
 
+_EARLY_SHARE: Final = 0.25
+"""Share of the packets of a revolution at its beginning, and at its end, that do not tell how fast they came."""
 _FIRST_PACKETS: Final = 0.9
 _FIRST_SHARE: Final = 0.01
 """Packets' arcs behind the seam, or share of 360 degrees, within which a revolution begins; farther on, its
@@ -54,6 +56,8 @@ def is_broken(
         return True
     if packets is None or samples is None:
         return False
+    if elapsed_ns > UNEVEN * spanned_ns and _came_slowly(packets, elapsed_ns, spanned_ns):
+        return True
     if samples.certain:
         # More than one revolution by its angles: they went back by so little that it looked like jitter.
         within = count + (samples.lost - samples.lost_behind) * samples.ends[-1] / len(samples.ends)
@@ -61,6 +65,14 @@ def is_broken(
     # Nothing must speak against the angles where their step is not certain.
     expected_ns = (packets.count + samples.lost) * samples.ends[-1] / packets.count * sample_ns
     return packets.count < _FEWEST_PACKETS or elapsed_ns > UNEVEN * expected_ns
+
+
+def _came_slowly(packets: Packets, elapsed_ns: int, spanned_ns: float) -> bool:
+    """Whether packets came slowly from the beginning on, as where each second one is lost, not late in the end."""
+    start_ns = packets.received_ns - elapsed_ns
+    some = [each for each in packets.arrivals if _EARLY_SHARE <= each[0] / packets.count <= 1 - _EARLY_SHARE]
+    ordinary_ns = spanned_ns / packets.count
+    return bool(some) and all(at_ns - start_ns > UNEVEN * count * ordinary_ns for count, at_ns in some)
 
 
 def is_complete(samples: Samples | None, spanned_ns: float, sample_ns: float) -> bool:

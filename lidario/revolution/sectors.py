@@ -28,7 +28,7 @@ import numpy as np
 from lidario.families.base import Decoder, Samples
 from lidario.revolution.assemble import Assembler
 from lidario.revolution.build import turned_by
-from lidario.revolution.count import Beginning
+from lidario.revolution.count import NOISE, Beginning
 from lidario.revolution.judge import share_over
 from lidario.revolution.partial import PartialRevolution, SampleArrays
 from lidario.revolution.seam import Split
@@ -90,7 +90,7 @@ class _Divided:
         waiting: Packets that were not decoded.
         rest: Samples that were decoded and belong to no sector yet.
         decoded: What each piece was decoded to.
-        arrays: The arrays of each piece, without what the piece before has, too.
+        arrays: All samples: those that were carried over, and those of each piece.
         passed: How far behind the seam the headings have come.
         last: How far behind the seam the last packet that was decoded begins.
         last_samples: Its samples.
@@ -118,7 +118,7 @@ class _Divided:
         self.waiting: list[Packets] = []
         self.rest = partial.carried
         self.decoded: list[Samples] = []
-        self.arrays: list[SampleArrays] = []
+        self.arrays: list[SampleArrays] = [] if partial.carried is None else [partial.carried]
         self.passed = self.last = 0
         self.last_samples = self.samples = 0 if partial.carried is None else len(partial.carried)
         self.last_arc = 0.0
@@ -163,6 +163,7 @@ class SectorAssembler(Assembler):
         self._next_offset_deg: float | None = None
         self._usual_samples = 0.0
         self._told: int | None = None
+        self._ending: tuple[_Divided, int] | None = None
         self._told_unseen = 0
 
     def divide(self, parts: Iterable[int]) -> None:
@@ -275,7 +276,7 @@ class SectorAssembler(Assembler):
         arrays = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
         if here.rest is not None:
             arrays.begin_with(here.rest)
-        here.arrays.append(arrays.part(room) if here.decoded else arrays)
+        here.arrays.append(arrays.part(room))
         here.rest = arrays
         here.decoded.append(samples)
         here.waiting.clear()
@@ -370,14 +371,18 @@ class SectorAssembler(Assembler):
             over = 0.0
             if partial.carried is None and partial.behind_gap and partial.runs:
                 over = share_over(self._stream.format, partial.runs[0], samples, here.began)
+            turn_ns = samples.revolution_samples * self._sample_time_ns
+            from_end_ns = round(partial.last_ns - (here.passed / self._stream.format.full_turn - over) * turn_ns)
+            # A read that was completed only behind a gap dates what came before it too late, as in `beginning_of`.
+            late = samples.certain and start_ns - from_end_ns > NOISE * turn_ns
             # A copy follows: at the end of the revolution more is known, and remembered.
             here.unseen = (
                 copy.copy(self._count)
                 .follow(
                     Beginning(
-                        start_ns,
+                        from_end_ns if late else start_ns,
                         over=over,
-                        revolution_ns=samples.revolution_samples * self._sample_time_ns,
+                        revolution_ns=turn_ns if samples.certain else 0.0,
                         revolution_packets=samples.revolution_packets,
                         packet_ns=0.0,
                         packets=here.packets,
@@ -394,7 +399,19 @@ class SectorAssembler(Assembler):
 
     def _end(self, split: Split, following: bytes) -> Scan | None:
         self._told, self._told_unseen = None, 0
-        return super()._end(split, following)
+        broken = self.stats.broken_scans
+        scan = super()._end(split, following)
+        ending, self._ending = self._ending, None
+        if ending is not None:
+            here, crossed = ending
+            if here.seq is None and scan is not None:
+                here.seq = scan.seq
+            elif here.seq is None and self.stats.broken_scans > broken:
+                # It has used a number up.
+                here.seq = self.stats.scans + self.stats.missed_scans - 1
+            if here.seq is not None:
+                self._finish_all(here, crossed)
+        return scan
 
     def _decode(
         self, ended: PartialRevolution, packets: Packets, split: Split, following: bytes, room: int
@@ -412,7 +429,7 @@ class SectorAssembler(Assembler):
         self._take(here, joined, last, wire.full_turn + _away(wire.headings(first), here.began, wire.full_turn)[0])
         samples = self._of_revolution(here, packets, behind, room, seam)
         if not (split.broken or split.moved):
-            self._finish_all(here, left + last.before_seam)
+            self._ending = here, left + last.before_seam
         self._told, self._told_unseen = here.seq, here.unseen
         return samples
 

@@ -15,6 +15,7 @@ from lidario.families.base import Device
 from lidario.model import ScanMode
 from lidario.revolution.assemble import AssemblerStats
 from lidario.scan import Scan
+from lidario.sector import Sector
 from lidario.session.dialogue import Dialogue
 from lidario.session.log import Trouble
 from lidario.session.modes import Wanted
@@ -42,6 +43,7 @@ class StreamControl:
         trouble: As for `Running`.
         publish: Called with each scan.
         failed: Called once if a stream falls silent or makes no revolutions.
+        publish_sector: As for `Running`.
 
     Attributes:
         totals: Counters since the session was opened.
@@ -62,6 +64,7 @@ class StreamControl:
         trouble: Trouble,
         publish: Callable[[Scan], None],
         failed: Callable[[Failure], None],
+        publish_sector: Callable[[int, Sector], None],
     ) -> None:
         self.totals: Totals = Totals(AssemblerStats())
         self.state: State = State.IDLE
@@ -77,6 +80,8 @@ class StreamControl:
         self._trouble = trouble
         self._publish = publish
         self._failed = failed
+        self._publish_sector = publish_sector
+        self._parts: frozenset[int] = frozenset()
         self._loop = asyncio.get_running_loop()
         self._running: Running | None = None
         dialogue.when_still(self._still)
@@ -112,6 +117,12 @@ class StreamControl:
         if self._running is not None:
             self._running.set_zero_offset(degrees)
 
+    def divide(self, parts: frozenset[int]) -> None:
+        """Have the stream that runs, and each later one, publish so many sectors of each revolution."""
+        self._parts = parts
+        if self._running is not None:
+            self._running.divide(parts)
+
     # ------------------------------------------------------------------------------------------------ start, pause
 
     def want(self) -> None:
@@ -141,7 +152,10 @@ class StreamControl:
             trouble=self._trouble,
             publish=self._publish,
             failed=self._failed,
+            publish_sector=self._publish_sector,
         )
+        if self._parts:
+            self._running.divide(self._parts)
         self._running.begin()
 
     def pause(self) -> None:

@@ -32,6 +32,7 @@ from lidario.session.questions import Questions
 from lidario.session.reconnect import Reconnector
 from lidario.session.recorded import RecordedSession
 from lidario.session.scanner import Scanner
+from lidario.session.sectors import DEFAULT_DEGREES, SectorStream
 from lidario.session.stream import ScanStream
 from lidario.session.twin import twin_of
 
@@ -132,6 +133,31 @@ class Lidar(Questions):
             InvalidValue: `depth` is no number of scans.
         """
         return ScanStream(self._scanner, mode, depth, force, self._check_open)
+
+    def sectors(
+        self,
+        degrees: float = DEFAULT_DEGREES,
+        mode: str | int | None = None,
+        *,
+        depth: int | None = None,
+        force: bool = False,
+    ) -> SectorStream:
+        """A stream of parts of revolutions, each as soon as it is measured, for ``async for``.
+
+        For what must be known before the revolution is whole, such as an obstacle. Streams of scans and of sectors,
+        also of different sizes, may run side by side.
+
+        Args:
+            degrees: Size of a sector: 360 degrees must be a multiple of it, and it must not be less than 5.
+            mode: As for `scans`.
+            depth: Sectors kept for a reader that falls behind; the oldest beyond that are dropped and counted. None
+                for those of one revolution.
+            force: As for `scans`.
+
+        Raises:
+            InvalidValue: `degrees` is no such size, or `depth` is no number of sectors.
+        """
+        return SectorStream(self._scanner, mode, degrees, depth, force, self._check_open)
 
     async def scan(self, mode: str | int | None = None) -> Scan:
         """One full revolution. Laser and motor stop a second later, unless another stream was begun by then.

@@ -18,10 +18,13 @@ from lidario.errors import LidarError
 from lidario.families.base import Stream
 from lidario.model import ScanMode
 from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.revolution.sectors import SectorAssembler
 from lidario.scan import Scan
+from lidario.sector import Sector
 from lidario.session.dialogue import Dialogue
 from lidario.session.log import Trouble
 from lidario.session.pace import Pace
+from lidario.session.sectors import SectorPace
 from lidario.wire.events import Packets
 
 __all__ = ["SILENCE_S", "Failure", "Running", "Totals"]
@@ -95,6 +98,7 @@ class Running:
         trouble: Where discarded revolutions are logged.
         publish: Called with each scan.
         failed: Called once if the stream falls silent or makes no revolutions.
+        publish_sector: Called with how many sectors of its size a revolution has, and the sector.
     """
 
     def __init__(
@@ -107,6 +111,7 @@ class Running:
         trouble: Trouble,
         publish: Callable[[Scan], None],
         failed: Callable[[Failure], None],
+        publish_sector: Callable[[int, Sector], None],
     ) -> None:
         self._stream = stream
         self._dialogue = dialogue
@@ -116,10 +121,13 @@ class Running:
         self._discarded = totals.assembled.broken_scans
         self._publish = publish
         self._failed = failed
+        self._publish_sector = publish_sector
         self._loop = asyncio.get_running_loop()
         self._wall_offset_ns = dialogue.wall_offset_ns
         self._assembler = Assembler(stream, dialogue.baudrate, self._wall_offset_ns, totals.assembled)
         self._pace = Pace(stream, dialogue.baudrate, latency, dialogue.bytes_received)
+        self._take_packets = self._take
+        self._delivered = False
         self._watchdog: asyncio.TimerHandle | None = None
         self._keepalive: asyncio.TimerHandle | None = None
         self._began = self._last_packet = self._last_scan = self._loop.time()
@@ -148,7 +156,8 @@ class Running:
             self._wall_offset_ns,
             stream.zero_offset_deg,
         )
-        self._dialogue.deliver_to(self._take)
+        self._delivered = True
+        self._dialogue.deliver_to(self._take_packets)
         self._dialogue.set_polling(self._latency, self._pace)
         if self._dialogue.is_live:
             self._watch()
@@ -174,6 +183,23 @@ class Running:
     def set_zero_offset(self, degrees: float) -> None:
         """Add another zero-angle offset from the next revolution on, clockwise degrees."""
         self._assembler.set_zero_offset(degrees)
+
+    def divide(self, parts: frozenset[int]) -> None:
+        """Publish sectors from the next revolution on, so many of each revolution; none for no more."""
+        if not isinstance(self._assembler, SectorAssembler):
+            # Only from now on does a stream cost what sectors cost.
+            assembler = self._assembler = SectorAssembler(self._assembler, self._publish_sector)
+            pace = self._pace = SectorPace(self._pace)
+
+            def take(packets: Packets) -> None:
+                self._take(packets)
+                pace.expect(assembler.next_ns)
+
+            self._take_packets = take
+            if self._delivered:
+                self._dialogue.deliver_to(take)
+                self._dialogue.set_polling(self._latency, pace)
+        self._assembler.divide(parts)
 
     def _take(self, packets: Packets) -> None:
         self._last_packet = self._loop.time()

@@ -59,9 +59,12 @@ class Scanner:
     def __init__(self, dialogue: Dialogue, device: Device, latency: float) -> None:
         trouble = Trouble(_log)
         self._readers = Readers(self._deserted)
-        self._control = StreamControl(dialogue, device, latency, trouble, self._publish, self._suspect)
-        self.totals: Totals = self._control.totals
         self.hub: Hub = self._readers.hub
+        self._control = StreamControl(
+            dialogue, device, latency, trouble, self._publish, self._suspect, self.hub.publish_sector
+        )
+        self.hub.on_parts = self._control.divide
+        self.totals: Totals = self._control.totals
         self.latest: Scan | None = None
         self._inquiry = Inquiry(dialogue, device, self.totals, trouble)
         self._dialogue = dialogue

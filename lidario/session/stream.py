@@ -17,32 +17,39 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from types import TracebackType
-from typing import NoReturn, Protocol, Self
+from typing import NoReturn, Protocol, Self, cast
 
 from lidario.errors import Busy, InvalidValue, LidarError, LocalProtocolError
 from lidario.scan import Scan
+from lidario.sector import Sector
 from lidario.session.twin import again, twin_of
 
 __all__ = ["Hub", "Mailbox", "ScanSource", "ScanStream"]
 
 
 class Mailbox:
-    """Holds the latest scans for one reader.
+    """Holds the latest scans for one reader, or the latest sectors.
+
+    Args:
+        depth: Most that are kept.
+        parts: Of how many sectors a revolution is for this reader; 0 for a reader of scans.
 
     Attributes:
+        parts: The same.
         dropped: Scans dropped since the reader last took one.
         total_dropped: Scans dropped altogether.
         on_taken: Called when the reader has taken a scan. Where it is set, no scan is dropped: the one who set it
             does not put more than one at a time, or few.
     """
 
-    def __init__(self, depth: int) -> None:
+    def __init__(self, depth: int, parts: int = 0) -> None:
         if not isinstance(depth, int) or depth < 1:
-            raise InvalidValue(f"a reader keeps at least one scan, not {depth!r}")
+            raise InvalidValue(f"a reader keeps at least one {'sector' if parts else 'scan'}, not {depth!r}")
+        self.parts: int = parts
         self.dropped: int = 0
         self.total_dropped: int = 0
         self._depth = depth
-        self._scans: deque[Scan] = deque()
+        self._scans: deque[Scan | Sector] = deque()
         self._waiter: asyncio.Future[None] | None = None
         self._ended = False
         self._error: LidarError | None = None
@@ -58,7 +65,7 @@ class Mailbox:
         """Whether no more scans will come."""
         return self._ended
 
-    def put(self, scan: Scan) -> int:
+    def put(self, scan: Scan | Sector) -> int:
         """Add a scan; returns how many were dropped for it (0 or 1)."""
         if self._ended:
             return 0
@@ -79,7 +86,7 @@ class Mailbox:
             self._error = error
             self._wake()
 
-    async def get(self) -> Scan:
+    async def get(self) -> Scan | Sector:
         """The oldest scan held, or the next one to come. Cancelling loses nothing.
 
         Raises:
@@ -88,7 +95,7 @@ class Mailbox:
             Busy: Another task is waiting already.
         """
         if self._waiter is not None:
-            raise Busy("two tasks read one stream: give each its own, as lidar.scans() makes them")
+            raise Busy("two tasks read one stream: give each its own, as lidar.scans() and lidar.sectors() do")
         while not self._scans:
             if self._error is not None:
                 raise again(self._error)
@@ -113,10 +120,12 @@ class Mailbox:
 
 
 class Hub:
-    """Hands every scan to every mailbox.
+    """Hands every scan to every mailbox for scans, and every sector to those for sectors of its size.
 
     Attributes:
         dropped: Scans that slow readers missed, summed over all of them.
+        parts: Of how many sectors a revolution is for somebody here.
+        on_parts: Called when that has changed.
     """
 
     def __init__(self) -> None:
@@ -124,6 +133,8 @@ class Hub:
         self._mailboxes: dict[Mailbox, None] = {}
         self._on_taken: Callable[[], None] | None = None
         self.dropped: int = 0
+        self.parts: frozenset[int] = frozenset()
+        self.on_parts: Callable[[frozenset[int]], None] | None = None
 
     def __len__(self) -> int:
         return len(self._mailboxes)
@@ -132,10 +143,12 @@ class Hub:
         """Begin to hand scans to `mailbox`."""
         self._mailboxes[mailbox] = None
         mailbox.on_taken = self._on_taken
+        self._see_parts()
 
     def discard(self, mailbox: Mailbox) -> None:
         """Hand it none any more."""
         self._mailboxes.pop(mailbox, None)
+        self._see_parts()
         if self._on_taken is not None:
             self._on_taken()
 
@@ -149,15 +162,30 @@ class Hub:
         self._on_taken = callback
 
     def publish(self, scan: Scan) -> None:
-        """Hand `scan` to everybody."""
+        """Hand `scan` to everybody who reads scans."""
         for mailbox in tuple(self._mailboxes):
-            self.dropped += mailbox.put(scan)
+            if not mailbox.parts:
+                self.dropped += mailbox.put(scan)
+
+    def publish_sector(self, parts: int, sector: Sector) -> None:
+        """Hand `sector` to everybody who reads so many of a revolution."""
+        for mailbox in tuple(self._mailboxes):
+            if mailbox.parts == parts:
+                mailbox.put(sector)
 
     def end(self, error: LidarError | None = None) -> None:
         """End every stream; each gets an error of its own, so that tracebacks do not mix."""
         for mailbox in tuple(self._mailboxes):
             mailbox.end(None if error is None else twin_of(error))
         self._mailboxes.clear()
+        self._see_parts()
+
+    def _see_parts(self) -> None:
+        parts = frozenset(mailbox.parts for mailbox in self._mailboxes if mailbox.parts)
+        if parts != self.parts:
+            self.parts = parts
+            if self.on_parts is not None:
+                self.on_parts(parts)
 
 
 class ScanSource(Protocol):
@@ -197,12 +225,18 @@ class ScanStream:
     """
 
     def __init__(
-        self, source: ScanSource, mode: str | int | None, depth: int, force: bool, opened: Callable[[], None]
+        self,
+        source: ScanSource,
+        mode: str | int | None,
+        depth: int,
+        force: bool,
+        opened: Callable[[], None],
+        parts: int = 0,
     ) -> None:
         self._source = source
         self._mode = mode
         self._force = force
-        self._mailbox = Mailbox(depth)
+        self._mailbox = Mailbox(depth, parts)
         self._let_go: weakref.finalize[..., ScanStream] | None = None
         self._left = False
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -228,7 +262,7 @@ class ScanStream:
             self._let_go.atexit = False
         elif self._loop is not asyncio.get_running_loop():
             raise LocalProtocolError("the stream was begun in another event loop, and its scans come only there")
-        return await self._mailbox.get()
+        return cast("Scan", await self._mailbox.get())
 
     async def __aenter__(self) -> Self:
         self._check_open()

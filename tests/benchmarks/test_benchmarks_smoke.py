@@ -5,15 +5,22 @@ No figure is looked at: a shared machine has none to rely on.
 
 import json
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 
-from benchmarks import damage, decode, garbage, stages, vendor, view
+import lidario
+from benchmarks import damage, decode, export, garbage, stages, vendor, view
 from benchmarks.contest import late_by, lost_scans
 from benchmarks.report import Result, Setting, spread
-from benchmarks.streams import KINDS, RATES, recording
+from benchmarks.streams import KINDS, RATES, capture, recording
 from lidario.families.rplidar.simulated.device import make_simulated
+from lidario.revolution.assemble import Assembler
+from lidario.wire.blocks import packet_offsets
+from lidario.wire.envelope import DESCRIPTOR_SIZE
+from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS
+from lidario.wire.link import Link
 from tests.support.streams import in_one_run
 
 
@@ -150,7 +157,55 @@ def test_damage_costs_what_it_hits_and_is_told(name: str, how: str) -> None:
     assert found.kept > (0.78 if "flip" in how or "0.8" in how else 0.9) * found.points
 
 
+def test_a_long_recording_is_made_of_a_short_one(tmp_path: Path) -> None:
+    export.make_recording(tmp_path / "a.mcap", 20.0)
+    found = lidario.summarize(tmp_path / "a.mcap")
+    assert found.scans == pytest.approx(200, abs=3)
+    assert found.duration_s == pytest.approx(20.0, abs=0.3)
+    # Where one copy ends and the next begins, the rotor stands a few packets elsewhere.
+    assert found.lost_packets <= 8
+    assert (found.missed_scans, found.skipped_bytes) == (0, 0)
+
+
+@pytest.mark.parametrize("name", ["0x82 express", "0x84 ultra", "0x85 dense", "0x86 ultra-dense"])
+def test_capsules_of_which_each_second_is_lost_from_the_start_are_not_told_as_whole(name: str) -> None:
+    found = damage.outcome(KINDS[name], "each second packet lost", seed=1)
+    assert found.wrong == 0
+    assert found.told_scans == found.missing_scans > 0
+    # Those of the first, partial revolution are not counted.
+    assert found.told == pytest.approx(found.missing, rel=0.06)
+
+
+@pytest.mark.exhaustive("seed", sample=[2], full=range(1, 7))
+@pytest.mark.parametrize("name", ["0x82 express", "0x85 dense"])
+def test_where_most_packets_are_lost_no_more_is_told_than_is_missing(name: str, seed: int) -> None:
+    found = damage.outcome(KINDS[name], "2 bytes in 100 lost", seed=seed)
+    assert found.told == pytest.approx(found.missing, rel=0.03)
+    assert found.told_scans == pytest.approx(found.missing_scans, rel=0.1, abs=2)
+
+
 def test_noise_is_compared_with_a_clean_line_of_every_format() -> None:
     (table,) = garbage.run(Setting(quick=True)).tables
     assert [row[0] for row in table.rows[::2]] == list(KINDS)
     assert all(float(cell) > 0 for row in table.rows for cell in row[2:])
+
+
+@pytest.mark.parametrize("number", [0, 1, 3])
+def test_a_damaged_start_packet_is_told_also_the_first(number: int) -> None:
+    kind = KINDS["4ROS points"]
+    raw = bytearray(capture(kind, 1.5)[DESCRIPTOR_SIZE:])
+    wire, end = kind.make_format(), 0
+    starts: list[int] = []
+    while (stretch := wire.next_stretch(raw, end)).end > end:
+        offsets = [end + at for at in packet_offsets(stretch.packets)]
+        starts += [at for at in offsets[:-1] if raw[at + 2] & 1]
+        end = stretch.end
+    raw[starts[number] + 8] ^= 1
+    damaged, scans = kind.stream(), 0
+    link, assembler = Link(), Assembler(damaged)
+    link.enter_stream(damaged.format)
+    for at in range(0, len(raw), 512):
+        link.receive_data(bytes(raw[at : at + 512]), round(at * 1.5e9 / len(raw)))
+        scans += sum(len(assembler.add(each)) for each in link.events_received() if isinstance(each, Packets))
+    assert scans > 5
+    assert assembler.stats.lost_packets == 1

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -104,3 +106,45 @@ def test_a_missing_device_leaves_no_file(tmp_path: Path) -> None:
     ended = invoke("plot", "/dev/nosuchport", "-o", str(tmp_path / "x.svg"))
     assert ended.exit_code == 3
     assert not list(tmp_path.iterdir())
+
+
+class Drawn:
+    """Stands for ``matplotlib.pyplot`` and all that it makes: notes what is called, and writes a file."""
+
+    def __init__(self) -> None:
+        self.calls: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = []
+
+    def __getattr__(self, name: str) -> Callable[..., Drawn]:
+        def call(*arguments: Any, **options: Any) -> Drawn:
+            self.calls.append((name, arguments, options))
+            if name == "savefig":
+                Path(arguments[0]).write_bytes(b"\x89PNG")
+            return self
+
+        return call
+
+
+@pytest.mark.parametrize("polar", [False, True])
+def test_a_png_has_the_points_where_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, polar: bool) -> None:
+    """All but matplotlib itself, which is not installed for the tests."""
+    drawn = Drawn()
+    monkeypatch.setattr("lidario.cli.plot.find_spec", lambda name: object())
+    monkeypatch.setattr("lidario.cli.plot.import_module", lambda name: drawn)
+    path = tmp_path / "x.png"
+    ended = invoke_driven("plot", S2 + "&world=circle", "-o", str(path), "-n", "2", *(["--polar"] if polar else []))
+    assert (ended.exit_code, ended.stdout) == (0, f"{path}\n"), ended.stderr
+    assert path.read_bytes() == b"\x89PNG"
+    points = [each[:2] for name, each, _ in drawn.calls if name == "plot" and np.size(each[0]) > 1]
+    assert len(points) == 2
+    for across, up in points:
+        assert len(across) == len(up) > 3000
+        if polar:
+            # Angles counter-clockwise from forward, and distances.
+            assert np.abs(across).max() <= np.float32(np.pi)
+            assert up.min() > 0
+    if polar:
+        assert [each for name, each, _ in drawn.calls if name == "set_theta_zero_location"] == [("N",)]
+    else:
+        # Left is left: y grows to the left.
+        ((left, right),) = [options["xlim"] for _, _, options in drawn.calls if "xlim" in options]
+        assert left > 0 > right

@@ -77,9 +77,7 @@ def test_an_outage_is_told_in_full(name: str, revolutions: float, place: float) 
     gone = round(revolutions * each)
     scans, stats = assembled_from(name, [*packets[:begin], *packets[begin + gone :]])
     # Revolutions do not have a whole number of packets.
-    # Of nodes, a fall of 11 degrees may be a few bytes that were none: then a whole revolution is told.
-    slack = 0.04 if name == "0x81 nodes" else 0.01
-    assert stats.lost_packets == pytest.approx(gone, abs=3 + slack * gone)
+    assert stats.lost_packets == pytest.approx(gone, abs=3 + 0.01 * gone)
     numbers = [scan.seq for scan in scans]
     assert numbers[0] == 0
     assert all(after > before for before, after in pairwise(numbers))

@@ -9,6 +9,8 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from contextlib import AsyncExitStack
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,10 +22,11 @@ from lidario.errors import ConnectFailed, InvalidValue, Unsupported
 from lidario.laserscan import LaserScan
 from lidario.network.bus import Bus, Sample
 from lidario.network.keys import parse_attachment
-from lidario.ros import Publisher, Share, list_remote_lidars
+from lidario.ros import Fleet, Publisher, Share, list_remote_lidars
 from lidario.ros.names import DIAGNOSTICS, LASERSCAN, Node, gid_of
 from lidario.scan import Scan
 from tests.support.router import Router
+from tests.test_model import FOUR
 
 BOUND_S = 30.0
 MODELS = {"rplidar": "rplidar-s2", "ydlidar": "ydlidar-4ros"}
@@ -146,7 +149,9 @@ async def test_a_topic_of_ros(router: Router) -> None:
                     if len(rig.sent) == 3:
                         break
             await until(lambda: len(messages) == 3 and diagnostics)
-            (found,) = [each for each in await list_remote_lidars(router.address) if each.source == f"zenoh:{key}"]
+            (found,) = [
+                each for each in await list_remote_lidars(router.address) if each.source == "zenoh:9/front/scan/*/*"
+            ]
         await until(lambda: not any(tokens.values()))
     beams = len(rig.sent[0])
     for number, (scan, sample) in enumerate(zip(rig.sent, messages, strict=True), 1):
@@ -192,7 +197,7 @@ async def test_a_laserscan_of_somebody_elses_node_is_a_source(router: Router) ->
 
         publishing = asyncio.create_task(publish())
         try:
-            lidar, scans = await rig.take("0/urg/scan/**", 2)
+            lidar, scans = await rig.take("0/urg/scan/*/*", 2)
         finally:
             publishing.cancel()
         assert scans[0].ranges.tolist() == [1, 2, 3, 4, 5]
@@ -203,16 +208,59 @@ async def test_a_laserscan_of_somebody_elses_node_is_a_source(router: Router) ->
         assert [(each.robot, each.model, each.health) for each in found] == [("/urg", "", None)]
 
 
-async def test_many_lidars_under_one_key_have_to_be_named(router: Router) -> None:
+async def test_many_lidars_are_one_fleet_or_have_to_be_named(router: Router) -> None:
     async with AsyncExitStack() as stack:
         rig = Rig(stack, router)
+        fleet = await stack.enter_async_context(Fleet("many/*/scan", router=router.address, depth=4))
+        shares = []
         for robot in ("a", "b"):
-            await stack.enter_async_context(Share(await rig.open(), f"many/{robot}/scan", router=router.address))
+            share = Share(await rig.open(), f"many/{robot}/scan", router=router.address)
+            shares.append(await stack.enter_async_context(share))
         with pytest.raises(
             ConnectFailed, match=r"2 lidars .* name one:\nzenoh:many/a/scan\nzenoh:many/b"
         ) as caught:
             await lidario.open_lidar(f"zenoh:many/*/scan?router={router.address}")
         assert caught.value.reason == "ambiguous"
+        for number in (1, 2):
+            for share in shares:
+                share.publish(replace(FOUR, seq=number))
+        outlets = [share._outlet for share in shares]
+        assert outlets[0] is not None
+        assert outlets[1] is not None
+        await until(lambda: len(fleet._scans) == 4)
+        outlets[0].sent += 2
+        shares[0].publish(replace(FOUR, seq=5))
+        await until(lambda: fleet.dropped == 1)
+        seen = [await anext(fleet) for _ in range(4)]
+        assert (seen[-1].key, seen[-1].scan.seq, seen[-1].lost) == ("many/a/scan", 5, 2)
+        assert {each.key for each in seen} == {"many/a/scan", "many/b/scan"}
+        assert (fleet.lost, fleet.bad_messages) == (2, 0)
+        outlets[1].send(b"junk")
+        await until(lambda: fleet.bad_messages)
+        reading = asyncio.ensure_future(anext(fleet))
+        await asyncio.sleep(0)
+        await fleet.close()
+        with pytest.raises(StopAsyncIteration):
+            await reading
+
+
+async def test_a_session_comes_back_when_the_robot_does(router: Router) -> None:
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        lidar = await rig.open()
+        source = f"zenoh:back/scan?router={router.address}"
+        async with Share(lidar, "back/scan", raw=True, router=router.address) as share:
+            rig.run(share)
+            await until(lambda: rig.sent)
+            remote = await stack.enter_async_context(lidario.open_lidar(source, reconnect=True))
+            scans = await stack.enter_async_context(remote.scans())
+            first = await anext(scans)
+        await until(lambda: not remote.is_connected)
+        await stack.enter_async_context(Share(lidar, "back/scan", raw=True, router=router.address))
+        async with asyncio.timeout(BOUND_S):
+            assert (await anext(scans)).wall_stamp_ns > first.wall_stamp_ns
+            while not remote.stats.reconnects:
+                await anext(scans)
 
 
 async def test_nobody_and_no_router(router: Router, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -225,6 +273,36 @@ async def test_nobody_and_no_router(router: Router, monkeypatch: pytest.MonkeyPa
     assert caught.value.reason == "refused"
     with pytest.raises(InvalidValue, match="is not the address of a router"):
         await Bus.open("7447")
+
+
+async def test_a_configuration_of_zenoh_is_taken(
+    router: Router, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("ZENOH_CONFIG", str(tmp_path / "client.json5"))
+    with pytest.raises(InvalidValue, match=r"or ZENOH_CONFIG=.* is no configuration of zenoh"):
+        await Bus.open(router.address)
+    (tmp_path / "client.json5").write_text('{id: "abc123", mode: "peer"}')
+    bus = await Bus.open(router.address)
+    assert bus.id == "abc123"
+    await bus.close()
+
+
+async def test_no_exception_of_zenoh_leaves(router: Router) -> None:
+    bus = await Bus.open(router.address)
+    for call in (
+        bus.sender,
+        bus.token,
+        lambda key: bus.subscribe(key, print),
+        lambda key: bus.watch_tokens(key, print),
+    ):
+        with pytest.raises(ConnectFailed, match=r"the zenoh session with .* failed"):
+            call("a//b")
+    with pytest.raises(ConnectFailed, match=r"the zenoh session with .* failed"):
+        await bus.query("a//b", 1.0)
+    await bus.close()
+    await bus.close()
+    with pytest.raises(ConnectFailed, match=r"the zenoh session with .* failed"):
+        await bus.tokens("a", 1.0)
 
 
 async def test_a_missing_package_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -85,6 +85,7 @@ class Case:
     Attributes:
         name: Name of the golden file.
         response_type: Type byte of the descriptor.
+        told: What the device has said of itself before, where a recording cannot be decoded without it.
         descriptor: What the device says before the first packet; empty where it announces nothing.
         make_format: A fresh packet format.
         make_decoder: A fresh decoder.
@@ -107,6 +108,7 @@ class Case:
     decode: Callable[[Sequence[bytes]], Sequence[Sample]]
     revolutions: Callable[[Iterable[Sample]], Sequence[Sequence[Sample]]]
     lookahead: bool
+    told: bytes = b""
 
     @property
     def raw(self) -> bytes:
@@ -195,21 +197,22 @@ def _ydlidar(name: str) -> Case:
 
 
 _RELATIVES = {
-    "x4": ("x", ydlidar.Kind(unit=4, triangle=True)),
-    "g6": ("octave", ydlidar.Kind(unit=2, triangle=True)),
-    "g2": ("g2", ydlidar.Kind(3, 4, flags=True, intensity_bits=10, triangle=True)),
-    "tmini": ("tmini", ydlidar.Kind(3, 4, flags=True, intensity_bits=8)),
-    "tg15": ("tg", ydlidar.Kind()),
+    "x4": (6, "x", ydlidar.Kind(unit=4, triangle=True)),
+    "g6": (13, "octave", ydlidar.Kind(unit=2, triangle=True)),
+    "g2": (15, "g2", ydlidar.Kind(3, 4, flags=True, intensity_bits=10, triangle=True)),
+    "tmini": (150, "tmini", ydlidar.Kind(3, 4, flags=True, intensity_bits=8)),
+    "tg15": (100, "tg", ydlidar.Kind()),
 }
 
 
 def _relative(name: str) -> Case:
-    kind_name, layout = _RELATIVES[name.split("_")[1]]
+    code, kind_name, layout = _RELATIVES[name.split("_")[1]]
     kind, sample_us = KINDS_OF_CLOUDS[kind_name], _golden(name).sample_us
     assert sample_us is not None
     return replace(
         _ydlidar(name),
         response_type=kind.response_type,
+        told=bytes.fromhex("A55A1400000004") + bytes((code,)) + bytes(19),
         make_format=kind.wire,
         make_decoder=kind.decoder,
         sample_us=sample_us,

@@ -168,6 +168,9 @@ class PointCloudDecoder:
         marked = starts.nonzero()[0]
         if len(marked):
             self._seam = int(first[marked[0]])
+        elif self._seam is None and following is not None and following[2] & START_BIT:
+            # The first start packet may be among those that are missing: the place where it stood is told behind.
+            self._seam = _heading(following)
         if int(way.max()) > _STEADY * step * (most - 1):
             # A damaged angle must not look like packets lost behind it.
             usual = step * (counts - 1)

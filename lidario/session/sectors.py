@@ -1,0 +1,131 @@
+"""Sectors on their way to their readers, and when the port is polled for them.
+
+A reader of sectors is a reader of the stream like any other (`lidario.session.stream`): its mailbox says into how
+many sectors it wants a revolution divided.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from types import TracebackType
+from typing import NoReturn, Self, cast
+
+from lidario.errors import InvalidValue, LocalProtocolError
+from lidario.revolution.sectors import MOST_PARTS
+from lidario.sector import Sector
+from lidario.session.pace import LONGEST_HOLD_S, Pace
+from lidario.session.stream import ScanSource, ScanStream
+
+__all__ = ["DEFAULT_DEGREES", "SectorPace", "SectorStream", "parts_of"]
+
+DEFAULT_DEGREES = 45.0
+_WHOLE = 1e-6
+"""Difference from a whole number of sectors that is only rounding."""
+_MARGIN_S = 0.0003
+"""How much later than predicted the port is polled for a sector: what the least delayed delivery takes longer."""
+_JUST_BEFORE_S = 1e-5
+
+
+def parts_of(degrees: float) -> int:
+    """How many sectors of that size a revolution has.
+
+    Raises:
+        InvalidValue: 360 degrees are no whole number of them, or they are smaller than 5 degrees.
+    """
+    try:
+        parts = 360.0 / degrees
+        whole = round(parts)
+    except (TypeError, ValueError, ZeroDivisionError, OverflowError):
+        whole, parts = 0, math.nan
+    if not 1 <= whole <= MOST_PARTS or not abs(parts - whole) <= _WHOLE * whole:
+        raise InvalidValue(
+            f"a sector has at least {360 // MOST_PARTS} degrees, and 360 is a multiple of it; "
+            f"{degrees!r} is no such size"
+        )
+    return whole
+
+
+class SectorPace(Pace):
+    """As `Pace`, and for those who read sectors: the port is polled when the next sector is complete.
+
+    Args:
+        other: What has followed the revolutions so far, and is not used any more. This one goes on where it stands.
+
+    Attributes:
+        sector_due: When that is expected; 0 where nothing is known, so that only the revolution counts.
+    """
+
+    def __init__(self, other: Pace) -> None:
+        vars(self).update(vars(other))
+        self.sector_due: float = 0.0
+
+    def expect(self, next_ns: float) -> None:
+        """The packet that completes the next sector arrives then, in nanoseconds; NaN where that is not known."""
+        self.sector_due = 0.0 if math.isnan(next_ns) else next_ns * 1e-9 + _MARGIN_S
+
+    def rest(self, now: float) -> float:
+        """As `Pace.rest`."""
+        if not self.sector_due:
+            return super().rest(now)
+        return max(0.0, min(self.sector_due - now, LONGEST_HOLD_S))
+
+    def hold(self, now: float) -> float:
+        """As `Pace.hold`."""
+        if not self.sector_due:
+            return super().hold(now)
+        return min(self.sector_due, now + LONGEST_HOLD_S) - _JUST_BEFORE_S
+
+
+class SectorStream:
+    """An asynchronous iterator of parts of revolutions; made by `Lidar.sectors`.
+
+    It begins, ends and fails as a `ScanStream` does, in ``async for`` and ``async with``. The first sectors are
+    those of the first revolution that is seen from its beginning.
+
+    Cancelling ``__anext__`` loses no sector, and does not end the stream.
+    """
+
+    def __init__(
+        self,
+        source: ScanSource,
+        mode: str | int | None,
+        degrees: float,
+        depth: int | None,
+        force: bool,
+        opened: Callable[[], None],
+    ) -> None:
+        parts = parts_of(degrees)
+        self._stream = ScanStream(source, mode, parts if depth is None else depth, force, opened, parts)
+
+    @property
+    def dropped(self) -> int:
+        """Sectors this reader has missed so far."""
+        return self._stream.dropped
+
+    def __aiter__(self) -> Self:
+        return self
+
+    async def __anext__(self) -> Sector:
+        # The mailbox of this stream is handed sectors alone.
+        return cast("Sector", await anext(self._stream))
+
+    async def __aenter__(self) -> Self:
+        await self._stream.__aenter__()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.aclose()
+
+    def __iter__(self) -> NoReturn:
+        raise LocalProtocolError("sectors come asynchronously: write `async for sector in lidar.sectors():`")
+
+    async def aclose(self) -> None:
+        """As `ScanStream.aclose`."""
+        await self._stream.aclose()
+
+    def release(self) -> None:
+        """As `ScanStream.release`."""
+        self._stream.release()

@@ -1,0 +1,96 @@
+"""What docs/ros2.md and docs/fleets.md show is run: commands and programs against a router, files by zenoh."""
+
+from __future__ import annotations
+
+import re
+import runpy
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from tests.cli.processes import invoke, line_of, started
+from tests.support.pages import blocks
+from tests.support.recorded import record
+from tests.support.router import Router
+
+DOCS = Path(__file__).parents[2] / "docs"
+PAGES = ("ros2.md", "fleets.md")
+SHOWN = [block for page in PAGES for block in blocks((DOCS / page).read_text(encoding="utf-8"))]
+COMMANDS = [
+    line.removeprefix("$ lidario ")
+    for block in SHOWN
+    if block.kind == "console"
+    for line in block.text.splitlines()
+    if line.startswith("$ lidario ")
+]
+LONGEST = 40
+"""Scans of the recording."""
+
+
+@pytest.fixture(scope="module")
+def tape(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("tape") / "run.mcap"
+    record(path, "sim://ydlidar-4ros", 5)
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def robots(tape: str, router: Router) -> Iterator[None]:
+    """The robots that the pages are about: one without ROS, and a topic of ROS 2."""
+    common = ("--router", router.address)
+    with (
+        started("publish", f"{tape}?loop=1", "--zenoh", "robots/r7/scan", *common) as one,
+        started("publish", f"{tape}?loop=1", "--ros", *common) as other,
+    ):
+        for process in (one, other):
+            assert line_of(process.stdout)
+        yield
+
+
+def here(text: str, router: Router) -> str:
+    return re.sub(r"tcp/[\w.]+:7447", router.address, text)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command(
+    command: str, tape: str, router: Router, robots: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = shlex.split(here(command, router), comments=True)
+    if words[0] == "publish":
+        # The lidar is a recording, which has an end.
+        words = ["publish", f"{tape}?rate=0", *[word for word in words[1:] if not word.startswith("/dev/")]]
+    done = invoke(*words)
+    assert done.exit_code == 0, done.stderr
+    if words[0] == "publish":
+        assert re.search(r"^[4-9] scans published$", done.stderr, re.MULTILINE)
+    elif words[0] == "devices":
+        assert "robots/r7/scan" in done.stdout
+        assert "0/scan/*/*" in done.stdout
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_program(
+    page: str, tape: str, router: Router, robots: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (program,) = (block for block in blocks((DOCS / page).read_text(encoding="utf-8")) if block.kind == "python")
+    text = here(program.text, router).replace("open_lidar()", f"open_lidar({tape + '?rate=0'!r})")
+    # It reads for ever; here it ends with the first scan, and finds everything near.
+    text = text.replace("nearest.range < 0.5:", "nearest.range < 99:")
+    text = re.sub(r"( +)print\(each.*\n", r"\g<0>\1return\n", text)
+    path = tmp_path / program.title
+    path.write_text(text)
+    runpy.run_path(str(path))
+
+
+@pytest.mark.parametrize(
+    "block", [each for each in SHOWN if each.title.endswith(".json5")], ids=lambda each: each.title
+)
+def test_every_file_is_a_configuration_of_zenoh(block: object) -> None:
+    text = getattr(block, "text", "")
+    config = zenoh.Config.from_json5(text)
+    for section in re.findall(r"^  (\w+):", text, re.MULTILINE):
+        assert config.get_json(section) not in ("null", "{}")
