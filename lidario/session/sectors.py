@@ -40,8 +40,7 @@ def parts_of(degrees: float) -> int:
         whole, parts = 0, math.nan
     if not 1 <= whole <= MOST_PARTS or not abs(parts - whole) <= _WHOLE * whole:
         raise InvalidValue(
-            f"a sector has at least {360 // MOST_PARTS} degrees, and 360 is a multiple of it; "
-            f"{degrees!r} is no such size"
+            f"a sector has at least {360 // MOST_PARTS} degrees, and 360 is a multiple of it; not so {degrees!r}"
         )
     return whole
 
