@@ -2,8 +2,8 @@
 
     python obstacle_stop.py [SOURCE]
 
-One task reads the lidar and keeps the nearest distance ahead. The control loop never waits for the lidar. It stops
-also where nothing has come for a while: an old distance is worse than none.
+One task reads the lidar in sectors, each as soon as it is measured, and keeps the nearest distance ahead. The
+control loop never waits for it, and stops also where nothing has come for a while: it does not drive blind.
 """
 
 import asyncio
@@ -13,24 +13,27 @@ import sys
 import lidario
 
 AHEAD = (-0.35, 0.35)  # radians: what the robot would hit
-STOP_M = 0.5
-TOO_OLD_S = 0.3
-TICK_S = 0.05
+STOP_M, TOO_OLD_S = 0.5, 0.2
 
 
 class Eyes:
     """What is ahead, as far as is known."""
 
-    distance = math.inf
-    seen_at = -math.inf
+    def __init__(self) -> None:
+        self.nearest: dict[int, float] = {}  # of each sector
+        self.seen_at = -math.inf
+
+    @property
+    def distance(self) -> float:
+        """Metres; infinite where nothing is."""
+        return min(self.nearest.values(), default=math.inf)
 
     async def watch(self, lidar: lidario.Lidar) -> None:
         """Read until the lidar is closed."""
-        loop = asyncio.get_running_loop()
-        async for scan in lidar.scans():
-            ahead = scan.nearest(between=AHEAD)
-            self.distance = ahead.range if ahead else math.inf
-            self.seen_at = loop.time()
+        async for sector in lidar.sectors(degrees=45):
+            ahead = sector.nearest(between=AHEAD)
+            self.nearest[sector.index] = ahead.range if ahead else math.inf
+            self.seen_at = asyncio.get_running_loop().time()
 
 
 async def drive(source: str | lidario.SimulatedDevice, *, seconds: float = 5.0) -> float:
@@ -41,9 +44,8 @@ async def drive(source: str | lidario.SimulatedDevice, *, seconds: float = 5.0) 
         watching = tasks.create_task(eyes.watch(lidar))
         end = loop.time() + seconds
         while loop.time() < end and eyes.distance >= STOP_M:
-            is_blind = loop.time() - eyes.seen_at > TOO_OLD_S
-            set_wheels(0.0 if is_blind else 0.4)
-            await asyncio.sleep(TICK_S)
+            set_wheels(0.0 if loop.time() - eyes.seen_at > TOO_OLD_S else 0.4)
+            await asyncio.sleep(0.05)
         set_wheels(0.0)
         watching.cancel()
     return eyes.distance if eyes.distance < STOP_M else math.inf
@@ -54,5 +56,4 @@ def set_wheels(speed: float) -> None:
 
 
 if __name__ == "__main__":
-    source = sys.argv[1] if len(sys.argv) > 1 else "auto"
-    print(f"stopped at {lidario.run(drive(source)):.2f} m")
+    print(lidario.run(drive(sys.argv[1] if len(sys.argv) > 1 else "auto")), "m")
