@@ -17,7 +17,8 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+import timeit
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -28,10 +29,10 @@ import numpy as np
 from benchmarks.contest import Entry, read_live
 from benchmarks.processes import ROOT, Failed, Player
 from benchmarks.report import Result, Setting, Table, median, percentile, spread
-from lidario import Scan
+from lidario import DeviceInfo, Health, HealthStatus, Scan, Stats
 from lidario.network.bus import Bus
 from lidario.network.messages import encode_scan
-from lidario.ros import Fleet
+from lidario.ros import Fleet, diagnostics, pointcloud2
 from lidario.ros.broadcast import Outlet
 
 __all__ = ["run"]
@@ -51,7 +52,7 @@ _SETTLE_S: Final = 1.0
 def run(setting: Setting) -> Result:
     """Publishing beside scanning, several times in turn; then each number of publishers once."""
     rounds, window_s = (1, 0.5) if setting.quick else (3, 4.0)
-    data: dict[str, Any] = {"cpu": {}, "many": {}}
+    data: dict[str, Any] = {"cpu": {}, "many": {}, "message_ms": _messages(5 if setting.quick else 500)}
     with _router() as address, Player(RATE) as player:
         for number in range(rounds):
             setting.say(f"publish: round {number + 1} of {rounds}")
@@ -81,7 +82,26 @@ def _tables(data: dict[str, Any]) -> list[Table]:
             count, f"{found['reader_cpu']:.1f}", f"{found['router_cpu']:.1f}", f"{found['p50_ms']:.2f}",
             f"{found['p99_ms']:.2f}", str(found["scans"]), str(found["lost"]),
         ])  # fmt: skip
-    return [costs, many]
+    made = Table(f"One scan of {SAMPLES} samples as a message, ms", ["", "best of five"])
+    made.rows += [[name, f"{took:.4f}"] for name, took in data["message_ms"].items()]
+    return [costs, many, made]
+
+
+def _messages(times: int) -> dict[str, float]:
+    """Milliseconds that each message takes."""
+    scan = _scan()
+    laser, cloud = scan.to_laserscan(), pointcloud2(scan)
+    info = DeviceInfo("", "S2", 0, "1.0", 0, "0" * 32)
+    array = diagnostics(0, "lidario: scan", info, Health(HealthStatus.OK, 0), stats=Stats(), rate=10.0)
+    steps: dict[str, Callable[[], object]] = {
+        "Scan.to_laserscan": scan.to_laserscan,
+        "LaserScan.to_cdr": laser.to_cdr,
+        "pointcloud2(scan)": lambda: pointcloud2(scan),
+        "PointCloud2.to_cdr": cloud.to_cdr,
+        "DiagnosticArray.to_cdr": array.to_cdr,
+        "scan message of --zenoh": lambda: encode_scan(scan),
+    }
+    return {name: 1e3 * min(timeit.repeat(step, number=times, repeat=5)) / times for name, step in steps.items()}
 
 
 def _one_round(

@@ -1,9 +1,8 @@
-"""How soon a robot stops: from the last byte that shows an obstacle to the stop, by scans and by sectors.
+"""How soon a robot stops: from the last byte that shows an obstacle to the call of `stop`; scans against sectors.
 
-A thin obstacle appears in a random direction at a random time before a simulated lidar, which a process of its own
-plays on a pseudo-terminal at true pace (`benchmarks.reaction_player`). Another process reads it and notes when it
-would stop (`benchmarks.reaction_reader`). A scan tells of it when the revolution has ended, a sector when the
-sector has. By turns: each way at each speed, and again.
+The device is simulated, on a pseudo-terminal, in a process of its own: something comes near at a known moment in a
+direction drawn by chance, and the device knows when it wrote the packet that shows it. A program that reads scans
+sees it when the revolution is whole. One that reads sectors sees it when the rotor has passed the sector's end.
 """
 
 from __future__ import annotations
@@ -11,88 +10,105 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import threading
 from bisect import bisect_left
 from typing import Any
 
-from benchmarks.processes import ROOT
-from benchmarks.report import Result, Setting, Table, percentile
+from benchmarks.contest import late_by
+from benchmarks.processes import ROOT, Failed, run_json
+from benchmarks.report import Result, Setting, Table, median, percentile, spread
 
-__all__ = ["SPEEDS_HZ", "run"]
+__all__ = ["HERTZ", "run"]
 
-SPEEDS_HZ = (7, 10, 20)
-_MODELS = {7: "ydlidar-4ros", 10: "rplidar-s2", 20: "rplidar-s2"}
-_KINDS = ("scans", "sectors")
-_LATEST_S = 1.0
-"""What comes later than that belongs to another time."""
+HERTZ = (7, 10, 20)
+_WAYS = ("scans", "sectors")
+_EARLY_NS = 30_000_000
+"""A part of the obstacle in the sector before is reason enough to stop."""
+_LATEST_NS = 240_000_000
+_SKIP = 8
+"""First records that do not count: caches are cold, and nothing is known of the rotor yet."""
+_WORKER = (sys.executable, "-m", "benchmarks.reaction_worker")
 
 
 def run(setting: Setting) -> Result:
-    """Each speed, by scans and by sectors, one after the other, and again."""
-    rounds, seconds = (1, 1.5) if setting.quick else (3, 6.0)
-    speeds = SPEEDS_HZ[1:2] if setting.quick else SPEEDS_HZ
-    found: dict[str, list[float]] = {}
-    missed: dict[str, int] = {}
+    """Every speed, both ways by turns."""
+    rounds, window_s = (1, 3.0) if setting.quick else (2, 16.0)
+    found: dict[str, list[dict[str, Any]]] = {}
     for number in range(rounds):
         setting.say(f"reaction: round {number + 1} of {rounds}")
-        for hertz in speeds:
-            for kind in _KINDS:
-                late, unseen = _once(kind, hertz, seconds, seed=number)
-                name = f"{hertz} Hz, {_MODELS[hertz]}, {kind}"
-                found.setdefault(name, []).extend(late)
-                missed[name] = missed.get(name, 0) + unseen
-    return Result("reaction", [_table(found, missed)], {"late_ms": found, "missed": missed})
+        for hertz in HERTZ[1:2] if setting.quick else HERTZ:
+            for how in _WAYS:
+                found.setdefault(f"{hertz} Hz, {how}", []).append(_measure(hertz, how, window_s))
+    return Result("reaction", [_table(found)], {"settings": found})
 
 
-def _once(kind: str, hertz: int, seconds: float, seed: int) -> tuple[list[float], int]:
-    """Milliseconds from the last byte to the stop, each time, and how often none came."""
-    command = [sys.executable, "-m", "benchmarks.reaction_player", _MODELS[hertz], str(hertz), str(seed)]
-    with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as player:
-        assert player.stdin is not None
-        assert player.stdout is not None
-        path = player.stdout.readline().strip()
-        shown: list[dict[str, int]] = []
-        listening = threading.Thread(target=lambda: shown.extend(map(json.loads, player.stdout or ())))
-        listening.start()
+def _measure(hertz: int, how: str, window_s: float) -> dict[str, Any]:
+    with subprocess.Popen(
+        [*_WORKER, "device"], cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
+    ) as device:
+        assert device.stdin is not None
+        assert device.stdout is not None
         try:
-            done = subprocess.run(
-                [sys.executable, "-m", "benchmarks.reaction_reader", path, kind, str(hertz), str(seconds)],
-                cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True, timeout=seconds + 60,
-            )  # fmt: skip
+            path = json.loads(device.stdout.readline() or "null")
+            if path is None:
+                raise Failed("the simulated device ended")
+            task = {"path": path, "hertz": hertz, "how": how, "window_s": window_s}
+            got = run_json([*_WORKER, "reader", json.dumps(task)], timeout=window_s + 30)
         finally:
-            player.stdin.close()
-            listening.join()
-    return paired(shown, json.loads(done.stdout))
+            told = json.loads(device.communicate("\n", timeout=30)[0] or "{}")
+    begin, end = got["window"]
+    within = [at for at in told["shown"] if begin < at < end - _LATEST_NS]
+    late = [reaction for at in within if (reaction := _reaction(at, got["stops"])) is not None]
+    return {
+        "late_ms": late,
+        "shown": len(within),
+        "cpu": got["cpu"],
+        "delay_ms": late_by(got["arrivals"][_SKIP:], told["ends"]),
+    }
 
 
-def paired(shown: list[dict[str, int]], stops: list[int]) -> tuple[list[float], int]:
-    """Milliseconds from each `seen_ns` to the first stop since it was shown; and how many had none.
-
-    Args:
-        shown: Each time that the obstacle was there: since when, and when its last byte was written.
-        stops: When something near was found, ascending.
-    """
-    late: list[float] = []
-    unseen = 0
-    for each in shown:
-        if not stops or not stops[0] < each["since_ns"] < stops[-1]:
-            continue  # before the reader was there, or behind its end
-        at = bisect_left(stops, each["since_ns"])
-        after = (stops[at] - each["seen_ns"]) * 1e-6
-        if after < _LATEST_S * 1e3:
-            late.append(after)
-        else:
-            unseen += 1
-    return late, unseen
+def _reaction(shown_ns: int, stops: list[int]) -> float | None:
+    """Milliseconds until the first stop; None where none came while the obstacle was there."""
+    place = bisect_left(stops, shown_ns - _EARLY_NS)
+    if place == len(stops) or stops[place] > shown_ns + _LATEST_NS:
+        return None
+    return (stops[place] - shown_ns) / 1e6
 
 
-def _table(found: dict[str, list[float]], missed: dict[str, int]) -> Table:
-    table = Table(
-        "reaction: from the last byte that shows an obstacle to the stop",
-        ["speed, by", "p50, ms", "p99, ms", "max, ms", "times", "not seen"],
+def _table(found: dict[str, list[dict[str, Any]]]) -> Table:
+    columns = [
+        "setting",
+        "p50, ms",
+        "p99, ms",
+        "max, ms",
+        "obstacles",
+        "not seen",
+        "handed over p50, p99",
+        "CPU, %",
+    ]
+    table = Table("reaction: simulated S2, 32 kS/s, sectors of 45 degrees", columns)
+    for name, rounds in found.items():
+        late = [each for one in rounds for each in one["late_ms"]]
+        delays = [each for one in rounds for each in one["delay_ms"]]
+        shown = sum(each["shown"] for each in rounds)
+        table.rows.append(
+            [
+                name,
+                *(f"{percentile(late, percent):.1f}" for percent in (50, 99, 100)),
+                f"{shown}",
+                f"{shown - len(late)}",
+                f"{percentile(delays, 50):.1f}, {percentile(delays, 99):.1f}",
+                spread([100 * each["cpu"] for each in rounds], 2),
+            ]
+        )
+    for hertz in HERTZ:
+        both = [found.get(f"{hertz} Hz, {how}") for how in _WAYS]
+        if both[0] and both[1]:
+            scans, sectors = (median([each["cpu"] for each in rounds]) for rounds in both if rounds)
+            table.notes.append(f"{hertz} Hz: sectors() takes {sectors / scans:.1f} times the CPU of scans()")
+    table.notes.append(
+        "handed over: from the last byte of the packet behind the sector, or revolution, to the consumer"
     )
-    for name, late in found.items():
-        figures: list[Any] = [f"{percentile(late, percent):.1f}" if late else "–" for percent in (50, 99, 100)]
-        table.rows.append([name, *figures, f"{len(late)}", f"{missed[name]}"])
-    table.notes.append("sectors of 45 degrees; `latency` as it is by default, 5 ms; the obstacle is 2 degrees wide")
+    table.notes.append(
+        "p50 to max: from the last byte that shows the obstacle, as it is written, to the call of stop"
+    )
     return table

@@ -15,7 +15,8 @@ import json
 import logging
 import os
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from lidario.errors import ConnectFailed, InvalidValue, Unsupported
@@ -135,13 +136,15 @@ class Bus:
         """Publish under `key`. A router that does not keep up loses messages, unless `blocking`."""
         zenoh = _zenoh()
         control = zenoh.CongestionControl.BLOCK if blocking else zenoh.CongestionControl.DROP
-        publisher = self._session.declare_publisher(key, congestion_control=control)
+        with self._told():
+            publisher = self._session.declare_publisher(key, congestion_control=control)
         self._held.append(publisher)
         return Sender(publisher)
 
     def token(self, key: str) -> None:
         """Show that we are alive: the token is there until this is closed, or its process or line has died."""
-        self._held.append(self._session.liveliness().declare_token(key))
+        with self._told():
+            self._held.append(self._session.liveliness().declare_token(key))
 
     def respond(self, key: str, response: Callable[[], bytes]) -> None:
         """Respond to queries of `key` with what `response` returns; it is called on the event loop."""
@@ -154,7 +157,8 @@ class Bus:
             finally:
                 query.drop()
 
-        self._held.append(self._session.declare_queryable(key, lambda query: self._call(send, query)))
+        with self._told():
+            self._held.append(self._session.declare_queryable(key, lambda query: self._call(send, query)))
 
     def subscribe(self, key: str, take: Callable[[Sample], None]) -> Callable[[], None]:
         """Call `take` on the event loop with everything that is published under `key`; returns what ends that."""
@@ -176,7 +180,8 @@ class Bus:
             if idle:
                 self._call(hand_over)
 
-        subscriber: Any = self._session.declare_subscriber(key, receive)
+        with self._told():
+            subscriber: Any = self._session.declare_subscriber(key, receive)
         self._held.append(subscriber)
 
         def leave() -> None:
@@ -191,7 +196,8 @@ class Bus:
         def receive(sample: Any) -> None:
             self._call(changed, str(sample.key_expr), "PUT" in str(sample.kind))
 
-        self._held.append(self._session.liveliness().declare_subscriber(key, receive, history=True))
+        with self._told():
+            self._held.append(self._session.liveliness().declare_subscriber(key, receive, history=True))
 
     async def tokens(self, key: str, seconds: float) -> list[str]:
         """The tokens of `key` that are there. Cancelling ends the waiting."""
@@ -221,24 +227,33 @@ class Bus:
         try:
             async with asyncio.timeout(CLOSE_S):
                 await run_in_thread(session.close)
-        except TimeoutError:
-            _log.debug("the session with %s did not close in time", self.router)
+        except (TimeoutError, _zenoh().ZError) as error:
+            _log.debug("the session with %s did not close in time or order: %r", self.router, error)
 
     def close_soon(self) -> None:
         """As `close`, without waiting, and without an event loop."""
         if not self._closed:
             self._closed = True
             self._held = []
-            self._session.close()
+            with suppress(_zenoh().ZError):
+                self._session.close()
 
     # ------------------------------------------------------------------------------------------ inside
 
     async def _gather(self, ask: Callable[[], Any]) -> list[Any]:
-        # The iteration blocks until the last response has come, or the time is up.
-        try:
+        with self._told():
+            # The iteration blocks until the last response has come, or the time is up.
             return await run_in_thread(lambda: list(ask()))
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        """No exception of zenoh leaves this module."""
+        try:
+            yield
         except _zenoh().ZError as error:
-            raise ConnectFailed(f"the zenoh router at {self.router} was lost: {error}", reason="refused") from error
+            raise ConnectFailed(
+                f"the zenoh session with {self.router} failed: {error}", reason="refused"
+            ) from error
 
     def _transport_changed(self, event: Any) -> None:
         if "router" in str(event.transport.whatami).lower():

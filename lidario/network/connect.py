@@ -33,6 +33,8 @@ ASK_S: Final = 2.0
 """How long publishers have to respond. Where there is none, the router says so at once."""
 WAIT_S: Final = 5.0
 """How long to wait for the first message of a publisher that does not respond, or for a lidar that is away."""
+ASK_AGAIN_S: Final = 0.5
+"""How often publishers are asked meanwhile."""
 _STATUS: Final = status_key("")
 _UNKNOWN: Final = Health(HealthStatus.WARNING, 0, "the publisher does not tell")
 
@@ -85,17 +87,31 @@ async def _meet(bus: Bus, key: str) -> Remote:
             raise ConnectFailed(
                 f"{len(found)} lidars are published under {key}; name one:{lines}", reason="ambiguous"
             )
+        left = deadline - asyncio.get_running_loop().time()
         if not found:
-            break
+            first = await _first_message(bus, key, max(0.0, min(left, ASK_AGAIN_S)))
+            if first is not None:
+                return _of_message(bus, first)
+            if left <= 0:
+                raise ConnectFailed(
+                    f"nobody publishes a lidar under {key} at {bus.router}; "
+                    "lidario devices --zenoh lists those there are",
+                    reason="silent",
+                )
+            # A publisher may have come that has sent no message yet.
+            continue
         ((place, status),) = found.items()
         began = _stream_of(status)
         if began is not None:
             return _remote(bus, place, status, began)
-        if asyncio.get_running_loop().time() >= deadline:
+        if left <= 0:
             lost = f": {status.lost}" if status.lost else ""
             raise ConnectFailed(f"zenoh:{place} is published, but its lidar does not scan{lost}", reason="silent")
         await asyncio.sleep(0.1)
-    first = await _first_message(bus, key)
+
+
+def _of_message(bus: Bus, first: Sample) -> Remote:
+    """A publisher of which nothing is known but its first message."""
     is_scan = parse_scan(first.payload, 0) is not None
     topic = first.key.partition(LASERSCAN_IN_KEY)[0]
     info = DeviceInfo("unknown" if is_scan else "ros2", "unknown" if is_scan else "LaserScan", 0, "", 0, topic)
@@ -109,8 +125,8 @@ async def _ask(bus: Bus, key: str) -> dict[str, Status]:
     return {place: status for place, status in read if status is not None}
 
 
-async def _first_message(bus: Bus, key: str) -> Sample:
-    """The first one that is a scan."""
+async def _first_message(bus: Bus, key: str, seconds: float) -> Sample | None:
+    """The first one that is a scan; None where none comes in time."""
     came: asyncio.Future[Sample] = asyncio.get_running_loop().create_future()
 
     def take(sample: Sample) -> None:
@@ -121,13 +137,10 @@ async def _first_message(bus: Bus, key: str) -> Sample:
 
     leave = bus.subscribe(key, take)
     try:
-        async with asyncio.timeout(WAIT_S):
+        async with asyncio.timeout(seconds):
             return await came
     except TimeoutError:
-        raise ConnectFailed(
-            f"nobody publishes a lidar under {key} at {bus.router}; lidario devices --zenoh lists those there are",
-            reason="silent",
-        ) from None
+        return None
     finally:
         leave()
 

@@ -32,10 +32,11 @@ _LONGEST_NS: Final = (1 << 32) - 1
 def _fields() -> bytes:
     """The sequence of ``PointField``: the same in every message but for its place, which is a multiple of four."""
     writer = CdrWriter()
-    writer.uint32(len(POINT.names or ()))
-    for name in POINT.names or ():
+    fields = dict(POINT.fields or {})
+    writer.uint32(len(fields))
+    for name, about in fields.items():
         writer.text(name)
-        writer.uint32(POINT.fields[name][1] if POINT.fields else 0)
+        writer.uint32(about[1])
         writer.byte(_UINT32 if name == "t" else _FLOAT32)
         writer.uint32(1)
     return writer.finish()[len(LITTLE_ENDIAN) :]

@@ -99,7 +99,8 @@ class Publisher(Broadcast):
         self._order: BeamOrder = order
         self._range_min, self._range_max = range_min, range_max
         self._no_return: NoReturn = no_return
-        self._mount_yaw, self._preset = mount_yaw, preset
+        self._mount_yaw = mount_yaw
+        self._preset: Preset = preset
         self._scans: Outlet | None = None
         self._diagnostics: Outlet | None = None
 

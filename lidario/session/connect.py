@@ -156,6 +156,8 @@ async def connect(
     port.add_tap(received.see)
     try:
         connection, tries = await _find(port, tries, patient=patient, on_dialogue=began)
+        if connection is None and source.model is None:
+            connection = await _find_by_dtr(port, tries)
         if connection is not None:
             if adapter is not None:
                 remember(adapter, connection.family.name, port.baudrate)
@@ -253,6 +255,23 @@ async def _find(
         if (not patient and not quick) or began >= deadline:
             return None, tries
         quick = False
+
+
+async def _find_by_dtr(port: Port, tries: list[_Try]) -> Connection | None:
+    """One of the models that are dark while DTR is cleared, each asked shortly; None when none responds."""
+    speeds = {each.baudrate for each in tries}
+    for family in dict.fromkeys(each.family for each in tries):
+        for name in family.by_dtr:
+            baudrate = family.models[name].baudrate
+            if 0 in speeds:
+                baudrate = 0
+            elif baudrate not in speeds:
+                continue
+            connection = await _try(port, _Try(family, baudrate, name), quick=False)
+            if connection is not None:
+                return connection
+    port.set_dtr(False)
+    return None
 
 
 async def _try_known(

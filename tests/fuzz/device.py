@@ -17,7 +17,7 @@ from typing import Any
 
 import lidario
 from benchmarks.relayed import Relayed
-from tests.fuzz.checks import check_error, check_text
+from tests.fuzz.checks import check_error, check_scan, check_text
 from tests.support.ledger import assert_stats_close
 from tests.support.loop import run_driven
 
@@ -27,8 +27,9 @@ _FAMILIES = {"rplidar": "rplidar-s2", "ydlidar": "ydlidar-4ros"}
 _PATIENCE_S = 100.0
 _MOST_BUFFERED = 64 * 1024
 _FLOOD = 20_000
+_SCANS = 4
 
-SEEDS = [
+_CHANGES = [
     bytes(4),
     bytes((1,)) + bytes(8),
     bytes((0, 2, 20)) + b"\xa5\x5a\x14\0\0\0\x04" + bytes(range(20)),
@@ -38,6 +39,9 @@ SEEDS = [
     bytes((0, 5, 5, 5, 5)),
     bytes((1, 4, 1, 4, 1, 6, 6, 6)),
 ]
+"""The family, and what becomes of each delivery."""
+SEEDS = [seed[:1] + bytes((honest,)) + seed[1:] for honest in (0, 14, 40) for seed in _CHANGES]
+"""With so many deliveries unchanged before."""
 
 
 class _Hostile(Relayed):
@@ -45,12 +49,16 @@ class _Hostile(Relayed):
 
     def __init__(self, device: Any, data: bytes) -> None:
         super().__init__(device)
-        self._data = data
+        # So many deliveries are left as they are: otherwise few devices would come as far as a scan.
+        self._honest, self._data = (data[0] if data else 0), data[1:]
         self._at = 0
         self._before = b""
 
     def transmit(self, now: int) -> bytes:
         data: bytes = self._device.transmit(now)
+        if data and self._honest:
+            self._honest -= 1
+            return data
         return self._changed(data) if data else data
 
     def wakeup(self, now: int) -> int | None:
@@ -112,6 +120,7 @@ async def _use(family: str, data: bytes) -> None:
                 assert_stats_close(stats)
                 assert stats.buffered <= _MOST_BUFFERED
                 _check_texts(lidar)
+            await _tried(_read(lidar))
             for mode in await _tried(lidar.get_modes()) or ():
                 check_text(mode.name)
     except lidario.LidarError as error:
@@ -119,6 +128,16 @@ async def _use(family: str, data: bytes) -> None:
     except TimeoutError:
         assert not limit.expired(), f"it is still busy after {_PATIENCE_S:g} s"
         raise
+
+
+async def _read(lidar: lidario.Lidar) -> None:
+    """A few scans, with a question in their midst."""
+    async with lidar.scans() as scans:
+        for number in range(_SCANS):
+            check_scan(await anext(scans))
+            assert lidar.stats.buffered <= _MOST_BUFFERED
+            if number == 1:
+                await _tried(lidar.get_health())
 
 
 async def _tried(call: Awaitable[Any]) -> Any:

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import zenoh
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -142,11 +143,25 @@ def test_keys(key: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "key", ["", "/a", "a/", "a//b", "a b", "a#", "a?x", "a$b", "a\n", "@x/a", "a/@b", "x" * 600]
+    "key", ["", "/a", "a/", "a//b", "a b", "a#", "a?x", "a/**/*", "a$b", "a\n", "@x/a", "a/@b", "x" * 600]
 )
 def test_what_is_no_key(key: str) -> None:
     with pytest.raises(InvalidValue):
         check_key(key, wildcards=True)
+
+
+parts = st.sampled_from(
+    ["a", "scan", "*", "**", "***", "@x", "r*", "*r", "$*", "a$*", "", ".", "é", "x y", "#", "::_"]
+)
+
+
+@given(st.lists(parts, max_size=5).map("/".join) | st.text("a/*@$#?_", max_size=8) | st.text(max_size=6))
+def test_zenoh_takes_every_key_that_we_take(key: str) -> None:
+    try:
+        check_key(key, wildcards=True)
+    except InvalidValue:
+        return
+    assert str(zenoh.KeyExpr(key)) == key
 
 
 def test_wildcards_name_many() -> None:

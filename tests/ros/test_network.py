@@ -244,6 +244,25 @@ async def test_many_lidars_are_one_fleet_or_have_to_be_named(router: Router) -> 
             await reading
 
 
+async def test_a_session_comes_back_when_the_robot_does(router: Router) -> None:
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        lidar = await rig.open()
+        source = f"zenoh:back/scan?router={router.address}"
+        async with Share(lidar, "back/scan", raw=True, router=router.address) as share:
+            rig.run(share)
+            await until(lambda: rig.sent)
+            remote = await stack.enter_async_context(lidario.open_lidar(source, reconnect=True))
+            scans = await stack.enter_async_context(remote.scans())
+            first = await anext(scans)
+        await until(lambda: not remote.is_connected)
+        await stack.enter_async_context(Share(lidar, "back/scan", raw=True, router=router.address))
+        async with asyncio.timeout(BOUND_S):
+            assert (await anext(scans)).wall_stamp_ns > first.wall_stamp_ns
+            while not remote.stats.reconnects:
+                await anext(scans)
+
+
 async def test_nobody_and_no_router(router: Router, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.network.connect.WAIT_S", 0.05)
     with pytest.raises(ConnectFailed, match="nobody publishes a lidar under nothing/here") as caught:
@@ -266,6 +285,24 @@ async def test_a_configuration_of_zenoh_is_taken(
     bus = await Bus.open(router.address)
     assert bus.id == "abc123"
     await bus.close()
+
+
+async def test_no_exception_of_zenoh_leaves(router: Router) -> None:
+    bus = await Bus.open(router.address)
+    for call in (
+        bus.sender,
+        bus.token,
+        lambda key: bus.subscribe(key, print),
+        lambda key: bus.watch_tokens(key, print),
+    ):
+        with pytest.raises(ConnectFailed, match=r"the zenoh session with .* failed"):
+            call("a//b")
+    with pytest.raises(ConnectFailed, match=r"the zenoh session with .* failed"):
+        await bus.query("a//b", 1.0)
+    await bus.close()
+    await bus.close()
+    with pytest.raises(ConnectFailed, match=r"the zenoh session with .* failed"):
+        await bus.tokens("a", 1.0)
 
 
 async def test_a_missing_package_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:

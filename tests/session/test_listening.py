@@ -179,13 +179,15 @@ def test_where_nothing_listens_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
         began = loop.time()
         with pytest.raises(ConnectFailed, match="nothing came back"):
             await open_lidar("mute")
-        assert 5.0 < loop.time() - began < 10.0
+        assert 5.0 < loop.time() - began < 12.0
 
     main()
     at_each = [
         next(data for each, data in written if each == speed) for speed in dict.fromkeys(s for s, _ in written)
     ]
-    assert at_each == [QUESTION[name] for name in ("rplidar", "ydlidar", "rplidar", "rplidar", "rplidar")]
+    order = ("rplidar", "ydlidar", "", "rplidar", "rplidar", "ydlidar", "rplidar", "ydlidar")
+    # The third writes only to wake the one model that hears anything.
+    assert at_each == [QUESTION[name] if name else bytes.fromhex("54A004000000005E") for name in order]
 
 
 def test_a_speed_the_adapter_cannot_do_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -249,7 +251,7 @@ def test_ports_are_asked_side_by_side_and_patiently_only_where_none_responds(
         began = loop.time()
         found = await list_lidars(("a", "b", "c"))
         assert [each.port.path for each in found if each.info] == ["a", "c"]
-        assert loop.time() - began < 3.0
+        assert loop.time() - began < 4.5
         third.receive(b"\xa5\x40", now())
         async with open_lidar("auto") as lidar:
             assert lidar.info.serial == third.serial.hex().upper()

@@ -67,5 +67,7 @@ FAMILY: Final = Family(
     find_stream=find_stream,
     stream_of=stream_of,
     models=NAMED,
+    # The most sold of those that respond, and of those that only talk. The S4 and S4B must be named.
+    by_dtr=("x4", "x2"),
 )
 """The family's row of the registry."""

@@ -25,6 +25,8 @@ from lidario.wire.formats import StreamFormat
 
 __all__ = [
     "COMPLETE_INFO",
+    "DTR_STOPS",
+    "DTR_TURNS",
     "FORCED_STOP",
     "GET_HEALTH",
     "GET_HEALTH_92",
@@ -99,6 +101,10 @@ _SCAN: Final = Request(
     # vain.
     attempts=1,
 )
+
+DTR_TURNS: Final = Request("motor on by DTR", b"", settle=0.5, dtr=True)
+"""The vendor's SDK waits as long (`startMotor`)."""
+DTR_STOPS: Final = Request("motor off by DTR", b"", dtr=False)
 
 KEEPALIVE: Final = Request("KEEPALIVE", encode_request(0x60), in_stream=True)
 

@@ -92,7 +92,7 @@ class YdlidarDevice(Device):
             response_type=model.kind.response_type,
             typical=True,
         )
-        self.can_be_stopped = not model.one_way
+        self.can_be_stopped = not model.one_way or bool(model.dtr)
         # The motor of one that hears requests stops with its laser.
         self.can_keep_spinning = model.one_way
 
@@ -108,7 +108,8 @@ class YdlidarDevice(Device):
 
     def halt(self) -> tuple[Request, ...]:
         """As `Device.halt`: the forced stop that the SDK sends before each STOP, then the manual's STOP."""
-        return (NOT_STOPPED,) if self._model.one_way else (commands.FORCED_STOP, commands.STOP)
+        stops = () if self._model.one_way else (commands.FORCED_STOP, commands.STOP)
+        return (*stops, commands.DTR_STOPS) if self._model.dtr else stops or (NOT_STOPPED,)
 
     def reset(self) -> Request:
         """As `Device.reset`. Whether settings outlast it is not documented.
@@ -151,6 +152,8 @@ class YdlidarDevice(Device):
 
     def identify(self) -> Script[DeviceInfo]:
         """As `Device.identify`; asked until two responses are equal."""
+        if self._model.dtr:
+            yield commands.DTR_TURNS
         if self._model.one_way:
             return (yield from self._hear())
         model, minor, major, hardware, serial = struct.unpack("<BBBB16s", (yield from agreed(commands.GET_INFO)))
@@ -176,6 +179,8 @@ class YdlidarDevice(Device):
             except ResponseTimeout:
                 continue
             return (yield from self.identify())
+        if self._named is not None and not self._named.one_way:
+            raise ResponseTimeout(commands.GET_INFO.name, HEAR_S)
         return (yield from self._hear())
 
     def _hear(self) -> Script[DeviceInfo]:
@@ -193,6 +198,8 @@ class YdlidarDevice(Device):
     def health(self) -> Script[Health]:
         """As `Device.health`; a status that is not defined is a warning, and one that talks is well."""
         if self._model.one_way:
+            if self._model.dtr:
+                yield commands.DTR_TURNS
             yield hear(self._model.kind.wire(), timeout=HEAR_S)
             return Health(HealthStatus.OK, 0)
         status, code = struct.unpack("<BH", (yield from self._ask_health()))
@@ -238,6 +245,8 @@ class YdlidarDevice(Device):
     def _begin(self) -> Script[PointCloud]:
         """Have it send packets."""
         stream = self._model.kind.wire()
+        if self._model.dtr:
+            yield commands.DTR_TURNS
         if self._model.one_way:
             yield begin(stream)
             return stream

@@ -28,10 +28,16 @@ _LEAST_RATE: Final = 4000.0
 
 def find_stream(data: memoryview, sample_us: float | None) -> RawStream | None:
     """As `Family.find_stream`: behind the header, or at the first intact packet."""
-    found = [(begin, model) for model in _GUESSES if (begin := _first_packet(data, model.kind.wire())) is not None]
-    if not found:
+    best: tuple[int, Model] | None = None
+    for guess in _GUESSES:
+        wire = guess.kind.wire()
+        # Only an earlier packet counts: without this bound a long file would be searched to its end.
+        place = _first_packet(data if best is None else data[: best[0] + wire.longest], wire)
+        if place is not None and (best is None or place < best[0]):
+            best = place, guess
+    if best is None:
         return None
-    begin, model = min(found, key=lambda each: each[0])
+    begin, model = best
     told = _told(data[:begin])
     if told is not None and told.kind.sample_size == model.kind.sample_size:
         model = told

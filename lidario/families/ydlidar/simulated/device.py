@@ -107,13 +107,25 @@ class Simulated4Ros(Chassis[PointStream]):
         self.lapses: int = 0
         self.response_delay_s: float = 0.0005
         self._motor = Motor(spin_up_s=profile.spin_up_s, turns=float(self._random.random()))
+        self._lit = True  # DTR, where it matters; lines that have none leave it asserted
         self._begun = False  # the first byte of a request is there
         self._alive_until = 0
+
+    def set_dtr(self, asserted: bool, now: int) -> None:
+        """The host sets the control line DTR: some models are dark while it is cleared, others do not have it."""
+        self._advance(now)
+        if not self.profile.by_dtr or asserted is self._lit:
+            return
+        self._lit = asserted
+        if not asserted:
+            self._halt(now)
+            self._begun = False
+        self._talk(now, at_once=False)
 
     def receive(self, data: bytes, now: int) -> None:
         """Take bytes that the host sent and that arrived at `now`; a model that only talks does not see them."""
         self._advance(now)
-        if self.profile.one_way:
+        if self.profile.one_way or not self._lit:
             return
         for byte in data:
             if not self._begun:
@@ -159,15 +171,21 @@ class Simulated4Ros(Chassis[PointStream]):
             for data, ready, size, period in self._stream.until(now):
                 self._queue.push(data, ready, size=size, period=period)
 
-    def _talk(self, now: int) -> None:
+    def _talk(self, now: int, *, at_once: bool = True) -> None:
         """A model that only talks streams as soon as it has power, and unless it failed."""
-        if not self.profile.one_way or self._stream is not None or self.health[0] or now < self._deaf_until:
+        if (
+            not self.profile.one_way
+            or not self._lit
+            or self._stream is not None
+            or self.health[0]
+            or now < self._deaf_until
+        ):
             return
-        self._spin_at_once(self.set_speed * 0.6, now) if not self._deaf_until else self._motor.set_rpm(
+        self._spin_at_once(self.set_speed * 0.6, now) if at_once and not self._deaf_until else self._motor.set_rpm(
             self.set_speed * 0.6, now
         )
         # The first byte that is heard stands anywhere in a revolution.
-        past = 0 if self._deaf_until else int(self._random.integers(1, 400)) * self.profile.sample_ns
+        past = 0 if self._deaf_until or not at_once else int(self._random.integers(1, 400)) * self.profile.sample_ns
         self._stream = PointStream(
             max(now, self._motor.stable_at or 0) - past, self._motor, self.world, self.profile
         )
@@ -270,7 +288,8 @@ def describe(model: str) -> str:
     """What a model is, in a few words."""
     profile = PROFILES[model]
     talks = "; only talks" if profile.one_way else ""
-    return f"{profile.baudrate} baud, {1e9 / profile.sample_ns:.0f}/s{talks}"
+    motor = ", motor by DTR" if profile.by_dtr else ""
+    return f"{profile.baudrate} baud, {1e9 / profile.sample_ns:.0f}/s{motor}{talks}"
 
 
 def _digits(serial: bytes | str | list[int]) -> bytes:

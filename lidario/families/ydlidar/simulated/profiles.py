@@ -40,6 +40,7 @@ class Profile:
         factory_speed: Hundredths of Hz.
         speeds: The slowest and the fastest that can be set.
         commands: The requests that it knows besides health; none: it only talks.
+        by_dtr: Whether it is dark while the host clears DTR (users of the X4; the SDK asserts it for these).
     """
 
     name: str
@@ -56,6 +57,7 @@ class Profile:
     factory_speed: int = 700
     speeds: tuple[int, int] = (500, 1200)
     commands: frozenset[int] = _ALL
+    by_dtr: bool = False
 
     @property
     def one_way(self) -> bool:
@@ -86,6 +88,7 @@ def _triangle(
         reach_mm=reach_mm,
         factory_speed=700 if commands else 600,
         speeds=(500, 1200) if triangle else (600, 1200),
+        by_dtr=model in (4, 6, 11) and name not in ("ydlidar-x3", "ydlidar-x4-pro"),
         commands=commands - (frozenset() if model in (9, 14, 15, 16, 19) else {0x93}) - {0xD9},
     )
 

@@ -1,0 +1,161 @@
+"""The two processes of `benchmarks.reaction`: ``python -m benchmarks.reaction_worker device`` or ``reader '{…}'``.
+
+The device is a simulated one on a pseudo-terminal. In its world, something narrow comes near now and then, anywhere
+around. The device notes each delivery that it writes, and when. So the packets that show an obstacle are found in
+the very bytes that were written, without the decoders that are measured. A response ends with its standard input.
+
+The reader is a robot's program: it calls `stop` when something is near.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import random
+import resource
+import sys
+import time
+from bisect import bisect_left
+from collections.abc import AsyncIterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+import lidario
+from lidario.families.rplidar.simulated.device import SimulatedRplidar
+from lidario.families.rplidar.simulated.profiles import PROFILES
+from lidario.sim.serve import PtyServer
+
+__all__ = ["NEAR_M", "main"]
+
+NEAR_M = 0.5
+_FAR_MM, _NEAR_MM = 3000.0, 400.0
+_WIDTH_DEG = 4.0
+_EVERY_S, _STAYS_S = 0.55, 0.25
+_PACKET, _HEAD, _ANNOUNCEMENT = 84, 4, 7
+_SECTOR_DEG = 45
+_ANNOUNCED = b"\xa5\x5a"
+
+
+class _Surprises:
+    """A round room in which something narrow is near for a quarter of a second out of every half."""
+
+    def __init__(self) -> None:
+        self._chance = random.Random(1)
+        self._known: dict[int, tuple[float, float]] = {}
+
+    def ranges_mm(self, angles_deg_clockwise: npt.ArrayLike, t_seconds: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        angles = np.asarray(angles_deg_clockwise, np.float64)
+        times = np.broadcast_to(np.asarray(t_seconds, np.float64), angles.shape)
+        ranges = np.full(angles.shape, _FAR_MM)
+        for number in np.unique((times // _EVERY_S).astype(int)).tolist():
+            if number not in self._known:
+                self._known[number] = self._chance.uniform(0.0, 360.0), self._chance.uniform(0.0, 0.2)
+            bearing, delay = self._known[number]
+            since = times - number * _EVERY_S - delay
+            near = (since >= 0.0) & (since < _STAYS_S) & ((angles - bearing) % 360.0 < _WIDTH_DEG)
+            ranges[near] = _NEAR_MM
+        return ranges
+
+
+class _Noting(PtyServer):
+    """Notes what it writes, and when."""
+
+    def __init__(self, device: Any, **options: Any) -> None:
+        self.written: list[bytes] = []
+        self.times: list[int] = []
+        super().__init__(device, **options)
+
+    def _send(self, data: bytes) -> int:
+        now = time.monotonic_ns()
+        taken = super()._send(data)
+        self.written.append(data[:taken])
+        self.times.append(now)
+        return taken
+
+
+def _report(server: _Noting) -> dict[str, list[int]]:
+    """When which bytes were written.
+
+    Returns:
+        ``shown``: for each obstacle, the last byte that shows it for the first time; ``ends``: for each sector, the
+        last byte of the packet that begins behind it.
+    """
+    data = b"".join(server.written)
+    ends = np.cumsum([len(each) for each in server.written]).tolist()
+    begin = data.index(_ANNOUNCED + bytes([_PACKET])) + _ANNOUNCEMENT
+    count = (len(data) - begin) // _PACKET
+    packets = np.frombuffer(data, np.uint8, count * _PACKET, begin).reshape(count, _PACKET)
+    words = np.ascontiguousarray(packets).view("<u2")
+    sectors = (words[:, 1] & 0x7FFF) // (_SECTOR_DEG * 64)
+    ended = [
+        server.times[bisect_left(ends, begin + (packet + 1) * _PACKET)]
+        for packet in ((sectors[1:] != sectors[:-1]).nonzero()[0] + 1).tolist()
+    ]
+    return {"shown": _shown_ns(server, ends, begin, words[:, _HEAD // 2 :]), "ends": ended}
+
+
+def _shown_ns(server: _Noting, ends: list[int], begin: int, distances: npt.NDArray[np.uint16]) -> list[int]:
+    shows = ((distances > 0) & (distances < 1000 * NEAR_M)).any(axis=1).nonzero()[0].tolist()
+    shown: list[int] = []
+    last_ns, before = -(10**12), -10
+    for packet in shows:
+        at_ns = server.times[bisect_left(ends, begin + (packet + 1) * _PACKET)]
+        if packet == before + 1 and shown and at_ns - shown[-1] < 20_000_000 and last_ns == shown[-1]:
+            shown[-1] = last_ns = at_ns
+        elif at_ns - last_ns > 280_000_000:
+            shown.append(at_ns)
+            last_ns = at_ns
+        before = packet
+    return shown
+
+
+def device() -> None:
+    """Serve until standard input ends."""
+    # The real one turns at 8 to 20 Hz; other models at 7.
+    made = SimulatedRplidar(replace(PROFILES["rplidar-s2"], speed_conf=(600, 400, 1200)), world=_Surprises())
+    made.spin_up_s = 0.0
+    with _Noting(made, tick=0.001, chunk=64) as server:
+        print(json.dumps(server.path), flush=True)
+        sys.stdin.readline()
+        print(json.dumps(_report(server)), flush=True)
+
+
+async def read(task: dict[str, Any]) -> dict[str, Any]:
+    """Read for a while; tell when `stop` was called, and what reading cost."""
+    stops: list[int] = []
+    arrivals: list[int] = []
+    async with lidario.open_lidar(task["path"]) as lidar:
+        await lidar.set_scan_frequency(task["hertz"], verify=False)
+        stream: Any = lidar.sectors() if task["how"] == "sectors" else lidar.scans()
+        await anext(stream)
+        start, before = time.monotonic_ns(), resource.getrusage(resource.RUSAGE_SELF)
+        async for record in _until(stream, start + round(task["window_s"] * 1e9)):
+            arrivals.append(time.monotonic_ns())
+            nearest = record.nearest()
+            if nearest and nearest.range < NEAR_M:
+                stops.append(time.monotonic_ns())
+        after, end = resource.getrusage(resource.RUSAGE_SELF), time.monotonic_ns()
+        await stream.aclose()
+    used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    seconds = (end - start) * 1e-9
+    return {"stops": stops, "arrivals": arrivals, "cpu": used / seconds, "window": [start, end]}
+
+
+async def _until(stream: Any, end_ns: int) -> AsyncIterator[Any]:
+    while time.monotonic_ns() < end_ns:
+        yield await anext(stream)
+
+
+def main(words: list[str]) -> None:
+    """Be one of the two."""
+    if words[0] == "device":
+        device()
+    else:
+        print(json.dumps(asyncio.run(read(json.loads(words[1])))))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,210 @@
+"""Sectors as a user reads them: beside scans, by several readers, over interruptions, recordings, lost lines."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lidario
+from lidario import InvalidValue, Lidar, LocalProtocolError, Scan, Sector
+from lidario.blocking import open_sync
+from lidario.revolution.sectors import SectorAssembler
+from lidario.session.sectors import sectors_of
+from tests.support.cable import cable_to
+from tests.support.devices import EVERY_FAMILY, both_families, left_still, make_rig
+from tests.support.loop import driven
+
+
+async def some(stream: AsyncIterator[Sector], count: int) -> list[Sector]:
+    return [await anext(stream) for _ in range(count)]
+
+
+def is_the_scan(scan: Scan, sectors: list[Sector]) -> bool:
+    parts = [sector for sector in sectors if sector.seq == scan.seq]
+    return bool(parts) and all(
+        np.array_equal(np.concatenate([getattr(part, name) for part in parts]), getattr(scan, name), equal_nan=True)
+        for name in ("angles", "ranges", "device_angles", "device_distances")
+    )
+
+
+@pytest.mark.parametrize("family", EVERY_FAMILY)
+@driven
+async def test_scans_and_sectors_are_read_at_once(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        async with lidar.scans(depth=9) as scans, lidar.sectors(depth=99) as eighths, lidar.sectors(60) as sixths:
+            first = asyncio.ensure_future(anext(scans))
+            second = asyncio.ensure_future(some(eighths, 32))
+            third = await some(sixths, 18)
+            sectors = await second
+            seen = [await first, *[await anext(scans) for _ in range(3)]]
+        assert left_still(rig)
+    assert [(each.seq, each.index) for each in sectors[8:]] == [
+        (seq, index) for seq in range(sectors[8].seq, sectors[8].seq + 3) for index in range(8)
+    ]
+    assert {each.degrees for each in sectors} == {45.0}
+    assert {each.index for each in third} == set(range(6))
+    together = [scan for scan in seen if {each.index for each in sectors if each.seq == scan.seq} == set(range(8))]
+    assert len(together) >= 2
+    assert all(is_the_scan(scan, sectors) for scan in together)
+
+
+@both_families
+@driven
+async def test_a_sector_comes_when_it_was_measured(family: str) -> None:
+    rig = make_rig(family)
+    loop = asyncio.get_running_loop()
+    async with rig.open() as lidar, lidar.sectors() as sectors:
+        await some(sectors, 9)
+        late = []
+        for _ in range(16):
+            sector = await anext(sectors)
+            late.append(loop.time() - (sector.stamp_ns + sector.duration_ns) * 1e-9)
+    # The packet behind the end of the sector must come first, and one more may lie across it.
+    assert max(late) < 0.010
+    assert rig.turn_s / 8 < 0.02
+
+
+@driven
+async def test_who_reads_scans_alone_pays_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+    monkeypatch.setattr(SectorAssembler, "__init__", lambda *_: made.append(1))
+    async with make_rig("rplidar").open() as lidar, lidar.scans() as scans:
+        for _ in range(3):
+            await anext(scans)
+    assert not made
+
+
+@both_families
+@driven
+async def test_a_question_interrupts_them_and_they_go_on(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar, lidar.sectors(depth=99) as sectors:
+        before = await some(sectors, 12)
+        await lidar.get_health()
+        after = await some(sectors, 40)
+        stats = lidar.stats
+    names = [(each.seq, each.index) for each in after[-16:]]
+    assert names == sorted(names)
+    assert after[-1].seq > before[-1].seq
+    assert stats.interruptions == 1
+    assert stats.lost_packets == 0
+
+
+@driven
+async def test_a_slow_reader_is_told() -> None:
+    async with make_rig("rplidar").open() as lidar, lidar.sectors(depth=2) as sectors:
+        await anext(sectors)
+        await asyncio.sleep(0.5)
+        sector = await anext(sectors)
+        assert sector.dropped_before > 30
+        assert sectors.dropped >= sector.dropped_before
+        assert lidar.stats.dropped_scans == 0
+
+
+@pytest.mark.parametrize("degrees", [0, -45, 7, 361, 4, float("nan"), float("inf"), "wide", None])
+@driven
+async def test_sizes_that_are_none(degrees: float) -> None:
+    async with make_rig("rplidar").open() as lidar:
+        with pytest.raises(InvalidValue, match="5 degrees"):
+            lidar.sectors(degrees)
+        with pytest.raises(InvalidValue, match="at least one sector"):
+            lidar.sectors(depth=0)
+        with pytest.raises(LocalProtocolError, match="async for"):
+            iter(lidar.sectors())
+
+
+@driven
+async def test_break_stops_the_device() -> None:
+    rig = make_rig("rplidar")
+    async with rig.open() as lidar:
+        async for _ in lidar.sectors():
+            break
+        await asyncio.sleep(2.0)
+        assert left_still(rig)
+        assert not lidar.is_scanning
+
+
+@both_families
+def test_without_await(family: str) -> None:
+    rig = make_rig(family)
+    with open_sync(rig.device) as lidar:
+        sectors = []
+        with lidar.sectors(90) as stream:
+            for sector in stream:
+                sectors.append(sector)
+                if len(sectors) == 6:
+                    break
+            assert stream.dropped == 0
+        assert [(each.seq, each.index) for each in sectors] == [(at // 4, at % 4) for at in range(6)]
+    assert left_still(rig)
+    assert (lidario.SyncLidar.sectors.__doc__ or "").replace("``for``", "``async for``") == Lidar.sectors.__doc__
+
+
+@both_families
+@driven
+async def test_they_go_on_after_the_line_was_lost(family: str) -> None:
+    rig = make_rig(family)
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True) as lidar:
+            async with lidar.sectors(depth=99) as sectors:
+                before = (await some(sectors, 20))[-1]
+                cable.pull()
+                await asyncio.sleep(2.0)
+                cable.plug()
+                while (first := await anext(sectors)).stamp_ns < before.stamp_ns + 2_000_000_000:
+                    pass
+                after = await some(sectors, 16)
+            assert (lidar.stats.reconnects, first.index) == (1, 0)
+            gap_s = (first.stamp_ns - before.stamp_ns) * 1e-9
+            assert abs(first.seq - before.seq - gap_s / rig.turn_s) <= 2
+            assert after[-1].seq == first.seq + 2
+            assert lidar.stats.scans + lidar.stats.missed_scans == first.seq + 2
+    assert left_still(rig)
+
+
+@both_families
+@driven
+async def test_a_scan_that_came_whole_is_divided(family: str) -> None:
+    """As over zenoh, where nothing but whole scans arrive."""
+    async with make_rig(family).open() as lidar:
+        scan = await lidar.scan()
+    parts = list(sectors_of(scan, 8))
+    assert [part.index for part in parts] == list(range(8))
+    assert is_the_scan(scan, parts)
+    np.testing.assert_array_equal(np.concatenate([part.times_ns for part in parts]), scan.times_ns)
+    assert sum(part.duration_ns for part in parts) == scan.duration_ns
+
+
+def test_of_a_recording(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+
+    @driven
+    async def record() -> None:
+        async with make_rig("rplidar").open() as lidar, lidar.record(path), lidar.scans() as scans:
+            for _ in range(5):
+                await anext(scans)
+
+    async def play() -> tuple[list[Scan], list[Sector]]:
+        scans: list[Scan] = []
+        sectors: list[Sector] = []
+
+        async def read() -> None:
+            async for scan in lidar.scans():
+                scans.append(scan)
+
+        async with lidario.open_lidar(f"{path}?rate=0") as lidar:
+            reading = asyncio.ensure_future(read())
+            async for sector in lidar.sectors():
+                sectors.append(sector)
+            await reading
+        return scans, sectors
+
+    record()
+    scans, sectors = asyncio.run(play())
+    assert len(scans) >= 4
+    assert sum(is_the_scan(scan, sectors) for scan in scans) >= len(scans) - 1
