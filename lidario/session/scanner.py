@@ -34,6 +34,7 @@ from lidario.session.inquiry import Inquiry
 from lidario.session.log import Trouble
 from lidario.session.readers import Readers
 from lidario.session.running import Failure, Totals
+from lidario.session.sectors import sectors_of
 from lidario.session.starter import Starter
 from lidario.session.states import State
 from lidario.session.stream import Hub, Mailbox
@@ -170,6 +171,9 @@ class Scanner:
         """As `Audience` of another machine's lidar: a scan that came whole."""
         if self.state is State.RUNNING:
             self.totals.assembled.scans += 1
+            for parts in self.hub.parts:
+                for sector in sectors_of(scan, parts):
+                    self.hub.publish_sector(parts, sector)
             self._publish(scan)
 
     def finish(self) -> None:

@@ -13,6 +13,8 @@ import lidario
 from lidario import InvalidValue, Lidar, LocalProtocolError, Scan, Sector
 from lidario.blocking import open_sync
 from lidario.revolution.sectors import SectorAssembler
+from lidario.session.sectors import sectors_of
+from tests.support.cable import cable_to
 from tests.support.devices import EVERY_FAMILY, both_families, left_still, make_rig
 from tests.support.loop import driven
 
@@ -141,6 +143,41 @@ def test_without_await(family: str) -> None:
         assert [(each.seq, each.index) for each in sectors] == [(at // 4, at % 4) for at in range(6)]
     assert left_still(rig)
     assert (lidario.SyncLidar.sectors.__doc__ or "").replace("``for``", "``async for``") == Lidar.sectors.__doc__
+
+
+@both_families
+@driven
+async def test_they_go_on_after_the_line_was_lost(family: str) -> None:
+    rig = make_rig(family)
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True) as lidar:
+            async with lidar.sectors(depth=99) as sectors:
+                before = (await some(sectors, 20))[-1]
+                cable.pull()
+                await asyncio.sleep(2.0)
+                cable.plug()
+                while (first := await anext(sectors)).stamp_ns < before.stamp_ns + 2_000_000_000:
+                    pass
+                after = await some(sectors, 16)
+            assert (lidar.stats.reconnects, first.index) == (1, 0)
+            gap_s = (first.stamp_ns - before.stamp_ns) * 1e-9
+            assert abs(first.seq - before.seq - gap_s / rig.turn_s) <= 2
+            assert after[-1].seq == first.seq + 2
+            assert lidar.stats.scans + lidar.stats.missed_scans == first.seq + 2
+    assert left_still(rig)
+
+
+@both_families
+@driven
+async def test_a_scan_that_came_whole_is_divided(family: str) -> None:
+    """As over zenoh, where nothing but whole scans arrive."""
+    async with make_rig(family).open() as lidar:
+        scan = await lidar.scan()
+    parts = list(sectors_of(scan, 8))
+    assert [part.index for part in parts] == list(range(8))
+    assert is_the_scan(scan, parts)
+    np.testing.assert_array_equal(np.concatenate([part.times_ns for part in parts]), scan.times_ns)
+    assert sum(part.duration_ns for part in parts) == scan.duration_ns
 
 
 def test_of_a_recording(tmp_path: Path) -> None:
