@@ -31,6 +31,9 @@ __all__ = ["Assembler", "AssemblerStats"]
 
 _WORTH_A_BLOCK = 2
 """Revolutions that end together from which they are decoded at once. Live there is one, rarely more."""
+_FALSE_PART = 0.5
+"""Part of a revolution below which what lies between two splits is none: one of the two was false. So there are
+never more scans than revolutions."""
 _ENDLESS_REVOLUTIONS = 2
 """Slowest revolutions' time after which a revolution that has not ended is given up."""
 
@@ -60,6 +63,7 @@ class Assembler:
         self._measured_sample_ns = 0.0
         # Several revolutions that end together are decoded at once, unless somebody wants parts of each.
         self._by_blocks = True
+        self._ended_at: tuple[Packets, int] | None = None
 
     def set_zero_offset(self, degrees: float) -> None:
         """Add another zero-angle offset, clockwise degrees, from the next scan on."""
@@ -91,7 +95,9 @@ class Assembler:
                 if split.packet > begin:
                     self._keep(self._part(event, begin, split.packet, offsets))
                 held = self.stats.unfinished_packets
+                self._ended_at = event, split.packet
                 scan = self._end(split, event.data[offsets[split.packet] : offsets[split.packet + 1]])
+                self._ended_at = None
                 self.stats.finish(held, delivered=scan is not None)
                 if scan is not None:
                     scans.append(scan)
@@ -209,7 +215,9 @@ class Assembler:
         if split.broken or split.moved:
             # Only the first mark may stand elsewhere by right. A false one moves the seam there and back.
             if ended.whole and not ended.moved and (split.broken or self._last_spanned_ns):
-                self.stats.break_scan()
+                part = samples is not None and samples.certain and split.moved
+                if not (part and samples and len(arrays) < _FALSE_PART * samples.revolution_samples):
+                    self.stats.break_scan()
             self._count.restart()
             return None
         return self._scan(arrays, ended, packets, samples, lost)
@@ -262,6 +270,8 @@ class Assembler:
             ordinary_ns=self._last_spanned_ns or spanned_ns,
             sample_ns=sample_ns,
         )
+        if ended.whole and self._is_false_part(samples, start_ns, sample_ns, spanned_ns):
+            return None
         revolution_ns = self._passed(ended, packets, samples, start_ns, sample_ns, spanned_ns, broken)
         if not ended.whole:
             return None
@@ -271,12 +281,26 @@ class Assembler:
         self._last_spanned_ns = spanned_ns
         if math.isnan(revolution_ns) and not lost:
             # The revolution before was not seen: what this one holds tells its speed.
-            turn_ns = samples.revolution_samples * sample_ns if samples is not None and samples.certain else 0.0
+            turn_ns = (
+                samples.revolution_samples * sample_ns if samples is not None and samples.certain else math.inf
+            )
             if is_complete(spanned_ns, turn_ns):
                 revolution_ns = spanned_ns
         arrays.angle = turned_by(arrays.angle, self._stream.zero_offset_deg)
         reported_rpm = math.nan if samples is None else samples.reported_rpm
         return self._deliver(arrays, start_ns, spanned_ns, sample_ns, revolution_ns, reported_rpm, lost)
+
+    def _is_false_part(self, samples: Samples | None, start_ns: int, sample_ns: float, spanned_ns: float) -> bool:
+        """Whether what has ended is only a part of a revolution: by what came and is missing, and by the time."""
+        if samples is None or not samples.certain:
+            return False
+        least_ns = _FALSE_PART * samples.revolution_samples * sample_ns
+        if spanned_ns >= least_ns or self._ended_at is None:
+            return False
+        # Angles hide whole revolutions; so it counts when the packet behind it came.
+        event, split = self._ended_at
+        _, at_ns = self._part(event, split, split + 1, packet_offsets(event.blocks)).arrivals[-1]
+        return at_ns - start_ns < least_ns
 
     def _deliver(
         self,
@@ -337,6 +361,7 @@ class Assembler:
                 else share_over(wire, packets, samples, self._seam.angle or 0),
                 gap_behind=self._partial.carried is None,
                 broken=broken,
+                most_samples=0 if samples.certain else wire.samples_in((Block(wire.longest, 1),)),
             )
         )
         self.stats.lost_packets += passed.lost

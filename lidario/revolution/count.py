@@ -82,6 +82,7 @@ class RevolutionCount:
         self._sure: Beginning | None = None
         self._late = 0.0
         self._waited = 0
+        self._packet_ns = 0.0
 
     def restart(self) -> None:
         """The stream began anew: nothing is known of the revolution before."""
@@ -132,12 +133,14 @@ class RevolutionCount:
                 self._sure = here
                 return Passed(0, 0, elapsed / share)
         self._correct_speed(here, last)
+        # Where few packets came, they may be the short ones, by which more would be missing than ever were sent.
+        self._packet_ns = max(self._packet_ns, here.packet_ns)
         if last is None:
             return Passed(0, 0, math.nan)
         elapsed = here.start_ns - last.start_ns
         if not last.revolution_ns:
             # Too little came of it to know its speed, and so how much the angles hide.
-            return Passed(0, _lost_by_time(last, elapsed), math.nan)
+            return Passed(0, self._lost_by_time(last, elapsed), math.nan)
         share = 1 + here.over - last.over
         extra = elapsed / last.revolution_ns - share
         # More than one revolution has: an outage of almost one lies in it, and its angles fell back by little.
@@ -145,7 +148,7 @@ class RevolutionCount:
         unseen = self._unseen(extra, met or last.lost > 0)
         lost = round(unseen * last.revolution_packets)
         if unseen and last.broken:
-            lost = _lost_by_time(last, elapsed)
+            lost = self._lost_by_time(last, elapsed)
         near = not unseen and abs(extra) < NOISE and elapsed > 0 and share >= LEAST_SHARE
         return Passed(unseen, lost, elapsed / share if near else math.nan)
 
@@ -186,10 +189,11 @@ class RevolutionCount:
         self._late, self._waited = 0.0, 0
         return unseen
 
-
-def _lost_by_time(last: Beginning, elapsed: int) -> int:
-    """Packets missing beyond those that are known, by what one takes; of a whole revolution only if most are."""
-    if not last.packet_ns:
-        return 0
-    missing = max(0, round(elapsed / last.packet_ns) - last.packets - last.lost)
-    return missing if last.broken or missing > max(last.packets, FEWEST_PACKETS) else 0
+    def _lost_by_time(self, last: Beginning, elapsed: int) -> int:
+        """Packets missing beyond those known, by what one takes; of a whole revolution only if most are."""
+        sure = self._sure
+        packet_ns = sure.packet_ns if sure is not None else self._packet_ns
+        if not packet_ns:
+            return 0
+        missing = max(0, round(elapsed / packet_ns) - last.packets - last.lost)
+        return missing if last.broken or missing > max(last.packets, FEWEST_PACKETS) else 0

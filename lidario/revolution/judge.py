@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Final
 
 from lidario.families.base import Samples
@@ -91,6 +92,7 @@ def beginning_of(
     over: float,
     gap_behind: bool,
     broken: bool,
+    most_samples: int = 0,
 ) -> Beginning:
     """What a revolution that has ended tells for counting.
 
@@ -104,8 +106,13 @@ def beginning_of(
         over: Share of the revolution before its first packet (`share_over`).
         gap_behind: Whether what is missing behind its last packet belongs to it.
         broken: Whether it is broken, though its beginning was seen.
+        most_samples: Samples of the longest packet of the format; needed where `samples` are not certain.
     """
     packet_ns = samples.ends[-1] / len(samples.ends) * sample_ns
+    if not samples.certain:
+        # Damage spares the short packets: of those alone nobody knows what an ordinary one takes.
+        longest = max(end - begin for begin, end in pairwise((0, *samples.ends)))
+        packet_ns = longest * sample_ns if longest > 1 or most_samples == 1 else 0.0
     # A read that was completed only behind a gap dates what came before it too late. What follows is on time.
     behind_ns = samples.lost_behind * packet_ns if gap_behind else 0.0
     from_end_ns = round(last_ns - spanned_ns + behind_ns)
