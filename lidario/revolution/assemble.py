@@ -292,7 +292,8 @@ class Assembler:
 
     def _is_false_part(self, samples: Samples | None, start_ns: int, sample_ns: float, spanned_ns: float) -> bool:
         """Whether what has ended is only a part of a revolution: by what came and is missing, and by the time."""
-        if samples is None or not samples.certain:
+        if samples is None or not samples.certain or self._stream.format.first_seam is None:
+            # Where only marks tell where revolutions begin, a check value keeps false ones away.
             return False
         least_ns = _FALSE_PART * samples.revolution_samples * sample_ns
         if spanned_ns >= least_ns or self._ended_at is None:
