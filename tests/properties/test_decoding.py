@@ -44,10 +44,8 @@ def assert_same(case: Case, samples: Samples, reference: Sequence[Sample]) -> No
     allowed = SINGLE_DEG + 1 / 65536 if case.response_type == 0x84 else SINGLE_DEG
     off = (samples.angle_deg[:count] - np.array([s.angle_deg for s in reference]) + 180) % 360 - 180
     assert np.abs(off).max(initial=0) <= allowed
-    if samples.intensity is not None:
-        assert samples.intensity[:count].tolist() == [s.quality for s in reference]
-    else:
-        assert all(s.quality is None for s in reference)
+    found = None if samples.intensity is None else samples.intensity[:count].tolist()
+    assert found == case.intensities(reference)
 
 
 @every_kind

@@ -1,4 +1,4 @@
-"""Both families' measurement streams behind one record, and the way from their bytes to events and scans.
+"""The measurement streams of every family behind one record, and the way from their bytes to events and scans.
 
 Whatever holds for one format is tested over all of them with the same code: a test takes a `Case`, one per
 golden file, and learns from it how its stream is announced, cut, decoded, and what the truth is.
@@ -95,6 +95,7 @@ class Case:
         decode: Scalar: consecutive packets into samples.
         revolutions: Scalar: samples into whole turns.
         lookahead: Whether a packet is decoded only with the one behind it.
+        layout: Of a point cloud: how its samples lie in their bytes.
     """
 
     name: str
@@ -109,6 +110,7 @@ class Case:
     revolutions: Callable[[Iterable[Sample]], Sequence[Sequence[Sample]]]
     lookahead: bool
     told: bytes = b""
+    layout: ydlidar.Kind | None = None
 
     @property
     def raw(self) -> bytes:
@@ -134,6 +136,18 @@ class Case:
     def truth(self) -> golden.Golden:
         """What the vendor's program made of it."""
         return _golden(self.name)
+
+    @property
+    def correction_deg(self) -> float:
+        """How far an angle differs from its beam's at most: what the format corrects by the distance."""
+        return max(abs((sample.angle_deg - sample.raw_deg + 180) % 360 - 180) for sample in self.samples)
+
+    def intensities(self, samples: Sequence[Sample]) -> list[int] | None:
+        """What a scan has of their qualities: the upper eight bits, where the format has more."""
+        more = self.layout.intensity_bits - 8 if self.layout is not None else 0
+        found = [sample.quality >> max(more, 0) for sample in samples if sample.quality is not None]
+        assert len(found) in (0, len(samples))
+        return found or None
 
     @property
     def byte_ns(self) -> float:
@@ -193,6 +207,7 @@ def _ydlidar(name: str) -> Case:
         decode=ydlidar.decode,
         revolutions=ydlidar.revolutions,  # type: ignore[arg-type]
         lookahead=False,
+        layout=ydlidar.FOUR_ROS,
     )
 
 
@@ -218,6 +233,7 @@ def _relative(name: str) -> Case:
         sample_us=sample_us,
         split=partial(ydlidar.split, kind=layout),
         decode=partial(ydlidar.decode, kind=layout),
+        layout=layout,
     )
 
 
