@@ -17,6 +17,7 @@ from tests.support.harm import messes
 from tests.support.streams import (
     CASES,
     KINDS,
+    LAYOUTS,
     SINGLE_DEG,
     Case,
     Sample,
@@ -27,6 +28,7 @@ from tests.support.streams import (
 )
 
 every_kind = pytest.mark.parametrize("case", KINDS, ids=named)
+every_layout = pytest.mark.parametrize("case", [*KINDS, *LAYOUTS], ids=named)
 seeds = st.integers(0, 2**32)
 TURN = 23040
 
@@ -48,7 +50,7 @@ def assert_same(case: Case, samples: Samples, reference: Sequence[Sample]) -> No
     assert found == case.intensities(reference)
 
 
-@every_kind
+@every_layout
 @given(seed=seeds, count=st.integers(2, 40))
 def test_any_contents_decode_as_the_scalar_reference_decodes_them(case: Case, seed: int, count: int) -> None:
     packets = any_packets(case, seed, count, wild=False)

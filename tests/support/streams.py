@@ -36,6 +36,7 @@ from tests.reference import golden, ldrobot, rplidar, ydlidar
 __all__ = [
     "CASES",
     "KINDS",
+    "LAYOUTS",
     "SINGLE_DEG",
     "Assembled",
     "Case",
@@ -276,6 +277,30 @@ _KINDS = (
 )
 KINDS = tuple(case for case in CASES if case.name in _KINDS)
 """One stream of each of the formats."""
+
+
+def _unrecorded(name: str, layout: ydlidar.Kind) -> Case:
+    kind = KINDS_OF_CLOUDS[name]
+    return replace(
+        _ydlidar(f"ydlidar {name}"),
+        response_type=kind.response_type,
+        make_format=kind.wire,
+        make_decoder=kind.decoder,
+        sample_us=250.0,
+        split=partial(ydlidar.split, kind=layout),
+        decode=partial(ydlidar.decode, kind=layout),
+        layout=layout,
+    )
+
+
+LAYOUTS = (
+    *(case for case in CASES if case.name in ("ydlidar_x4_11hz", "ydlidar_tmini_10hz")),
+    _unrecorded("x-flags", ydlidar.Kind(unit=4, flags=True, triangle=True)),
+    _unrecorded("octave", ydlidar.Kind(unit=2, triangle=True)),
+    _unrecorded("s4b", ydlidar.Kind(3, 4, flags=True, intensity_bits=8, triangle=True)),
+    _unrecorded("sh", ydlidar.Kind(4, intensity_bits=16)),
+)
+"""The other layouts of point clouds, for tests that make packets of any contents; most have no golden stream."""
 
 
 def named(case: Case) -> str:
