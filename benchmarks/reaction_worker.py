@@ -98,7 +98,8 @@ def _report(server: _Noting) -> dict[str, list[int]]:
 
 
 def _shown_ns(server: _Noting, ends: list[int], begin: int, distances: npt.NDArray[np.uint16]) -> list[int]:
-    shows = ((distances > 0) & (distances < 1000 * NEAR_M)).any(axis=1).nonzero()[0].tolist()
+    near = (distances > 0) & (distances < 1000 * NEAR_M)
+    shows = np.flatnonzero(near.any(axis=1)).tolist()
     shown: list[int] = []
     last_ns, before = -(10**12), -10
     for packet in shows:
