@@ -4,10 +4,13 @@ import numpy as np
 
 from lidario.families.ldrobot.simulated import packers as ldrobot
 from lidario.families.rplidar.simulated import packers
-from lidario.families.ydlidar.simulated.packers import pack_points
+from lidario.families.ydlidar.simulated.packers import MILLIMETRES, Layout, pack_points
 from tests.support.streams import Case
 
 __all__ = ["any_packets", "sealed"]
+
+
+_TEN_BITS = Layout(3, 4, flags=True, bits=10)
 
 
 def any_packets(case: Case, seed: int, count: int, *, wild: bool) -> list[bytes]:
@@ -26,10 +29,13 @@ def any_packets(case: Case, seed: int, count: int, *, wild: bool) -> list[bytes]
     if case.truth.family == "ydlidar":
         return [
             pack_points(
-                random.integers(0, 65536, random.integers(1, 81)),
+                # Of quarters of a millimetre fewer fit in 16 bits.
+                random.integers(0, 16384 if case.response_type == 0xA4 else 65536, random.integers(1, 81)),
                 int(start),
                 int((start + random.integers(0, 3000)) % (0x8000 if wild else 23040)),
                 control=int(random.choice([0, 1, 14, 255])),
+                layout=_TEN_BITS if case.response_type == 0xA4 else MILLIMETRES,
+                intensities=int(random.integers(0, 1024)),
                 marked=bool(random.integers(2)),
             )
             for start in starts
