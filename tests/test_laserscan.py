@@ -404,9 +404,23 @@ def lose(case: Case, every: int) -> tuple[bytes, list[int]]:
     return b"".join(case.packets[n] for n in left), left
 
 
-@pytest.mark.parametrize("every", [0, 9, 40], ids=["whole", "every 9th lost", "every 40th lost"])
+_CORRECTED_BY_MUCH = ("x4", "g2", "ld14p", "a1_82")
+"""Models that correct angles by 7 degrees where something came back, and by none where nothing did. Behind a lost
+packet the times of their beams are off by that angle, 3 ms: what of a jump was lost cannot be told."""
+
+
 @most_or_all(CASES)
-def test_golden_samples_meet_the_times_of_their_beams(case: Case, every: int) -> None:
+def test_golden_samples_meet_the_times_of_their_beams(case: Case) -> None:
+    beams_meet_their_times(case, 0)
+
+
+@pytest.mark.parametrize("every", [9, 40], ids=["every 9th lost", "every 40th lost"])
+@most_or_all(tuple(case for case in CASES if not any(part in case.name for part in _CORRECTED_BY_MUCH)))
+def test_so_do_those_around_lost_packets(case: Case, every: int) -> None:
+    beams_meet_their_times(case, every)
+
+
+def beams_meet_their_times(case: Case, every: int) -> None:
     raw, left = lose(case, every)
     scans = assembled(case, raw, times=arrivals(case, left)).scans
     there = set(left)

@@ -43,7 +43,8 @@ def babbling(babble: bytes) -> Iterator[str]:
     path = os.ttyname(slave)
 
     def answer() -> None:
-        while os.read(master, 64) != b"END":
+        # What was written just before may be read together with it.
+        while not os.read(master, 64).endswith(b"END"):
             os.write(master, babble)
 
     thread = threading.Thread(target=answer)

@@ -31,20 +31,14 @@ from lidario.families.arguments import finite
 from lidario.families.base import Device, Keepalive, NamedModel, Script, Stream, agreed, health_of
 from lidario.families.unasked import NOT_STOPPED, begin, hear
 from lidario.families.ydlidar import commands
-from lidario.families.ydlidar.formats import FULL_TURN_Q6, PointCloud
+from lidario.families.ydlidar.formats import PointCloud, samples_a_turn
 from lidario.families.ydlidar.models import FOUR_ROS, MODELS, ONE_WAY, Model, model_of
+from lidario.families.ydlidar.settings import ask_speed, learn_protection, step_to, toggle_to
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.wire.envelope import Request
 
 __all__ = ["NAMED", "YdlidarDevice"]
 
-FINE_STEP: Final = 10
-COARSE_BEYOND: Final = 95
-"""Hundredths of Hz: the small step, and the difference above which a step of 1 Hz is better (SDK)."""
-MOST_STEPS: Final = 40
-"""7 coarse and 9 fine steps lead from end to end of the range; twice that, since the device may not hear some."""
-MOST_TOGGLES: Final = 4
-"""Attempts; the SDK makes as many."""
 OFFSETS_A_TURN: Final = 4 * 360
 SPIN_UP_S: Final = 4.0
 """No document says how long the motor takes; 2.5 s are assumed, and a margin added."""
@@ -56,7 +50,6 @@ may begin to do so just before the next one is due, and must not stop the device
 LAPSE_S: Final = (2.5, 4.0)
 """Without a keepalive a stream ends 3 s after its start (manual 3.8). The last packets may be read half a second
 later."""
-LEARN_TIMEOUT_S: Final = 0.5
 HEAR_S: Final = 0.5
 OVERHEARD: Final = 8
 MOST_A_TURN: Final = 1300
@@ -137,17 +130,7 @@ class YdlidarDevice(Device):
             return False
         if self._protected or (lasted_s and not earliest <= lasted_s <= latest):
             return False
-        told = 0
-        for _ in range(MOST_TOGGLES):
-            try:
-                state = (yield _LEARN_PROTECTION)[0]
-            except ResponseTimeout:
-                continue
-            if state <= 1:
-                self._protected = state == 0
-                told += 1
-                if told == 2:
-                    break
+        yield from learn_protection(self._say_protected)
         return self._protected
 
     def identify(self) -> Script[DeviceInfo]:
@@ -186,7 +169,7 @@ class YdlidarDevice(Device):
     def _hear(self) -> Script[DeviceInfo]:
         model = self._named or ONE_WAY
         packets = yield hear(model.kind.wire(), OVERHEARD, HEAR_S)
-        if self._named is None and _samples_a_turn(packets) > MOST_A_TURN:
+        if self._named is None and samples_a_turn(packets) > MOST_A_TURN:
             raise ResponseTimeout(commands.GET_INFO.name, HEAR_S)
         self._be(model)
         return DeviceInfo("ydlidar", f"YDLIDAR {model.title}", model.code, "", 0, "")
@@ -263,7 +246,7 @@ class YdlidarDevice(Device):
         """As `Device.scan_frequency`: the frequency that is set, not the one the motor reaches."""
         if self._model.speeds is None:
             raise Unsupported("this device does not tell its scan frequency")
-        return (yield from self._ask_speed()) / 100
+        return (yield from ask_speed()) / 100
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:
         """As `Device.set_scan_frequency`: in steps of 1 and 0.1 Hz, then read back.
@@ -318,31 +301,23 @@ class YdlidarDevice(Device):
         if not self._model.protection:
             raise Unsupported("this device knows no power-down protection")
         wanted = bool(on)  # 1 and numpy's True are meant as well, and are not identical to True
-        for attempt in range(MOST_TOGGLES):
-            try:
-                state = (yield commands.TOGGLE_PROTECTION)[0]
-            except ResponseTimeout:
-                # It may have been toggled all the same: toggle again and see.
-                if attempt == MOST_TOGGLES - 1:
-                    raise
-                continue
-            if state <= 1:
-                self._protected = state == 0
-                if self._protected == wanted:
-                    self._wanted_protection = wanted
-                    return wanted
-        raise RemoteProtocolError(f"power-down protection does not go {'on' if wanted else 'off'}")
+        yield from toggle_to(wanted, self._say_protected)
+        self._wanted_protection = wanted
+        return wanted
+
+    def _say_protected(self, on: bool) -> None:
+        self._protected = on
 
     def _restore(self) -> Script[None]:
         """Set again what the program has set: no document says what outlasts a restart."""
         if self._wanted_speed is not None:
-            yield from self._step_to(self._wanted_speed)
+            yield from step_to(self._wanted_speed)
         if self._wanted_protection is not None:
             yield from self.power_down_protection(self._wanted_protection)
         self._was_restarted = False
 
     def _set_speed(self, hundredths: int) -> Script[float]:
-        reached = yield from self._step_to(hundredths)
+        reached = yield from step_to(hundredths)
         self._wanted_speed = hundredths
         return reached
 
@@ -362,58 +337,13 @@ class YdlidarDevice(Device):
         self._health_request = last
         return payload
 
-    def _ask_speed(self) -> Script[int]:
-        return _hundredths((yield commands.GET_SPEED))
-
-    def _step_to(self, wanted: int) -> Script[float]:
-        current = yield from self._ask_speed()
-        for _ in range(MOST_STEPS):
-            gap = wanted - current
-            if abs(gap) <= FINE_STEP // 2:
-                break
-            coarse = abs(gap) > COARSE_BEYOND
-            try:
-                reached = _hundredths((yield _STEPS[coarse, gap > 0]))
-            except ResponseTimeout:
-                # Done or not, asking for the step again might do it twice.
-                reached = yield from self._ask_speed()
-            else:
-                if reached == current:
-                    break  # the device will not go further
-            current = reached
-        return (yield from self._ask_speed()) / 100
-
 
 _SHORT_INFO: Final = replace(commands.GET_INFO, timeout=0.25, attempts=1)
-_LEARN_PROTECTION: Final = replace(commands.TOGGLE_PROTECTION, timeout=LEARN_TIMEOUT_S)
-_STEPS: Final = {
-    (True, True): commands.SPEED_UP_BY_1,
-    (True, False): commands.SPEED_DOWN_BY_1,
-    (False, True): commands.SPEED_UP_BY_01,
-    (False, False): commands.SPEED_DOWN_BY_01,
-}
-
-
-def _hundredths(payload: bytes) -> int:
-    return int.from_bytes(payload, "little")
 
 
 def _told(speeds: tuple[float, float]) -> Script[tuple[float, float]]:
     yield from ()
     return speeds
-
-
-def _samples_a_turn(packets: bytes) -> float:
-    """By the widest packet among these, of two bytes a sample; 0 where none has several samples."""
-    at, most = 0, 0.0
-    while at < len(packets):
-        count = packets[at + 3]
-        first, last = (int.from_bytes(packets[at + place : at + place + 2], "little") >> 1 for place in (4, 6))
-        way = (last - first) % FULL_TURN_Q6
-        if count > 1 and way:
-            most = max(most, (count - 1) * FULL_TURN_Q6 / way)
-        at += 10 + 2 * count
-    return most
 
 
 NAMED: Final = {name: NamedModel(model.baudrate, partial(YdlidarDevice, model)) for name, model in MODELS.items()}

@@ -42,6 +42,7 @@ __all__ = [
     "START_BIT",
     "PointCloud",
     "packet_heads",
+    "samples_a_turn",
 ]
 
 HEADER_SIZE: Final = 10
@@ -204,3 +205,16 @@ class PointCloud(StreamFormat):
         np.add.accumulate(np.repeat(*np.array(lengths).T)[:-1], out=begins[1:])
         good = (words[begins] == MAGIC_WORD) & (np.bitwise_xor.reduceat(words, begins) == 0)
         return count if np.count_nonzero(good) == count else int(good.argmin())
+
+
+def samples_a_turn(packets: bytes) -> float:
+    """By the widest packet among these, of two bytes a sample; 0 where none has several samples."""
+    at, most = 0, 0.0
+    while at < len(packets):
+        count = packets[at + 3]
+        first, last = (int.from_bytes(packets[at + place : at + place + 2], "little") >> 1 for place in (4, 6))
+        way = (last - first) % FULL_TURN_Q6
+        if count > 1 and way:
+            most = max(most, (count - 1) * FULL_TURN_Q6 / way)
+        at += 10 + 2 * count
+    return most

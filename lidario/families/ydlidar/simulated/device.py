@@ -288,7 +288,8 @@ def describe(model: str) -> str:
     """What a model is, in a few words."""
     profile = PROFILES[model]
     talks = "; only talks" if profile.one_way else ""
-    return f"{profile.baudrate} baud, {1e9 / profile.sample_ns:.0f}/s{talks}"
+    motor = ", motor by DTR" if profile.by_dtr else ""
+    return f"{profile.baudrate} baud, {1e9 / profile.sample_ns:.0f}/s{motor}{talks}"
 
 
 def _digits(serial: bytes | str | list[int]) -> bytes:

@@ -1,0 +1,99 @@
+"""Two settings that take several requests: the scan frequency, in steps, and power-down protection, by toggling.
+
+Neither can be set to a value. So each step is judged by what the device says it has reached, and a request whose
+response was lost is not repeated before that is known (4ROS development manual, 3.5 and 3.8; the vendor's SDK).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+from lidario.errors import RemoteProtocolError, ResponseTimeout
+from lidario.families.base import Script
+from lidario.families.ydlidar import commands
+
+__all__ = ["ask_speed", "learn_protection", "step_to", "toggle_to"]
+
+FINE_STEP: Final = 10
+COARSE_BEYOND: Final = 95
+"""Hundredths of Hz: the small step, and the difference above which a step of 1 Hz is better (SDK)."""
+MOST_STEPS: Final = 40
+"""7 coarse and 9 fine steps lead from end to end of the range; twice that, since the device may not hear some."""
+MOST_TOGGLES: Final = 4
+"""Attempts; the SDK makes as many."""
+LEARN_TIMEOUT_S: Final = 0.5
+
+_LEARN_PROTECTION: Final = replace(commands.TOGGLE_PROTECTION, timeout=LEARN_TIMEOUT_S)
+_STEPS: Final = {
+    (True, True): commands.SPEED_UP_BY_1,
+    (True, False): commands.SPEED_DOWN_BY_1,
+    (False, True): commands.SPEED_UP_BY_01,
+    (False, False): commands.SPEED_DOWN_BY_01,
+}
+
+
+def ask_speed() -> Script[int]:
+    """The scan frequency that is set, in hundredths of Hz."""
+    return _hundredths((yield commands.GET_SPEED))
+
+
+def step_to(wanted: int) -> Script[float]:
+    """Step to a scan frequency in hundredths of Hz; returns what was reached, in Hz."""
+    current = yield from ask_speed()
+    for _ in range(MOST_STEPS):
+        gap = wanted - current
+        if abs(gap) <= FINE_STEP // 2:
+            break
+        coarse = abs(gap) > COARSE_BEYOND
+        try:
+            reached = _hundredths((yield _STEPS[coarse, gap > 0]))
+        except ResponseTimeout:
+            # Done or not, asking for the step again might do it twice.
+            reached = yield from ask_speed()
+        else:
+            if reached == current:
+                break  # the device will not go further
+        current = reached
+    return (yield from ask_speed()) / 100
+
+
+def toggle_to(wanted: bool, tell: Callable[[bool], None]) -> Script[None]:
+    """Toggle power-down protection until it is as `wanted`; `tell` is called with each state that it says.
+
+    Raises:
+        RemoteProtocolError: It does not get there.
+    """
+    for attempt in range(MOST_TOGGLES):
+        try:
+            state = (yield commands.TOGGLE_PROTECTION)[0]
+        except ResponseTimeout:
+            # It may have been toggled all the same: toggle again and see.
+            if attempt == MOST_TOGGLES - 1:
+                raise
+            continue
+        if state <= 1:
+            tell(state == 0)
+            if (state == 0) == wanted:
+                return
+    raise RemoteProtocolError(f"power-down protection does not go {'on' if wanted else 'off'}")
+
+
+def learn_protection(tell: Callable[[bool], None]) -> Script[None]:
+    """Find out whether power-down protection is on: two toggles tell it and leave it. `tell` as in `toggle_to`."""
+    told = 0
+    for _ in range(MOST_TOGGLES):
+        try:
+            state = (yield _LEARN_PROTECTION)[0]
+        except ResponseTimeout:
+            continue
+        if state <= 1:
+            tell(state == 0)
+            told += 1
+            if told == 2:
+                return
+
+
+def _hundredths(payload: bytes) -> int:
+    return int.from_bytes(payload, "little")
