@@ -87,6 +87,7 @@ class DividedRevolution:
         lost: Packets known to be missing so far.
         lost_behind: Those that are missing behind the last packet that was decoded, and belong to no sector yet.
         samples: Samples that have come.
+        most_samples: Those of the longest packet.
         bytes: The length of their packets.
         packets: How many they are.
         first_ns: Earliest estimate of when the first sample arrived; infinite when there is none.
@@ -113,7 +114,7 @@ class DividedRevolution:
         self.given = 0
         self.lost = partial.lost_behind_carried
         self.lost_behind = 0
-        self.bytes = self.packets = 0
+        self.bytes = self.packets = self.most_samples = 0
         self.first_ns = math.inf
         self.gap = partial.carried is not None and partial.lost_behind_carried > 0
         self.seq: int | None = None

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidario.revolution.assemble import Assembler, AssemblerStats
@@ -210,6 +210,7 @@ def test_flipped_bits(case: Case) -> None:
 
 
 @pytest.mark.parametrize("case", KINDS, ids=named)
+@settings(max_examples=12)
 @given(st.data())
 def test_whatever_comes_sectors_are_in_order(case: Case, data: st.DataObject) -> None:
     raw = b"".join(data.draw(st.lists(messes(case), max_size=3), "stream"))
