@@ -18,17 +18,26 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cache
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import Final
 
-import numpy as np
-
-from lidario.families.base import Decoder, Samples
+from lidario.families.base import Samples
 from lidario.revolution.assemble import Assembler
 from lidario.revolution.build import turned_by
 from lidario.revolution.count import NOISE, Beginning
+from lidario.revolution.divided import (
+    RETREAT_PART,
+    ROUNDING,
+    DividedRevolution,
+    OpenSector,
+    as_one,
+    away_of,
+    ends_of,
+    join_pieces,
+    reach,
+    sum_of,
+)
 from lidario.revolution.judge import share_over
 from lidario.revolution.partial import PartialRevolution, SampleArrays
 from lidario.revolution.seam import Split
@@ -36,115 +45,14 @@ from lidario.revolution.timing import earliest_ns
 from lidario.samples import read_only
 from lidario.scan import Scan
 from lidario.sector import Sector
-from lidario.wire.blocks import Block, join_blocks, packet_offsets, some_blocks
+from lidario.wire.blocks import Block, packet_offsets, some_blocks
 from lidario.wire.events import Packets
-from lidario.wire.formats import BEGINS, HEADING_MASK, Headings
+from lidario.wire.formats import BEGINS, HEADING_MASK
 
 __all__ = ["MOST_PARTS", "SectorAssembler"]
 
 MOST_PARTS: Final = 72
 """Sectors of 5 degrees: the narrowest packet of any format is not much narrower."""
-_ROUNDING: Final = 1e-9
-"""Much less than a packet, and more than what rounding makes of a whole number."""
-_RETREAT_PART: Final = 12
-"""Part of 360 degrees by which headings may tremble back, as in `Seam`."""
-
-
-@cache
-def _ends(full_turn: int, parts: tuple[int, ...]) -> tuple[tuple[int, tuple[int, ...]], ...]:
-    """Where sectors end before the seam: angles behind it in heading units, and the parts that end there."""
-    found: dict[int, list[int]] = {}
-    for count in parts:
-        for number in range(1, count):
-            found.setdefault(-(-full_turn * number // count), []).append(count)
-    return tuple((end, tuple(found[end])) for end in sorted(found))
-
-
-@dataclass(slots=True)
-class _Open:
-    """A sector in the making, of one size.
-
-    Attributes:
-        index: Which one.
-        begin: Samples of the revolution before it.
-        lost: Packets of the revolution that were lost before it.
-        pieces: Its samples so far.
-    """
-
-    index: int = 0
-    begin: int = 0
-    lost: int = 0
-    pieces: list[SampleArrays] = field(default_factory=list)
-
-
-class _Divided:
-    """The revolution in the making, as far as it was divided.
-
-    Attributes:
-        partial: What is known of it.
-        began: Heading at which it began.
-        ends: Where sectors end before the seam, ascending; `at` is the next one.
-        open: The sectors in the making, by how many a revolution has.
-        decoder: Decodes its pieces.
-        offset_deg: Zero-angle offset of all its sectors.
-        waiting: Packets that were not decoded.
-        rest: Samples that were decoded and belong to no sector yet.
-        decoded: What each piece was decoded to.
-        arrays: All samples: those that were carried over, and those of each piece.
-        passed: How far behind the seam the headings have come.
-        last: How far behind the seam the last packet that was decoded begins.
-        last_samples: Its samples.
-        last_arc: How far the rotor turned during it.
-        given: Samples in sectors.
-        lost: Packets known to be missing so far.
-        lost_behind: Those that are missing behind the last packet that was decoded, and belong to no sector yet.
-        samples: Samples that have come.
-        bytes: The length of their packets.
-        packets: How many they are.
-        first_ns: Earliest estimate of when the first sample arrived; infinite when there is none.
-        gap: Whether a gap is known, so that the number of samples tells no time any more.
-        seq: Its number, once told.
-        unseen: Revolutions before it that were counted as missing when that was told.
-    """
-
-    def __init__(self, partial: PartialRevolution, began: int, decoder: Decoder, offset_deg: float) -> None:
-        self.partial = partial
-        self.began = began
-        self.ends: Sequence[tuple[int, tuple[int, ...]]] = ()
-        self.at = 0
-        self.open: dict[int, _Open] = {}
-        self.decoder = decoder
-        self.offset_deg = offset_deg
-        self.waiting: list[Packets] = []
-        self.rest = partial.carried
-        self.decoded: list[Samples] = []
-        self.arrays: list[SampleArrays] = [] if partial.carried is None else [partial.carried]
-        self.passed = self.last = 0
-        self.last_samples = self.samples = 0 if partial.carried is None else len(partial.carried)
-        self.last_arc = 0.0
-        self.given = 0
-        self.lost = partial.lost_behind_carried
-        self.lost_behind = 0
-        self.bytes = self.packets = 0
-        self.first_ns = math.inf
-        self.gap = partial.carried is not None and partial.lost_behind_carried > 0
-        self.seq: int | None = None
-        self.unseen = 0
-
-    @property
-    def packet_samples(self) -> float:
-        """Samples in a packet, on average."""
-        fresh = self.samples - (0 if self.partial.carried is None else len(self.partial.carried))
-        return fresh / self.packets if self.packets else 0.0
-
-    def upto(self, end: int) -> int:
-        """How many samples of `rest` were measured before the rotor passed `end`, by the last packet's arc."""
-        if self.rest is None:
-            return 0
-        inside = self.last_samples
-        if self.last_arc > 0:
-            inside = min(inside, math.ceil((end - self.last) * self.last_samples / self.last_arc - _ROUNDING))
-        return max(0, len(self.rest) - self.last_samples + max(0, inside))
 
 
 class SectorAssembler(Assembler):
@@ -159,11 +67,11 @@ class SectorAssembler(Assembler):
         vars(self).update(vars(other))
         self._publish_sector = publish
         self._parts: tuple[int, ...] = ()
-        self._divided: _Divided | None = None
+        self._divided: DividedRevolution | None = None
         self._next_offset_deg: float | None = None
         self._usual_samples = 0.0
         self._told: int | None = None
-        self._ending: tuple[_Divided, int] | None = None
+        self._ending: tuple[DividedRevolution, int] | None = None
         self._told_unseen = 0
 
     def divide(self, parts: Iterable[int]) -> None:
@@ -177,13 +85,17 @@ class SectorAssembler(Assembler):
         here = self._divided
         if here is None or not self._usual_samples or not here.packets:
             return math.nan
-        full, each = self._stream.format.full_turn, here.packet_samples
-        end = here.ends[here.at][0] if here.at < len(here.ends) else full
-        packets = max(1, math.ceil((end - here.passed) * self._usual_samples / (full * each) - _ROUNDING))
-        sample_ns = self._sample_time_ns
+        wire, sample_ns, each = self._stream.format, self._sample_time_ns, here.most_samples
+        end = here.ends[here.at][0] if here.at < len(here.ends) else wire.full_turn
+        # From the beginning of the last packet to the end of the sector.
+        away = (end - here.passed) * self._usual_samples / wire.full_turn
+        more = float(max(1, math.ceil(away / each - ROUNDING)) * each)
+        if end == wire.full_turn and wire.shortest != wire.longest:
+            # The last packet is as short as need be, and so is the first one of the next revolution.
+            more = max(1.0, away - each + 1)
         if here.gap:
-            return here.partial.last_ns + packets * each * sample_ns
-        return here.first_ns + (here.samples + packets * each - 1) * sample_ns
+            return here.partial.last_ns + more * sample_ns
+        return here.first_ns + (here.samples + more - 1) * sample_ns
 
     def set_zero_offset(self, degrees: float) -> None:
         """As `Assembler.set_zero_offset`; a revolution of which sectors were handed out keeps the one before."""
@@ -206,7 +118,7 @@ class SectorAssembler(Assembler):
         if self._divided is not None:
             self._follow(self._divided, packets)
 
-    def _begin(self, packets: Packets) -> _Divided | None:
+    def _begin(self, packets: Packets) -> DividedRevolution | None:
         """A revolution may begin with these packets; None where it does not, or is not to be divided."""
         if self._next_offset_deg is not None:
             offset, self._next_offset_deg = self._next_offset_deg, None
@@ -218,46 +130,46 @@ class SectorAssembler(Assembler):
             return None
         first = int(wire.headings(packets)[0])
         began = first & HEADING_MASK if first & BEGINS else self._seam.angle
-        here = _Divided(partial, began, self._stream.decoder.fork(), self._stream.zero_offset_deg)
-        here.ends = _ends(wire.full_turn, self._parts)
-        here.open = {count: _Open() for count in self._parts}
+        here = DividedRevolution(partial, began, self._stream.decoder.fork(), self._stream.zero_offset_deg)
+        here.ends = ends_of(wire.full_turn, self._parts)
+        here.open = {count: OpenSector() for count in self._parts}
         if here.samples:
             here.first_ns = partial.carried_ns - (here.samples - 1) * self._sample_time_ns
             # The packet that crossed the seam ends where the first one begins, unless others are missing between.
             here.last_arc = (first - began) % wire.full_turn
             if here.gap and self._usual_samples:
                 here.last_arc = here.samples * wire.full_turn / self._usual_samples
-            if here.last_arc > wire.full_turn - wire.full_turn // _RETREAT_PART:
+            if here.last_arc > wire.full_turn - wire.full_turn // RETREAT_PART:
                 here.last_arc = 0.0
         return here
 
-    def _follow(self, here: _Divided, packets: Packets) -> None:
+    def _follow(self, here: DividedRevolution, packets: Packets) -> None:
         """Decode what these packets complete, and hand it out."""
         self._date(here, packets)
         full = self._stream.format.full_turn
-        away = _away(self._stream.format.headings(packets), here.began, full)
+        away = away_of(self._stream.format.headings(packets), here.began, full)
         offsets = packet_offsets(packets.blocks)
         begin = at = 0
         while here.at < len(here.ends):
-            at = _reach(here, away, at, here.ends[here.at][0], full)
+            at = reach(here, away, at, here.ends[here.at][0], full)
             if at == len(away):
                 break
             if at > begin:
                 here.waiting.append(self._part(packets, begin, at, offsets))
                 begin = at
             if here.waiting:
-                joined = _as_one(here.waiting)
+                joined = as_one(here.waiting)
                 room = 0 if here.rest is None else len(here.rest)
                 following = packets.data[offsets[at] : offsets[at + 1]]
                 self._take(here, joined, here.decoder.decode(joined, following, room), here.passed)
             while here.at < len(here.ends) and here.ends[here.at][0] <= here.passed:
                 self._pass_end(here)
         else:
-            _reach(here, away, at, full, full)
+            reach(here, away, at, full, full)
         if begin < len(away):
             here.waiting.append(self._part(packets, begin, len(away), offsets) if begin else packets)
 
-    def _date(self, here: _Divided, packets: Packets) -> None:
+    def _date(self, here: DividedRevolution, packets: Packets) -> None:
         """Take note of when packets came: each tells when the revolution began, the least delayed one best."""
         wire, sample_ns = self._stream.format, self._sample_time_ns
         # Behind a gap the number of samples since the beginning is not known exactly.
@@ -266,10 +178,13 @@ class SectorAssembler(Assembler):
                 samples = here.samples + wire.samples_in(some_blocks(packets.blocks, 0, count))
                 here.first_ns = min(here.first_ns, at_ns - (samples - 1) * sample_ns)
         here.samples += wire.samples_in(packets.blocks)
+        here.most_samples = max(
+            here.most_samples, *(wire.samples_in((Block(size, 1),)) for size, _ in packets.blocks)
+        )
         here.bytes += len(packets.data)
         here.packets += packets.count
 
-    def _take(self, here: _Divided, packets: Packets, samples: Samples, next_away: int) -> None:
+    def _take(self, here: DividedRevolution, packets: Packets, samples: Samples, next_away: int) -> None:
         """Take over what was decoded; it begins with the samples that were left over before."""
         wire = self._stream.format
         room = 0 if here.rest is None else len(here.rest)
@@ -285,7 +200,7 @@ class SectorAssembler(Assembler):
         here.gap |= samples.lost > 0
         last = some_blocks(packets.blocks, packets.count - 1, packets.count)
         tail = Packets(packets.data[len(packets.data) - last[0].size :], last, ((1, 0),))
-        here.last = _away(wire.headings(tail), here.began, wire.full_turn)[0]
+        here.last = away_of(wire.headings(tail), here.began, wire.full_turn)[0]
         here.last_samples = wire.samples_in(last)
         here.last_arc = (next_away - here.last) % wire.full_turn
         if samples.certain and samples.revolution_samples:
@@ -295,7 +210,7 @@ class SectorAssembler(Assembler):
 
     # ------------------------------------------------------------------------------------------------ sectors
 
-    def _pass_end(self, here: _Divided, most: int | None = None) -> None:
+    def _pass_end(self, here: DividedRevolution, most: int | None = None) -> None:
         """The rotor has passed the end of a sector: hand it out, with at most so many samples of the rest."""
         end, parts = here.ends[here.at]
         here.at += 1
@@ -305,7 +220,7 @@ class SectorAssembler(Assembler):
         for count in parts:
             self._finish(here, count)
 
-    def _give(self, here: _Divided, upto: int) -> None:
+    def _give(self, here: DividedRevolution, upto: int) -> None:
         """Add so many samples of the rest to every sector in the making."""
         if here.rest is None:
             return
@@ -318,15 +233,15 @@ class SectorAssembler(Assembler):
             for sector in here.open.values():
                 sector.pieces.append(piece)
 
-    def _finish(self, here: _Divided, count: int) -> None:
+    def _finish(self, here: DividedRevolution, count: int) -> None:
         """A sector is complete: publish it, unless no sample of it came."""
         done = here.open[count]
         if not done.pieces:
             # What is missing is told with the next one, whose index says that this one did not come.
-            here.open[count] = _Open(done.index + 1, done.begin, done.lost)
+            here.open[count] = OpenSector(done.index + 1, done.begin, done.lost)
             return
-        here.open[count] = _Open(done.index + 1, here.given, here.lost)
-        arrays = done.pieces[0] if len(done.pieces) == 1 else _joined(done.pieces)
+        here.open[count] = OpenSector(done.index + 1, here.given, here.lost)
+        arrays = done.pieces[0] if len(done.pieces) == 1 else join_pieces(done.pieces)
         sample_ns, start_ns = self._sample_time_ns, self._start_ns(here)
         if here.seq is None:
             here.seq = self._number(here, start_ns)
@@ -356,12 +271,12 @@ class SectorAssembler(Assembler):
     def _sample_time_ns(self) -> float:
         return self._stream.sample_ns or self._measured_sample_ns
 
-    def _start_ns(self, here: _Divided) -> int:
+    def _start_ns(self, here: DividedRevolution) -> int:
         """When the first sample was measured, as far as the packets so far tell."""
         packet_bytes = here.bytes / here.packets if here.packets else self._stream.format.shortest
         return earliest_ns([here.first_ns], self._sample_time_ns, packet_bytes * self._byte_ns)
 
-    def _number(self, here: _Divided, start_ns: int) -> int:
+    def _number(self, here: DividedRevolution, start_ns: int) -> int:
         """The number of the revolution; those that passed unseen before it are counted."""
         stats, partial = self.stats, here.partial
         if stats.left_off is not None:
@@ -422,18 +337,20 @@ class SectorAssembler(Assembler):
         wire = self._stream.format
         seam = None if split.marked or split.broken else self._seam.angle
         behind = None if split.broken else following
-        joined = _as_one(here.waiting)
+        joined = as_one(here.waiting)
         left = 0 if here.rest is None else len(here.rest)
         last = here.decoder.decode(joined, behind, left, seam)
         first = Packets(following, (Block(len(following), 1),), ((1, 0),))
-        self._take(here, joined, last, wire.full_turn + _away(wire.headings(first), here.began, wire.full_turn)[0])
+        self._take(
+            here, joined, last, wire.full_turn + away_of(wire.headings(first), here.began, wire.full_turn)[0]
+        )
         samples = self._of_revolution(here, packets, behind, room, seam)
         if not (split.broken or split.moved):
             self._ending = here, left + last.before_seam
         self._told, self._told_unseen = here.seq, here.unseen
         return samples
 
-    def _finish_all(self, here: _Divided, crossed: int) -> None:
+    def _finish_all(self, here: DividedRevolution, crossed: int) -> None:
         """The revolution has ended: hand out its last sectors. Of the rest, so many samples belong to it."""
         assert here.rest is not None
         over = len(here.rest) - crossed
@@ -450,18 +367,18 @@ class SectorAssembler(Assembler):
             self._finish(here, count)
 
     def _of_revolution(
-        self, here: _Divided, packets: Packets, following: bytes | None, room: int, seam: int | None
+        self, here: DividedRevolution, packets: Packets, following: bytes | None, room: int, seam: int | None
     ) -> Samples:
         """What the whole revolution was decoded to: the samples of its pieces, and what they tell together."""
         pieces = here.decoded
-        arrays = here.arrays[0] if len(here.arrays) == 1 else _joined(here.arrays)
+        arrays = here.arrays[0] if len(here.arrays) == 1 else join_pieces(here.arrays)
         fresh = sum(piece.ends[-1] for piece in pieces[:-1])
         before_seam = fresh + pieces[-1].before_seam
         if any(piece.lost or not piece.certain for piece in pieces):
             found = self._stream.decoder.decode(packets, following, room, seam)
         else:
             self._stream = replace(self._stream, decoder=here.decoder)
-            found = _sum_of(pieces)
+            found = sum_of(pieces)
         found.angle_deg, found.distance_mm, found.intensity = arrays.angle, arrays.distance, arrays.intensity
         found.before_seam = before_seam
         return found
@@ -484,63 +401,3 @@ class SectorAssembler(Assembler):
 
     def _next_seq(self) -> int:
         return super()._next_seq() if self._told is None else self._told
-
-
-def _away(headings: Headings, began: int, full_turn: int) -> list[int]:
-    """How far behind the beginning of the revolution each heading is."""
-    plain = headings.tolist() if isinstance(headings, np.ndarray) else headings
-    return [((heading & HEADING_MASK) - began) % full_turn for heading in plain]
-
-
-def _reach(here: _Divided, away: Sequence[int], at: int, end: int, full_turn: int) -> int:
-    """The first packet from number `at` on that begins behind `end`; how many there are where none does."""
-    most = full_turn - full_turn // _RETREAT_PART
-    for number in range(at, len(away)):
-        # A reading that trembles back over the seam seems to be almost a revolution ahead.
-        if away[number] > here.passed and away[number] - here.passed <= most:
-            here.passed = away[number]
-        if here.passed >= end:
-            return number
-    return len(away)
-
-
-def _as_one(runs: Sequence[Packets]) -> Packets:
-    """Packets that follow each other, as if reported together; at least one run."""
-    if len(runs) == 1:
-        return runs[0]
-    blocks: list[Block] = []
-    join_blocks(blocks, [block for run in runs for block in run.blocks])
-    count = sum([run.count for run in runs])
-    return Packets(b"".join([run.data for run in runs]), tuple(blocks), ((count, runs[-1].received_ns),))
-
-
-def _joined(pieces: Sequence[SampleArrays]) -> SampleArrays:
-    intensities = [piece.intensity for piece in pieces if piece.intensity is not None]
-    return SampleArrays(
-        np.concatenate([piece.angle for piece in pieces]),
-        np.concatenate([piece.distance for piece in pieces]),
-        np.concatenate(intensities) if intensities else None,
-    )
-
-
-def _sum_of(pieces: Sequence[Samples]) -> Samples:
-    """What pieces of a revolution tell together, where nothing is missing among them; the arrays are the last's."""
-    last = pieces[-1]
-    packets = sum(len(piece.ends) for piece in pieces)
-    ends: list[int] = []
-    for piece in pieces:
-        before = ends[-1] if ends else 0
-        ends += [before + end for end in piece.ends]
-    turns = sum(len(piece.ends) / piece.revolution_packets for piece in pieces)
-    sample_turns = sum(piece.ends[-1] / piece.revolution_samples for piece in pieces)
-    told = [(len(piece.ends), piece.reported_rpm) for piece in pieces if not math.isnan(piece.reported_rpm)]
-    return replace(
-        last,
-        ends=ends,
-        unbroken=packets,
-        revolution_packets=packets / turns,
-        revolution_samples=ends[-1] / sample_turns,
-        reported_rpm=sum(count * rpm for count, rpm in told) / sum(count for count, _ in told)
-        if told
-        else math.nan,
-    )

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidario.revolution.assemble import Assembler, AssemblerStats
@@ -23,6 +23,7 @@ from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.wire.events import Packets
 from tests.reference import damage
+from tests.support.harm import messes
 from tests.support.kept import arrivals
 from tests.support.streams import CASES, KINDS, Case, Chunks, assembled, cut_up, most_or_all, named, open_stream
 from tests.support.streams import stream_of as described
@@ -203,3 +204,16 @@ def test_flipped_bits(case: Case) -> None:
     found = divided(case, spoiled.raw, (8,))
     assert_sum(found, 8, stamps_ns=5e9)
     assert found.stats == assembled(case, spoiled.raw).stats
+
+
+@pytest.mark.parametrize("case", KINDS, ids=named)
+@settings(max_examples=12)
+@given(st.data())
+def test_whatever_comes_sectors_are_in_order(case: Case, data: st.DataObject) -> None:
+    raw = b"".join(data.draw(st.lists(messes(case), max_size=3), "stream"))
+    found = divided(case, case.raw + raw + case.raw, (8, 60), data.draw(st.sampled_from([50, 5000]), "chunk"))
+    for count in (8, 60):
+        names = [(sector.seq, sector.index) for sector in found.sectors[count]]
+        assert names == sorted(set(names))
+        assert all(len(sector) and sector.lost_packets >= 0 for sector in found.sectors[count])
+    assert found.stats.unfinished_packets >= 0

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from lidario import ConnectFailed, InvalidValue, StreamFailed, Unsupported, open_lidar
+from lidario import ConnectFailed, InvalidValue, SessionClosed, StreamFailed, Unsupported, open_lidar
 from lidario.families.ldrobot.simulated.device import PROFILES as LDROBOT
 from lidario.families.registry import FAMILIES
 from lidario.families.ydlidar.simulated.device import PROFILES as YDLIDAR
@@ -106,10 +106,13 @@ def test_closing_does_not_wait_for_silence(model: str) -> None:
     @driven
     async def main() -> None:
         lidar = await opened(rig)
-        await take(lidar, 1)
+        stream = lidar.scans()
+        await anext(stream)
         before = asyncio.get_running_loop().time()
-        await lidar.close()
+        await asyncio.wait_for(lidar.close(), 1.0)
         assert asyncio.get_running_loop().time() - before < 0.02
+        with pytest.raises(SessionClosed):
+            await anext(stream)
 
     main()
 

@@ -8,8 +8,8 @@ from random import Random
 import numpy as np
 import pytest
 
-from lidario.families.ldrobot.decode import PacketDecoder, samples_a_second
-from lidario.families.ldrobot.formats import PacketFormat, crc8
+from lidario.families.ldrobot.decode import PacketDecoder, TriangleDecoder, samples_a_second
+from lidario.families.ldrobot.formats import PacketFormat, TriangleFormat, crc8
 from lidario.families.ldrobot.raw import find_stream
 from lidario.families.ldrobot.simulated.packers import pack_health, pack_points, pack_response
 from lidario.families.unasked import begin, hear
@@ -113,6 +113,29 @@ def test_checking_as_an_array_finds_what_checking_one_by_one_finds(lead: int) ->
         if flip is not None:
             data[flip] ^= 0x40
         assert PacketFormat().run(data, lead) == checked_one_by_one(PacketFormat(), data, lead)
+
+
+def test_the_correction_before_holds_where_nothing_came_back_also_across_packets() -> None:
+    far = pack_points([3000] * 12, 100, 1000, 1880)
+    nothing = pack_points([0] * 12, 0, 1960, 2840)
+    shift = ldrobot.shift_deg(3000)
+    decoder = TriangleDecoder()
+    # Before anything came back there is no correction.
+    first = decoder.decode(in_one_run(TriangleFormat(), nothing), None)
+    assert first.angle_deg[0] == np.float32(19.6)
+    decoder.decode(in_one_run(TriangleFormat(), far), nothing)
+    second = decoder.fork()
+    for each in (decoder, second):
+        after = each.decode(in_one_run(TriangleFormat(), nothing), None)
+        np.testing.assert_allclose(after.angle_deg[[0, 11]], [19.6 - shift, 28.4 - shift], atol=2e-5)
+    # A block that is not taken is not remembered.
+    steady = decoder.decode_steady(in_one_run(TriangleFormat(), CLEAN[0] + CLEAN[1]), CLEAN[2], [1, 2])
+    assert steady is not None
+    again = decoder.decode(in_one_run(TriangleFormat(), nothing), None)
+    assert again.angle_deg[0] == pytest.approx(19.6 - shift, abs=2e-5)
+    steady.settle()
+    settled = decoder.decode(in_one_run(TriangleFormat(), nothing), None)
+    assert settled.angle_deg[0] == pytest.approx(19.6 - ldrobot.shift_deg(1012), abs=2e-5)
 
 
 # ------------------------------------------------------------------------------------------ packets as a response

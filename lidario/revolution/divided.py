@@ -1,0 +1,198 @@
+"""A revolution in the making that is divided: what of it was decoded, what was handed out, and what waits.
+
+Plain state and arithmetic; `lidario.revolution.sectors` leads it from packet to packet.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Final
+
+import numpy as np
+
+from lidario.families.base import Decoder, Samples
+from lidario.revolution.partial import PartialRevolution, SampleArrays
+from lidario.wire.blocks import Block, join_blocks
+from lidario.wire.events import Packets
+from lidario.wire.formats import HEADING_MASK, Headings
+
+__all__ = [
+    "RETREAT_PART",
+    "ROUNDING",
+    "DividedRevolution",
+    "OpenSector",
+    "as_one",
+    "away_of",
+    "ends_of",
+    "join_pieces",
+    "reach",
+    "sum_of",
+]
+
+ROUNDING: Final = 1e-9
+"""Much less than a packet, and more than what rounding makes of a whole number."""
+RETREAT_PART: Final = 12
+"""Part of 360 degrees by which headings may tremble back, as in `Seam`."""
+
+
+@cache
+def ends_of(full_turn: int, parts: tuple[int, ...]) -> tuple[tuple[int, tuple[int, ...]], ...]:
+    """Where sectors end before the seam: angles behind it in heading units, and the parts that end there."""
+    found: dict[int, list[int]] = {}
+    for count in parts:
+        for number in range(1, count):
+            found.setdefault(-(-full_turn * number // count), []).append(count)
+    return tuple((end, tuple(found[end])) for end in sorted(found))
+
+
+@dataclass(slots=True)
+class OpenSector:
+    """A sector in the making, of one size.
+
+    Attributes:
+        index: Which one.
+        begin: Samples of the revolution before it.
+        lost: Packets of the revolution that were lost before it.
+        pieces: Its samples so far.
+    """
+
+    index: int = 0
+    begin: int = 0
+    lost: int = 0
+    pieces: list[SampleArrays] = field(default_factory=list)
+
+
+class DividedRevolution:
+    """The revolution in the making, as far as it was divided.
+
+    Attributes:
+        partial: What is known of it.
+        began: Heading at which it began.
+        ends: Where sectors end before the seam, ascending; `at` is the next one.
+        open: The sectors in the making, by how many a revolution has.
+        decoder: Decodes its pieces.
+        offset_deg: Zero-angle offset of all its sectors.
+        waiting: Packets that were not decoded.
+        rest: Samples that were decoded and belong to no sector yet.
+        decoded: What each piece was decoded to.
+        arrays: All samples: those that were carried over, and those of each piece.
+        passed: How far behind the seam the headings have come.
+        last: How far behind the seam the last packet that was decoded begins.
+        last_samples: Its samples.
+        last_arc: How far the rotor turned during it.
+        given: Samples in sectors.
+        lost: Packets known to be missing so far.
+        lost_behind: Those that are missing behind the last packet that was decoded, and belong to no sector yet.
+        samples: Samples that have come.
+        most_samples: Those of the longest packet.
+        bytes: The length of their packets.
+        packets: How many they are.
+        first_ns: Earliest estimate of when the first sample arrived; infinite when there is none.
+        gap: Whether a gap is known, so that the number of samples tells no time any more.
+        seq: Its number, once told.
+        unseen: Revolutions before it that were counted as missing when that was told.
+    """
+
+    def __init__(self, partial: PartialRevolution, began: int, decoder: Decoder, offset_deg: float) -> None:
+        self.partial = partial
+        self.began = began
+        self.ends: Sequence[tuple[int, tuple[int, ...]]] = ()
+        self.at = 0
+        self.open: dict[int, OpenSector] = {}
+        self.decoder = decoder
+        self.offset_deg = offset_deg
+        self.waiting: list[Packets] = []
+        self.rest: SampleArrays | None = partial.carried
+        self.decoded: list[Samples] = []
+        self.arrays: list[SampleArrays] = [] if partial.carried is None else [partial.carried]
+        self.passed = self.last = 0
+        self.samples: int = 0 if partial.carried is None else len(partial.carried)
+        self.last_samples: int = self.samples
+        self.last_arc: float = 0.0
+        self.given = 0
+        self.lost: int = partial.lost_behind_carried
+        self.lost_behind = 0
+        self.bytes = self.packets = self.most_samples = 0
+        self.first_ns: float = math.inf
+        self.gap: bool = partial.carried is not None and partial.lost_behind_carried > 0
+        self.seq: int | None = None
+        self.unseen = 0
+
+    @property
+    def packet_samples(self) -> float:
+        """Samples in a packet, on average."""
+        fresh = self.samples - (0 if self.partial.carried is None else len(self.partial.carried))
+        return fresh / self.packets if self.packets else 0.0
+
+    def upto(self, end: int) -> int:
+        """How many samples of `rest` were measured before the rotor passed `end`, by the last packet's arc."""
+        if self.rest is None:
+            return 0
+        inside = self.last_samples
+        if self.last_arc > 0:
+            inside = min(inside, math.ceil((end - self.last) * self.last_samples / self.last_arc - ROUNDING))
+        return max(0, len(self.rest) - self.last_samples + max(0, inside))
+
+
+def away_of(headings: Headings, began: int, full_turn: int) -> list[int]:
+    """How far behind the beginning of the revolution each heading is."""
+    plain = headings.tolist() if isinstance(headings, np.ndarray) else headings
+    return [((heading & HEADING_MASK) - began) % full_turn for heading in plain]
+
+
+def reach(here: DividedRevolution, away: Sequence[int], at: int, end: int, full_turn: int) -> int:
+    """The first packet from number `at` on that begins behind `end`; how many there are where none does."""
+    most = full_turn - full_turn // RETREAT_PART
+    for number in range(at, len(away)):
+        # A reading that trembles back over the seam seems to be almost a revolution ahead.
+        if away[number] > here.passed and away[number] - here.passed <= most:
+            here.passed = away[number]
+        if here.passed >= end:
+            return number
+    return len(away)
+
+
+def as_one(runs: Sequence[Packets]) -> Packets:
+    """Packets that follow each other, as if reported together; at least one run."""
+    if len(runs) == 1:
+        return runs[0]
+    blocks: list[Block] = []
+    join_blocks(blocks, [block for run in runs for block in run.blocks])
+    count = sum([run.count for run in runs])
+    return Packets(b"".join([run.data for run in runs]), tuple(blocks), ((count, runs[-1].received_ns),))
+
+
+def join_pieces(pieces: Sequence[SampleArrays]) -> SampleArrays:
+    """Samples that follow each other, in arrays of their own."""
+    intensities = [piece.intensity for piece in pieces if piece.intensity is not None]
+    return SampleArrays(
+        np.concatenate([piece.angle for piece in pieces]),
+        np.concatenate([piece.distance for piece in pieces]),
+        np.concatenate(intensities) if intensities else None,
+    )
+
+
+def sum_of(pieces: Sequence[Samples]) -> Samples:
+    """What pieces of a revolution tell together, where nothing is missing among them; the arrays are the last's."""
+    last = pieces[-1]
+    packets = sum(len(piece.ends) for piece in pieces)
+    ends: list[int] = []
+    for piece in pieces:
+        before = ends[-1] if ends else 0
+        ends += [before + end for end in piece.ends]
+    turns = sum(len(piece.ends) / piece.revolution_packets for piece in pieces)
+    sample_turns = sum(piece.ends[-1] / piece.revolution_samples for piece in pieces)
+    told = [(len(piece.ends), piece.reported_rpm) for piece in pieces if not math.isnan(piece.reported_rpm)]
+    return replace(
+        last,
+        ends=ends,
+        unbroken=packets,
+        revolution_packets=packets / turns,
+        revolution_samples=ends[-1] / sample_turns,
+        reported_rpm=sum(count * rpm for count, rpm in told) / sum(count for count, _ in told)
+        if told
+        else math.nan,
+    )
