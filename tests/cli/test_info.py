@@ -7,7 +7,7 @@ import json
 import pytest
 
 from lidario.families.registry import FAMILIES
-from tests.cli.processes import invoke, invoke_driven, served
+from tests.cli.processes import in_memory, invoke, invoke_driven, served
 
 MODELS = [model for family in FAMILIES for model in family.simulated]
 
@@ -37,13 +37,13 @@ def test_for_people() -> None:
 
 @pytest.mark.parametrize("model", MODELS)
 def test_every_model(model: str) -> None:
-    ended = invoke_driven("info", f"sim://{model}?via=memory", "--json")
+    ended = invoke_driven("info", in_memory(model), "--json")
     assert ended.exit_code == 0, ended.stderr
     told = json.loads(ended.stdout)
     assert told["model"]
     assert len(told["modes"]) >= 1
     assert sum(mode["typical"] for mode in told["modes"]) == 1
-    assert invoke_driven("info", f"sim://{model}?via=memory").exit_code == 0
+    assert invoke_driven("info", in_memory(model)).exit_code == 0
 
 
 def test_a_device_that_protects_itself_is_unhealthy() -> None:
