@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidario.revolution.assemble import Assembler, AssemblerStats
@@ -32,6 +32,8 @@ from tests.support.streams import stream_of as described
 CORRECTED = (0x81, 0x82, 0x84, 0x2D, 0xA4)
 """Response types of which the angles of samples are corrected by their distance."""
 SAMPLE_DEG = 0.6
+EXAMPLES = max(3, settings().max_examples // 4)
+"""Fewer than of other properties: each is two whole streams and more."""
 
 
 class Divided(NamedTuple):
@@ -167,6 +169,7 @@ def losses(draw: st.DrawFn, case: Case) -> list[int]:
 
 
 @one_a_parser(KINDS, CASES)
+@settings(max_examples=EXAMPLES)
 @given(st.data())
 def test_sectors_are_the_scan_where_packets_are_lost(case: Case, data: st.DataObject) -> None:
     left = data.draw(losses(case), "left")
@@ -211,6 +214,7 @@ def test_flipped_bits(case: Case) -> None:
 
 
 @one_a_parser(KINDS, CASES)
+@settings(max_examples=EXAMPLES)
 @given(st.data())
 def test_whatever_comes_sectors_are_in_order(case: Case, data: st.DataObject) -> None:
     raw = b"".join(data.draw(st.lists(messes(case), max_size=3), "stream"))
