@@ -22,6 +22,7 @@ from tests.support.coming_back import (
 from tests.support.devices import both_families, left_still, make_rig
 from tests.support.loop import DrivenLoop, driven, run_driven
 
+pytestmark = pytest.mark.usefixtures("quick_collection")
 on_the_way = pytest.mark.exhaustive("after_s", sample=ON_THE_WAY_S[::3], full=ON_THE_WAY_S)
 
 
