@@ -85,9 +85,9 @@ class YdlidarDevice(Device):
             response_type=model.kind.response_type,
             typical=True,
         )
-        self.can_be_stopped = not model.one_way or bool(model.dtr)
+        self.can_be_stopped: bool = not model.one_way or bool(model.dtr)
         # The motor of one that hears requests stops with its laser.
-        self.can_keep_spinning = model.one_way
+        self.can_keep_spinning: bool = model.one_way
 
     def scan_frequency_range(self) -> Script[tuple[float, float]]:
         """As `Device.scan_frequency_range`: the data sheet's, since the device cannot be asked."""
