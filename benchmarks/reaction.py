@@ -31,7 +31,7 @@ _WORKER = (sys.executable, "-m", "benchmarks.reaction_worker")
 
 def run(setting: Setting) -> Result:
     """Every speed, both ways by turns."""
-    rounds, window_s = (1, 3.0) if setting.quick else (2, 16.0)
+    rounds, window_s = (1, 3.0) if setting.quick else (3, 16.0)
     found: dict[str, list[dict[str, Any]]] = {}
     for number in range(rounds):
         setting.say(f"reaction: round {number + 1} of {rounds}")
@@ -55,14 +55,14 @@ def _measure(hertz: int, how: str, window_s: float) -> dict[str, Any]:
             got = run_json([*_WORKER, "reader", json.dumps(task)], timeout=window_s + 30)
         finally:
             told = json.loads(device.communicate("\n", timeout=30)[0] or "{}")
-    begin, end = got["window"]
+    begin, end = got["window"][0], min(got["window"][1], *told["noted"])
     within = [at for at in told["shown"] if begin < at < end - _LATEST_NS]
     late = [reaction for at in within if (reaction := _reaction(at, got["stops"])) is not None]
     return {
         "late_ms": late,
         "shown": len(within),
         "cpu": got["cpu"],
-        "delay_ms": late_by(got["arrivals"][_SKIP:], told["ends"]),
+        "delay_ms": late_by([at for at in got["arrivals"][_SKIP:] if at < end], told["ends"]),
     }
 
 

@@ -71,8 +71,10 @@ class _Noting(PtyServer):
     def _send(self, data: bytes) -> int:
         now = time.monotonic_ns()
         taken = super()._send(data)
-        self.written.append(data[:taken])
-        self.times.append(now)
+        if not self.lost and taken == len(data):
+            # Behind a loss, packets do not stand where they are expected.
+            self.written.append(data)
+            self.times.append(now)
         return taken
 
 
@@ -81,7 +83,7 @@ def _report(server: _Noting) -> dict[str, list[int]]:
 
     Returns:
         ``shown``: for each obstacle, the last byte that shows it for the first time; ``ends``: for each sector, the
-        last byte of the packet that begins behind it.
+        last byte of the packet that begins behind it; ``noted``: the last of all.
     """
     data = b"".join(server.written)
     ends = np.cumsum([len(each) for each in server.written]).tolist()
@@ -94,7 +96,8 @@ def _report(server: _Noting) -> dict[str, list[int]]:
         server.times[bisect_left(ends, begin + (packet + 1) * _PACKET)]
         for packet in ((sectors[1:] != sectors[:-1]).nonzero()[0] + 1).tolist()
     ]
-    return {"shown": _shown_ns(server, ends, begin, words[:, _HEAD // 2 :]), "ends": ended}
+    shown = _shown_ns(server, ends, begin, words[:, _HEAD // 2 :])
+    return {"shown": shown, "ends": ended, "noted": [server.times[-1]]}
 
 
 def _shown_ns(server: _Noting, ends: list[int], begin: int, distances: npt.NDArray[np.uint16]) -> list[int]:

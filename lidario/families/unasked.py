@@ -41,7 +41,7 @@ class UnaskedDevice(Device):
         wake: The request that starts it, where there is one.
     """
 
-    can_be_stopped = False
+    can_be_stopped: bool = False
     patience_s: float = 0.5
     wake: bytes = b""
 

@@ -169,7 +169,7 @@ class ScanMessages(StreamFormat):
 
     name = "scan messages"
     response_type = SCAN_TYPE
-    header = re.compile(rb"(?!)")
+    header: re.Pattern[bytes] = re.compile(rb"(?!)")
     shortest = longest = samples = 1
     full_turn = 360
 

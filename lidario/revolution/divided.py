@@ -87,6 +87,7 @@ class DividedRevolution:
         lost: Packets known to be missing so far.
         lost_behind: Those that are missing behind the last packet that was decoded, and belong to no sector yet.
         samples: Samples that have come.
+        most_samples: Those of the longest packet.
         bytes: The length of their packets.
         packets: How many they are.
         first_ns: Earliest estimate of when the first sample arrived; infinite when there is none.
@@ -104,18 +105,19 @@ class DividedRevolution:
         self.decoder = decoder
         self.offset_deg = offset_deg
         self.waiting: list[Packets] = []
-        self.rest = partial.carried
+        self.rest: SampleArrays | None = partial.carried
         self.decoded: list[Samples] = []
         self.arrays: list[SampleArrays] = [] if partial.carried is None else [partial.carried]
         self.passed = self.last = 0
-        self.last_samples = self.samples = 0 if partial.carried is None else len(partial.carried)
-        self.last_arc = 0.0
+        self.samples: int = 0 if partial.carried is None else len(partial.carried)
+        self.last_samples: int = self.samples
+        self.last_arc: float = 0.0
         self.given = 0
-        self.lost = partial.lost_behind_carried
+        self.lost: int = partial.lost_behind_carried
         self.lost_behind = 0
-        self.bytes = self.packets = 0
-        self.first_ns = math.inf
-        self.gap = partial.carried is not None and partial.lost_behind_carried > 0
+        self.bytes = self.packets = self.most_samples = 0
+        self.first_ns: float = math.inf
+        self.gap: bool = partial.carried is not None and partial.lost_behind_carried > 0
         self.seq: int | None = None
         self.unseen = 0
 

@@ -85,13 +85,17 @@ class SectorAssembler(Assembler):
         here = self._divided
         if here is None or not self._usual_samples or not here.packets:
             return math.nan
-        full, each = self._stream.format.full_turn, here.packet_samples
-        end = here.ends[here.at][0] if here.at < len(here.ends) else full
-        packets = max(1, math.ceil((end - here.passed) * self._usual_samples / (full * each) - ROUNDING))
-        sample_ns = self._sample_time_ns
+        wire, sample_ns, each = self._stream.format, self._sample_time_ns, here.most_samples
+        end = here.ends[here.at][0] if here.at < len(here.ends) else wire.full_turn
+        # From the beginning of the last packet to the end of the sector.
+        away = (end - here.passed) * self._usual_samples / wire.full_turn
+        more = float(max(1, math.ceil(away / each - ROUNDING)) * each)
+        if end == wire.full_turn and wire.shortest != wire.longest:
+            # The last packet is as short as need be, and so is the first one of the next revolution.
+            more = max(1.0, away - each + 1)
         if here.gap:
-            return here.partial.last_ns + packets * each * sample_ns
-        return here.first_ns + (here.samples + packets * each - 1) * sample_ns
+            return here.partial.last_ns + more * sample_ns
+        return here.first_ns + (here.samples + more - 1) * sample_ns
 
     def set_zero_offset(self, degrees: float) -> None:
         """As `Assembler.set_zero_offset`; a revolution of which sectors were handed out keeps the one before."""
@@ -174,6 +178,9 @@ class SectorAssembler(Assembler):
                 samples = here.samples + wire.samples_in(some_blocks(packets.blocks, 0, count))
                 here.first_ns = min(here.first_ns, at_ns - (samples - 1) * sample_ns)
         here.samples += wire.samples_in(packets.blocks)
+        here.most_samples = max(
+            here.most_samples, *(wire.samples_in((Block(size, 1),)) for size, _ in packets.blocks)
+        )
         here.bytes += len(packets.data)
         here.packets += packets.count
 

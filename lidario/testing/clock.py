@@ -36,7 +36,7 @@ class Clock:
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
-        self.pace = 1.0
+        self.pace: float = 1.0
         # Private since ever: in all loops of asyncio, on every system, this is what waits.
         selector: Any = loop._selector  # type: ignore[attr-defined]  # noqa: SLF001
         self._usual_select = selector.select

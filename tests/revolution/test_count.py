@@ -23,7 +23,8 @@ from tests.support.loop import driven
 from tests.support.streams import in_one_run
 
 MS = 1_000_000
-every_kind = pytest.mark.parametrize("name", STEADY)
+ONE_A_PARSER = ["0x81 nodes", "0x83 HQ", "0x85 dense", "4ROS points"]
+every_kind = pytest.mark.exhaustive("name", sample=ONE_A_PARSER, full=list(STEADY))
 
 
 @cache

@@ -100,11 +100,11 @@ class LdrobotDevice(UnaskedDevice):
 
     def _be(self, model: Model) -> None:
         self._model = model
-        self.can_be_stopped = model.commands
+        self.can_be_stopped: bool = model.commands
         # Where it has requests, the motor stops with the laser.
-        self.can_keep_spinning = not model.commands
-        self.wake = commands.START if model.commands else b""
-        self.patience_s = SPIN_UP_S if model.commands else HEAR_S
+        self.can_keep_spinning: bool = not model.commands
+        self.wake: bytes = commands.START if model.commands else b""
+        self.patience_s: float = SPIN_UP_S if model.commands else HEAR_S
 
     def wire(self) -> PacketFormat:
         """As `UnaskedDevice.wire`."""

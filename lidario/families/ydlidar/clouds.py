@@ -129,7 +129,7 @@ class CloudDecoder(PointCloudDecoder):
 
     def __init__(self, kind: Kind) -> None:
         super().__init__()
-        self.speed_base = kind.speed_base
+        self.speed_base: int = kind.speed_base
         self._kind = kind
 
     def _samples_of(

@@ -109,7 +109,7 @@ class SimulatedLdrobot(Chassis[_Stream]):
     ) -> None:
         super().__init__(profile.baudrate, world, seed, profile.model)
         self.profile = profile
-        self.boot_s = 0.5
+        self.boot_s: float = 0.5
         self._motor = Motor(spin_up_s=1.0, turns=float(self._random.random()))
         self._sample_ns = 1e9 / profile.rate
         self._up: int | None = None

@@ -1,0 +1,52 @@
+"""Sectors are handed over within `latency` and a millisecond, and the port is polled about once for each.
+
+The poller of a terminal, as `Reader` does it, over golden streams whose packets come at the device's own pace; its
+timers are late by up to a millisecond.
+"""
+
+from __future__ import annotations
+
+import random
+from itertools import accumulate
+
+import numpy as np
+import pytest
+
+from lidario.revolution.assemble import Assembler
+from lidario.revolution.sectors import SectorAssembler
+from lidario.session.pace import Pace
+from lidario.session.sectors import SectorPace
+from tests.support.streams import KINDS, Case, in_one_run, named, stream_of
+
+LATENCY_S, TIMER_S = 0.005, 0.001
+
+
+@pytest.mark.parametrize("case", KINDS, ids=named)
+def test_a_sector_is_handed_over_in_time(case: Case) -> None:
+    chance = random.Random(case.name)
+    stream = stream_of(case)
+    ends = [end * case.byte_ns * 1e-9 for end in accumulate(map(len, case.packets))]
+    published: list[int] = []
+    assembler = SectorAssembler(Assembler(stream), lambda _, sector: published.append(sector.index))
+    assembler.divide((8,))
+    pace = SectorPace(Pace(stream, 0, LATENCY_S))
+    taken = polls = 0
+    now, delays = 0.0, list[float]()
+    while taken < len(ends):
+        pause = pace.rest(now) or LATENCY_S - TIMER_S
+        now += min(pause, pace.interval) + chance.uniform(0.0, TIMER_S)
+        polls += 1
+        come = next((number for number in range(taken, len(ends)) if ends[number] > now), len(ends))
+        if come == taken or now < pace.hold(now):
+            continue
+        for packet in range(taken, come):
+            before = len(published)
+            scans = assembler.add(in_one_run(stream.format, case.packets[packet], round(ends[packet] * 1e9)))
+            for scan in scans:
+                pace.turned(scan, 0, now)
+            if len(published) > before:
+                delays.append(now - ends[packet])
+        pace.expect(assembler.next_ns)
+        taken = come
+    assert len(delays) >= 20
+    assert np.percentile(delays[4:], 99) < LATENCY_S + 0.001
