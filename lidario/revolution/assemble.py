@@ -270,7 +270,7 @@ class Assembler:
             ordinary_ns=self._last_spanned_ns or spanned_ns,
             sample_ns=sample_ns,
         )
-        if ended.whole and self._is_false_part(samples, start_ns, sample_ns, spanned_ns):
+        if ended.whole and self._is_false_part(ended, samples, start_ns, sample_ns, spanned_ns):
             return None
         revolution_ns = self._passed(ended, packets, samples, start_ns, sample_ns, spanned_ns, broken)
         if not ended.whole:
@@ -290,14 +290,27 @@ class Assembler:
         reported_rpm = math.nan if samples is None else samples.reported_rpm
         return self._deliver(arrays, start_ns, spanned_ns, sample_ns, revolution_ns, reported_rpm, lost)
 
-    def _is_false_part(self, samples: Samples | None, start_ns: int, sample_ns: float, spanned_ns: float) -> bool:
+    def _is_false_part(
+        self,
+        ended: PartialRevolution,
+        samples: Samples | None,
+        start_ns: int,
+        sample_ns: float,
+        spanned_ns: float,
+    ) -> bool:
         """Whether what has ended is only a part of a revolution: by what came and is missing, and by the time."""
-        if samples is None or not samples.certain or self._stream.format.first_seam is None:
+        wire = self._stream.format
+        if samples is None or not samples.certain or wire.first_seam is None:
             # Where only marks tell where revolutions begin, a check value keeps false ones away.
             return False
         least_ns = _FALSE_PART * samples.revolution_samples * sample_ns
         if spanned_ns >= least_ns or self._ended_at is None:
             return False
+        if ended.carried is None and ended.behind_gap:
+            over = share_over(wire, ended.runs[0], samples, self._seam.angle or 0)
+            if spanned_ns + over * samples.revolution_samples * sample_ns >= least_ns:
+                # What is missing at its beginning was lost.
+                return False
         # Angles hide whole revolutions; so it counts when the packet behind it came.
         event, split = self._ended_at
         _, at_ns = self._part(event, split, split + 1, packet_offsets(event.blocks)).arrivals[-1]

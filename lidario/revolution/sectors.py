@@ -399,9 +399,16 @@ class SectorAssembler(Assembler):
         self.stats.missed_scans -= min(self.stats.missed_scans - before, self._told_unseen)
         return revolution_ns
 
-    def _is_false_part(self, samples: Samples | None, start_ns: int, sample_ns: float, spanned_ns: float) -> bool:
+    def _is_false_part(
+        self,
+        ended: PartialRevolution,
+        samples: Samples | None,
+        start_ns: int,
+        sample_ns: float,
+        spanned_ns: float,
+    ) -> bool:
         # A part of which sectors were handed out has a number already, and stays a scan.
-        return self._told is None and super()._is_false_part(samples, start_ns, sample_ns, spanned_ns)
+        return self._told is None and super()._is_false_part(ended, samples, start_ns, sample_ns, spanned_ns)
 
     def _next_seq(self) -> int:
         return super()._next_seq() if self._told is None else self._told
