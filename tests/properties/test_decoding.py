@@ -14,9 +14,11 @@ from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS, RESTARTS, Headings
 from tests.support.contents import any_packets
 from tests.support.harm import messes
+from tests.support.samples import one_a_parser
 from tests.support.streams import (
     CASES,
     KINDS,
+    LAYOUTS,
     SINGLE_DEG,
     Case,
     Sample,
@@ -27,6 +29,7 @@ from tests.support.streams import (
 )
 
 every_kind = pytest.mark.parametrize("case", KINDS, ids=named)
+every_layout = pytest.mark.parametrize("case", [*KINDS, *LAYOUTS], ids=named)
 seeds = st.integers(0, 2**32)
 TURN = 23040
 
@@ -44,16 +47,11 @@ def assert_same(case: Case, samples: Samples, reference: Sequence[Sample]) -> No
     allowed = SINGLE_DEG + 1 / 65536 if case.response_type == 0x84 else SINGLE_DEG
     off = (samples.angle_deg[:count] - np.array([s.angle_deg for s in reference]) + 180) % 360 - 180
     assert np.abs(off).max(initial=0) <= allowed
-    if samples.intensity is not None:
-        shift = 2 if case.response_type == 0xA4 else 0  # ten bits have no room in eight
-        assert samples.intensity[:count].tolist() == [
-            s.quality >> shift for s in reference if s.quality is not None
-        ]
-    else:
-        assert all(s.quality is None for s in reference)
+    found = None if samples.intensity is None else samples.intensity[:count].tolist()
+    assert found == case.intensities(reference)
 
 
-@every_kind
+@every_layout
 @given(seed=seeds, count=st.integers(2, 40))
 def test_any_contents_decode_as_the_scalar_reference_decodes_them(case: Case, seed: int, count: int) -> None:
     packets = any_packets(case, seed, count, wild=False)
@@ -81,7 +79,7 @@ def test_the_seam_is_found_where_the_scalar_reference_passes_it(
     assert case.make_decoder().decode(raw, following).before_seam == len(samples.distance_mm)
 
 
-@every_kind
+@one_a_parser(KINDS)
 @given(seed=seeds, count=st.integers(2, 40), room=st.integers(1, 200))
 def test_room_is_left_at_the_front_of_every_array(case: Case, seed: int, count: int, room: int) -> None:
     raw = run_of(case, any_packets(case, seed, count, wild=False))
@@ -98,7 +96,7 @@ def test_room_is_left_at_the_front_of_every_array(case: Case, seed: int, count: 
     assert (list(roomy.ends), roomy.before_seam) == (list(plain.ends), plain.before_seam)
 
 
-@every_kind
+@one_a_parser(KINDS)
 @given(data=st.data(), seed=seeds, count=st.integers(2, 60))
 def test_it_does_not_matter_where_the_stream_is_cut_into_turns(
     case: Case, data: st.DataObject, seed: int, count: int

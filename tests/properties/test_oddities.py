@@ -3,11 +3,12 @@
 import pytest
 
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_response, pack_time_stamp
-from tests.reference import ydlidar
+from tests.support.contents import resealed
 from tests.support.kept import Kept, kept
+from tests.support.samples import one_a_parser
 from tests.support.streams import CASES, Case, assembled, named
 
-POINT_CLOUDS = [case for case in CASES if case.truth.family == "ydlidar" and not case.told]
+POINT_CLOUDS = [case for case in CASES if case.layout is not None]
 PACKET_CASES = [case for case in CASES if len(case.packets[0]) > 5]
 every_cloud = pytest.mark.parametrize("case", POINT_CLOUDS, ids=named)
 
@@ -21,12 +22,7 @@ def all_but(case: Case, raw: bytes, *lost: int) -> Kept:
     return kept(case, raw, [number for number in range(len(case.packets)) if number not in lost], set())
 
 
-def resealed(packet: bytes) -> bytes:
-    """The packet with the check value that its other words ask for."""
-    return packet[:8] + ydlidar.checksum(packet).to_bytes(2, "little") + packet[10:]
-
-
-@pytest.mark.parametrize("case", PACKET_CASES, ids=named)
+@one_a_parser(PACKET_CASES)
 @pytest.mark.parametrize("bit", [0, 9, 24, 41, -3])
 def test_a_damaged_packet_at_the_seam_merges_no_turns(case: Case, bit: int) -> None:
     """The start packet, where there is one; else the packet that crosses 0."""
@@ -48,21 +44,23 @@ def test_a_damaged_packet_at_the_seam_merges_no_turns(case: Case, bit: int) -> N
 @every_cloud
 @pytest.mark.parametrize("samples", [0, 81, 200, 255])
 def test_an_absurd_number_of_samples_costs_the_packet(case: Case, samples: int) -> None:
+    assert case.layout is not None
     number = case.turns[1][0].packet + 5
     packet = case.packets[number]
-    bad = resealed(packet[:3] + bytes((samples,)) + packet[4:])
+    bad = resealed(case.layout, packet[:3] + bytes((samples,)) + packet[4:])
     result = all_but(case, replaced(case, {number: bad}), number)
     assert (result.wrong, result.missing, result.lost) == (0, 1, 1)
 
 
 @every_cloud
 def test_the_c_bit_may_be_0(case: Case) -> None:
+    assert case.layout is not None
     changed = {}
     for number in range(case.turns[0][0].packet, case.turns[1][-1].packet, 3):
         packet = bytearray(case.packets[number])
         packet[4] &= 0xFE
         packet[6] &= 0xFE
-        changed[number] = resealed(bytes(packet))
+        changed[number] = resealed(case.layout, bytes(packet))
     result = all_but(case, replaced(case, changed))
     assert (result.share, result.wrong, result.lost) == (1.0, 0, 0)
 
@@ -88,13 +86,17 @@ def test_what_may_stand_between_packets_costs_nothing(case: Case, between: bytes
 
 @every_cloud
 def test_samples_that_look_like_packets_are_samples(case: Case) -> None:
-    """Walls at 21930 mm: the packet's own mark, all through it."""
+    """Distances, and intensities, of which every two bytes are the packet's own mark."""
+    assert case.layout is not None
     changed = {}
     for number in range(0, len(case.packets), 2):
         packet = case.packets[number]
-        changed[number] = resealed(packet[:10] + b"\xaa\x55" * packet[3])
+        marks = (b"\xaa\x55" * len(packet))[: len(packet) - 10]
+        changed[number] = resealed(case.layout, packet[:10] + marks)
+    turns = case.revolutions(case.decode([changed.get(*each) for each in enumerate(case.packets)]))
     scans, stats, link = assembled(case, replaced(case, changed))
     assert (len(scans), stats.lost_packets, link.skipped_bytes) == (len(case.turns), 0, 0)
-    for scan, turn in zip(scans, case.turns, strict=True):
-        expected = [0x55AA if sample.packet in changed else sample.distance_mm for sample in turn]
-        assert scan.device_distances.tolist() == expected
+    for scan, turn in zip(scans, turns, strict=True):
+        assert scan.device_distances.tolist() == [sample.distance_mm for sample in turn]
+        found = None if scan.intensities is None else scan.intensities.tolist()
+        assert found == case.intensities(turn)

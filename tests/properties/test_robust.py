@@ -16,9 +16,11 @@ from lidario.wire.events import Packets
 from lidario.wire.link import Link, LinkState
 from tests.support.contents import any_packets
 from tests.support.harm import LURES, messes
-from tests.support.streams import KINDS, Case, cut_up, feed, in_one_run, named, stream_of
+from tests.support.samples import one_a_parser
+from tests.support.streams import KINDS, LAYOUTS, Case, cut_up, feed, in_one_run, stream_of
 
-every_kind = pytest.mark.parametrize("case", KINDS, ids=named)
+every_kind = one_a_parser(KINDS)
+every_layout = one_a_parser([*KINDS, *LAYOUTS], KINDS)
 LIMIT = 32 * 1024
 
 REQUESTS = (rplidar.STOP, rplidar.GET_INFO, rplidar.get_lidar_conf(rplidar.Conf.MODE_NAME, 1), ydlidar.GET_HEALTH)
@@ -76,7 +78,7 @@ def test_a_mess_becomes_scans_without_a_murmur(case: Case, data: st.DataObject) 
     check(case, [event for event in received.events if isinstance(event, Packets)])
 
 
-@every_kind
+@every_layout
 @pytest.mark.parametrize("wild", [False, True], ids=["turning", "wild"])
 @given(seed=st.integers(0, 2**32), count=st.integers(1, 150), run=st.integers(1, 60), late=st.integers(0, 10**9))
 def test_any_contents_become_scans(case: Case, wild: bool, seed: int, count: int, run: int, late: int) -> None:
@@ -84,7 +86,7 @@ def test_any_contents_become_scans(case: Case, wild: bool, seed: int, count: int
     wire = case.make_format()
     for packet in packets:
         assert wire.measure(bytearray(packet), 0) == len(packet)
-    if case.response_type != 0x81 or case.truth.family == "ydlidar":
+    if case.response_type != 0x81 or case.layout is not None:
         found = case.make_format().run(bytearray(b"".join(packets)), 0)
         assert sum(block.packets for block in found.packets) == count
     events, now = [], 0

@@ -110,6 +110,8 @@ def decode(packets: Sequence[bytes], kind: Kind = FOUR_ROS) -> list[Sample]:
             quality = None
             if kind.intensity_bits == 10:
                 quality = packet[offset] | (word & 3) << 8
+            elif kind.intensity_bits == 16:
+                quality = _u16(packet, offset)
             elif kind.intensity_bits:
                 quality = packet[offset]
             angle_deg = (raw_deg + (correction_deg(distance_mm) if kind.triangle else 0.0)) % 360.0

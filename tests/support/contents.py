@@ -4,13 +4,11 @@ import numpy as np
 
 from lidario.families.ldrobot.simulated import packers as ldrobot
 from lidario.families.rplidar.simulated import packers
-from lidario.families.ydlidar.simulated.packers import MILLIMETRES, Layout, pack_points
+from tests.reference import ldrobot as ldrobot_reference
+from tests.reference import ydlidar
 from tests.support.streams import Case
 
-__all__ = ["any_packets", "sealed"]
-
-
-_TEN_BITS = Layout(3, 4, flags=True, bits=10)
+__all__ = ["any_packets", "point_cloud", "resealed", "sealed"]
 
 
 def any_packets(case: Case, seed: int, count: int, *, wild: bool) -> list[bytes]:
@@ -26,16 +24,14 @@ def any_packets(case: Case, seed: int, count: int, *, wild: bool) -> list[bytes]
     step = int(random.integers(200, 3000))
     jitter = random.integers(-step // 8, step // 8 + 1, count)
     starts = random.integers(0, 0x8000, count) if wild else (np.cumsum(step + jitter) + seed) % 23040
-    if case.truth.family == "ydlidar":
+    if case.layout is not None:
         return [
-            pack_points(
-                # Of quarters of a millimetre fewer fit in 16 bits.
-                random.integers(0, 16384 if case.response_type == 0xA4 else 65536, random.integers(1, 81)),
+            point_cloud(
+                case.layout,
                 int(start),
                 int((start + random.integers(0, 3000)) % (0x8000 if wild else 23040)),
+                random.bytes(case.layout.sample_bytes * int(random.integers(1, 81))),
                 control=int(random.choice([0, 1, 14, 255])),
-                layout=_TEN_BITS if case.response_type == 0xA4 else MILLIMETRES,
-                intensities=int(random.integers(0, 1024)),
                 marked=bool(random.integers(2)),
             )
             for start in starts
@@ -75,8 +71,25 @@ def _capsule(case: Case, contents: bytes, start: int) -> bytes:
     return _checked(bytes(body))
 
 
+def point_cloud(
+    layout: ydlidar.Kind, first_q6: int, last_q6: int, samples: bytes, *, control: int = 0, marked: bool = True
+) -> bytes:
+    """A point cloud packet of these sample bytes, whatever they mean, with an intact check value."""
+    angles = b"".join((angle << 1 | marked).to_bytes(2, "little") for angle in (first_q6, last_q6))
+    head = bytes((0xAA, 0x55, control, len(samples) // layout.sample_bytes)) + angles
+    return resealed(layout, head + bytes(2) + samples)
+
+
+def resealed(layout: ydlidar.Kind, packet: bytes) -> bytes:
+    """A point cloud packet with the check value that its other bytes ask for."""
+    return packet[:8] + ydlidar.checksum(packet, layout).to_bytes(2, "little") + packet[10:]
+
+
 def sealed(case: Case, contents: bytes) -> bytes:
-    """A packet of that many bytes with an intact check value: a node, or a capsule, whose first two change."""
+    """A packet of that many bytes with an intact check value: its first two bytes change, and its last may."""
+    if case.truth.family == "ldrobot":
+        body = case.packets[0][:2] + contents[2:-1]
+        return body + bytes((ldrobot_reference.crc8(body),))
     if case.response_type != 0x81:
         return _checked(contents[2:])
     begins = contents[0] & 1

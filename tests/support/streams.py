@@ -1,4 +1,4 @@
-"""Both families' measurement streams behind one record, and the way from their bytes to events and scans.
+"""The measurement streams of every family behind one record, and the way from their bytes to events and scans.
 
 Whatever holds for one format is tested over all of them with the same code: a test takes a `Case`, one per
 golden file, and learns from it how its stream is announced, cut, decoded, and what the truth is.
@@ -36,6 +36,7 @@ from tests.reference import golden, ldrobot, rplidar, ydlidar
 __all__ = [
     "CASES",
     "KINDS",
+    "LAYOUTS",
     "SINGLE_DEG",
     "Assembled",
     "Case",
@@ -95,6 +96,7 @@ class Case:
         decode: Scalar: consecutive packets into samples.
         revolutions: Scalar: samples into whole turns.
         lookahead: Whether a packet is decoded only with the one behind it.
+        layout: Of a point cloud: how its samples lie in their bytes.
     """
 
     name: str
@@ -109,6 +111,7 @@ class Case:
     revolutions: Callable[[Iterable[Sample]], Sequence[Sequence[Sample]]]
     lookahead: bool
     told: bytes = b""
+    layout: ydlidar.Kind | None = None
 
     @property
     def raw(self) -> bytes:
@@ -134,6 +137,18 @@ class Case:
     def truth(self) -> golden.Golden:
         """What the vendor's program made of it."""
         return _golden(self.name)
+
+    @property
+    def correction_deg(self) -> float:
+        """How far an angle differs from its beam's at most: what the format corrects by the distance."""
+        return max(abs((sample.angle_deg - sample.raw_deg + 180) % 360 - 180) for sample in self.samples)
+
+    def intensities(self, samples: Sequence[Sample]) -> list[int] | None:
+        """What a scan has of their qualities: the upper eight bits, where the format has more."""
+        more = self.layout.intensity_bits - 8 if self.layout is not None else 0
+        found = [sample.quality >> max(more, 0) for sample in samples if sample.quality is not None]
+        assert len(found) in (0, len(samples))
+        return found or None
 
     @property
     def byte_ns(self) -> float:
@@ -193,6 +208,7 @@ def _ydlidar(name: str) -> Case:
         decode=ydlidar.decode,
         revolutions=ydlidar.revolutions,  # type: ignore[arg-type]
         lookahead=False,
+        layout=ydlidar.FOUR_ROS,
     )
 
 
@@ -218,6 +234,7 @@ def _relative(name: str) -> Case:
         sample_us=sample_us,
         split=partial(ydlidar.split, kind=layout),
         decode=partial(ydlidar.decode, kind=layout),
+        layout=layout,
     )
 
 
@@ -260,6 +277,30 @@ _KINDS = (
 )
 KINDS = tuple(case for case in CASES if case.name in _KINDS)
 """One stream of each of the formats."""
+
+
+def _unrecorded(name: str, layout: ydlidar.Kind) -> Case:
+    kind = KINDS_OF_CLOUDS[name]
+    return replace(
+        _ydlidar(f"ydlidar {name}"),
+        response_type=kind.response_type,
+        make_format=kind.wire,
+        make_decoder=kind.decoder,
+        sample_us=250.0,
+        split=partial(ydlidar.split, kind=layout),
+        decode=partial(ydlidar.decode, kind=layout),
+        layout=layout,
+    )
+
+
+LAYOUTS = (
+    *(case for case in CASES if case.name in ("ydlidar_x4_11hz", "ydlidar_tmini_10hz")),
+    _unrecorded("x-flags", ydlidar.Kind(unit=4, flags=True, triangle=True)),
+    _unrecorded("octave", ydlidar.Kind(unit=2, triangle=True)),
+    _unrecorded("s4b", ydlidar.Kind(3, 4, flags=True, intensity_bits=8, triangle=True)),
+    _unrecorded("sh", ydlidar.Kind(4, intensity_bits=16)),
+)
+"""The other layouts of point clouds, for tests that make packets of any contents; most have no golden stream."""
 
 
 def named(case: Case) -> str:
