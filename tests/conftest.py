@@ -36,7 +36,7 @@ NEVER_MIND = (HealthCheck.too_slow, HealthCheck.data_too_large)
 
 settings.register_profile("ci", deadline=None, derandomize=True, max_examples=40, suppress_health_check=NEVER_MIND)
 settings.register_profile("search", deadline=None, max_examples=1500, suppress_health_check=NEVER_MIND)
-settings.register_profile("sample", settings.get_profile("ci"), max_examples=12)
+settings.register_profile("sample", settings.get_profile("ci"), max_examples=6)
 
 NEEDS_BROWSER = ("test_page.py",)
 """Test modules that are not run where no Chromium is installed; the summary says so."""

@@ -8,8 +8,6 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-import pytest
-
 PACKAGE = Path(__file__).resolve().parent.parent / "lidario"
 FILES = sorted(PACKAGE.rglob("*.py"))
 VENDORS = sorted(path.name for path in (PACKAGE / "families").iterdir() if (path / "device.py").is_file())
@@ -111,9 +109,6 @@ def named(path: Path) -> str:
     return str(path.relative_to(PACKAGE))
 
 
-every_file = pytest.mark.parametrize("path", FILES, ids=named)
-
-
 def test_the_rules_see_the_whole_package() -> None:
     assert len(FILES) > 50
     assert {layer(module(path)) for path in FILES} == set(RANK)
@@ -125,22 +120,21 @@ def test_the_rules_see_the_whole_package() -> None:
     assert "serial" in foreign(PACKAGE / "port" / "serial.py")
 
 
-@every_file
-def test_imports_point_one_way(path: Path) -> None:
-    own = layer(module(path))
-    for name in ours(path, typing=False):
-        target = layer(name)
-        assert RANK[target] <= RANK[own], f"{named(path)} imports {name}"
-        if target == "__init__":
-            assert own in ("web", "testing", "cli", "__main__"), f"{named(path)} imports the package as a whole"
+def test_imports_point_one_way() -> None:
+    for path in FILES:
+        own = layer(module(path))
+        for name in ours(path, typing=False):
+            target = layer(name)
+            assert RANK[target] <= RANK[own], f"{named(path)} imports {name}"
+            if target == "__init__":
+                assert own in ("web", "testing", "cli", "__main__"), f"{named(path)} imports the package as a whole"
 
 
-@every_file
-def test_input_and_output_begin_at_the_port(path: Path) -> None:
-    if RANK[layer(module(path))] >= OF_PORT or named(path) in ("sim/serve.py", "sim/server.py"):
-        return
-    assert not foreign(path) & (SANS_IO | {"logging"})
-    assert "time" not in foreign(path)
+def test_input_and_output_begin_at_the_port() -> None:
+    for path in FILES:
+        if RANK[layer(module(path))] >= OF_PORT or named(path) in ("sim/serve.py", "sim/server.py"):
+            continue
+        assert not foreign(path) & (SANS_IO | {"logging", "time"}), named(path)
 
 
 def test_serial_ports_are_known_in_two_places() -> None:
@@ -148,21 +142,21 @@ def test_serial_ports_are_known_in_two_places() -> None:
     assert users == {"port/serial.py", "session/discovery.py"}
 
 
-@pytest.mark.parametrize("path", sorted((PACKAGE / "wire").glob("*.py")), ids=named)
-def test_the_wire_needs_the_standard_library_and_numpy(path: Path) -> None:
-    assert foreign(path) <= OF_WIRE
-    assert {layer(name) for name in ours(path)} <= {"wire", "errors"}
+def test_the_wire_needs_the_standard_library_and_numpy() -> None:
+    for path in sorted((PACKAGE / "wire").glob("*.py")):
+        assert foreign(path) <= OF_WIRE, named(path)
+        assert {layer(name) for name in ours(path)} <= {"wire", "errors"}, named(path)
 
 
-@pytest.mark.parametrize("path", [path for path in FILES if "families" in path.parts], ids=named)
-def test_a_family_knows_no_other(path: Path) -> None:
-    parts = module(path).split(".")
-    own = parts[2] if len(parts) > 2 else ""
-    others = {vendor for vendor in VENDORS if vendor != own}
-    if own == "registry":
-        return
-    for name in ours(path):
-        assert not others & set(name.split(".")), f"{named(path)} imports {name}"
+def test_a_family_knows_no_other() -> None:
+    for path in [path for path in FILES if "families" in path.parts]:
+        parts = module(path).split(".")
+        own = parts[2] if len(parts) > 2 else ""
+        others = {vendor for vendor in VENDORS if vendor != own}
+        if own == "registry":
+            continue
+        for name in ours(path):
+            assert not others & set(name.split(".")), f"{named(path)} imports {name}"
 
 
 def test_the_registry_alone_lists_families() -> None:
@@ -180,41 +174,42 @@ def is_device_side(path: Path) -> bool:
     return "sim" in path.parts or ("simulated" in path.parts and "families" in path.parts)
 
 
-@pytest.mark.parametrize("path", [path for path in FILES if is_device_side(path)], ids=named)
-def test_the_device_side_shares_nothing_with_the_host(path: Path) -> None:
+def test_the_device_side_shares_nothing_with_the_host() -> None:
     """A mistake must be made twice to hide."""
-    package = module(path).rsplit(".", 1)[0]
-    for name in ours(path):
-        own = name == package or name.startswith(f"{package}.")
-        assert name.startswith("lidario.sim") or own, f"{named(path)} imports {name}"
+    for path in [path for path in FILES if is_device_side(path)]:
+        package = module(path).rsplit(".", 1)[0]
+        for name in ours(path):
+            own = name == package or name.startswith(f"{package}.")
+            assert name.startswith("lidario.sim") or own, f"{named(path)} imports {name}"
 
 
-@pytest.mark.parametrize("path", [path for path in FILES if not is_device_side(path)], ids=named)
-def test_the_host_side_decodes_nothing_with_the_devices_packers(path: Path) -> None:
-    if path.name == "__init__.py" and path.parent.name in VENDORS:
-        return  # the family's row, which tells how to make a simulated device
-    assert not any(".simulated" in name and "families" in name for name in ours(path))
+def test_the_host_side_decodes_nothing_with_the_devices_packers() -> None:
+    for path in [path for path in FILES if not is_device_side(path)]:
+        if path.name == "__init__.py" and path.parent.name in VENDORS:
+            continue  # the family's row, which tells how to make a simulated device
+        assert not any(".simulated" in name and "families" in name for name in ours(path)), named(path)
 
 
-@pytest.mark.parametrize("path", sorted((PACKAGE / "cli").glob("*.py")), ids=named)
-def test_the_command_uses_the_names_a_user_would(path: Path) -> None:
-    for name in ours(path):
-        public = name == "lidario" or name.startswith(
-            ("lidario.cli", "lidario.ros", "lidario.sim", "lidario.web", "lidario.recording")
-        )
-        assert public or name in ("lidario.families.registry", "lidario.families"), name
+def test_the_command_uses_the_names_a_user_would() -> None:
+    for path in sorted((PACKAGE / "cli").glob("*.py")):
+        for name in ours(path):
+            public = name == "lidario" or name.startswith(
+                ("lidario.cli", "lidario.ros", "lidario.sim", "lidario.web", "lidario.recording")
+            )
+            assert public or name in ("lidario.families.registry", "lidario.families"), f"{named(path)}: {name}"
 
 
-@pytest.mark.parametrize("path", sorted((PACKAGE / "web").glob("*.py")), ids=named)
-def test_the_page_uses_the_names_a_user_would(path: Path) -> None:
-    for name in ours(path):
-        assert name == "lidario" or name.startswith("lidario.web"), name
+def test_the_page_uses_the_names_a_user_would() -> None:
+    for path in sorted((PACKAGE / "web").glob("*.py")):
+        for name in ours(path):
+            assert name == "lidario" or name.startswith("lidario.web"), f"{named(path)}: {name}"
 
 
-@pytest.mark.parametrize("path", sorted((PACKAGE / "testing").glob("*.py")), ids=named)
-def test_what_users_test_with_uses_the_names_a_user_would(path: Path) -> None:
-    for name in ours(path):
-        assert name == "lidario" or name.startswith(("lidario.testing", "lidario.sim.")), name
+def test_what_users_test_with_uses_the_names_a_user_would() -> None:
+    for path in sorted((PACKAGE / "testing").glob("*.py")):
+        for name in ours(path):
+            public = name == "lidario" or name.startswith(("lidario.testing", "lidario.sim."))
+            assert public, f"{named(path)}: {name}"
 
 
 # --------------------------------------------------------------------------------------------- vendors' names
@@ -228,9 +223,9 @@ def vendors_named(source: str) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("path", [path for path in FILES if "families" not in path.parts], ids=named)
-def test_no_vendor_is_named_outside_the_families(path: Path) -> None:
-    assert vendors_named(path.read_text(encoding="utf-8")) == []
+def test_no_vendor_is_named_outside_the_families() -> None:
+    for path in [path for path in FILES if "families" not in path.parts]:
+        assert vendors_named(path.read_text(encoding="utf-8")) == [], named(path)
 
 
 def test_vendors_are_found_wherever_they_stand() -> None:

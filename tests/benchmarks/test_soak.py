@@ -16,7 +16,10 @@ from lidario.sim.faults import FAULTS
 from tests.support import ledger
 
 SECONDS = 45.0
-pytestmark = pytest.mark.discards("on a damaged line, and where the invariant is broken on purpose")
+pytestmark = [
+    pytest.mark.discards("on a damaged line, and where the invariant is broken on purpose"),
+    pytest.mark.usefixtures("quick_collection"),
+]
 
 
 @pytest.mark.parametrize("family", life.MODELS)

@@ -16,19 +16,20 @@ from tests.cli.test_watch import Screen
 PROMPT = "tell me> "
 
 
-@pytest.mark.parametrize(
-    ("typed", "completed"),
-    [
-        # bash divides words at ":".
-        ("lidario scan sim://ydlidar-4ros-sl", "lidario scan sim://ydlidar-4ros-slow "),
-        ("lidario scan 'sim://ydlidar-4ros-sl", "lidario scan 'sim://ydlidar-4ros-slow' "),
-        ("lidario info sim:", "lidario info sim://"),
-        ("lidario motor stop sim://ydlidar-4ros-sl", "lidario motor stop sim://ydlidar-4ros-slow "),
-        ("lidario stats sim://rplidar-s2 --js", "lidario stats sim://rplidar-s2 --json "),
-        ("lidario info a_rec", "lidario info a_recording.mcap "),
-    ],
-)
-def test_a_word_is_completed(tmp_path: Path, typed: str, completed: str) -> None:
+TYPED = [
+    # bash divides words at ":".
+    ("lidario scan sim://ydlidar-4ros-sl", "lidario scan sim://ydlidar-4ros-slow "),
+    ("lidario scan 'sim://ydlidar-4ros-sl", "lidario scan 'sim://ydlidar-4ros-slow' "),
+    ("lidario info sim:", "lidario info sim://"),
+    ("lidario motor stop sim://ydlidar-4ros-sl", "lidario motor stop sim://ydlidar-4ros-slow "),
+    ("lidario stats sim://rplidar-s2 --js", "lidario stats sim://rplidar-s2 --json "),
+    ("lidario info a_rec", "lidario info a_recording.mcap "),
+]
+
+
+@pytest.mark.exhaustive("word", sample=[TYPED[0], TYPED[-1]], full=TYPED)
+def test_a_word_is_completed(tmp_path: Path, word: tuple[str, str]) -> None:
+    typed, completed = word
     (tmp_path / "a_recording.mcap").touch()
     command = tmp_path / "bin" / "lidario"
     command.parent.mkdir()

@@ -41,8 +41,9 @@ def stopped(server: PtyServer) -> bool:
         return "stop" in obeyed[began:] and not server.device.scanning and not server.device.motor_on
 
 
-@pytest.mark.parametrize(("model", "number"), SIGNALS)
-def test_a_signal_ends_an_endless_stream_as_it_is_meant_to_end(model: str, number: signal.Signals) -> None:
+@pytest.mark.exhaustive("ended", sample=[SIGNALS[0], SIGNALS[-1]], full=SIGNALS)
+def test_a_signal_ends_an_endless_stream_as_it_is_meant_to_end(ended: tuple[str, signal.Signals]) -> None:
+    model, number = ended
     with served(model) as server:
         with started("scan", server.path, "-n", "0", "--json") as process:
             seqs = [json.loads(line_of(process.stdout))["seq"] for _ in range(3)]
@@ -105,10 +106,10 @@ def test_ctrl_c_in_a_question() -> None:
     assert "Traceback" not in said
 
 
-@pytest.mark.parametrize("form", [["--json"], ["--csv"], []])
-def test_a_reader_that_goes_away_ends_it_without_a_word(form: list[str]) -> None:
+@pytest.mark.exhaustive("form", sample=["--json"], full=["--json", "--csv", ""])
+def test_a_reader_that_goes_away_ends_it_without_a_word(form: str) -> None:
     with served(FIRST) as server:
-        with started("scan", server.path, "-n", "0", *form) as process:
+        with started("scan", server.path, "-n", "0", *form.split()) as process:
             assert process.stdout is not None
             assert process.stderr is not None
             line_of(process.stdout)
@@ -159,7 +160,7 @@ def test_a_finished_scan_leaves_nothing_running() -> None:
         until(lambda: stopped(server))
 
 
-@pytest.mark.parametrize("verb", ["scan", "info"])
+@pytest.mark.exhaustive("verb", sample=["scan"], full=["scan", "info"])
 def test_a_busy_port(verb: str) -> None:
     import fcntl
 

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import json
 
-import pytest
-
-from lidario.families.registry import FAMILIES
 from tests.cli.processes import in_memory, invoke, invoke_driven, served
-
-MODELS = [model for family in FAMILIES for model in family.simulated]
+from tests.support.samples import every_model
 
 
 def test_everything_a_device_says_of_itself() -> None:
@@ -35,7 +31,7 @@ def test_for_people() -> None:
     assert max(map(len, ended.stdout.splitlines())) <= 80
 
 
-@pytest.mark.parametrize("model", MODELS)
+@every_model()
 def test_every_model(model: str) -> None:
     ended = invoke_driven("info", in_memory(model), "--json")
     assert ended.exit_code == 0, ended.stderr

@@ -10,10 +10,9 @@ from collections import Counter
 
 import pytest
 
-from lidario.families.registry import FAMILIES
 from tests.cli.processes import in_memory, invoke_driven
+from tests.support.samples import every_model
 
-MODELS = [model for family in FAMILIES for model in family.simulated]
 CIRCLE = "sim://rplidar-s2?via=memory&world=circle"
 
 
@@ -96,7 +95,7 @@ def test_nothing_to_draw() -> None:
     assert "no returns" in ended.stdout
 
 
-@pytest.mark.parametrize("model", MODELS)
+@every_model()
 def test_every_model(model: str) -> None:
     ended = invoke_driven("scan", in_memory(model, "world=circle"), "--json")
     assert (ended.exit_code, ended.stderr) == (0, "")

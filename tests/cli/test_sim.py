@@ -61,13 +61,13 @@ def test_one_process_serves_and_another_scans() -> None:
     assert "left it scanning" not in summary
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.exhaustive("number", sample=[signal.SIGTERM], full=[signal.SIGINT, signal.SIGTERM])
 def test_over_tcp(number: signal.Signals) -> None:
     with started("sim", "ydlidar-4ros", "--tcp", ":0") as sim:
         address = line_of(sim.stdout).strip()
         assert address.startswith("tcp://127.0.0.1:")
-        scanned = run("scan", address, "--json")
-        assert scanned.returncode == 0, scanned.stderr
+        scanned = invoke("scan", address, "--json")
+        assert scanned.exit_code == 0, scanned.stderr
         assert json.loads(scanned.stdout)["ranges"]
         sim.send_signal(number)
         assert sim.wait(BOUND) == 0
@@ -77,8 +77,8 @@ def test_an_ethernet_model_by_udp() -> None:
     with started("sim", "rplidar-s2e", "--udp", ":0") as sim:
         address = line_of(sim.stdout).strip()
         assert address.startswith("udp://127.0.0.1:")
-        scanned = run("scan", address, "--json")
-        assert scanned.returncode == 0, scanned.stderr
+        scanned = invoke("scan", address, "--json")
+        assert scanned.exit_code == 0, scanned.stderr
         assert json.loads(scanned.stdout)["ranges"]
         sim.send_signal(signal.SIGINT)
         assert sim.wait(BOUND) == 0
@@ -102,17 +102,17 @@ def test_an_address_that_is_taken() -> None:
 def test_it_ends_when_a_fault_pulls_the_cable() -> None:
     with started("sim", "--fault", "drop:0.1%", "--fault", "unplug:100ms") as sim:
         path = line_of(sim.stdout).strip()
-        assert run("scan", path, "-n", "0").returncode == 5
+        assert invoke("scan", path, "-n", "0").exit_code == 5
         assert sim.wait(BOUND) == 0
 
 
 def test_after_a_replug_the_new_name_is_told() -> None:
     with started("sim", "--pty", "--fault", "replug:100ms") as sim:
         first = line_of(sim.stdout).strip()
-        assert run("scan", first, "-n", "0").returncode == 5
+        assert invoke("scan", first, "-n", "0").exit_code == 5
         second = line_of(sim.stdout).strip()
         assert second != first
-        assert run("scan", second).returncode == 0
+        assert invoke("scan", second).exit_code == 0
         sim.send_signal(signal.SIGINT)
         _, said = sim.communicate(timeout=BOUND)
     assert sim.returncode == 0

@@ -32,8 +32,13 @@ def test_it_prints_the_address_serves_the_page_and_ends_with_everything_off() ->
         until(lambda: not server.device.scanning and not server.device.motor_on)
 
 
-@pytest.mark.parametrize(("ssh", "lan"), [("", False), ("10.0.0.5 50000 10.0.0.7 22", False), ("", True)])
-def test_what_is_printed(monkeypatch: pytest.MonkeyPatch, ssh: str, lan: bool) -> None:
+REACHED = [("10.0.0.5 50000 10.0.0.7 22", False), ("", True), ("", False)]
+"""What SSH tells of the connection, and whether the network is let in."""
+
+
+@pytest.mark.exhaustive("reached", sample=REACHED[:2], full=REACHED)
+def test_what_is_printed(monkeypatch: pytest.MonkeyPatch, reached: tuple[str, bool]) -> None:
+    ssh, lan = reached
     monkeypatch.setenv("SSH_CONNECTION", ssh)
     monkeypatch.setenv("USER", "robot")
     monkeypatch.setenv("LOGNAME", "robot")

@@ -107,7 +107,7 @@ async def read_blocked(family: str, block: Callable[[float], None]) -> tuple[lis
 
 @pytest.mark.exhaustive(
     "case",
-    sample=["rplidar-compute", "ydlidar-sleep"],
+    sample=["rplidar-compute"],
     full=[f"{family}-{how}" for family in FAMILIES for how in WAYS],
 )
 @unless_starved

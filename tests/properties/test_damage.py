@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.support.kept import Kept, accepted_by_place, kept, spoil_inside
+from tests.support.samples import one_a_parser
 from tests.support.streams import CASES, Case, most_or_all
 
 PACKET_CASES = [case for case in CASES if len(case.packets[0]) > 5]
@@ -22,7 +23,7 @@ def damaged(case: Case, probability: float, seed: int) -> Kept:
     return kept(case, raw, accepted, faulty)
 
 
-@most_or_all(PACKET_CASES)
+@one_a_parser(PACKET_CASES)
 def test_one_byte_in_a_thousand(case: Case) -> None:
     # Of 781-byte packets so few survive that whole turns go: they get a tenth.
     probability = 0.0001 if case.response_type == 0x83 else 0.001
@@ -46,7 +47,7 @@ def test_one_byte_in_a_thousand(case: Case) -> None:
     assert sum(result.faulty for result in results) <= len(SEEDS)
 
 
-@most_or_all([case for case in PACKET_CASES if case.response_type != 0x83])  # it is repaired
+@one_a_parser([case for case in PACKET_CASES if case.response_type != 0x83])  # it is repaired
 @pytest.mark.parametrize("bit", [3, 20, 61, 333, -70, -9, -1])
 def test_a_flipped_bit_costs_its_packet_and_nothing_else(case: Case, bit: int) -> None:
     for number in (case.turns[1][0].packet + 3, case.turns[1][-1].packet - 2):

@@ -14,6 +14,7 @@ from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS, RESTARTS, Headings
 from tests.support.contents import any_packets, point_cloud
 from tests.support.harm import messes
+from tests.support.samples import one_a_parser
 from tests.support.streams import (
     CASES,
     KINDS,
@@ -87,7 +88,7 @@ def test_the_seam_is_found_where_the_scalar_reference_passes_it(
     assert case.make_decoder().decode(raw, following).before_seam == len(samples.distance_mm)
 
 
-@every_kind
+@one_a_parser(KINDS)
 @given(seed=seeds, count=st.integers(2, 40), room=st.integers(1, 200))
 def test_room_is_left_at_the_front_of_every_array(case: Case, seed: int, count: int, room: int) -> None:
     raw = run_of(case, any_packets(case, seed, count, wild=False))
@@ -104,7 +105,7 @@ def test_room_is_left_at_the_front_of_every_array(case: Case, seed: int, count: 
     assert (list(roomy.ends), roomy.before_seam) == (list(plain.ends), plain.before_seam)
 
 
-@every_kind
+@one_a_parser(KINDS)
 @given(data=st.data(), seed=seeds, count=st.integers(2, 60))
 def test_it_does_not_matter_where_the_stream_is_cut_into_turns(
     case: Case, data: st.DataObject, seed: int, count: int

@@ -5,6 +5,7 @@ import pytest
 
 from tests.reference import rplidar
 from tests.support.kept import kept_without
+from tests.support.samples import one_a_parser
 from tests.support.streams import CASES, KINDS, Case, assembled, most_or_all, named
 
 PACKET_CASES = [case for case in CASES if len(case.packets[0]) > 5]
@@ -17,7 +18,7 @@ def in_a_turn(case: Case, places: int) -> list[int]:
     return sorted({*range(first - 3, first + 2), *range(first, last, max(1, (last - first) // places)), last - 1})
 
 
-@most_or_all(PACKET_CASES)
+@one_a_parser(PACKET_CASES)
 @pytest.mark.parametrize("count", [1, 2, 3, 6])
 def test_lost_packets_are_counted_and_no_point_moves(case: Case, count: int) -> None:
     begin, end = case.turns[1][0].packet, case.turns[1][-1].packet
@@ -76,7 +77,7 @@ def test_more_than_a_turn_lost_is_no_scan(case: Case) -> None:
         assert len(scan) == len(turn)
 
 
-@most_or_all(CASES)
+@one_a_parser(CASES)
 def test_joining_in_mid_stream_delivers_no_partial_turn(case: Case) -> None:
     first = len(b"".join(case.packets[: case.turns[0][0].packet + 1]))
     second = len(b"".join(case.packets[: case.turns[1][0].packet]))

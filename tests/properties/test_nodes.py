@@ -16,13 +16,14 @@ from lidario.families.rplidar.nodes import NodeFormat
 from lidario.families.rplidar.simulated.packers import pack_standard
 from tests.reference import damage
 from tests.support.kept import spoil_inside
-from tests.support.streams import CASES, Case, arrived, assembled, feed, named
+from tests.support.samples import one_a_parser
+from tests.support.streams import CASES, Case, arrived, assembled, feed
 
 CASES_81 = [case for case in CASES if len(case.packets[0]) == 5]
 RATE = 5e-4
 ADDED = -1
 
-every_case = pytest.mark.parametrize("case", CASES_81, ids=named)
+every_case = one_a_parser(CASES_81)
 
 
 def inside(case: Case) -> tuple[int, int]:
@@ -134,7 +135,7 @@ def test_one_byte_in_a_thousand_flipped(case: Case) -> None:
         assert link.skipped_bytes // 10 <= lost <= 0.02 * len(case.packets), f"seed {seed}"
 
 
-@pytest.mark.parametrize("tremble", [0, 5, 40, 90])
+@pytest.mark.exhaustive("tremble", sample=[0, 40], full=[0, 5, 40, 90])
 def test_trembling_nodes_are_the_same_in_any_chunks(tremble: int) -> None:
     """Triangulating models correct each angle by its distance: nodes fall back, also from 0 to 359."""
     random = np.random.default_rng(tremble)
@@ -158,7 +159,7 @@ def test_random_bytes_are_no_nodes(case: Case) -> None:
         assert feed(case, raw).stats.packets == 0
 
 
-@pytest.mark.parametrize("place", [0, 20, 45, 90, 180, 270, 300, 340])
+@pytest.mark.exhaustive("place", sample=[0, 45, 180, 340], full=[0, 20, 45, 90, 180, 270, 300, 340])
 @pytest.mark.exhaustive("chunks", sample=[64, None], full=[3, 64, 4096, None])
 @pytest.mark.parametrize("first", [0, 1000, 2500])
 def test_revolutions_follow_the_mark_wherever_it_stands(place: int, chunks: int | None, first: int) -> None:

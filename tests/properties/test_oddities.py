@@ -5,6 +5,7 @@ import pytest
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_response, pack_time_stamp
 from tests.support.contents import resealed
 from tests.support.kept import Kept, kept
+from tests.support.samples import one_a_parser
 from tests.support.streams import CASES, Case, assembled, named
 
 POINT_CLOUDS = [case for case in CASES if case.layout is not None]
@@ -21,7 +22,7 @@ def all_but(case: Case, raw: bytes, *lost: int) -> Kept:
     return kept(case, raw, [number for number in range(len(case.packets)) if number not in lost], set())
 
 
-@pytest.mark.parametrize("case", PACKET_CASES, ids=named)
+@one_a_parser(PACKET_CASES)
 @pytest.mark.parametrize("bit", [0, 9, 24, 41, -3])
 def test_a_damaged_packet_at_the_seam_merges_no_turns(case: Case, bit: int) -> None:
     """The start packet, where there is one; else the packet that crosses 0."""

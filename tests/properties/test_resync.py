@@ -8,10 +8,11 @@ from hypothesis import strategies as st
 
 from lidario.families.ydlidar.simulated.packers import pack_response
 from tests.support.harm import LURES, noises
-from tests.support.streams import KINDS, Case, cut_up, feed, named, open_stream
+from tests.support.samples import one_a_parser
+from tests.support.streams import KINDS, Case, cut_up, feed, open_stream
 
 INFO = pack_response(0x04, bytes(20))[:7]
-every_kind = pytest.mark.parametrize("case", KINDS, ids=named)
+every_kind = one_a_parser(KINDS)
 
 
 def is_node(case: Case) -> bool:

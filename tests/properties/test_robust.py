@@ -16,10 +16,11 @@ from lidario.wire.events import Packets
 from lidario.wire.link import Link, LinkState
 from tests.support.contents import any_packets
 from tests.support.harm import LURES, messes
-from tests.support.streams import KINDS, LAYOUTS, Case, cut_up, feed, in_one_run, named, stream_of
+from tests.support.samples import one_a_parser
+from tests.support.streams import KINDS, LAYOUTS, Case, cut_up, feed, in_one_run, stream_of
 
-every_kind = pytest.mark.parametrize("case", KINDS, ids=named)
-every_layout = pytest.mark.parametrize("case", [*KINDS, *LAYOUTS], ids=named)
+every_kind = one_a_parser(KINDS)
+every_layout = one_a_parser([*KINDS, *LAYOUTS], KINDS)
 LIMIT = 32 * 1024
 
 REQUESTS = (rplidar.STOP, rplidar.GET_INFO, rplidar.get_lidar_conf(rplidar.Conf.MODE_NAME, 1), ydlidar.GET_HEALTH)

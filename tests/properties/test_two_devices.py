@@ -8,10 +8,10 @@ import pytest
 from lidario.revolution.assemble import Assembler
 from lidario.scan import Scan
 from lidario.wire.events import Packets
-from tests.support.streams import CASES, Case, cut_up, named, open_stream, stream_of
+from tests.support.streams import CASES, Case, cut_up, open_stream, stream_of
 
 
-@pytest.mark.parametrize("first", CASES, ids=named)
+@pytest.mark.exhaustive("first", sample=CASES[::5], full=CASES)
 def test_two_devices_share_nothing(first: Case) -> None:
     """Packet by packet in turns, each gives what it gives alone; both families, and two of one kind."""
     second = CASES[(CASES.index(first) + 5) % len(CASES)]

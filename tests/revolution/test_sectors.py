@@ -25,10 +25,13 @@ from lidario.wire.events import Packets
 from tests.reference import damage
 from tests.support.harm import messes
 from tests.support.kept import arrivals
-from tests.support.streams import CASES, KINDS, Case, Chunks, assembled, cut_up, most_or_all, named, open_stream
+from tests.support.samples import one_a_parser
+from tests.support.streams import CASES, KINDS, Case, Chunks, assembled, cut_up, most_or_all, open_stream
 from tests.support.streams import stream_of as described
 
 SAMPLE_DEG = 0.6
+EXAMPLES = max(3, settings().max_examples // 4)
+"""Fewer than of other properties: each is two whole streams and more."""
 
 
 class Divided(NamedTuple):
@@ -118,7 +121,7 @@ def test_sectors_are_the_scan(case: Case, chunks: Chunks) -> None:
         assert sector.lost_packets == 0
 
 
-@most_or_all(KINDS)
+@one_a_parser(KINDS)
 @pytest.mark.parametrize("parts", [(1,), (3, 8), (2, 36, 72)], ids=str)
 def test_sizes_do_not_disturb_each_other(case: Case, parts: tuple[int, ...]) -> None:
     found = divided(case, case.raw, parts)
@@ -130,7 +133,7 @@ def test_sizes_do_not_disturb_each_other(case: Case, parts: tuple[int, ...]) -> 
             np.testing.assert_array_equal(one.device_angles, other.device_angles)
 
 
-@most_or_all(KINDS)
+@one_a_parser(KINDS)
 def test_a_sector_is_where_it_says(case: Case) -> None:
     """Up to what the format corrects by the distance, and to the size of a sample."""
     # A node has been corrected by the device: nobody else knows its beam.
@@ -140,7 +143,7 @@ def test_a_sector_is_where_it_says(case: Case) -> None:
         assert ((away >= -slack) & (away < 60 + slack)).all()
 
 
-@most_or_all(KINDS)
+@one_a_parser(KINDS)
 def test_a_sector_comes_before_its_revolution_is_whole(case: Case) -> None:
     """After the packet behind its end, and not later."""
     found = divided(case, case.raw, (8,), [len(packet) for packet in case.packets])
@@ -162,7 +165,8 @@ def losses(draw: st.DrawFn, case: Case) -> list[int]:
     return [number for number in range(count) if number not in gone]
 
 
-@pytest.mark.parametrize("case", KINDS, ids=named)
+@one_a_parser(KINDS, CASES)
+@settings(max_examples=EXAMPLES)
 @given(st.data())
 def test_sectors_are_the_scan_where_packets_are_lost(case: Case, data: st.DataObject) -> None:
     left = data.draw(losses(case), "left")
@@ -173,7 +177,7 @@ def test_sectors_are_the_scan_where_packets_are_lost(case: Case, data: st.DataOb
         assert_sum(found, 8, stamps_ns=5e9)
 
 
-@most_or_all(KINDS)
+@one_a_parser(KINDS)
 @pytest.mark.parametrize("seed", range(3))
 def test_what_is_counted_is_the_same(case: Case, seed: int) -> None:
     chance = random.Random(seed)
@@ -198,7 +202,7 @@ def test_what_is_counted_is_the_same(case: Case, seed: int) -> None:
             assert abs(sum(sector.lost_packets for sector in sectors) - scan.lost_packets) <= slack
 
 
-@pytest.mark.parametrize("case", KINDS, ids=named)
+@one_a_parser(KINDS, CASES)
 def test_flipped_bits(case: Case) -> None:
     spoiled = damage.flip(case.raw, 2e-5, 3)
     found = divided(case, spoiled.raw, (8,))
@@ -206,8 +210,8 @@ def test_flipped_bits(case: Case) -> None:
     assert found.stats == assembled(case, spoiled.raw).stats
 
 
-@pytest.mark.parametrize("case", KINDS, ids=named)
-@settings(max_examples=12)
+@one_a_parser(KINDS, CASES)
+@settings(max_examples=EXAMPLES)
 @given(st.data())
 def test_whatever_comes_sectors_are_in_order(case: Case, data: st.DataObject) -> None:
     raw = b"".join(data.draw(st.lists(messes(case), max_size=3), "stream"))

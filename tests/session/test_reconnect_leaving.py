@@ -22,6 +22,9 @@ from tests.support.coming_back import (
 from tests.support.devices import both_families, left_still, make_rig
 from tests.support.loop import DrivenLoop, driven, run_driven
 
+pytestmark = pytest.mark.usefixtures("quick_collection")
+on_the_way = pytest.mark.exhaustive("after_s", sample=ON_THE_WAY_S[::3], full=ON_THE_WAY_S)
+
 
 @both_families
 @driven
@@ -52,7 +55,7 @@ async def test_the_motor_that_shall_go_on_does() -> None:
         assert not rig.device.scanning
 
 
-@pytest.mark.parametrize("after_s", ON_THE_WAY_S)
+@on_the_way
 def test_nor_is_it_stopped_when_the_session_is_closed_on_the_way(after_s: float) -> None:
     async def main() -> None:
         rig = make_rig("rplidar")
@@ -70,7 +73,7 @@ def test_nor_is_it_stopped_when_the_session_is_closed_on_the_way(after_s: float)
 
 
 @both_families
-@pytest.mark.parametrize("after_s", ON_THE_WAY_S)
+@on_the_way
 def test_the_loop_is_closed_on_the_way(family: str, after_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = make_rig(family)
     loop = DrivenLoop()
@@ -95,7 +98,7 @@ def test_the_loop_is_closed_on_the_way(family: str, after_s: float, monkeypatch:
 
 
 @both_families
-@pytest.mark.parametrize("after_s", ON_THE_WAY_S)
+@on_the_way
 def test_a_session_that_nobody_holds_any_more_ends_while_it_is_away(family: str, after_s: float) -> None:
     async def main() -> None:
         rig = make_rig(family)

@@ -24,7 +24,10 @@ from tests.support.devices import FAMILIES, make_rig
 from tests.support.discards import all_obeyed
 from tests.support.loop import DrivenLoop, run_driven
 
-pytestmark = pytest.mark.discards("a device that restarts or protects itself gives no sign of it")
+pytestmark = [
+    pytest.mark.discards("a device that restarts or protects itself gives no sign of it"),
+    pytest.mark.usefixtures("quick_collection"),
+]
 
 LONGEST_S = 20.0
 OUT_S = 0.3

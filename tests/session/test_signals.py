@@ -133,11 +133,11 @@ def test_an_exception_of_the_cleanup_is_not_hidden() -> None:
     assert "a mistake in the cleanup" in said
 
 
-@pytest.mark.parametrize("numbers", [[signal.SIGTERM], [signal.SIGTERM] * 3], ids=["once", "thrice"])
-def test_a_lidar_that_another_task_holds(numbers: list[int]) -> None:
+@pytest.mark.exhaustive("times", sample=[3], full=[1, 3])
+def test_a_lidar_that_another_task_holds(times: int) -> None:
     """That task is cancelled after the main one has ended; signals that come in between must not kill it."""
     with served(MODELS[0]) as server:
-        returned, _, said = ended_by(server, IN_BACKGROUND, MODELS[0], numbers)
+        returned, _, said = ended_by(server, IN_BACKGROUND, MODELS[0], [signal.SIGTERM] * times)
         until(lambda: was_stopped(server))
     assert (returned, said) == (EXIT_TERM, "")
 

@@ -25,9 +25,9 @@ from lidario import Lidar, LidarError, LocalProtocolError, ScanStream, SessionCl
 from tests.support.devices import EVERY_FAMILY, FAMILIES, Rig, discarded, left_still, make_rig
 from tests.support.loop import DrivenLoop, run_driven
 
-SAMPLE = 4
+SAMPLE = 2
 """Steps tried of each cell in a sample; every eighth with ``--exhaustive``, all of them with ``--every-step``."""
-SAMPLE_OF_OTHERS = 2
+SAMPLE_OF_OTHERS = 1
 """The same of a family whose devices hear nothing: no step of theirs waits for a response."""
 LONGEST_S = 20.0
 """No call takes longer: the longest are a speed that is not reached (10 s) and a boot (8 s)."""

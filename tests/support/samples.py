@@ -1,0 +1,58 @@
+"""What stands for all where a test would take too long over all: a stream for each parser, a model of each kind."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pytest
+
+from lidario.families.registry import FAMILIES
+from lidario.wire.formats import StreamFormat
+from tests.support.streams import Case
+
+__all__ = ["MODELS", "every_model", "one_a_parser"]
+
+MODELS = [model for family in FAMILIES for model in family.simulated]
+"""Every simulated model."""
+SOME_MODELS = [
+    "rplidar-s2",
+    "rplidar-a1",
+    "rplidar-hq",
+    "rplidar-ultra",
+    "rplidar-no-modes",
+    "rplidar-old-firmware",
+    "ydlidar-4ros",
+    "ydlidar-x4",
+    "ydlidar-g2",
+    "ydlidar-tg15",
+    "ydlidar-tmini",
+    "ydlidar-x2",
+    "ydlidar-tx8",
+    "ldrobot-ld19",
+    "ldrobot-ld14p",
+]
+"""One of each kind: of motor, of format, of what a device tells of itself, with and without commands."""
+
+
+def every_model() -> pytest.MarkDecorator:
+    """Marks a test that takes a `model`: one of each kind, and with ``--exhaustive`` all of them."""
+    return pytest.mark.exhaustive("model", sample=SOME_MODELS, full=MODELS)
+
+
+def one_a_parser(full: Sequence[Case], among: Sequence[Case] = ()) -> pytest.MarkDecorator:
+    """Marks a test that takes a `case`: a stream for each parser, and with ``--exhaustive`` all of `full`.
+
+    Args:
+        full: All streams that the test is for.
+        among: Those that the sample is chosen from; by default the same. The shortest is taken.
+    """
+    chosen: dict[type, Case] = {}
+    for case in sorted(among or full, key=lambda case: (len(_classes(case)), len(case.raw))):
+        chosen.setdefault(_classes(case)[-1], case)
+    return pytest.mark.exhaustive("case", sample=list(chosen.values()), full=full)
+
+
+def _classes(case: Case) -> tuple[type, ...]:
+    """The class that parses the stream, and those it inherits from: the last one is common to all of its kind."""
+    classes = type(case.make_format()).__mro__
+    return classes[: classes.index(StreamFormat)]
