@@ -234,8 +234,9 @@ class Family:
         formats: Every packet format it may send.
         simulated: Names of its simulated models.
         models: Its models that may be named, as in ``model=`` of a source, where the device cannot tell its own.
-        by_dtr: Those of `models` that are dark while the control line DTR is cleared, as it is when a port opens.
-            They are looked for last.
+        by_dtr: Those of `models` that are dark while the control line DTR is cleared, as it is when a port opens,
+            and how many seconds each may take to respond behind the request that asserts it. They are looked for
+            last.
         asked_at: Line speeds at which a silent device may hear a request; at others, devices only talk. None for
             all speeds.
         find_stream: Finds the measurement stream in recorded bytes: ``find_stream(data, sample_us)``, with the time
@@ -253,7 +254,7 @@ class Family:
     find_stream: Callable[[memoryview, float | None], RawStream | None]
     models: Mapping[str, NamedModel] = field(default_factory=dict, hash=False)
     asked_at: tuple[int, ...] | None = None
-    by_dtr: tuple[str, ...] = ()
+    by_dtr: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     def make(self, model: str | None = None) -> Device:
         """A device for a newly opened port; `model` is one of `models`, None where it was not named."""

@@ -269,9 +269,11 @@ class Assembler:
             self.stats.break_scan()
             return None
         self._last_spanned_ns = spanned_ns
-        if math.isnan(revolution_ns) and not lost and is_complete(samples, spanned_ns, sample_ns):
+        if math.isnan(revolution_ns) and not lost:
             # The revolution before was not seen: what this one holds tells its speed.
-            revolution_ns = spanned_ns
+            turn_ns = samples.revolution_samples * sample_ns if samples is not None and samples.certain else 0.0
+            if is_complete(spanned_ns, turn_ns):
+                revolution_ns = spanned_ns
         arrays.angle = turned_by(arrays.angle, self._stream.zero_offset_deg)
         reported_rpm = math.nan if samples is None else samples.reported_rpm
         return self._deliver(arrays, start_ns, spanned_ns, sample_ns, revolution_ns, reported_rpm, lost)

@@ -75,11 +75,9 @@ def _came_slowly(packets: Packets, elapsed_ns: int, spanned_ns: float) -> bool:
     return bool(some) and all(at_ns - start_ns > UNEVEN * count * ordinary_ns for count, at_ns in some)
 
 
-def is_complete(samples: Samples | None, spanned_ns: float, sample_ns: float) -> bool:
-    """Whether a revolution without a known gap took as long as its step of the angle says."""
-    if samples is None or not samples.certain:
-        return True
-    return spanned_ns > _WHOLE * samples.revolution_samples * sample_ns
+def is_complete(spanned_ns: float, revolution_ns: float) -> bool:
+    """Whether samples without a known gap take as long as the step of their angle says that a revolution takes."""
+    return spanned_ns > _WHOLE * revolution_ns
 
 
 def beginning_of(

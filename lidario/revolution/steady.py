@@ -18,7 +18,7 @@ from typing import NamedTuple
 from lidario.families.base import SteadySamples, Stream
 from lidario.revolution.build import turned_by
 from lidario.revolution.count import NOISE, Beginning, RevolutionCount
-from lidario.revolution.judge import BROKEN_SHARE, UNEVEN
+from lidario.revolution.judge import BROKEN_SHARE, UNEVEN, is_complete
 from lidario.revolution.partial import PartialRevolution, SampleArrays
 from lidario.revolution.seam import Split
 from lidario.revolution.timing import earliest_ns
@@ -36,7 +36,7 @@ class SteadyRevolution(NamedTuple):
         arrays: Its samples, with the zero-angle offset: views, read-only.
         start_ns: When the first of them was measured.
         spanned_ns: How long they took.
-        interval_ns: Time since the beginning of the revolution before.
+        interval_ns: What it took, by the time between beginnings; NaN when that is not known.
         reported_rpm: The speed that its packets tell; NaN where they tell none.
     """
 
@@ -171,6 +171,8 @@ def decode_block(
     intervals = count.intervals(starts, turns)
     if intervals is None:
         return None
+    if math.isnan(intervals[0]) and is_complete(spanned[0], turns[0]):
+        intervals[0] = spanned[0]
     return _block(stream, partial, samples, bounds, starts, spanned, intervals, arrived[-1], ends, last - first)
 
 

@@ -258,16 +258,16 @@ async def _find(
 
 
 async def _find_by_dtr(port: Port, tries: list[_Try]) -> Connection | None:
-    """One of the models that are dark while DTR is cleared, each asked shortly; None when none responds."""
+    """One of the models that are dark while DTR is cleared, each asked once; None when none responds."""
     speeds = {each.baudrate for each in tries}
     for family in dict.fromkeys(each.family for each in tries):
-        for name in family.by_dtr:
+        for name, patience_s in family.by_dtr.items():
             baudrate = family.models[name].baudrate
             if 0 in speeds:
                 baudrate = 0
             elif baudrate not in speeds:
                 continue
-            connection = await _try(port, _Try(family, baudrate, name), quick=False)
+            connection = await _try(port, _Try(family, baudrate, name), quick=False, patience_s=patience_s)
             if connection is not None:
                 return connection
     port.set_dtr(False)
@@ -300,13 +300,14 @@ async def _try_known(
     return Connection(port, family, device, dialogue, info, guard)
 
 
-async def _try(port: Port, attempt: _Try, *, quick: bool) -> Connection | None:
+async def _try(port: Port, attempt: _Try, *, quick: bool, patience_s: float | None = None) -> Connection | None:
     """Ask one family's question once at one speed; None when there is no response.
 
     Args:
         port: The line.
         attempt: Whom to ask, and how fast.
         quick: Nothing streams: ask without waiting for silence, and wait shortly.
+        patience_s: How long its response may take; None for as long as is usual in its family.
     """
     family = attempt.family
     if attempt.baudrate and attempt.baudrate != port.baudrate:
@@ -318,7 +319,8 @@ async def _try(port: Port, attempt: _Try, *, quick: bool) -> Connection | None:
     dialogue = Dialogue(port, device, family.timing)
     guard = Guard(dialogue)
     try:
-        dialogue.hurry(QUICK_S if quick else family.timing.probe_s)
+        usual_s = QUICK_S if quick else family.timing.probe_s
+        dialogue.hurry(usual_s if patience_s is None else patience_s)
         info = await introduce(dialogue, device, patience=0, quiet=quick)
         dialogue.hurry(None)
     except ResponseTimeout:

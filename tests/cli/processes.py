@@ -27,7 +27,7 @@ from lidario.sim.serve import PtyServer
 from tests.support.loop import DrivenLoop
 from tests.support.speeds import SpeedPtyServer
 
-__all__ = ["BOUND", "ROOT", "invoke", "invoke_driven", "line_of", "run", "served", "started"]
+__all__ = ["BOUND", "ROOT", "in_memory", "invoke", "invoke_driven", "line_of", "run", "served", "started"]
 
 BOUND = 60.0
 ROOT = Path(__file__).parents[2]
@@ -45,6 +45,12 @@ def invoke_driven(*arguments: str) -> Result:
         # A driven clock does not wait for the thread that usually writes.
         patch.setattr(Writer, "write", _write_at_once)
         return invoke(*arguments)
+
+
+def in_memory(model: str, *options: str) -> str:
+    """The source of a simulated model in memory; named where what it sends would be taken for another's."""
+    named = {"ydlidar-tx8": ["model=tx8"], "ydlidar-s4b": ["model=s4b"]}.get(model, [])
+    return f"sim://{model}?{'&'.join(['via=memory', *options, *named])}"
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from tests.cli.processes import invoke, invoke_driven, served
+from tests.cli.processes import in_memory, invoke, invoke_driven, served
 from tests.support.samples import every_model
 
 
@@ -33,13 +33,13 @@ def test_for_people() -> None:
 
 @every_model()
 def test_every_model(model: str) -> None:
-    ended = invoke_driven("info", f"sim://{model}?via=memory", "--json")
+    ended = invoke_driven("info", in_memory(model), "--json")
     assert ended.exit_code == 0, ended.stderr
     told = json.loads(ended.stdout)
     assert told["model"]
     assert len(told["modes"]) >= 1
     assert sum(mode["typical"] for mode in told["modes"]) == 1
-    assert invoke_driven("info", f"sim://{model}?via=memory").exit_code == 0
+    assert invoke_driven("info", in_memory(model)).exit_code == 0
 
 
 def test_a_device_that_protects_itself_is_unhealthy() -> None:

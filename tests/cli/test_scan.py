@@ -10,7 +10,7 @@ from collections import Counter
 
 import pytest
 
-from tests.cli.processes import invoke_driven
+from tests.cli.processes import in_memory, invoke_driven
 from tests.support.samples import every_model
 
 CIRCLE = "sim://rplidar-s2?via=memory&world=circle"
@@ -97,9 +97,7 @@ def test_nothing_to_draw() -> None:
 
 @every_model()
 def test_every_model(model: str) -> None:
-    # By its stream alone it would be taken for another that only talks.
-    named = "&model=tx8" if model == "ydlidar-tx8" else ""
-    ended = invoke_driven("scan", f"sim://{model}?via=memory&world=circle{named}", "--json")
+    ended = invoke_driven("scan", in_memory(model, "world=circle"), "--json")
     assert (ended.exit_code, ended.stderr) == (0, "")
     scan = json.loads(ended.stdout)
     assert len(scan["ranges"]) >= 200

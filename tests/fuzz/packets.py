@@ -8,14 +8,14 @@ from __future__ import annotations
 import numpy as np
 
 from lidario.families.rplidar.simulated import packers
-from lidario.families.ydlidar.simulated.packers import pack_points
 from lidario.revolution.assemble import Assembler
 from lidario.scan import Scan
 from tests.fuzz.checks import check_scan
-from tests.support.contents import sealed
+from tests.reference import ydlidar
+from tests.support.contents import point_cloud, sealed
 from tests.support.streams import KINDS, Case, in_one_run, stream_of
 
-__all__ = ["decode_packets", "packet_seeds"]
+__all__ = ["decode_packets", "packet_seeds", "packets_of"]
 
 _MOST = 400  # packets
 _STEPS_NS = (0, 1, 1_000_000, 20_000_000, 900_000_000)
@@ -26,8 +26,7 @@ def decode_packets(data: bytes) -> None:
     head, rest = (data[:3] + bytes(3))[:3], data[3:]
     case = KINDS[head[0] % len(KINDS)]
     wire, now, run = case.make_format(), 0, 1 + head[1] % 64
-    # A format has no check value but the angle: what it does not take for a packet never comes so far.
-    packets = [each for each in _packets(case, rest) if wire.measure(bytearray(each), 0) == len(each)]
+    packets = packets_of(case, rest)
     if not packets:
         return
     # A sample that takes no time is what some firmware claims.
@@ -51,26 +50,33 @@ def packet_seeds() -> list[bytes]:
     return [bytes((number, 7, 2)) + b"".join(case.packets[:60]) for number, case in enumerate(KINDS)]
 
 
+def packets_of(case: Case, data: bytes) -> list[bytes]:
+    """Packets that the format takes for its own, with these bytes as contents."""
+    wire = case.make_format()
+    # A node has no check value but the angle: what is not taken for a packet never comes to the decoder.
+    return [each for each in _packets(case, data) if wire.measure(bytearray(each), 0) == len(each)]
+
+
 def _packets(case: Case, data: bytes) -> list[bytes]:
-    if case.truth.family == "ydlidar":
-        return list(_points(data))[:_MOST]
+    if case.layout is not None:
+        return _points(case.layout, data)[:_MOST]
     if case.response_type == 0x83:
         return _hq(data)
     size = len(case.packets[0])
     return [sealed(case, data[at : at + size].ljust(size, b"\0")) for at in range(0, len(data), size)][:_MOST]
 
 
-def _points(data: bytes) -> list[bytes]:
-    """Point packets: the first six bytes are angles, the number of samples and the mark, the rest distances."""
+def _points(layout: ydlidar.Kind, data: bytes) -> list[bytes]:
+    """Point packets: the first six bytes are angles, the number of samples and the mark, the rest samples."""
     found, at = [], 0
     while at + 6 <= len(data):
         first, last, count, control = data[at : at + 6][0:2], data[at + 2 : at + 4], data[at + 4], data[at + 5]
         count = 1 + count % 80
-        raw = data[at + 6 : at + 6 + 2 * count].ljust(2 * count, b"\0")
+        size = layout.sample_bytes * count
+        raw = data[at + 6 : at + 6 + size].ljust(size, b"\0")
         begin, end = (int.from_bytes(each, "little") & 0x7FFF for each in (first, last))
-        distances = np.frombuffer(raw, "<u2").astype(np.int64)
-        found.append(pack_points(distances, begin, end, control=control, marked=bool(control & 1)))
-        at += 6 + 2 * count
+        found.append(point_cloud(layout, begin, end, raw, control=control, marked=bool(control & 1)))
+        at += 6 + size
     return found
 
 

@@ -10,8 +10,10 @@ from lidario.errors import ConnectFailed
 from lidario.session.dialogue import Dialogue
 from tests.fuzz import targets
 from tests.fuzz.__main__ import main
+from tests.fuzz.packets import packets_of
 from tests.fuzz.targets import TARGETS
 from tests.support import ledger
+from tests.support.streams import KINDS, Case, named
 
 pytestmark = pytest.mark.discards("a device that means harm answers what was not asked, and leaves out what was")
 
@@ -32,6 +34,14 @@ def test_a_target_holds_on_other_bytes(name: str, data: st.DataObject) -> None:
     seed = data.draw(st.sampled_from(list(target.seeds)))
     at = data.draw(st.integers(0, len(seed)))
     target.run(seed[:at] + data.draw(st.binary(max_size=40)) + seed[at:])
+
+
+@pytest.mark.parametrize("case", KINDS, ids=named)
+def test_bytes_become_packets_of_every_format(case: Case) -> None:
+    found = packets_of(case, b"".join(case.packets[:60]))
+    assert len(found) >= 40
+    for packet in found:
+        assert case.make_format().intact(bytearray(packet), 0, len(packet))
 
 
 def test_a_byte_that_is_not_counted_is_found(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -118,6 +118,30 @@ def test_late_stamps_are_no_missing_revolutions(name: str, late: float, back: fl
     assert len(scans) + stats.broken_scans == len(clean_scans(name))
 
 
+@every_kind
+@pytest.mark.exhaustive("share", sample=[0.09, 0.6], full=[0.03, 0.09, 0.3, 0.6, 0.85, 0.92, 0.97])
+@pytest.mark.parametrize("together", [False, True])
+def test_a_late_first_arrival_bends_no_speed(name: str, share: float, together: bool) -> None:
+    """A stream begins inside a revolution, and what comes of that one comes 2 ms late; live, and from a file."""
+    seam_ns = clean_scans(name)[3].stamp_ns
+    packets = [each for each in packets_of(name) if each[1] > seam_ns - share * 1e9 / hertz(name)]
+    # The last late one is that which crosses the seam.
+    first = 1 + next(n for n, (_, at_ns) in enumerate(packets) if at_ns > seam_ns + MS)
+    first_ns = packets[first - 1][1] + 2 * MS
+    if together:
+        kind = STEADY[name]
+        wire, assembler = kind.make_format(), Assembler(kind.stream())
+        early, behind = (b"".join(packet for packet, _ in part) for part in (packets[:first], packets[first:]))
+        scans = assembler.add(in_one_run(wire, early, first_ns))
+        scans += assembler.add(in_one_run(wire, behind, packets[-1][1]))
+    else:
+        late = [(packet, at_ns + 2 * MS) for packet, at_ns in packets[:first]]
+        late += [(packet, max(at_ns, first_ns)) for packet, at_ns in packets[first:]]
+        scans, _ = assembled_from(name, late)
+    assert len(scans) > 12
+    assert all(scan.rpm == pytest.approx(60 * hertz(name), rel=0.03) for scan in scans)
+
+
 def beginning(start: float, lost: int = 0, over: float = 0.0) -> Beginning:
     return Beginning(round(start * 100 * MS), over, 100.0 * MS, 80.0, 1.25 * MS, 80 - lost, lost, broken=False)
 
@@ -148,7 +172,11 @@ def test_what_is_over_of_a_revolution_counts() -> None:
     count.follow(beginning(0))
     passed = count.follow(beginning(1.8, over=0.8))
     assert passed == (0, 0, 100.0 * MS)
-    assert count.follow(beginning(2)).revolution_ns == pytest.approx(100 * MS)
+    # Only a fifth lies between them: a stamp that is late by 2 ms would be taken for 10 ms.
+    passed = count.follow(beginning(2.02))
+    assert (passed.unseen, passed.lost) == (0, 0)
+    assert math.isnan(passed.revolution_ns)
+    assert count.follow(beginning(3.02)).revolution_ns == pytest.approx(100 * MS)
 
 
 @pytest.mark.parametrize("share", ["1%", "2%", "5%"])

@@ -90,6 +90,23 @@ def test_one_that_was_stopped_is_woken(monkeypatch: pytest.MonkeyPatch) -> None:
     main()
 
 
+@pytest.mark.parametrize("options", ["", "?baud=115200", "?model=x2"], ids=["unnamed", "its speed", "its name"])
+def test_a_motor_switched_on_by_dtr_has_time_to_turn(options: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    device = made("ydlidar-x2")
+    device.spin_up_s = 1.4
+    serial_in_memory(monkeypatch, only=device)
+
+    @driven
+    async def main() -> None:
+        async with open_lidar(f"serial://only{options}") as lidar:
+            assert (await lidar.get_health()).ok
+            await asyncio.sleep(1.0)
+            assert (await lidar.scan()).valid.any()
+        assert not device.motor_on
+
+    main()
+
+
 def test_ten_of_them_together(monkeypatch: pytest.MonkeyPatch) -> None:
     models = [model for model in ONE_OF_EACH if model not in ("rplidar-a1", "ydlidar-tmini-pro", "ldrobot-ld14p")]
     serial_in_memory(monkeypatch, **{model: made(model) for model in models})

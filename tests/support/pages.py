@@ -42,7 +42,12 @@ __all__ = ["Block", "Page", "blocks"]
 
 ROOT = Path(__file__).parents[2]
 PACE = 1000.0
-PORTS = {"/dev/ttyUSB0": "sim://rplidar-s2", "/dev/ttyUSB1": "sim://ydlidar-4ros", "auto": "sim://rplidar-s2"}
+PORTS = {
+    "/dev/ttyUSB0": "sim://rplidar-s2",
+    "/dev/ttyUSB1": "sim://ydlidar-4ros",
+    "auto": "sim://rplidar-s2",
+    "serial:///dev/ttyUSB0?model=tx8": "sim://ydlidar-tx8?model=tx8",
+}
 ENDLESS = {"view", "watch", "play", "sim", "publish"}
 NOTHING_TO_RUN = {"sudo", "ssh", "jupyter", "uvicorn", "source"}
 """What is not ours and changes the machine, or serves until Ctrl-C."""

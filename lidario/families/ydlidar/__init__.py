@@ -10,7 +10,7 @@ from typing import Final
 
 from lidario.families.base import Family, Timing
 from lidario.families.ydlidar.clouds import PointCloud3, PointCloud4
-from lidario.families.ydlidar.device import NAMED, YdlidarDevice
+from lidario.families.ydlidar.device import BY_DTR_S, NAMED, YdlidarDevice
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.raw import find_stream, stream_of
 
@@ -68,6 +68,6 @@ FAMILY: Final = Family(
     stream_of=stream_of,
     models=NAMED,
     # The most sold of those that respond, and of those that only talk. The S4 and S4B must be named.
-    by_dtr=("x4", "x2"),
+    by_dtr={"x4": 0.15, "x2": BY_DTR_S},
 )
 """The family's row of the registry."""

@@ -37,7 +37,7 @@ from lidario.families.ydlidar.settings import ask_speed, learn_protection, step_
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.wire.envelope import Request
 
-__all__ = ["NAMED", "YdlidarDevice"]
+__all__ = ["BY_DTR_S", "NAMED", "YdlidarDevice"]
 
 OFFSETS_A_TURN: Final = 4 * 360
 SPIN_UP_S: Final = 4.0
@@ -51,6 +51,9 @@ LAPSE_S: Final = (2.5, 4.0)
 """Without a keepalive a stream ends 3 s after its start (manual 3.8). The last packets may be read half a second
 later."""
 HEAR_S: Final = 0.5
+BY_DTR_S: Final = 1.0
+"""How long a motor that DTR has switched on may take until packets come, besides the 0.5 s that `DTR_TURNS` waits.
+No document says it; the first 1.0 to 1.5 s of points are what the vendor's SDK discards."""
 OVERHEARD: Final = 8
 MOST_A_TURN: Final = 1300
 """Samples a revolution above which no model only talks: the fastest of those has 1250 at 4 Hz."""
@@ -168,7 +171,7 @@ class YdlidarDevice(Device):
 
     def _hear(self) -> Script[DeviceInfo]:
         model = self._named or ONE_WAY
-        packets = yield hear(model.kind.wire(), OVERHEARD, HEAR_S)
+        packets = yield hear(model.kind.wire(), OVERHEARD, BY_DTR_S if model.dtr else HEAR_S)
         if self._named is None and samples_a_turn(packets) > MOST_A_TURN:
             raise ResponseTimeout(commands.GET_INFO.name, HEAR_S)
         self._be(model)
@@ -183,7 +186,7 @@ class YdlidarDevice(Device):
         if self._model.one_way:
             if self._model.dtr:
                 yield commands.DTR_TURNS
-            yield hear(self._model.kind.wire(), timeout=HEAR_S)
+            yield hear(self._model.kind.wire(), timeout=BY_DTR_S if self._model.dtr else HEAR_S)
             return Health(HealthStatus.OK, 0)
         status, code = struct.unpack("<BH", (yield from self._ask_health()))
         return health_of(status, code)
