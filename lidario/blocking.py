@@ -116,6 +116,11 @@ class SyncLidar:
         return self._lidar.is_connected
 
     @property
+    @_as(Lidar.can_be_stopped)
+    def can_be_stopped(self) -> bool:  # noqa: D102
+        return self._lidar.can_be_stopped
+
+    @property
     @_as(Lidar.baudrate)
     def baudrate(self) -> int:  # noqa: D102
         return self._lidar.baudrate

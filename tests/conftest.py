@@ -1,7 +1,7 @@
 """How long tests run: short by default, long with ``--exhaustive``, ``--soak`` and ``HYPOTHESIS_PROFILE=search``.
 
 - ``--exhaustive`` (`make check`): tests marked ``exhaustive`` go through all that they can, not through a sample;
-  property tests try three times as many examples.
+  property tests try six times as many examples.
 - ``--every-step``: two tasks at once are tried at every step of the event loop, not at every eighth; five minutes.
 - ``--soak SECONDS``: how long tests at true pace run.
 - ``--rounds N``: how often tests at true pace act at a random moment; a few times by default, more with

@@ -16,7 +16,7 @@ import click
 
 from lidario.cli.errors import ExitCode, exit_code
 from lidario.cli.machine import ADAPTERS, Machine
-from lidario.cli.output import console, dump, emit, progress, rendered
+from lidario.cli.output import console, dump, emit, introduced, progress, rendered
 from lidario.cli.parameters import complete_source
 from lidario.cli.udev import is_unique
 
@@ -155,7 +155,7 @@ async def _of_device(source: str, port: PortInfo | None) -> tuple[list[Finding],
         async with open_lidar(source) as lidar:
             at = f" at {lidar.baudrate} baud" if lidar.baudrate else ""
             found.append(Finding("access", "ok", "may be opened, and no other program holds it", port=source))
-            name = f"{lidar.info.model}, firmware {lidar.info.firmware}, serial number {lidar.info.serial}"
+            name = introduced(lidar.info.model, lidar.info.serial, lidar.info.firmware)
             found.append(Finding("response", "ok", f"{name}{at}", port=source))
             found += _of_speed(source, port, lidar.baudrate)
             note = f": {lidar.health.note}" if lidar.health.note else ""

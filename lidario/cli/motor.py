@@ -40,7 +40,7 @@ def stop(source: str, as_json: bool) -> int:
     from lidario.cli.running import run
 
     with progress(f"stopping {source} …"):
-        _refuse_recording(source)
+        _refuse_motorless(source)
         run(lambda: _stop(source))
     _tell(as_json, "stopped", None)
     return ExitCode.OK
@@ -62,18 +62,22 @@ def _run(source: str, hertz: float | None, as_json: bool) -> int:
     from lidario.cli.running import run
 
     with progress("waiting for the rotor …"):
-        _refuse_recording(source)
+        _refuse_motorless(source)
         state, measured = run(lambda: _turn(source, hertz))
     _tell(as_json, state, measured)
     return ExitCode.OK
 
 
-def _refuse_recording(source: str) -> None:
+def _refuse_motorless(source: str) -> None:
     from lidario import Unsupported
     from lidario.recording.files import file_source
 
     if file_source(source) is not None:
         raise Unsupported("a recording has no motor")
+    if source.startswith("zenoh:"):
+        raise Unsupported(
+            "the motor of another machine's lidar cannot be switched from here: its publisher drives it"
+        )
 
 
 def _tell(as_json: bool, state: str, hertz: float | None) -> None:
@@ -108,7 +112,11 @@ async def _turn(source: str, hertz: float | None) -> tuple[str, float | None]:
 
 async def _stop(source: str) -> None:
     """Open and close: a session that ends writes the requests that stop laser and motor."""
-    from lidario import open_lidar
+    from lidario import Unsupported, open_lidar
 
     async with open_lidar(source) as lidar:
+        if not lidar.can_be_stopped:
+            raise Unsupported(
+                f"the motor of a {lidar.info.model} cannot be stopped from here: it turns while it has power"
+            )
         await lidar.stop()

@@ -27,7 +27,7 @@ from lidario.cli.errors import ReaderGone
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
-__all__ = ["Writer", "console", "dump", "emit", "message", "progress", "rendered"]
+__all__ = ["Writer", "console", "dump", "emit", "introduced", "message", "progress", "rendered"]
 
 PIPE_WIDTH = 160
 """Columns of a table where there is no terminal; wide enough that no cell is folded."""
@@ -122,6 +122,12 @@ def dump(value: object) -> None:
 def message(text: str) -> None:
     """Write a line to stderr."""
     click.echo(text, err=True)
+
+
+def introduced(model: str, serial: str, firmware: str = "") -> str:
+    """What a device is, in one line; what it does not tell is left out."""
+    told = (("firmware", firmware), ("serial number", serial))
+    return ", ".join((model, *(f"{name} {value}" for name, value in told if value)))
 
 
 def console(*, stderr: bool = False) -> Console:

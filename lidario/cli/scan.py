@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import click
 
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.output import Writer, console, emit, message, progress, rendered
+from lidario.cli.output import Writer, console, emit, introduced, message, progress, rendered
 from lidario.cli.parameters import complete_source
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ async def _read(order: _Order, tally: _Tally, writer: Writer) -> None:
                     if not tally.count:
                         waiting.close()
                         if order.form == "people":
-                            message(f"{lidar.info.model}, serial number {lidar.info.serial}, mode {scan.mode}")
+                            message(f"{introduced(lidar.info.model, lidar.info.serial)}, mode {scan.mode}")
                         await writer.write(header)
                     await writer.write(form(scan))
                     tally.last, tally.count = scan, tally.count + 1

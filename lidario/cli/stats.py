@@ -16,7 +16,7 @@ import click
 import numpy as np
 
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.output import console, dump, emit, progress, rendered
+from lidario.cli.output import console, dump, emit, introduced, progress, rendered
 from lidario.cli.parameters import complete_source, seconds_of
 
 if TYPE_CHECKING:
@@ -205,7 +205,7 @@ def _table(measured: Measured) -> Table:
     table.add_column(overflow="fold")
     load = f", {percent(line.load)} of the line" if line.load is not None else ""
     rows = [
-        ("lidar", f"{measured.model}, serial number {measured.serial}, mode {measured.mode}"),
+        ("lidar", f"{introduced(measured.model, measured.serial)}, mode {measured.mode}"),
         ("measured", f"{len(measured.points)} scans in {measured.seconds:.1f} s"),
         ("rate", f"{measured.hertz:.2f} Hz ({60 * measured.hertz:.0f} rpm)" if measured.periods else "not known"),
         ("jitter", f"{1000 * measured.jitter:.2f} ms a revolution" if measured.periods else "not known"),

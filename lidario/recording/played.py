@@ -1,7 +1,8 @@
 """A recording as a device for anybody's driver, served on a pseudo-terminal or over TCP as a simulated one is.
 
 It responds to each request as the real device had responded, byte for byte. The request that had started a stream
-starts it again, and any stop request pauses it. To what was not asked while it was recorded it stays silent, as a
+starts it again, and any stop request pauses it. A device that only talks was never asked: its recording begins with
+the first poll, and no request pauses it. To what was not asked while it was recorded it stays silent, as a
 device does that does not know a request; the log tells.
 """
 
@@ -48,7 +49,10 @@ class PlayedDevice:
         self._number = 0
         self._base: tuple[int, int] | None = None
         device = recording.streams[0].family.device()
-        self._stops = {device.stop().data, device.reset().data, *(each.data for each in device.halt())}
+        self._talks = not any(stream.began.request for stream in recording.streams)
+        stops = () if self._talks else (device.stop(), device.reset(), *device.halt())
+        # A step that only sets a control line has no bytes, and every request begins with none.
+        self._stops = {each.data for each in stops if each.data}
         self._starts = {stream.began.request for stream in recording.streams if stream.began.request}
         known = {*self._stops, *self._starts, *recording.responses}
         self._known = sorted(known, key=len, reverse=True)
@@ -94,6 +98,7 @@ class PlayedDevice:
 
     def transmit(self, now: int) -> bytes:
         """As `SimulatedDevice.transmit`."""
+        self._talk()
         while self._scanning and (due := self._due(now)) is not None and due <= now:
             assert self._next is not None
             self._outgoing += self._next.data
@@ -108,9 +113,15 @@ class PlayedDevice:
 
     def wakeup(self, now: int) -> int | None:
         """As `SimulatedDevice.wakeup`."""
+        self._talk()
         if self._outgoing:
             return now
         return self._due(now) if self._scanning else None
+
+    def _talk(self) -> None:
+        """Begin unasked, where the recorded device had done so; never again behind the end."""
+        if self._talks and not self.finished and self._next is not None:
+            self._scanning = True
 
     def _due(self, now: int) -> int | None:
         """When the next piece is; None at the end."""

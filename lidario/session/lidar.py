@@ -95,6 +95,11 @@ class Lidar(Questions):
         return not self._closed and not self._scanner.is_away and self._dialogue.fatal is None
 
     @property
+    def can_be_stopped(self) -> bool:
+        """Whether laser and motor can be switched off from here; False of a device that only talks."""
+        return self._device.can_be_stopped
+
+    @property
     def mode(self) -> ScanMode | None:
         """The scan mode that runs, if one does."""
         return self._scanner.mode

@@ -7,7 +7,7 @@ import json
 import pytest
 
 from lidario.families.registry import FAMILIES
-from tests.cli.processes import invoke, served
+from tests.cli.processes import invoke, invoke_driven, served
 from tests.support.children import until
 
 FIRST, SECOND = (family.simulated[0] for family in FAMILIES[:2])
@@ -44,6 +44,20 @@ def test_where_the_motor_stops_with_the_laser() -> None:
         assert ended.exit_code == 0
         assert json.loads(ended.stdout) == {"motor": "set", "hertz": 9.0}
         assert not server.device.motor_on
+
+
+def test_a_motor_that_cannot_be_stopped_is_never_called_stopped() -> None:
+    for words in (["stop"], ["speed", "7"]):
+        ended = invoke_driven("motor", *words, "sim://ldrobot-ld06?via=memory")
+        assert (ended.exit_code, ended.stdout) == (2, ""), words
+        assert "cannot be" in ended.stderr
+
+
+@pytest.mark.parametrize("words", [["start"], ["stop"], ["speed", "7"]])
+def test_the_motor_of_another_machine_is_not_ours(words: list[str]) -> None:
+    ended = invoke("motor", *words, "zenoh:robots/r7/scan?router=tcp/127.0.0.1:1")
+    assert (ended.exit_code, ended.stdout) == (2, "")
+    assert "error: the motor of another machine's lidar cannot be switched from here" in ended.stderr
 
 
 @pytest.mark.parametrize("hertz", ["0", "-3", "fast", "1000"])

@@ -204,6 +204,24 @@ def test_a_played_recording_is_a_device_like_the_recorded_one(live: Live) -> Non
     assert {each.data[1] for each in device.log if not each.obeyed} == {0xA8}
 
 
+@pytest.mark.parametrize("model", ["ldrobot-ld06", "ydlidar-x3"])
+def test_a_played_recording_of_a_device_that_only_talks_talks(tmp_path: Path, model: str) -> None:
+    """It was never asked to start, so it begins as soon as somebody listens to it, and hears no request."""
+    live = record(tmp_path / "run.mcap", f"sim://{model}", 4)
+    device = PlayedDevice(open_stored(live.path), loop=True)
+
+    async def main() -> list[lidario.Scan]:
+        async with lidario.open_lidar(device, family=live.info.family) as lidar:
+            assert lidar.info.model == live.info.model
+            async with lidar.scans(depth=64) as stream:
+                return [await anext(stream) for _ in range(3)]
+
+    known = {scan.device_distances.tobytes() for scan in live.scans}
+    assert known & {scan.device_distances.tobytes() for scan in run_driven(main)}
+    device.receive(b"\xa5\x50", 0)
+    assert not any(each.obeyed for each in device.log)
+
+
 def test_play_serves_another_process(live: Live) -> None:
     with started("play", str(live.path), "--loop", "--tcp", ":0") as process:
         name = line_of(process.stdout).strip()

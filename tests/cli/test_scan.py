@@ -123,3 +123,14 @@ def test_it_goes_on_after_the_lidar_was_unplugged() -> None:
     assert len(numbers) == 15
     assert numbers[-1] > 20
     assert "1 reconnect" in result.stderr
+
+
+def test_what_a_device_does_not_tell_is_left_out() -> None:
+    """A device that only talks tells no serial number and no firmware."""
+    for verb in (["scan"], ["stats", "-t", "1s"], ["doctor"]):
+        ended = invoke_driven(*verb, "sim://ldrobot-ld06?via=memory")
+        said = ended.stdout + ended.stderr
+        assert ended.exit_code in (0, 5), said
+        assert "LDROBOT LD06" in said
+        assert "serial number" not in said, verb
+        assert "firmware" not in said, verb
