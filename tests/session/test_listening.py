@@ -251,7 +251,7 @@ def test_ports_are_asked_side_by_side_and_patiently_only_where_none_responds(
         began = loop.time()
         found = await list_lidars(("a", "b", "c"))
         assert [each.port.path for each in found if each.info] == ["a", "c"]
-        assert loop.time() - began < 4.5
+        assert loop.time() - began < 5.5
         third.receive(b"\xa5\x40", now())
         async with open_lidar("auto") as lidar:
             assert lidar.info.serial == third.serial.hex().upper()
