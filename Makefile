@@ -36,7 +36,7 @@ check: $(READY)  ## lint, format, types, and all tests at full length under cove
 	$(BIN)/mypy examples
 	$(PYRIGHT)
 	$(PYRIGHT) --verifytypes lidario --ignoreexternal
-	$(BIN)/python -m pytest -n auto --exhaustive --cov --cov-report=term-missing:skip-covered
+	$(BIN)/python -m pytest -n $(WORKERS) --exhaustive --cov --cov-report=term-missing:skip-covered
 
 docs: $(READY)  ## the documentation, in .site/; any warning is an error
 	$(BIN)/zensical build --strict --clean
