@@ -27,8 +27,10 @@ CLEAN = [
     pack_points(np.arange(12) + 1000 + n, range(100, 112), 950 * n % 36_000, (950 * n + 870) % 36_000)
     for n in range(80)
 ]
-REAL = Path("/work/shared/golden/ldrobot_ld06_real.npz")
-"""A recording of a real LD06 by somebody else: read where it is there, and never copied."""
+DATA = Path(__file__).parents[2] / "data"
+REAL = Path(__file__).parents[4] / "shared" / "golden" / "ldrobot_ld06_real.npz"
+"""A recording of a real LD06 by somebody else: read where it lies beside the project, and never copied."""
+ALSO_REAL = [REAL] if REAL.exists() else []
 
 
 def received(raw: bytes, chunk: int | None = None) -> tuple[bytes, LinkStats]:
@@ -190,10 +192,13 @@ def test_the_rate_is_told_by_step_and_speed() -> None:
         assert samples_a_second(raw) == pytest.approx(rate, rel=0.01)
 
 
-@pytest.mark.parametrize("path", [REAL] if REAL.exists() else [], ids=lambda path: path.stem)
-def test_a_recording_of_a_real_device(path: Path) -> None:
+@pytest.mark.parametrize("path", [DATA / "ldrobot_ld19_13hz.npz", *ALSO_REAL], ids=lambda path: path.stem)
+def test_a_recording_is_decoded_as_the_vendor_does(path: Path) -> None:
     with np.load(path) as arrays:
-        truth = {name: arrays[name] for name in ("raw", "angle_deg", "distance_mm", "intensity", "stray_bytes")}
+        truth = {
+            name: arrays[name]
+            for name in ("raw", "angle_deg", "distance_mm", "intensity", "stray_bytes", "sample_us")
+        }
     raw = truth["raw"].tobytes()
     packets, stats = received(raw)
     assert received(raw, 1) == received(raw, 100) == (packets, stats)
@@ -205,4 +210,4 @@ def test_a_recording_of_a_real_device(path: Path) -> None:
     assert (stats.skipped_bytes, samples.lost) == (int(truth["stray_bytes"]), 0)
     found = find_stream(memoryview(raw), None)
     assert found is not None
-    assert 1e9 / found.stream.sample_ns == pytest.approx(4546, rel=0.01)
+    assert 1e9 / found.stream.sample_ns == pytest.approx(1e6 / float(truth["sample_us"]), rel=0.01)
