@@ -18,7 +18,7 @@ __all__ = ["LINKED", "NOT_STOPPED", "UnaskedDevice", "begin", "hear"]
 LINKED = 2
 """Packets in a row that prove that a device of this kind streams at this speed."""
 NOT_STOPPED = Request("STOP", b"", ends_stream=True)
-"""Nobody is told; the host does not listen any more."""
+"""Sends nothing to the device. The host only stops listening."""
 
 
 def hear(wire: StreamFormat, packets: int = LINKED, timeout: float = 0.5, wake: bytes = b"") -> Request:

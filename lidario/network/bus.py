@@ -87,7 +87,7 @@ class Bus:
         self._session = session
         self._loop = asyncio.get_running_loop()
         self._closed = False
-        # Kept alive: zenoh ends what nobody holds.
+        # A reference must be kept: zenoh removes a listener that is garbage.
         self._held: list[Any] = [session.info.declare_transport_events_listener(self._transport_changed)]
 
     @classmethod

@@ -1,7 +1,7 @@
 """From ``zenoh:KEY`` to a lidar that has introduced itself.
 
-Who publishes under the key is asked for its status. Where nobody responds, the first message tells: a LaserScan of
-any ROS 2 node is a source, too, although nothing is known of the device.
+The publishers under the key are asked for their status. If none responds, the first message is read: a LaserScan
+of any ROS 2 node is a source too, although nothing is known of its device.
 """
 
 from __future__ import annotations

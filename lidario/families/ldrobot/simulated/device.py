@@ -1,4 +1,4 @@
-"""The device side: streams from power-up on, whoever listens.
+"""The device side: streams from power-up on, even if no program listens.
 
 All models but one have no line on which a request could arrive: what the host writes is not even seen. The LD14P
 obeys four requests (`_NAMES`), discards what has a wrong check value, and sends the response that the vendor's SDK
