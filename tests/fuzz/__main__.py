@@ -24,7 +24,7 @@ __all__ = ["main"]
 _CORPUS = Path(".fuzz")
 _ROUND = 200  # examples
 _MOST_MB = 8192
-"""Atheris itself grows, by about 65 kB for each run of `decoders`: 3 GB in ten minutes, where the same inputs in
+"""Atheris itself grows, by about 55 kB for each run of `decoders`: 3 GB in ten minutes, where the same inputs in
 plain Python stay at 66 MB. Its own limit, 2 GB, would end the run as if that were a finding. What a target may keep
 is measured by the target (`tests.fuzz.recordings`) and by the tests of each buffer, not by this limit."""
 
