@@ -13,7 +13,20 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 VENDORS = sorted(path.name for path in (PACKAGE / "families").iterdir() if (path / "device.py").is_file())
 
 LAYERS = (
-    {"cdr", "errors", "model", "laserscan", "points", "samples", "scan", "sector", "source", "version"},
+    {
+        "cdr",
+        "errors",
+        "laserscan",
+        "measured",
+        "model",
+        "points",
+        "rotor",
+        "samples",
+        "scan",
+        "sector",
+        "source",
+        "version",
+    },
     {"wire"},
     {"families", "sim"},
     {"revolution", "simulation"},
