@@ -17,7 +17,8 @@ from lidario.families.ydlidar import formats as ydlidar_formats
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.scan import Scan
 from lidario.wire.events import Packets
-from tests.support.streams import CASES, KINDS, Case, arrived, cut_up, in_one_run, named, open_stream, stream_of
+from tests.support.cases import CASES, KINDS, Case, named
+from tests.support.streams import arrived, cut_up, in_one_run, open_stream, stream_of
 
 DENSE = next(case for case in CASES if case.name == "rplidar_32k_85")
 SAMPLE_NS = 31_250
