@@ -15,6 +15,7 @@ __all__ = ["make_scan", "make_sector"]
 ArrayT = TypeVar("ArrayT", bound=NDArray[np.generic])
 
 SMALLEST_DEGREES = 5.0
+ROUNDING_DEG = 1e-3
 _STAMP_NS = 1_000_000_000
 _WALL_STAMP_NS = 1_700_000_000_000_000_000
 
@@ -145,7 +146,7 @@ def make_sector(
         first = int(np.argmax(gaps)) if order.size > 1 else 0
         order = np.roll(order, -first)
         spread = (float(clockwise[order[-1]]) - float(clockwise[order[0]])) % 360.0
-        if spread > degrees:
+        if spread > degrees + ROUNDING_DEG:
             raise InvalidValue(f"the samples of a sector of {degrees:g} degrees spread over {spread:.1f}")
         middle = (float(clockwise[order[0]]) + spread / 2) % 360.0
     index = min(int(middle / degrees), parts - 1) if index is None else index
