@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.measured import MeasuredSamples
-from lidario.rotor import Rotor, times_by_angle
+from lidario.rotor import Gaps, Rotor, times_by_angle
 from lidario.samples import is_between, read_only
 from lidario.scan import Return
 
@@ -72,6 +72,7 @@ class Sector(MeasuredSamples):
     _angles: FloatArray | None = field(default=None, init=False)
     _ranges: FloatArray | None = field(default=None, init=False)
     _times_ns: NDArray[np.int64] | None = field(default=None, init=False)
+    _gaps: Gaps | None = field(default=None, init=False)
 
     def __repr__(self) -> str:
         hits = int(np.count_nonzero(self.device_distances))

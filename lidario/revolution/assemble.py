@@ -164,6 +164,7 @@ class Assembler:
         ended, self._partial = self._partial, PartialRevolution(whole=not split.broken)
         self._partial.moved = split.moved
         arrays, samples, lost = ended.carried, None, ended.lost_behind_carried
+        gaps: list[tuple[int, int]] | None = []
         packets = ended.packets()
         if packets is not None:
             room = 0 if arrays is None else len(arrays)
@@ -184,6 +185,7 @@ class Assembler:
                 self._partial.lost_behind_carried = samples.lost_behind
                 self._partial.carried_packets = 0.0 if samples.certain else samples.revolution_packets
                 lost -= samples.lost_behind
+            gaps = self._gaps(ended, samples, room, crossed, revoked=bool(unknown))
             arrays = here.part(room if unknown else 0, crossed)
         if arrays is None or not len(arrays):
             return None
@@ -195,7 +197,19 @@ class Assembler:
                     self.stats.break_scan()
             self._count.restart()
             return None
-        return self._scan(arrays, ended, packets, samples, lost)
+        return self._scan(arrays, ended, packets, samples, lost, gaps)
+
+    def _gaps(
+        self, ended: PartialRevolution, samples: Samples, room: int, crossed: int, *, revoked: bool
+    ) -> list[tuple[int, int]] | None:
+        """Where samples are missing in a revolution that has ended; None where that is not certain."""
+        gaps = [(room + before, skipped) for before, skipped in samples.gaps]
+        if gaps and gaps[-1][0] == room + samples.ends[-1]:
+            self._partial.skipped_behind_carried = gaps[-1][1]
+        if room and not revoked and ended.skipped_behind_carried:
+            gaps.insert(0, (room, ended.skipped_behind_carried))
+        first = room if revoked else 0
+        return [(at - first, skipped) for at, skipped in gaps if first < at < crossed] if samples.certain else None
 
     def _decode(
         self,
@@ -221,6 +235,7 @@ class Assembler:
         packets: Packets | None,
         samples: Samples | None,
         lost: int,
+        gaps: list[tuple[int, int]] | None,
     ) -> Scan | None:
         """Date a revolution and build its scan; None when it is not whole, or parts of two have met in it."""
         start_ns = first_sample_ns(
@@ -266,7 +281,7 @@ class Assembler:
                 revolution_ns = spanned_ns
         arrays.angle = turned_by(arrays.angle, self._stream.zero_offset_deg)
         reported_rpm = math.nan if samples is None else samples.reported_rpm
-        made = DatedRevolution(arrays, start_ns, spanned_ns, revolution_ns, reported_rpm)
+        made = DatedRevolution(arrays, start_ns, spanned_ns, revolution_ns, reported_rpm, gaps)
         return self._deliver(made, sample_ns, lost)
 
     def _deliver(self, made: DatedRevolution, sample_ns: float, lost: int) -> Scan:

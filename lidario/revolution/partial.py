@@ -61,6 +61,7 @@ class PartialRevolution:
         carried: Samples from the packet that crossed the seam at its beginning, if any.
         carried_ns: Arrival of that packet.
         lost_behind_carried: Packets missing right behind that packet.
+        skipped_behind_carried: The samples of those.
         carried_packets: Packets that a whole revolution has, as far as was known when that packet was decoded.
         runs: The packets since, as they were reported.
     """
@@ -71,6 +72,7 @@ class PartialRevolution:
     carried: SampleArrays | None = None
     carried_ns: int = 0
     lost_behind_carried: int = 0
+    skipped_behind_carried: int = 0
     carried_packets: float = 0.0
     runs: list[Packets] = field(default_factory=list)
 
