@@ -127,7 +127,8 @@ def times_of(
     if gaps is not None and rotor.period_ns:
         numbers = numbers_of(len(device_angles), gaps)
         if _agree(_travelled(device_angles), numbers, 360.0 * time_increment_ns / rotor.period_ns):
-            return np.rint(numbers * time_increment_ns).astype(np.int64)
+            times: NDArray[np.int64] = np.rint(numbers * time_increment_ns).astype(np.int64)
+            return times
     return times_by_angle(device_angles, rotor)
 
 
