@@ -23,6 +23,7 @@ from dataclasses import replace
 from typing import Final
 
 from lidario.families.base import Samples
+from lidario.measured import with_gaps
 from lidario.revolution.assemble import Assembler
 from lidario.revolution.build import turned_by
 from lidario.revolution.count import NOISE, Beginning
@@ -199,7 +200,8 @@ class SectorAssembler(Assembler):
         if here.seq is None:
             here.seq = self._number(here, start_ns)
         lost = here.lost - done.lost
-        stamp_ns = start_ns + round((done.begin + done.lost * here.packet_samples) * sample_ns)
+        gaps = [(at - done.begin, skipped) for at, skipped in here.gaps if done.begin < at < here.given]
+        stamp_ns = start_ns + round((done.begin + here.skipped(done.begin)) * sample_ns)
         mode = self._stream.mode
         sector = Sector(
             device_angles=read_only(turned_by(arrays.angle, here.offset_deg)),
@@ -208,7 +210,7 @@ class SectorAssembler(Assembler):
             stamp_ns=stamp_ns,
             wall_stamp_ns=stamp_ns + self._wall_offset_ns,
             time_increment_ns=round(sample_ns),
-            duration_ns=round((len(arrays) + lost * here.packet_samples) * sample_ns),
+            duration_ns=round((len(arrays) + sum(skipped for _, skipped in gaps)) * sample_ns),
             rpm=60e9 / (self._usual_samples * sample_ns) if self._usual_samples else math.nan,
             seq=here.seq,
             index=done.index,
@@ -218,7 +220,7 @@ class SectorAssembler(Assembler):
             mode=mode.name,
             max_range=mode.max_distance,
         )
-        self._publish_sector(count, sector)
+        self._publish_sector(count, with_gaps(sector, gaps) if lost else sector)
 
     @property
     def _sample_time_ns(self) -> float:
