@@ -53,6 +53,11 @@ class Samples:
     reported_rpm: float = math.nan
     gaps: Sequence[tuple[int, int]] = ()
 
+    @property
+    def skipped_behind(self) -> int:
+        """Samples that are missing behind the last packet."""
+        return self.gaps[-1][1] if self.gaps and self.gaps[-1][0] == self.ends[-1] else 0
+
 
 @dataclass(slots=True, eq=False)
 class SteadySamples:

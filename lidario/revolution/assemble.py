@@ -31,13 +31,16 @@ from lidario.revolution.stats import AssemblerStats
 from lidario.revolution.steady import decode_block, is_ready
 from lidario.revolution.timing import byte_ns_at, first_sample_ns
 from lidario.scan import Scan
-from lidario.wire.blocks import Block, packet_offsets
+from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
+from lidario.wire.formats import HEADING_MASK
 
 __all__ = ["Assembler", "AssemblerStats"]
 
 _WORTH_A_BLOCK = 2
 """Revolutions that end together from which they are decoded at once. Live there is one, rarely more."""
+_HEARD = 16
+"""Packets of a revolution from which the speed is learned where nothing else tells it."""
 _ENDLESS_REVOLUTIONS = 2
 """Slowest revolutions' time after which a revolution that has not ended is given up."""
 
@@ -62,12 +65,14 @@ class Assembler:
         self._seam = Seam(stream.format.full_turn, stream.format.first_seam)
         self._endless_ns = _ENDLESS_REVOLUTIONS * 1e9 * stream.slowest_turn_s
         self._partial = PartialRevolution(whole=False)
-        self._count = RevolutionCount()
+        self._count = RevolutionCount(1e9 * stream.slowest_turn_s)
         self._last_spanned_ns = 0.0
         self._measured_sample_ns = 0.0
         # Several revolutions that end together are decoded at once, unless somebody wants parts of each.
         self._by_blocks = True
         self._ended_at: tuple[Packets, int] | None = None
+        # Revolutions counted as missing before the one that ends, when its number was told.
+        self._told_unseen = 0
 
     def set_zero_offset(self, degrees: float) -> None:
         """Add another zero-angle offset, clockwise degrees, from the next scan on."""
@@ -167,6 +172,8 @@ class Assembler:
         gaps: list[tuple[int, int]] | None = []
         packets = ended.packets()
         if packets is not None:
+            if not self._count.usual_ns:
+                self._hear(packets)
             room = 0 if arrays is None else len(arrays)
             samples = self._decode(ended, packets, split, following, room)
             self.stats.lost_packets += samples.lost
@@ -185,7 +192,8 @@ class Assembler:
                 self._partial.lost_behind_carried = samples.lost_behind
                 self._partial.carried_packets = 0.0 if samples.certain else samples.revolution_packets
                 lost -= samples.lost_behind
-            gaps = self._gaps(ended, samples, room, crossed, revoked=bool(unknown))
+            self._partial.skipped_behind_carried = samples.skipped_behind
+            gaps = ended.gaps(samples, room, crossed, revoked=bool(unknown))
             arrays = here.part(room if unknown else 0, crossed)
         if arrays is None or not len(arrays):
             return None
@@ -199,17 +207,14 @@ class Assembler:
             return None
         return self._scan(arrays, ended, packets, samples, lost, gaps)
 
-    def _gaps(
-        self, ended: PartialRevolution, samples: Samples, room: int, crossed: int, *, revoked: bool
-    ) -> list[tuple[int, int]] | None:
-        """Where samples are missing in a revolution that has ended; None where that is not certain."""
-        gaps = [(room + before, skipped) for before, skipped in samples.gaps]
-        if gaps and gaps[-1][0] == room + samples.ends[-1]:
-            self._partial.skipped_behind_carried = gaps[-1][1]
-        if room and not revoked and ended.skipped_behind_carried:
-            gaps.insert(0, (room, ended.skipped_behind_carried))
-        first = room if revoked else 0
-        return [(at - first, skipped) for at, skipped in gaps if first < at < crossed] if samples.certain else None
+    def _hear(self, packets: Packets) -> None:
+        """Tell what counts revolutions where packets began and when they came, while no speed is known."""
+        wire = self._stream.format
+        headings = wire.headings(packets)
+        self._count.hear(
+            ((int(headings[count - 1]) & HEADING_MASK) / wire.full_turn, at_ns)
+            for count, at_ns in packets.arrivals[-_HEARD:]
+        )
 
     def _decode(
         self,
@@ -261,7 +266,8 @@ class Assembler:
             sample_ns=sample_ns,
         )
         if ended.whole and not self._is_numbered and self._ended_at is not None:
-            least_ns = least_of(self._stream.format, ended, samples, self._seam.angle or 0, sample_ns, spanned_ns)
+            seam, usual_ns = self._seam.angle or 0, self._count.usual_ns
+            least_ns = least_of(self._stream.format, ended, samples, seam, sample_ns, spanned_ns, usual_ns)
             # Angles hide whole revolutions; so it counts when the packet behind it came.
             if least_ns and self._came_behind(*self._ended_at) - start_ns < least_ns:
                 return None
@@ -300,10 +306,6 @@ class Assembler:
     def _next_seq(self) -> int:
         return self.stats.scans + self.stats.missed_scans
 
-    def _miss(self, unseen: int) -> None:
-        """Count revolutions of which nothing came."""
-        self.stats.missed_scans += unseen
-
     def _passed(
         self,
         ended: PartialRevolution,
@@ -315,13 +317,14 @@ class Assembler:
         broken: bool,
     ) -> float:
         """Count what is missing since the revolution before; return what one takes, NaN when it was not seen."""
-        wire = self._stream.format
+        wire, stats = self._stream.format, self.stats
         if packets is None or samples is None or not (ended.whole or wire.first_seam is not None):
             # Where only marks tell where revolutions begin, the first part may be longer than one.
             self._count.restart()
             return math.nan
         passed = self._count.follow(
             beginning_of(
+                wire,
                 packets,
                 samples,
                 start_ns=start_ns,
@@ -331,11 +334,12 @@ class Assembler:
                 over=share_before(wire, ended, samples, self._seam.angle or 0),
                 gap_behind=self._partial.carried is None,
                 broken=broken,
-                most_samples=0 if samples.certain else wire.samples_in((Block(wire.longest, 1),)),
+                number=stats.scans + stats.missed_scans - self._told_unseen - (not ended.whole),
+                packets_before=stats.all_packets - packets.count - samples.lost,
             )
         )
         self.stats.lost_packets += passed.lost
-        self._miss(passed.unseen)
+        self.stats.missed_scans += passed.unseen - min(passed.unseen, self._told_unseen)
         return passed.revolution_ns
 
     def _sample_ns(self, samples: int, elapsed_ns: int, lost: int) -> float:

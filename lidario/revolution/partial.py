@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from lidario.families.base import Samples
 from lidario.wire.blocks import Block, join_blocks, some_blocks
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.formats import StreamFormat
@@ -109,6 +110,26 @@ class PartialRevolution:
             return 0
         self.carried = None
         return missing
+
+    def gaps(self, samples: Samples, room: int, crossed: int, *, revoked: bool) -> list[tuple[int, int]] | None:
+        """Where samples are missing in it: how many of its own come before, and how many are missing there.
+
+        Args:
+            samples: What its packets were decoded to.
+            room: How many samples were carried over.
+            crossed: How many samples belong to it, with those.
+            revoked: Whether those that were carried over are dropped.
+
+        Returns:
+            None where that is not certain.
+        """
+        if not samples.certain:
+            return None
+        gaps = [(room + before, skipped) for before, skipped in samples.gaps]
+        if room and self.skipped_behind_carried:
+            gaps.insert(0, (room, self.skipped_behind_carried))
+        first = room if revoked else 0
+        return [(at - first, skipped) for at, skipped in gaps if first < at < crossed]
 
     @property
     def last_ns(self) -> int:

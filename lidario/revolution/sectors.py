@@ -73,7 +73,6 @@ class SectorAssembler(Assembler):
         self._usual_samples = 0.0
         self._told: int | None = None
         self._ending: tuple[DividedRevolution, int] | None = None
-        self._told_unseen = 0
 
     def divide(self, parts: Iterable[int]) -> None:
         """Divide each revolution, from the next one on, into so many sectors; several numbers at once may be."""
@@ -258,6 +257,7 @@ class SectorAssembler(Assembler):
                         packets=here.packets,
                         lost=0,
                         broken=False,
+                        number=stats.scans + stats.missed_scans,
                     )
                 )
                 .unseen
@@ -344,7 +344,3 @@ class SectorAssembler(Assembler):
 
     def _next_seq(self) -> int:
         return super()._next_seq() if self._told is None else self._told
-
-    def _miss(self, unseen: int) -> None:
-        # Some were counted already, when the first sector was numbered.
-        super()._miss(unseen - min(unseen, self._told_unseen))
