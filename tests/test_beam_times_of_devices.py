@@ -16,10 +16,11 @@ from lidario.laserscan import LaserScan
 from lidario.scan import Scan
 from lidario.sim.faults import Faults
 from lidario.sim.world import World
+from tests.support.cases import CASES, Case, most_or_all
 from tests.support.devices import FAMILIES, make_rig, take
 from tests.support.kept import arrivals
 from tests.support.loop import driven
-from tests.support.streams import CASES, Case, assembled, most_or_all
+from tests.support.streams import assembled
 from tests.support.sweep import EVERY_MS, ORDERS
 
 # ------------------------------------------------------------------------------------------- times, golden streams

@@ -34,7 +34,7 @@ LAYERS = (
     {"recording"},
     {"network"},
     {"session"},
-    {"blocking", "blocking_sectors", "ros"},
+    {"blocking", "blocking_recording", "blocking_sectors", "ros"},
     {"__init__"},
     {"web", "testing"},
     {"cli", "__main__"},

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from lidario.families.rplidar.simulated import packers
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.scan import Scan
+from tests.support.cases import CASES, Case, named
 from tests.support.numbered import BAUD, DENSE, SAMPLE_NS, TURN, Arrival, assemble, numbered, numbers, on_time
-from tests.support.streams import CASES, Case, arrived, in_one_run, named, stream_of
+from tests.support.streams import arrived, in_one_run, stream_of
 
 # ----------------------------------------------------------------------------------------------------- seams
 

@@ -7,8 +7,9 @@ from lidario.families.ydlidar import formats as ydlidar_formats
 from lidario.revolution.assemble import Assembler
 from lidario.scan import Scan
 from lidario.wire.events import Packets
+from tests.support.cases import CASES, KINDS, Case, named
 from tests.support.numbered import BAUD, SAMPLE_NS, TURN, WIRE_NS, assemble, numbered, on_time
-from tests.support.streams import CASES, KINDS, Case, cut_up, named, open_stream, stream_of
+from tests.support.streams import cut_up, open_stream, stream_of
 
 
 def test_stamps_are_exact_on_a_line_that_delays_nothing() -> None:

@@ -11,7 +11,8 @@ import numpy as np
 from lidario.families.rplidar.simulated import packers
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.scan import Scan
-from tests.support.streams import CASES, arrived, stream_of
+from tests.support.cases import CASES
+from tests.support.streams import arrived, stream_of
 
 DENSE = next(case for case in CASES if case.name == "rplidar_32k_85")
 SAMPLE_NS = 31_250
