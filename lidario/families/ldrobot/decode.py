@@ -107,6 +107,7 @@ class PacketDecoder:
         angle, distance, intensity, last = self._samples(rows, arcs, room)
         self._remember(last)
         missing = arcs.missing()
+        gaps = missing.nonzero()[0]
         count = len(rows)
         a_turn = arcs.samples_a_turn(whole=following is not None and not len(missing))
         return Samples(
@@ -116,12 +117,13 @@ class PacketDecoder:
             before_seam=(count - 1) * SAMPLES + arcs.before_seam(seam),
             ends=range(SAMPLES, count * SAMPLES + 1, SAMPLES),
             lost=int(missing.sum()),
-            unbroken=int(missing.nonzero()[0][0]) + 1 if len(missing) else count,
+            unbroken=int(gaps[0]) + 1 if len(gaps) else count,
             lost_behind=int(missing[-1]) if len(missing) else 0,
             revolution_packets=a_turn / SAMPLES,
             revolution_samples=a_turn,
             certain=a_turn > 0,
             reported_rpm=arcs.rpm(),
+            gaps=list(zip(((gaps + 1) * SAMPLES).tolist(), (missing[gaps] * SAMPLES).tolist(), strict=True)),
         )
 
     def fork(self) -> Self:
