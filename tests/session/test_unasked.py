@@ -118,6 +118,21 @@ def test_closing_does_not_wait_for_silence(model: str) -> None:
 
 
 @talkers
+@pytest.mark.parametrize("fault", ["drop:1%", "flip:1%", "babble:100"])
+def test_one_on_a_damaged_line_is_opened_all_the_same(model: str, fault: str) -> None:
+    """Its packets tell what it is, and here so many of them in a row never come."""
+
+    @driven
+    async def main() -> None:
+        async with open_lidar(f"sim://{model}?via=memory&seed=1&fault={fault}") as lidar:
+            assert lidar.info.model.startswith(("LDROBOT LD06", "YDLIDAR X2"))
+            scans = await take(lidar, 5)
+            assert sum(map(len, scans)) > 500
+
+    main()
+
+
+@talkers
 def test_one_that_is_silent_is_not_found(model: str) -> None:
     rig = rig_of(model)
     rig.device.mute = True

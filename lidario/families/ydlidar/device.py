@@ -29,7 +29,7 @@ from typing import Final
 from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.arguments import finite
 from lidario.families.base import Device, Keepalive, NamedModel, Script, Stream, agreed, health_of
-from lidario.families.unasked import NOT_STOPPED, begin, hear
+from lidario.families.unasked import NOT_STOPPED, begin, hear, hear_runs
 from lidario.families.ydlidar import commands
 from lidario.families.ydlidar.formats import PointCloud, samples_a_turn
 from lidario.families.ydlidar.models import FOUR_ROS, MODELS, ONE_WAY, Model, model_of
@@ -171,8 +171,8 @@ class YdlidarDevice(Device):
 
     def _hear(self) -> Script[DeviceInfo]:
         model = self._named or ONE_WAY
-        packets = yield hear(model.kind.wire(), OVERHEARD, BY_DTR_S if model.dtr else HEAR_S)
-        if self._named is None and samples_a_turn(packets) > MOST_A_TURN:
+        runs = yield from hear_runs(model.kind.wire, OVERHEARD, BY_DTR_S if model.dtr else HEAR_S)
+        if self._named is None and samples_a_turn(b"".join(runs)) > MOST_A_TURN:
             raise ResponseTimeout(commands.GET_INFO.name, HEAR_S)
         self._be(model)
         return DeviceInfo("ydlidar", f"YDLIDAR {model.title}", model.code, "", 0, "")
