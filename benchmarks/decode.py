@@ -7,8 +7,8 @@ they are looked at, so chunks of 4 KiB are timed once more with a look at both. 
 from a port in memory, through their own front door, and take them in pieces of their own choice. `pyrplidarsdk`
 opens nothing but a real port: see `benchmarks.flatout`.
 
-The formats of the relatives (`benchmarks.models`) are decoded in chunks of 4 KiB and as whole files. Their revolutions
-have 500 to 2600 points, so what a revolution costs, whatever its size, weighs more.
+The formats of the relatives (`benchmarks.models`) are decoded in chunks of 4 KiB and as whole files. They have 400
+to 2600 points in a revolution, so the cost of a revolution that does not depend on its points weighs more.
 """
 
 from __future__ import annotations
