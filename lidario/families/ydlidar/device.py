@@ -53,7 +53,8 @@ later."""
 HEAR_S: Final = 0.5
 BY_DTR_S: Final = 1.0
 """How long a motor that DTR has switched on may take until packets come, besides the 0.5 s that `DTR_TURNS` waits.
-No document says it; the first 1.0 to 1.5 s of points are what the vendor's SDK discards."""
+An assumption: no data sheet tells it. The vendor's SDK discards the points of the first 1.0 to 1.5 s after a start,
+so points do come by then."""
 OVERHEARD: Final = 8
 MOST_A_TURN: Final = 1300
 """Samples a revolution above which no model only talks: the fastest of those has 1250 at 4 Hz."""

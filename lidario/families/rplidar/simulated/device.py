@@ -36,7 +36,7 @@ from lidario.families.rplidar.simulated.profile import Mode, Profile
 from lidario.families.rplidar.simulated.profiles import PROFILES
 from lidario.families.rplidar.simulated.requests import IGNORED_IN_PROTECTION_STOP, PAYLOADS, Request, RequestReader
 from lidario.families.rplidar.simulated.stream import MeasurementStream
-from lidario.sim.chassis import PROTECTION_STOP, Chassis
+from lidario.sim.chassis import PROTECTION_STOP, Chassis, maker
 from lidario.sim.motor import Motor
 from lidario.sim.world import WorldLike
 
@@ -328,17 +328,8 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
     }
 
 
-def make_simulated(
-    model: str, *, world: WorldLike | None = None, serial: bytes | None = None, seed: int = 0
-) -> SimulatedRplidar:
-    """Build a simulated device by the name of its profile, such as ``"rplidar-s2"``.
-
-    Raises:
-        ValueError: No profile has that name.
-    """
-    if model not in PROFILES:
-        raise ValueError(f"no simulated device is called {model!r}; there are {', '.join(PROFILES)}")
-    return SimulatedRplidar(PROFILES[model], world=world, serial=serial, seed=seed)
+make_simulated = maker(SimulatedRplidar, PROFILES)
+"""Builds a simulated device by the name of its profile, such as ``"rplidar-s2"``."""
 
 
 def describe(model: str) -> str:
