@@ -202,6 +202,15 @@ class Device(ABC):
         """Give an Ethernet model another address, which it takes when it is restarted."""
         raise Unsupported("this device has no network address")
 
+    def set_baudrate(self, baudrate: int, present: int) -> Script[None]:  # noqa: ARG002
+        """Have device and port change the speed of the line.
+
+        Args:
+            baudrate: The new speed.
+            present: The speed as it is, to which the port returns where the device does not follow.
+        """
+        raise Unsupported("the speed of this device's line cannot be changed from here")
+
     def power_down_protection(self, on: bool) -> Script[bool]:  # noqa: ARG002
         """Switch power-down protection; returns the state the device confirms."""
         raise Unsupported("this device knows no power-down protection")

@@ -20,6 +20,7 @@ from lidario.families.rplidar.commands import Conf
 from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.formats import FORMATS
 from lidario.families.rplidar.motor import MotorControl
+from lidario.families.rplidar.speed import change_speed
 from lidario.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
 from lidario.wire.envelope import Request
 
@@ -29,6 +30,7 @@ SERIES: Final = ((12, "M"), (9, "T"), (6, "S"), (4, "C"), (1, "A"))
 """(first major number, letter), highest first."""
 FIRST_DIRECT_TOF: Final = 4
 CONF_FIRMWARE: Final = (1, 24)
+SPEED_FIRMWARE: Final = (1, 30)
 SAMPLERATE_FIRMWARE: Final = (1, 17)
 LEGACY_SAMPLE_US: Final = 476.0
 """Of firmware too old to be asked (SDK)."""
@@ -211,6 +213,16 @@ class RplidarDevice(Device):
     def set_network_address(self, address: NetworkAddress) -> Script[None]:
         """As `Device.set_network_address`."""
         yield from set_address(address)
+
+    def set_baudrate(self, baudrate: int, present: int) -> Script[None]:
+        """As `Device.set_baudrate`.
+
+        Raises:
+            Unsupported: The firmware cannot do it, or the device did not follow.
+        """
+        if self._major < FIRST_DIRECT_TOF and self._firmware < SPEED_FIRMWARE:
+            raise Unsupported("the firmware of this device is too old to change the speed of its line")
+        return change_speed(baudrate, present)
 
     def _ask(self, layout: str, kind: Conf, mode: int | None = None) -> Script[int | None]:
         """One configuration value, or None when the device does not have or tell it."""
