@@ -103,10 +103,12 @@ class Device(ABC):
     Attributes:
         can_keep_spinning: Whether the motor can go on when the laser is stopped.
         can_be_stopped: Whether laser and motor can be switched off from here.
+        by_network: Whether it may be reached by a network: its line has no speed of its own.
     """
 
     can_keep_spinning: bool = True
     can_be_stopped: bool = True
+    by_network: bool = False
 
     @abstractmethod
     def stop(self) -> Request:
