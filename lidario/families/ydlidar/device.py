@@ -54,6 +54,10 @@ BY_DTR_S: Final = 1.0
 """How long a motor that DTR has switched on may take until packets come, besides the 0.5 s that `DTR_TURNS` waits.
 An assumption: no data sheet tells it. The vendor's SDK discards the points of the first 1.0 to 1.5 s after a start,
 so points do come by then."""
+UNNAMED: Final = (
+    "this model cannot tell what it is. It is read as an X2, which is right for an X3 and S2 Pro, too. The distances "
+    "of a TX8 are four times as far: name the model, as in ?model=tx8, or ?model=x2"
+)
 OVERHEARD: Final = 8
 MOST_A_TURN: Final = 1300
 """Samples a revolution above which no model only talks: the fastest of those has 1250 at 4 Hz."""
@@ -180,7 +184,7 @@ class YdlidarDevice(Device):
             if self._model.dtr:
                 yield commands.DTR_TURNS
             yield hear(self._model.kind.wire(), timeout=BY_DTR_S if self._model.dtr else HEAR_S)
-            return Health(HealthStatus.OK, 0)
+            return Health(HealthStatus.OK, 0, UNNAMED if self._named is None else "")
         status, code = struct.unpack("<BH", (yield from self._ask_health()))
         return health_of(status, code)
 
