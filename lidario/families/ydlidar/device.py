@@ -55,8 +55,8 @@ BY_DTR_S: Final = 1.0
 An assumption: no data sheet tells it. The vendor's SDK discards the points of the first 1.0 to 1.5 s after a start,
 so points do come by then."""
 UNNAMED: Final = (
-    "this model cannot tell what it is. It is read as an X2, which is right for an X3 and S2 Pro, too. The distances "
-    "of a TX8 are four times as far: name the model, as in ?model=tx8, or ?model=x2"
+    "this model cannot tell what it is. It is read as an X2, which is right for an X3 and S2 Pro, too. The "
+    "distances of a TX8 are four times as far: name the model, as in ?model=tx8, or ?model=x2"
 )
 OVERHEARD: Final = 8
 MOST_A_TURN: Final = 1300
