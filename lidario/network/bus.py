@@ -20,6 +20,7 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from lidario.errors import ConnectFailed, InvalidValue, Unsupported
+from lidario.network.router import check_router, why_no_router
 from lidario.port.background import run_in_thread
 
 if TYPE_CHECKING:
@@ -101,7 +102,8 @@ class Bus:
             router: Its address in zenoh's notation: ``tcp/host:port``, ``tls/host:port``, ``udp/host:port``.
 
         Raises:
-            ConnectFailed: It cannot be reached (reason ``refused``).
+            ConnectFailed: It cannot be reached, or does not let us in (reason ``refused``), or its host is unknown
+                (``missing``).
             InvalidValue: The address is none.
             Unsupported: The package is not installed.
         """
@@ -109,6 +111,7 @@ class Bus:
             import zenoh
         except ModuleNotFoundError:
             raise Unsupported(MISSING) from None
+        check_router(router)
         try:
             config = _config(zenoh, router)
         except zenoh.ZError as error:
@@ -121,10 +124,7 @@ class Bus:
             async with asyncio.timeout(OPEN_S):
                 session = await run_in_thread(lambda: zenoh.open(config), _discard)
         except (zenoh.ZError, TimeoutError) as error:
-            raise ConnectFailed(
-                f"no zenoh router responds at {router}. Start one: zenohd, or ros2 run rmw_zenoh_cpp rmw_zenohd",
-                reason="refused",
-            ) from error
+            raise await run_in_thread(lambda: why_no_router(router)) from error
         return cls(session, router)
 
     @property

@@ -91,7 +91,7 @@ class Fleet:
         """Connect to the router; ``async with`` does so. Cancelling leaves nothing open.
 
         Raises:
-            ConnectFailed: There is no router.
+            ConnectFailed: There is no router. Unlike a publisher, a reader does not wait for it.
             Unsupported: The package that is needed is not installed.
         """
         if self._bus is not None:

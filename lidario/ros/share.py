@@ -71,9 +71,10 @@ class Share(Broadcast):
 
     def publish(self, scan: Scan) -> None:
         """Publish a scan. Of a raw share nothing is to be done: its bytes have been sent already."""
-        if self._raw is None and self._outlet is not None:
-            self._outlet.send(encode_scan(scan))
-            self._count()
+        if self._outlet is None:
+            self._count(False)
+        elif self._raw is None:
+            self._count(self._outlet.send(encode_scan(scan)))
 
     def _declare(self, bus: Bus) -> None:
         self._outlet = Outlet(bus.sender(self._key), gid_of(f"{bus.id}/{self._key}"))
@@ -93,8 +94,8 @@ class Share(Broadcast):
             self._outlet.send(encode_raw_message(entries))
 
     def count_scan(self) -> None:
-        """A scan was complete."""
-        self._count()
+        """A scan was complete, and its bytes are sent."""
+        self._count(True)
 
 
 class _RawFeed:
