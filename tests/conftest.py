@@ -15,6 +15,7 @@ import inspect
 import os
 import platform
 import re
+import shutil
 import signal
 import sys
 from collections.abc import Iterator
@@ -40,6 +41,8 @@ settings.register_profile("sample", settings.get_profile("ci"), max_examples=6)
 
 NEEDS_BROWSER = ("test_page.py",)
 """Test modules that are not run where no Chromium is installed; the summary says so."""
+NEEDS_OPENSSL = ("test_tls.py",)
+"""The same where the command ``openssl`` is missing."""
 NEEDS_LINUX = re.compile(
     r"^\s*(import|from) (pty|tty|termios|fcntl|resource)\b|PtyServer|tests\.support\.terminals|/proc/"
     r"|import .*\bserved\b",
@@ -52,6 +55,8 @@ def pytest_ignore_collect(collection_path: Path) -> bool | None:
     """Elsewhere, leave out the test modules that are about what only Linux has."""
     if collection_path.name in NEEDS_BROWSER and (find_browser() is None or platform.system() != "Linux"):
         return True
+    if collection_path.name in NEEDS_OPENSSL and (shutil.which("openssl") is None or platform.system() != "Linux"):
+        return True
     if platform.system() == "Linux" or not re.fullmatch(r"test_\w+\.py", collection_path.name):
         return None
     return True if NEEDS_LINUX.search(collection_path.read_text(encoding="utf-8")) else None
@@ -62,6 +67,9 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     if find_browser() is None:
         names = ", ".join(NEEDS_BROWSER)
         terminalreporter.write_line(f"not run: {names}: no Chromium is installed; sudo apt-get install chromium")
+    if shutil.which("openssl") is None:
+        names = ", ".join(NEEDS_OPENSSL)
+        terminalreporter.write_line(f"not run: {names}: there is no openssl; sudo apt-get install openssl")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

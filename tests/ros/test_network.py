@@ -317,3 +317,16 @@ async def test_cancelling_an_opening_leaves_nothing(router: Router) -> None:
     opening.cancel()
     with pytest.raises(asyncio.CancelledError):
         await opening
+
+
+async def test_a_reader_may_come_before_the_first_scan(router: Router) -> None:
+    """The publisher's lidar does not scan yet, so its mode is not known."""
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        share = await stack.enter_async_context(Share(await rig.open(), "early/scan", router=router.address))
+        remote = await stack.enter_async_context(lidario.open_lidar(f"zenoh:early/scan?router={router.address}"))
+        scans = await stack.enter_async_context(remote.scans())
+        reading = asyncio.ensure_future(anext(scans))
+        rig.run(share)
+        async with asyncio.timeout(BOUND_S):
+            assert (await reading).mode == "DenseBoost"
