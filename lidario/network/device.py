@@ -117,7 +117,7 @@ class RemoteDevice(RecordedDevice):
             return (yield from super().modes())
         running = self._streams.stream.began.mode
         others = [replace(mode, typical=False) for mode in self._streams.modes if mode.id != running.id]
-        # The one that runs is the only one that can be had; it is not known while the publisher's lidar stands still.
+        # The one that runs is the only one to be had; it is not known while the publisher's lidar stands still.
         return (replace(running, typical=True), *others)
 
     def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:

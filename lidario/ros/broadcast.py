@@ -50,17 +50,18 @@ class Outlet:
 
     Attributes:
         sent: How many; those that were lost for want of a router are among them, so that a reader sees a gap.
+        gid: 16 bytes that tell the publisher.
     """
 
     def __init__(self, sender: Sender, gid: bytes) -> None:
         self.sent: int = 0
+        self.gid: bytes = gid
         self._sender = sender
-        self._gid = gid
 
     def send(self, payload: bytes) -> bool:
         """Send one message; it is lost where there is no router. False where zenoh did not take it."""
         self.sent += 1
-        return self._sender.put(payload, Attachment(self.sent, time.time_ns(), self._gid).to_bytes())
+        return self._sender.put(payload, Attachment(self.sent, time.time_ns(), self.gid).to_bytes())
 
 
 class Broadcast(ABC):
@@ -201,13 +202,14 @@ class Broadcast(ABC):
             mode=lidar.mode,
             rate=self.rate,
             lost="" if lidar.is_connected else "the lidar is away from its publisher",
+            sender=self._status.gid.hex() if self._status is not None else "",
         )
 
     # ------------------------------------------------------------------------------------------ for subclasses
 
     @abstractmethod
-    def _declare(self, bus: Bus) -> None:
-        """Declare what is published."""
+    def _declare(self, bus: Bus) -> bytes:
+        """Declare what is published; returns what tells this publisher from others under its key."""
 
     def _leave(self) -> None:  # noqa: B027 - most have nothing to end
         """End what `_declare` began."""
@@ -234,8 +236,8 @@ class Broadcast(ABC):
         bus = await Bus.open(self.router)
         # No await from here to the end, so that cancelling comes before all of it or after.
         try:
-            self._declare(bus)
-            self._status = Outlet(bus.sender(status_key(self.key)), bytes(16))
+            gid = self._declare(bus)
+            self._status = Outlet(bus.sender(status_key(self.key)), gid)
             bus.respond(status_key(self.key), lambda: self.status().to_bytes(whole=True))
             info = self.lidar.info
             bus.token(token_key(Token(self.key, self.form, self.robot, info.model, info.serial)))

@@ -133,10 +133,11 @@ class Publisher(Broadcast):
         )
         self._count(self._scans.send(message.to_cdr()))
 
-    def _declare(self, bus: Bus) -> None:
+    def _declare(self, bus: Bus) -> bytes:
         bus.token(self._node.node_token(bus.id))
         self._scans = self._outlet(bus, 1, self._topic, LASERSCAN)
         self._diagnostics = self._outlet(bus, 2, "/diagnostics", DIAGNOSTICS)
+        return self._scans.gid
 
     def _outlet(self, bus: Bus, entity: int, topic: str, kind: MessageType) -> Outlet:
         token = self._node.publisher_token(bus.id, entity, topic, kind)

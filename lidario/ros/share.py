@@ -76,10 +76,12 @@ class Share(Broadcast):
         elif self._raw is None:
             self._count(self._outlet.send(encode_scan(scan)))
 
-    def _declare(self, bus: Bus) -> None:
-        self._outlet = Outlet(bus.sender(self._key), gid_of(f"{bus.id}/{self._key}"))
+    def _declare(self, bus: Bus) -> bytes:
+        gid = gid_of(f"{bus.id}/{self._key}")
+        self._outlet = Outlet(bus.sender(self._key), gid)
         if self._raw is not None:
             self._raw.begin()
+        return gid
 
     def _leave(self) -> None:
         if self._raw is not None:
