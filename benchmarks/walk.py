@@ -2,7 +2,8 @@
 
 Real runs are traced with `sys.setprofile`: each call of a function of lidario, indented below its caller, by steps
 of the event loop. A task that goes on after it has waited is shown once more, as ``… name``. The simulated device
-is left out; so are the constructors that dataclasses make, and comprehensions.
+is left out; so are the constructors that dataclasses make, and comprehensions. The thread that reads serial ports
+is traced too; each of its polls is one step.
 
 In memory the clock of the loop is driven, so the same lists come out each time. On a pseudo-terminal the times are
 real; of the steps that differ, the commonest is shown.
@@ -17,6 +18,7 @@ import asyncio
 import inspect
 import re
 import sys
+import threading
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -25,6 +27,7 @@ from types import FrameType
 from typing import Any, TypeAlias
 
 import lidario
+from lidario.port.thread import ReadingThread
 from tests.support.loop import DrivenLoop
 
 __all__ = ["WAYS", "Call", "Step", "Walk", "printed", "walked"]
@@ -37,6 +40,8 @@ _CAN_WAIT = inspect.CO_COROUTINE | inspect.CO_GENERATOR
 _HOST_SIDE = re.compile(r"lidario\.(?!sim\.|families\.\w+\.simulated\.)")
 _STEP = asyncio.Handle._run.__code__  # noqa: SLF001 - asyncio says nowhere else where a step begins
 """What an event loop calls once for each step."""
+_POLL = ReadingThread.serve.__code__
+_READING = ReadingThread._run.__code__  # noqa: SLF001 - the outermost function of the thread
 
 
 @dataclass
@@ -64,11 +69,13 @@ class Walk:
 
     Attributes:
         title: What happened.
-        steps: The steps of the event loop, in order.
+        steps: The steps of the event loop, in order; where it happened several times, the commonest.
+        seen: The steps of each time that it happened.
     """
 
     title: str
     steps: list[Step]
+    seen: list[list[Step]]
 
     @property
     def calls(self) -> int:
@@ -90,7 +97,7 @@ class _Tracer:
             del self._stack[self._stack.index(frame) :]
         if event != "call":
             return
-        if frame.f_code is _STEP:
+        if frame.f_code is _STEP or frame.f_code is _POLL:
             self._begins = True
             self._stack.clear()
         if not _is_ours(frame):
@@ -119,7 +126,7 @@ def _callers(frame: FrameType) -> list[FrameType]:
     """Those of ours that wait for `frame` to return, outermost first."""
     found: list[FrameType] = []
     caller = frame.f_back
-    while caller is not None and caller.f_code is not _STEP:
+    while caller is not None and caller.f_code is not _STEP and caller.f_code is not _READING:
         if _is_ours(caller):
             found.append(caller)
         caller = caller.f_back
@@ -131,6 +138,26 @@ def _is_ours(frame: FrameType) -> bool:
         return False
     # Comprehensions are calls in some versions of Python only.
     return not frame.f_code.co_filename.startswith("<") and "<" not in frame.f_code.co_qualname.split(".")[-1]
+
+
+@contextmanager
+def _polls_traced() -> Iterator[list[Step]]:
+    """Trace the polls of the reading thread, where one is started meanwhile."""
+    tracer = _Tracer()
+    thread = 0
+
+    def trace(frame: FrameType, event: str, argument: Any) -> None:
+        nonlocal thread
+        if frame.f_code is _POLL and not thread:
+            thread = threading.get_ident()
+        if threading.get_ident() == thread and frame.f_code is not _READING:
+            tracer(frame, event, argument)
+
+    threading.setprofile(trace)
+    try:
+        yield tracer.steps
+    finally:
+        threading.setprofile(None)
 
 
 @contextmanager
@@ -158,15 +185,22 @@ async def _walk(source: str) -> list[Walk]:
     async with lidario.open_lidar(source) as lidar:
         with _traced() as idle:
             await lidar.get_health()
-        async with lidar.scans(depth=4) as scans:
-            for _ in range(_WARM_UP):
-                await anext(scans)
-            with _traced() as steps:
-                for _ in range(_REVOLUTIONS):
+        with _polls_traced() as polls:
+            async with lidar.scans(depth=4) as scans:
+                for _ in range(_WARM_UP):
                     await anext(scans)
-            with _traced() as asked:
-                await lidar.get_health()
-    return [*_chunks(steps), Walk("a request while no stream runs", idle), Walk("a request in mid-scan", asked)]
+                with _traced() as steps:
+                    for _ in range(_REVOLUTIONS):
+                        await anext(scans)
+                with _traced() as asked:
+                    await lidar.get_health()
+    thread = [[step] for step in polls if _has(step, "Inbox.read")]
+    return [
+        *([_of("the thread reads the port", thread)] if thread else []),
+        *_chunks(steps),
+        _of("a request while no stream runs", [idle]),
+        _of("a request in mid-scan", [asked]),
+    ]
 
 
 def _chunks(steps: list[Step]) -> list[Walk]:
@@ -174,13 +208,20 @@ def _chunks(steps: list[Step]) -> list[Walk]:
     whole = [at for at, step in enumerate(steps) if _has(step, "Hub.publish")]
     parsed = [step for step in steps if _has(step, "Link.receive_data") and not _has(step, "Hub.publish")]
     read = [step for step in steps if _has(step, "_read") and not _has(step, "Link.receive_data")]
-    ends = _commonest([_until_the_reader(steps, at) for at in whole])
-    found = [Walk("a chunk that completes a revolution, and its reader", ends)]
+    found = [
+        _of("a chunk that completes a revolution, and its reader", [_until_the_reader(steps, at) for at in whole])
+    ]
     if parsed:
-        found.insert(0, Walk("a chunk in the midst of a revolution, parsed", [_commonest(parsed)]))
+        found.insert(0, _of("a chunk in the midst of a revolution, parsed", [[step] for step in parsed]))
     if read:
-        found.insert(0, Walk("a chunk in the midst of a revolution, held", [_commonest(read)]))
+        found.insert(0, _of("a chunk in the midst of a revolution, held", [[step] for step in read]))
     return found
+
+
+def _of(title: str, seen: list[list[Step]]) -> Walk:
+    counted = Counter(map(repr, seen))
+    commonest = counted.most_common(1)[0][0]
+    return Walk(title, next(steps for steps in seen if repr(steps) == commonest), seen)
 
 
 def _until_the_reader(steps: list[Step], at: int) -> list[Step]:
@@ -193,12 +234,6 @@ def _until_the_reader(steps: list[Step], at: int) -> list[Step]:
 
 def _has(step: Step, name: str) -> bool:
     return any(call.name.endswith(name) for call in step)
-
-
-def _commonest(of: list[Any]) -> Any:
-    counted = Counter(map(repr, of))
-    best = counted.most_common(1)[0][0]
-    return next(each for each in of if repr(each) == best)
 
 
 def printed(walk: Walk, say: Callable[[str], object] = print) -> None:

@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING
 from lidario.version import __version__
 
 if TYPE_CHECKING:
-    from lidario.blocking import SyncLidar, SyncRecording, SyncScanStream, open_sync
+    from lidario.blocking import SyncLidar, SyncScanStream, open_sync
+    from lidario.blocking_recording import SyncRecording
     from lidario.blocking_sectors import SyncSectorStream
     from lidario.errors import (
         Busy,
@@ -132,7 +133,8 @@ __all__ = [
 ]
 
 _HOMES = {
-    "blocking": ("SyncLidar", "SyncRecording", "SyncScanStream", "open_sync"),
+    "blocking": ("SyncLidar", "SyncScanStream", "open_sync"),
+    "blocking_recording": ("SyncRecording",),
     "recording.decode_file": ("decode_file", "decode_file_arrays"),
     "recording.record": ("Recording",),
     "recording.summary": ("RecordingSummary", "summarize"),

@@ -26,6 +26,7 @@ from functools import update_wrapper
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Concatenate, Final, ParamSpec, Self, TypeVar, cast
 
+from lidario.blocking_recording import SyncRecording
 from lidario.blocking_sectors import SyncSectorStream
 from lidario.errors import LidarError, SessionClosed
 from lidario.model import DeviceInfo, Health, ScanMode, Stats
@@ -43,7 +44,7 @@ from lidario.session.stream import ScanStream
 if TYPE_CHECKING:
     from lidario.sim.device import SimulatedDevice
 
-__all__ = ["SyncLidar", "SyncRecording", "SyncScanStream", "open_sync"]
+__all__ = ["SyncLidar", "SyncScanStream", "open_sync"]
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -288,29 +289,6 @@ class SyncScanStream:
 
         with suppress(LidarError):
             self._thread.call(release)
-
-
-class SyncRecording:
-    """A recording that is made while its ``with`` block runs; made by `SyncLidar.record`.
-
-    Attributes:
-        recording: The same as `Lidar.record` makes: its size, its counts, and what ended it early.
-    """
-
-    def __init__(self, thread: LoopThread, recording: Recording) -> None:
-        self.recording: Recording = recording
-        self._thread = thread
-
-    def __enter__(self) -> Recording:
-        self._thread.call(self.recording.start)
-        return self.recording
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        # A session that was closed in the block has ended its recordings.
-        with suppress(SessionClosed):
-            self._thread.call(self.recording.close)
 
 
 async def _next(stream: ScanStream | SectorStream) -> Scan | Sector | None:

@@ -37,12 +37,8 @@ stamps and the sign of `time_increment` stay true, which theirs are not.
 
 **Where the grid begins.** At the seam (the device angle where revolutions begin) that the scan states, normally
 0, so that all scans have the same grid. Where the samples show another begin (a device that marks its own
-first packet, or corrected angles that all lie before the seam), the grid begins there.
-
-**Time from angle.** The rotor turns evenly, so time is proportional to the angle that it has turned. The speed
-follows from the samples: the typical angle between neighbours, divided by the time between them. It is not
-taken from the duration of the scan: when packets at the seam are lost, a scan begins late, and the scan before
-it counts the missing time.
+first packet, or corrected angles that all lie before the seam), the grid begins there. How the rotor turned, and so
+when it stood at each beam, is found by `lidario.rotor`.
 """
 
 from __future__ import annotations
@@ -57,16 +53,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.cdr import LITTLE_ENDIAN, CdrReader, NotCdr, stamp_bytes
+from lidario.rotor import Rotor, before, turned
 
 __all__ = [
     "BeamOrder",
     "LaserScan",
     "NoReturn",
     "Preset",
-    "Rotor",
-    "follow_rotor",
     "resample",
-    "times_by_angle",
 ]
 
 BeamOrder = Literal["counter-clockwise", "measured"]
@@ -83,28 +77,12 @@ _FLOATS = np.dtype("<f4")
 _FALLBACK_RANGE_MAX = 40.0
 """Metres: `LaserScan.range_max` where neither the caller nor the device says one. Beyond all models supported."""
 
-_SEAM_TOLERANCE_DEG = 0.5
-"""How far a revolution may begin before the stated seam, or end behind it, and still be said to begin there.
-
-Formats without a correction of the angle stay within one sample of it (0.45 degrees at 9200 samples a second and
-10 Hz); formats with one begin 1.4 degrees before it or more.
-"""
-
 _EDGE_DEG = 15.0
 """Samples at most this far beyond an end of the grid belong to the beam at that end.
 
 Only corrected angles go that far, by 13 degrees, and only for close returns: there the correction moves a point
 by a few centimetres whatever its angle is.
 """
-
-_MOST_BACKWARD_DEG = 90.0
-_MOST_BEFORE_SEAM_DEG = 30.0
-_LAG_SHARE = 32
-"""Share of the samples over which the speed is measured: long enough to average out the rounding of the angles
-(1/64 degree), short enough that a jump of a corrected angle disturbs few of the measurements."""
-
-_LAG_SHARE_PER_GAP = 8
-"""At most one measurement in this many contains a given gap, so that the middle half of them contains few."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -195,117 +173,6 @@ class LaserScan:
             return None
 
 
-@dataclass(frozen=True, slots=True)
-class Rotor:
-    """How the rotor turned during a scan: clockwise, evenly.
-
-    Attributes:
-        begin_deg: Device angle where the revolution begins, degrees clockwise.
-        begin_ns: When the rotor passed that angle, nanoseconds after the first sample of the scan; negative where
-            samples at the begin are missing.
-        period_ns: Time of a full revolution, nanoseconds.
-    """
-
-    begin_deg: float
-    begin_ns: float
-    period_ns: float
-
-
-def follow_rotor(
-    device_angles: NDArray[np.floating],
-    time_increment_ns: float,
-    duration_ns: float,
-    seam: float = 0.0,
-    lost_packets: int = 0,
-) -> Rotor:
-    """Find out where a revolution begins and how fast the rotor turned.
-
-    Gaps are allowed, of lost packets or of samples that a user took out. Where the angles tell a speed that differs
-    from `duration_ns` by more than a factor of two, `duration_ns` decides. Where they do not rise, they are not in
-    the order of measuring: the revolution is then taken to begin at `seam` with the first sample.
-
-    Args:
-        device_angles: Degrees clockwise, shape (n,), in the order of measuring.
-        time_increment_ns: Time between two samples that have none missing between them.
-        duration_ns: Time from the first sample to the end of the revolution, approximately.
-        seam: Device angle where revolutions should begin, degrees.
-        lost_packets: Packets known to be missing. With 0, and a duration of as many sample times as there are
-            samples, no gap is looked for.
-    """
-    if not len(device_angles):
-        return Rotor(seam % 360.0, 0.0, float(duration_ns))
-    travelled = _travelled(device_angles)
-    # One missing sample must not pass for none: the samples after it would be taken for one step too early.
-    complete = not lost_packets and abs(duration_ns - len(travelled) * time_increment_ns) <= time_increment_ns / 2
-    step, numbers = _step(travelled, complete=complete)
-    if len(travelled) > 1 and step <= 0:
-        return Rotor(seam % 360.0, 0.0, float(duration_ns))
-    first = _before(float(device_angles[0]) - seam, _MOST_BEFORE_SEAM_DEG)
-    period_ns = 360.0 / step * time_increment_ns if step else 0.0
-    if period_ns and not duration_ns / 2 <= period_ns <= duration_ns * 2:
-        period_ns = 0.0
-    if period_ns:
-        # The first sample alone may be an exception: a close return, whose angle is corrected by many degrees.
-        first += float(np.median(travelled - step * numbers))
-        last = first + step * float(numbers[-1])
-    else:
-        period_ns = float(duration_ns)
-        last = first + float(travelled[-1])
-    if first >= -_SEAM_TOLERANCE_DEG and last <= 360.0 + _SEAM_TOLERANCE_DEG:
-        return Rotor(seam % 360.0, -first / 360.0 * period_ns, period_ns)
-    return Rotor((seam + first) % 360.0, 0.0, period_ns)
-
-
-def times_by_angle(device_angles: NDArray[np.floating], rotor: Rotor) -> NDArray[np.int64]:
-    """When the rotor stood at each angle, nanoseconds after the first sample of the scan; int64, shape (n,).
-
-    Args:
-        device_angles: Degrees clockwise, shape (n,), in the order of measuring; gaps are allowed.
-        rotor: How the rotor turned during the scan.
-    """
-    if not len(device_angles):
-        return np.zeros(0, np.int64)
-    turned = _turned(device_angles, rotor.begin_deg)
-    return np.rint(rotor.begin_ns + turned * (rotor.period_ns / 360.0)).astype(np.int64)
-
-
-def _before(degrees: float, most: float) -> float:
-    """The same angle in [-most, 360 - most)."""
-    return (degrees + most) % 360.0 - most
-
-
-def _turned(device_angles: NDArray[np.floating], begin_deg: float) -> NDArray[np.float64]:
-    """Angle from the begin of the revolution to each sample, degrees, shape (n,), without jumps at 360."""
-    return _travelled(device_angles) + _before(float(device_angles[0]) - begin_deg, _MOST_BEFORE_SEAM_DEG)
-
-
-def _travelled(device_angles: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Angle from the first sample to each sample, degrees, shape (n,), without jumps at 360."""
-    steps = np.diff(device_angles.astype(np.float64), prepend=float(device_angles[0]))
-    # A step is a forward one, up to a gap of three quarters, unless it goes back by less than a quarter.
-    return np.cumsum((steps + _MOST_BACKWARD_DEG) % 360.0 - _MOST_BACKWARD_DEG)
-
-
-def _step(travelled: NDArray[np.float64], *, complete: bool) -> tuple[float, NDArray[np.float64]]:
-    """Degrees between neighbouring samples, and the number of each sample with the missing ones counted."""
-    count = len(travelled)
-    numbers = np.arange(count, dtype=np.float64)
-    if count < 2:
-        return 0.0, numbers
-    steps = np.diff(travelled)
-    gaps = 0 if complete else int(np.count_nonzero(steps > 2.5 * np.median(steps)))
-    lag = max(1, min(count // _LAG_SHARE, count // (_LAG_SHARE_PER_GAP * (gaps + 1))))
-    # The mean of the middle half: a median alone would keep the rounding of the angles.
-    lagged = np.sort(travelled[lag:] - travelled[:-lag])
-    quarter = len(lagged) // 4
-    step = float(np.mean(lagged[quarter : len(lagged) - quarter])) / lag
-    if step <= 0 or complete:
-        return step, numbers
-    # Each step is a whole number of sample times. Corrected angles also jump back; both directions cancel.
-    numbers[1:] = np.cumsum(np.rint(steps / step))
-    return (float(travelled[-1] / numbers[-1]) if numbers[-1] > 0 else 0.0), numbers
-
-
 def resample(
     device_angles: NDArray[np.floating],
     ranges: NDArray[np.floating],
@@ -378,7 +245,7 @@ def resample(
     step = 2 * math.pi / count
     beam_ns = rotor.period_ns / count
     # The grid covers one circle counter-clockwise from here. In [-pi, pi): 0 where nothing is turned.
-    lowest = _before(math.degrees(mount_yaw + _PRESET_YAW[preset]) - rotor.begin_deg, 180.0) * math.pi / 180.0
+    lowest = before(math.degrees(mount_yaw + _PRESET_YAW[preset]) - rotor.begin_deg, 180.0) * math.pi / 180.0
     angles = (lowest + step / 2, lowest + step * (count - 0.5))
     measured = order == "measured"
     first_beam_ns = beam_ns * (0.5 if measured else count - 0.5)
@@ -413,7 +280,7 @@ def _places(device_angles: NDArray[np.floating], begin_deg: float, count: int) -
         return np.zeros(0, np.intp)
     inside = (device_angles.astype(np.float64) - begin_deg) % 360.0
     places = np.minimum((inside * (count / 360.0)).astype(np.intp), count - 1)
-    way = _turned(device_angles, begin_deg)
+    way = turned(device_angles, begin_deg)
     if way[-1] > way[0]:
         # Beyond an end of the grid the angle alone would give the beam at the other end, a revolution off in time.
         places[(way < 0.0) & (way >= -_EDGE_DEG)] = 0

@@ -14,9 +14,11 @@ from typing import SupportsIndex, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lidario.laserscan import BeamOrder, LaserScan, NoReturn, Preset, Rotor, follow_rotor, resample, times_by_angle
+from lidario.laserscan import BeamOrder, LaserScan, NoReturn, Preset, resample
+from lidario.measured import MeasuredSamples
 from lidario.points import Motion, Mount, Points, place
-from lidario.samples import is_between, mask_of, metres_of, nearest_to, radians_of, read_only
+from lidario.rotor import Rotor, follow_rotor, times_by_angle
+from lidario.samples import is_between, mask_of, nearest_to, read_only
 
 __all__ = ["Return", "Scan", "read_only"]
 
@@ -39,7 +41,7 @@ class Return:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Scan:
+class Scan(MeasuredSamples):
     """One full revolution, its samples in the order they were measured. All arrays are read-only, shape (n,).
 
     The device's own figures are the ones held; `angles` and `ranges` are made from them on first use, so that the
@@ -92,38 +94,12 @@ class Scan:
     # Of a selection: the rotor of the scan that it was taken from, which shows more of it.
     _rotor: Rotor | None = field(default=None, init=False)
 
-    def __len__(self) -> int:
-        return len(self.device_distances)
-
     def __repr__(self) -> str:
         hits = int(np.count_nonzero(self.device_distances))
         return (
             f"<Scan {self.seq}: {len(self)} samples, {hits} returns, {self.rpm:.0f} rpm, "
             f"{self.lost_packets} packets lost, {self.dropped_before} scans dropped before>"
         )
-
-    @property
-    def angles(self) -> FloatArray:
-        """Radians, float32, counter-clockwise, in [-pi, pi]; 0 is the device's forward axis."""
-        if self._angles is None:
-            object.__setattr__(self, "_angles", radians_of(self.device_angles))
-        return cast("FloatArray", self._angles)
-
-    @property
-    def ranges(self) -> FloatArray:
-        """Metres, float32; NaN where nothing came back."""
-        if self._ranges is None:
-            object.__setattr__(self, "_ranges", metres_of(self.device_distances))
-        return cast("FloatArray", self._ranges)
-
-    @property
-    def valid(self) -> NDArray[np.bool_]:
-        """Mask of the samples with a return, shape (n,)."""
-        return self.device_distances > 0
-
-    def xy(self) -> NDArray[np.float32]:
-        """Cartesian points in metres, float32, shape (n, 2): x forward, y left; NaN rows without a return."""
-        return np.stack((self.ranges * np.cos(self.angles), self.ranges * np.sin(self.angles)), axis=1)
 
     def sorted(self) -> Scan:
         """The same scan with its samples by ascending `angles`; they are no longer in time order.

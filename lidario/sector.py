@@ -12,8 +12,9 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.laserscan import Rotor, times_by_angle
-from lidario.samples import is_between, metres_of, radians_of, read_only
+from lidario.measured import MeasuredSamples
+from lidario.rotor import Rotor, times_by_angle
+from lidario.samples import is_between, read_only
 from lidario.scan import Return
 
 __all__ = ["Sector"]
@@ -22,7 +23,7 @@ FloatArray = NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Sector:
+class Sector(MeasuredSamples):
     """A part of one revolution, its samples in the order they were measured. All arrays are read-only, shape (n,).
 
     Sector ``index`` holds what was measured while the rotor turned from ``index * degrees`` to
@@ -72,9 +73,6 @@ class Sector:
     _ranges: FloatArray | None = field(default=None, init=False)
     _times_ns: NDArray[np.int64] | None = field(default=None, init=False)
 
-    def __len__(self) -> int:
-        return len(self.device_distances)
-
     def __repr__(self) -> str:
         hits = int(np.count_nonzero(self.device_distances))
         return (
@@ -86,29 +84,6 @@ class Sector:
     def is_last(self) -> bool:
         """Whether the revolution ends with this sector."""
         return self.index == round(360.0 / self.degrees) - 1
-
-    @property
-    def angles(self) -> FloatArray:
-        """Radians, float32, counter-clockwise, in [-pi, pi]; 0 is the device's forward axis."""
-        if self._angles is None:
-            object.__setattr__(self, "_angles", radians_of(self.device_angles))
-        return cast("FloatArray", self._angles)
-
-    @property
-    def ranges(self) -> FloatArray:
-        """Metres, float32; NaN where nothing came back."""
-        if self._ranges is None:
-            object.__setattr__(self, "_ranges", metres_of(self.device_distances))
-        return cast("FloatArray", self._ranges)
-
-    @property
-    def valid(self) -> NDArray[np.bool_]:
-        """Mask of the samples with a return, shape (n,)."""
-        return self.device_distances > 0
-
-    def xy(self) -> NDArray[np.float32]:
-        """Cartesian points in metres, float32, shape (n, 2): x forward, y left; NaN rows without a return."""
-        return np.stack((self.ranges * np.cos(self.angles), self.ranges * np.sin(self.angles)), axis=1)
 
     @property
     def times_ns(self) -> NDArray[np.int64]:

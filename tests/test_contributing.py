@@ -66,7 +66,7 @@ def test_the_options_are_options(pytestconfig: pytest.Config) -> None:
         ("DECODERS", "lidario/families/rplidar/decode.py"),
         ("FAMILIES", "lidario/families/registry.py"),
         ("FAMILY", "lidario/families/rplidar/__init__.py"),
-        ("CASES", "tests/support/streams.py"),
+        ("CASES", "tests/support/cases.py"),
         ("MAKERS", "tests/support/devices.py"),
         ("both_families", "tests/support/devices.py"),
     ],

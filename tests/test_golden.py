@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.support.streams import ALL, SINGLE_DEG, Case, assembled, feed, in_one_run, named
+from tests.support.cases import ALL, Case, named
+from tests.support.streams import SINGLE_DEG, assembled, feed, in_one_run
 
 Q6_TURN = 360 * 64
 SHORT = ("rplidar_9k_81", "rplidar_9k_83", "rplidar_9k_84", "ydlidar_4ros_wrap", "ldrobot_ld19_13hz")

@@ -13,7 +13,20 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 VENDORS = sorted(path.name for path in (PACKAGE / "families").iterdir() if (path / "device.py").is_file())
 
 LAYERS = (
-    {"cdr", "errors", "model", "laserscan", "points", "samples", "scan", "sector", "source", "version"},
+    {
+        "cdr",
+        "errors",
+        "laserscan",
+        "measured",
+        "model",
+        "points",
+        "rotor",
+        "samples",
+        "scan",
+        "sector",
+        "source",
+        "version",
+    },
     {"wire"},
     {"families", "sim"},
     {"revolution", "simulation"},
@@ -21,7 +34,7 @@ LAYERS = (
     {"recording"},
     {"network"},
     {"session"},
-    {"blocking", "blocking_sectors", "ros"},
+    {"blocking", "blocking_recording", "blocking_sectors", "ros"},
     {"__init__"},
     {"web", "testing"},
     {"cli", "__main__"},

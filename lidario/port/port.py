@@ -1,8 +1,9 @@
 """An open line to a device, with one interface for serial ports, TCP connections and simulated devices.
 
 A `Port` belongs to the session. What carries its bytes is a `Line` (`lidario.port.line`). The port shows every
-chunk to the taps, hands received bytes to one `Receiver`, and says what the end of the line means. Exceptions of
-the operating system and of pyserial are translated to `lidario.errors` in this folder and nowhere else.
+chunk to the taps (`lidario.port.tapped`), hands received bytes to one `Receiver`, and says what the end of the line
+means. Exceptions of the operating system and of pyserial are translated to `lidario.errors` in this folder and
+nowhere else.
 
 Three orders matter here:
 
@@ -26,7 +27,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from lidario.errors import DeviceLost
-from lidario.port.line import Line, Receiver, Schedule, Tap
+from lidario.port.line import Line, Receiver, Schedule
+from lidario.port.tapped import Tapped
 
 __all__ = ["Port"]
 
@@ -38,7 +40,7 @@ LONGEST_WAIT_S = 0.05
 """Longest time that `Port.abandon` waits for the device to listen. The longest silence after a STOP is 10 ms."""
 
 
-class Port(asyncio.Protocol):
+class Port(Tapped, asyncio.Protocol):
     """One open line; made by `open_serial`, `open_tcp`, `open_udp`, `open_simulated` or `connect_in_memory`.
 
     Attributes:
@@ -47,7 +49,7 @@ class Port(asyncio.Protocol):
     """
 
     def __init__(self, name: str, baudrate: int = 0) -> None:
-        self.name = name
+        super().__init__(name)
         self.baudrate: int = baudrate
         self._loop = asyncio.get_running_loop()
         # uvloop's clock stands still while a callback runs and counts whole milliseconds; it is the monotonic one.
@@ -56,7 +58,6 @@ class Port(asyncio.Protocol):
         self._line: Line | None = None
         self._receiver: Receiver | None = None
         self._untold: DeviceLost | None = None
-        self._taps: tuple[Tap, ...] = ()
         self._closing = False
         self._closed = self._loop.create_future()
         self._close_timer: asyncio.TimerHandle | None = None
@@ -94,33 +95,9 @@ class Port(asyncio.Protocol):
         """Name the session to which a recording is played; a live device does not care."""
 
     @property
-    def is_tapped(self) -> bool:
-        """Whether there are taps."""
-        return bool(self._taps)
-
-    @property
     def overflow_bytes(self) -> int:
         """Bytes that were received and dropped because the event loop was blocked until the buffer was full."""
         return 0 if self._line is None else self._line.overflow_bytes
-
-    @property
-    def taps(self) -> tuple[Tap, ...]:
-        """Who sees the chunks, in the order in which they were added."""
-        return self._taps
-
-    def add_tap(self, tap: Tap) -> None:
-        """Have `tap` called with every chunk in either direction, after the taps that are there.
-
-        It must be quick. A tap that raises is removed and logged at WARNING.
-        """
-        self._taps = (*self._taps, tap)
-
-    def remove_tap(self, tap: Tap) -> None:
-        """Stop calling `tap`; ignored where it is not there."""
-        taps = list(self._taps)
-        if tap in taps:
-            taps.remove(tap)
-            self._taps = tuple(taps)
 
     def attach(self, receiver: Receiver | None) -> None:
         """Set the receiver of what arrives from now on, or None.
@@ -296,15 +273,6 @@ class Port(asyncio.Protocol):
         now = self.now()
         self.show("in", data, now)
         self.hand_over(data, now)
-
-    def show(self, direction: str, data: bytes, now: int) -> None:
-        """Show a chunk to the taps. A tap that raises is removed, and has no other effect."""
-        for tap in self._taps:
-            try:
-                tap(direction, data, now)
-            except Exception:
-                self.remove_tap(tap)
-                _log.warning("the tap %r of %s raised an exception and was removed", tap, self.name, exc_info=True)
 
     def hand_over(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]] = ()) -> None:
         """Hand bytes to the receiver, as `Receiver.data_received`."""

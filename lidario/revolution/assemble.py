@@ -15,25 +15,29 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from lidario.families.base import Samples, Stream
-from lidario.revolution.build import build_scan, turned_by
+from lidario.revolution.build import DatedRevolution, build_scan, turned_by
 from lidario.revolution.count import RevolutionCount
-from lidario.revolution.judge import beginning_of, is_broken, is_complete, share_over
-from lidario.revolution.partial import PartialRevolution, SampleArrays
+from lidario.revolution.judge import (
+    FALSE_PART,
+    beginning_of,
+    is_broken,
+    is_complete,
+    least_of,
+    share_before,
+)
+from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
 from lidario.revolution.seam import Seam, Split
 from lidario.revolution.stats import AssemblerStats
 from lidario.revolution.steady import decode_block, is_ready
 from lidario.revolution.timing import byte_ns_at, first_sample_ns
 from lidario.scan import Scan
-from lidario.wire.blocks import Block, packet_offsets, some_blocks
-from lidario.wire.events import Arrival, Packets
+from lidario.wire.blocks import Block, packet_offsets
+from lidario.wire.events import Packets
 
 __all__ = ["Assembler", "AssemblerStats"]
 
 _WORTH_A_BLOCK = 2
 """Revolutions that end together from which they are decoded at once. Live there is one, rarely more."""
-_FALSE_PART = 0.5
-"""Part of a revolution below which what lies between two splits is none: one of the two was false. So there are
-never more scans than revolutions."""
 _ENDLESS_REVOLUTIONS = 2
 """Slowest revolutions' time after which a revolution that has not ended is given up."""
 
@@ -128,18 +132,7 @@ class Assembler:
         self._last_spanned_ns = block.revolutions[-1].spanned_ns
         self.stats.unfinished_packets += block.packets
         self.stats.finish(self.stats.unfinished_packets, delivered=True)
-        return [
-            self._deliver(
-                each.arrays,
-                each.start_ns,
-                each.spanned_ns,
-                self._stream.sample_ns,
-                each.interval_ns,
-                each.reported_rpm,
-                0,
-            )
-            for each in block.revolutions
-        ]
+        return [self._deliver(each, self._stream.sample_ns, 0) for each in block.revolutions]
 
     def end(self) -> None:
         """The stream has ended: discard the revolution in the making. Harmless when done before."""
@@ -147,29 +140,11 @@ class Assembler:
         self._partial = PartialRevolution(whole=False)
 
     def _part(self, packets: Packets, begin: int, end: int, offsets: Sequence[int]) -> Packets:
-        """The packets from number `begin` to before number `end`."""
-        data = packets.data[offsets[begin] : offsets[end]]
-        if len(packets.arrivals) == len(packets.blocks) == 1:
-            # The usual case: one read, and packets of one size. What follows would find the same.
-            ((size, count),), ((_, at_ns),) = packets.blocks, packets.arrivals
-            if end < count:
-                behind = self._stream.format.samples_in((Block(size, count - end),))
-                at_ns -= round(behind * self._stream.sample_ns)
-            return Packets(data, (Block(size, end - begin),), ((end - begin, at_ns),))
-        blocks = some_blocks(packets.blocks, begin, end)
-        arrivals: list[Arrival] = []
-        complete, at_ns = packets.arrivals[-1]  # bound for type checkers too: there is always one
-        for complete, at_ns in packets.arrivals:
-            if complete >= end:
-                break
-            if complete > begin:
-                arrivals.append((complete - begin, at_ns))
-        if complete > end:
-            # What stands behind them was measured after them and was there already: they were late by that much.
-            behind = self._stream.format.samples_in(some_blocks(packets.blocks, end, complete))
-            at_ns -= round(behind * self._stream.sample_ns)
-        arrivals.append((end - begin, at_ns))
-        return Packets(data, blocks, tuple(arrivals))
+        return part_of(packets, begin, end, offsets, self._stream.format, self._stream.sample_ns)
+
+    def _came_behind(self, event: Packets, number: int) -> int:
+        """When the packet behind the end of a revolution came."""
+        return self._part(event, number, number + 1, packet_offsets(event.blocks)).received_ns
 
     def _keep(self, packets: Packets) -> None:
         """Add packets to the revolution in the making."""
@@ -216,7 +191,7 @@ class Assembler:
             # Only the first mark may stand elsewhere by right. A false one moves the seam there and back.
             if ended.whole and not ended.moved and (split.broken or self._last_spanned_ns):
                 part = samples is not None and samples.certain and split.moved
-                if not (part and samples and len(arrays) < _FALSE_PART * samples.revolution_samples):
+                if not (part and samples and len(arrays) < FALSE_PART * samples.revolution_samples):
                     self.stats.break_scan()
             self._count.restart()
             return None
@@ -270,8 +245,11 @@ class Assembler:
             ordinary_ns=self._last_spanned_ns or spanned_ns,
             sample_ns=sample_ns,
         )
-        if ended.whole and self._is_false_part(ended, samples, start_ns, sample_ns, spanned_ns):
-            return None
+        if ended.whole and not self._is_numbered and self._ended_at is not None:
+            least_ns = least_of(self._stream.format, ended, samples, self._seam.angle or 0, sample_ns, spanned_ns)
+            # Angles hide whole revolutions; so it counts when the packet behind it came.
+            if least_ns and self._came_behind(*self._ended_at) - start_ns < least_ns:
+                return None
         revolution_ns = self._passed(ended, packets, samples, start_ns, sample_ns, spanned_ns, broken)
         if not ended.whole:
             return None
@@ -288,63 +266,28 @@ class Assembler:
                 revolution_ns = spanned_ns
         arrays.angle = turned_by(arrays.angle, self._stream.zero_offset_deg)
         reported_rpm = math.nan if samples is None else samples.reported_rpm
-        return self._deliver(arrays, start_ns, spanned_ns, sample_ns, revolution_ns, reported_rpm, lost)
+        made = DatedRevolution(arrays, start_ns, spanned_ns, revolution_ns, reported_rpm)
+        return self._deliver(made, sample_ns, lost)
 
-    def _is_false_part(
-        self,
-        ended: PartialRevolution,
-        samples: Samples | None,
-        start_ns: int,
-        sample_ns: float,
-        spanned_ns: float,
-    ) -> bool:
-        """Whether what has ended is only a part of a revolution: by what came and is missing, and by the time."""
-        wire = self._stream.format
-        if samples is None or not samples.certain or wire.first_seam is None:
-            # Where only marks tell where revolutions begin, a check value keeps false ones away.
-            return False
-        least_ns = _FALSE_PART * samples.revolution_samples * sample_ns
-        if spanned_ns >= least_ns or self._ended_at is None:
-            return False
-        if ended.carried is None and ended.behind_gap:
-            over = share_over(wire, ended.runs[0], samples, self._seam.angle or 0)
-            if spanned_ns + over * samples.revolution_samples * sample_ns >= least_ns:
-                # What is missing at its beginning was lost.
-                return False
-        # Angles hide whole revolutions; so it counts when the packet behind it came.
-        event, split = self._ended_at
-        _, at_ns = self._part(event, split, split + 1, packet_offsets(event.blocks)).arrivals[-1]
-        return at_ns - start_ns < least_ns
-
-    def _deliver(
-        self,
-        arrays: SampleArrays,
-        start_ns: int,
-        spanned_ns: float,
-        sample_ns: float,
-        interval_ns: float,
-        reported_rpm: float,
-        lost: int,
-    ) -> Scan:
+    def _deliver(self, made: DatedRevolution, sample_ns: float, lost: int) -> Scan:
         if self.stats.left_off is not None:
-            self.stats.resume(start_ns)
+            self.stats.resume(made.start_ns)
         seq = self._next_seq()
         self.stats.scans += 1
-        return build_scan(
-            self._stream,
-            arrays,
-            start_ns=start_ns,
-            wall_ns=start_ns + self._wall_offset_ns,
-            spanned_ns=spanned_ns,
-            sample_ns=sample_ns,
-            interval_ns=interval_ns,
-            seq=seq,
-            lost=lost,
-            reported_rpm=reported_rpm,
-        )
+        wall_ns = made.start_ns + self._wall_offset_ns
+        return build_scan(self._stream, made, wall_ns=wall_ns, sample_ns=sample_ns, seq=seq, lost=lost)
+
+    @property
+    def _is_numbered(self) -> bool:
+        """Whether the revolution that ends has been told its number already, so that it must stay a scan."""
+        return False
 
     def _next_seq(self) -> int:
         return self.stats.scans + self.stats.missed_scans
+
+    def _miss(self, unseen: int) -> None:
+        """Count revolutions of which nothing came."""
+        self.stats.missed_scans += unseen
 
     def _passed(
         self,
@@ -370,16 +313,14 @@ class Assembler:
                 last_ns=ended.last_ns,
                 spanned_ns=spanned_ns,
                 sample_ns=sample_ns,
-                over=0.0
-                if ended.carried is not None or not ended.behind_gap
-                else share_over(wire, packets, samples, self._seam.angle or 0),
+                over=share_before(wire, ended, samples, self._seam.angle or 0),
                 gap_behind=self._partial.carried is None,
                 broken=broken,
                 most_samples=0 if samples.certain else wire.samples_in((Block(wire.longest, 1),)),
             )
         )
         self.stats.lost_packets += passed.lost
-        self.stats.missed_scans += passed.unseen
+        self._miss(passed.unseen)
         return passed.revolution_ns
 
     def _sample_ns(self, samples: int, elapsed_ns: int, lost: int) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,25 @@ from lidario.families.base import Stream
 from lidario.revolution.partial import SampleArrays
 from lidario.scan import Scan, read_only
 
-__all__ = ["build_scan", "turned_by"]
+__all__ = ["DatedRevolution", "build_scan", "turned_by"]
+
+
+class DatedRevolution(NamedTuple):
+    """A revolution whose samples and times are known.
+
+    Attributes:
+        arrays: Its samples, with the zero-angle offset.
+        start_ns: When the first of them was measured.
+        spanned_ns: How long they took.
+        interval_ns: What it took, by the time between beginnings; NaN when that is not known.
+        reported_rpm: The speed that its packets tell; NaN where they tell none.
+    """
+
+    arrays: SampleArrays
+    start_ns: int
+    spanned_ns: float
+    interval_ns: float
+    reported_rpm: float
 
 
 def turned_by(degrees: NDArray[np.float32], offset: float) -> NDArray[np.float32]:
@@ -25,32 +44,19 @@ def turned_by(degrees: NDArray[np.float32], offset: float) -> NDArray[np.float32
 
 
 def build_scan(
-    stream: Stream,
-    arrays: SampleArrays,
-    *,
-    start_ns: int,
-    wall_ns: int,
-    spanned_ns: float,
-    sample_ns: float,
-    interval_ns: float,
-    seq: int,
-    lost: int,
-    reported_rpm: float,
+    stream: Stream, revolution: DatedRevolution, *, wall_ns: int, sample_ns: float, seq: int, lost: int
 ) -> Scan:
-    """The scan of one revolution, whose angles have the zero-angle offset added; `arrays` become read-only.
+    """The scan of one revolution; its arrays become read-only.
 
     Args:
         stream: The stream it belongs to.
-        arrays: Its samples.
-        start_ns: When the first of them was measured.
-        wall_ns: The same on the wall clock.
-        spanned_ns: How long it took.
+        revolution: What is known of it.
+        wall_ns: When its first sample was measured, on the wall clock.
         sample_ns: Nanoseconds a sample.
-        interval_ns: Time since the beginning of the revolution before; NaN when that is not known.
         seq: Its number.
         lost: Packets missing in it.
-        reported_rpm: The speed that its packets tell; NaN where they tell none.
     """
+    arrays, start_ns, spanned_ns, interval_ns, reported_rpm = revolution
     return Scan(
         device_angles=read_only(arrays.angle),
         device_distances=read_only(arrays.distance),

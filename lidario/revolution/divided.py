@@ -15,9 +15,9 @@ import numpy as np
 
 from lidario.families.base import Decoder, Samples
 from lidario.revolution.partial import PartialRevolution, SampleArrays
-from lidario.wire.blocks import Block, join_blocks
+from lidario.wire.blocks import Block, join_blocks, some_blocks
 from lidario.wire.events import Packets
-from lidario.wire.formats import HEADING_MASK, Headings
+from lidario.wire.formats import HEADING_MASK, Headings, StreamFormat
 
 __all__ = [
     "RETREAT_PART",
@@ -135,6 +135,54 @@ class DividedRevolution:
         if self.last_arc > 0:
             inside = min(inside, math.ceil((end - self.last) * self.last_samples / self.last_arc - ROUNDING))
         return max(0, len(self.rest) - self.last_samples + max(0, inside))
+
+    def date(self, packets: Packets, wire: StreamFormat, sample_ns: float) -> None:
+        """Take note of when packets came: each tells when the revolution began, the least delayed one best."""
+        # Behind a gap the number of samples since the beginning is not known exactly.
+        if not self.gap or math.isinf(self.first_ns):
+            for count, at_ns in packets.arrivals:
+                samples = self.samples + wire.samples_in(some_blocks(packets.blocks, 0, count))
+                self.first_ns = min(self.first_ns, at_ns - (samples - 1) * sample_ns)
+        self.samples += wire.samples_in(packets.blocks)
+        self.most_samples = max(
+            self.most_samples, *(wire.samples_in((Block(size, 1),)) for size, _ in packets.blocks)
+        )
+        self.bytes += len(packets.data)
+        self.packets += packets.count
+
+    def take(self, packets: Packets, samples: Samples, next_away: int, wire: StreamFormat) -> None:
+        """Take over what was decoded; it begins with the samples that were left over before."""
+        room = 0 if self.rest is None else len(self.rest)
+        arrays = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
+        if self.rest is not None:
+            arrays.begin_with(self.rest)
+        self.arrays.append(arrays.part(room))
+        self.rest = arrays
+        self.decoded.append(samples)
+        self.waiting.clear()
+        self.lost += self.lost_behind + samples.lost - samples.lost_behind
+        self.lost_behind = samples.lost_behind
+        self.gap |= samples.lost > 0
+        last = some_blocks(packets.blocks, packets.count - 1, packets.count)
+        tail = Packets(packets.data[len(packets.data) - last[0].size :], last, ((1, 0),))
+        self.last = away_of(wire.headings(tail), self.began, wire.full_turn)[0]
+        self.last_samples = wire.samples_in(last)
+        self.last_arc = (next_away - self.last) % wire.full_turn
+        if samples.certain and samples.revolution_samples and samples.lost_behind:
+            self.last_arc = self.last_samples * wire.full_turn / samples.revolution_samples
+
+    def give(self, upto: int) -> None:
+        """Add so many samples of the rest to every sector in the making."""
+        if self.rest is None:
+            return
+        piece, self.rest = self.rest.part(0, upto), self.rest.part(upto)
+        self.given += len(piece)
+        if not len(self.rest):
+            # What is missing behind the last packet belongs to the sector that ends with it.
+            self.lost, self.lost_behind = self.lost + self.lost_behind, 0
+        if len(piece):
+            for sector in self.open.values():
+                sector.pieces.append(piece)
 
 
 def away_of(headings: Headings, began: int, full_turn: int) -> list[int]:

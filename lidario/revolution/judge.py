@@ -7,11 +7,21 @@ from typing import Final
 
 from lidario.families.base import Samples
 from lidario.revolution.count import NOISE, Beginning
+from lidario.revolution.partial import PartialRevolution
 from lidario.wire.blocks import some_blocks
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK, StreamFormat
 
-__all__ = ["BROKEN_SHARE", "UNEVEN", "beginning_of", "is_broken", "is_complete", "share_over"]
+__all__ = [
+    "BROKEN_SHARE",
+    "FALSE_PART",
+    "UNEVEN",
+    "beginning_of",
+    "is_broken",
+    "is_complete",
+    "least_of",
+    "share_before",
+]
 
 BROKEN_SHARE: Final = 0.9
 """Share of a revolution that may be missing in time, not seen as a jump of the angle, before it is broken."""
@@ -19,6 +29,10 @@ UNEVEN: Final = 1.5
 _FEWEST_PACKETS: Final = 3
 """A revolution of which the angles are not certain is delivered when it has so many packets, and took at most so
 many times the time of what it holds and misses."""
+
+FALSE_PART: Final = 0.5
+"""Part of a revolution below which what lies between two splits is none: one of the two was false. So there are
+never more scans than revolutions."""
 
 _EARLY_SHARE: Final = 0.25
 """Share of the packets of a revolution at its beginning, and at its end, that do not tell how fast they came."""
@@ -81,6 +95,35 @@ def is_complete(spanned_ns: float, revolution_ns: float) -> bool:
     return spanned_ns > _WHOLE * revolution_ns
 
 
+def least_of(
+    wire: StreamFormat,
+    ended: PartialRevolution,
+    samples: Samples | None,
+    seam: int,
+    sample_ns: float,
+    spanned_ns: float,
+) -> float:
+    """The time below which what has ended is only a part of a revolution; 0 where enough of one came.
+
+    Args:
+        wire: The format.
+        ended: What has ended.
+        samples: What it was decoded to.
+        seam: Heading at which revolutions begin.
+        sample_ns: Nanoseconds a sample.
+        spanned_ns: Time that its samples take, and those that are known to be missing.
+    """
+    if samples is None or not samples.certain or wire.first_seam is None:
+        # Where only marks tell where revolutions begin, a check value keeps false ones away.
+        return 0.0
+    turn_ns = samples.revolution_samples * sample_ns
+    least_ns = FALSE_PART * turn_ns
+    # What is missing at its beginning was lost.
+    if spanned_ns >= least_ns or spanned_ns + share_before(wire, ended, samples, seam) * turn_ns >= least_ns:
+        return 0.0
+    return least_ns
+
+
 def beginning_of(
     packets: Packets,
     samples: Samples,
@@ -103,7 +146,7 @@ def beginning_of(
         last_ns: Arrival of its last packet.
         spanned_ns: Time that its samples take, and those that are known to be missing.
         sample_ns: Nanoseconds a sample.
-        over: Share of the revolution before its first packet (`share_over`).
+        over: Share of the revolution before its first packet (`share_before`).
         gap_behind: Whether what is missing behind its last packet belongs to it.
         broken: Whether it is broken, though its beginning was seen.
         most_samples: Samples of the longest packet of the format; needed where `samples` are not certain.
@@ -130,10 +173,13 @@ def beginning_of(
     )
 
 
-def share_over(wire: StreamFormat, packets: Packets, samples: Samples, seam: int) -> float:
+def share_before(wire: StreamFormat, revolution: PartialRevolution, samples: Samples, seam: int) -> float:
     """Share of the revolution before its first packet; 0 when that one is the first behind the seam."""
-    blocks = some_blocks(packets.blocks, 0, 1)
-    first = Packets(packets.data[: blocks[0].size], blocks, ((1, 0),))
+    if revolution.carried is not None or not revolution.behind_gap:
+        return 0.0
+    run = revolution.runs[0]
+    blocks = some_blocks(run.blocks, 0, 1)
+    first = Packets(run.data[: blocks[0].size], blocks, ((1, 0),))
     heading = int(wire.headings(first)[0]) & HEADING_MASK
     over = (heading - seam) % wire.full_turn / wire.full_turn
     behind = over * samples.revolution_packets

@@ -6,15 +6,17 @@ before, and the packets that came after it, which stay bytes until the revolutio
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.wire.blocks import Block, join_blocks
+from lidario.wire.blocks import Block, join_blocks, some_blocks
 from lidario.wire.events import Arrival, Packets
+from lidario.wire.formats import StreamFormat
 
-__all__ = ["PartialRevolution", "SampleArrays"]
+__all__ = ["PartialRevolution", "SampleArrays", "part_of"]
 
 
 @dataclass(slots=True, eq=False)
@@ -110,3 +112,40 @@ class PartialRevolution:
     def last_ns(self) -> int:
         """Arrival of its latest packet."""
         return self.runs[-1].arrivals[-1][1] if self.runs else self.carried_ns
+
+
+def part_of(
+    packets: Packets, begin: int, end: int, offsets: Sequence[int], wire: StreamFormat, sample_ns: float
+) -> Packets:
+    """The packets from number `begin` to before number `end`, dated.
+
+    Args:
+        packets: What was reported together.
+        begin: The first of them.
+        end: The one behind the last.
+        offsets: Where each begins (`packet_offsets`).
+        wire: Their format.
+        sample_ns: Nanoseconds a sample; 0 where the device does not say.
+    """
+    data = packets.data[offsets[begin] : offsets[end]]
+    if len(packets.arrivals) == len(packets.blocks) == 1:
+        # The usual case: one read, and packets of one size. What follows would find the same.
+        ((size, count),), ((_, at_ns),) = packets.blocks, packets.arrivals
+        if end < count:
+            behind = wire.samples_in((Block(size, count - end),))
+            at_ns -= round(behind * sample_ns)
+        return Packets(data, (Block(size, end - begin),), ((end - begin, at_ns),))
+    blocks = some_blocks(packets.blocks, begin, end)
+    arrivals: list[Arrival] = []
+    complete, at_ns = packets.arrivals[-1]  # bound for type checkers too: there is always one
+    for complete, at_ns in packets.arrivals:
+        if complete >= end:
+            break
+        if complete > begin:
+            arrivals.append((complete - begin, at_ns))
+    if complete > end:
+        # What stands behind them was measured after them and was there already: they were late by that much.
+        behind = wire.samples_in(some_blocks(packets.blocks, end, complete))
+        at_ns -= round(behind * sample_ns)
+    arrivals.append((end - begin, at_ns))
+    return Packets(data, blocks, tuple(arrivals))

@@ -38,14 +38,14 @@ from lidario.revolution.divided import (
     reach,
     sum_of,
 )
-from lidario.revolution.judge import share_over
-from lidario.revolution.partial import PartialRevolution, SampleArrays
+from lidario.revolution.judge import share_before
+from lidario.revolution.partial import PartialRevolution
 from lidario.revolution.seam import Split
 from lidario.revolution.timing import earliest_ns
 from lidario.samples import read_only
 from lidario.scan import Scan
 from lidario.sector import Sector
-from lidario.wire.blocks import Block, packet_offsets, some_blocks
+from lidario.wire.blocks import Block, packet_offsets
 from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS, HEADING_MASK
 
@@ -145,7 +145,7 @@ class SectorAssembler(Assembler):
 
     def _follow(self, here: DividedRevolution, packets: Packets) -> None:
         """Decode what these packets complete, and hand it out."""
-        self._date(here, packets)
+        here.date(packets, self._stream.format, self._sample_time_ns)
         full = self._stream.format.full_turn
         away = away_of(self._stream.format.headings(packets), here.began, full)
         offsets = packet_offsets(packets.blocks)
@@ -169,44 +169,10 @@ class SectorAssembler(Assembler):
         if begin < len(away):
             here.waiting.append(self._part(packets, begin, len(away), offsets) if begin else packets)
 
-    def _date(self, here: DividedRevolution, packets: Packets) -> None:
-        """Take note of when packets came: each tells when the revolution began, the least delayed one best."""
-        wire, sample_ns = self._stream.format, self._sample_time_ns
-        # Behind a gap the number of samples since the beginning is not known exactly.
-        if not here.gap or math.isinf(here.first_ns):
-            for count, at_ns in packets.arrivals:
-                samples = here.samples + wire.samples_in(some_blocks(packets.blocks, 0, count))
-                here.first_ns = min(here.first_ns, at_ns - (samples - 1) * sample_ns)
-        here.samples += wire.samples_in(packets.blocks)
-        here.most_samples = max(
-            here.most_samples, *(wire.samples_in((Block(size, 1),)) for size, _ in packets.blocks)
-        )
-        here.bytes += len(packets.data)
-        here.packets += packets.count
-
     def _take(self, here: DividedRevolution, packets: Packets, samples: Samples, next_away: int) -> None:
-        """Take over what was decoded; it begins with the samples that were left over before."""
-        wire = self._stream.format
-        room = 0 if here.rest is None else len(here.rest)
-        arrays = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
-        if here.rest is not None:
-            arrays.begin_with(here.rest)
-        here.arrays.append(arrays.part(room))
-        here.rest = arrays
-        here.decoded.append(samples)
-        here.waiting.clear()
-        here.lost += here.lost_behind + samples.lost - samples.lost_behind
-        here.lost_behind = samples.lost_behind
-        here.gap |= samples.lost > 0
-        last = some_blocks(packets.blocks, packets.count - 1, packets.count)
-        tail = Packets(packets.data[len(packets.data) - last[0].size :], last, ((1, 0),))
-        here.last = away_of(wire.headings(tail), here.began, wire.full_turn)[0]
-        here.last_samples = wire.samples_in(last)
-        here.last_arc = (next_away - here.last) % wire.full_turn
+        here.take(packets, samples, next_away, self._stream.format)
         if samples.certain and samples.revolution_samples:
             self._usual_samples = samples.revolution_samples
-            if samples.lost_behind:
-                here.last_arc = here.last_samples * wire.full_turn / samples.revolution_samples
 
     # ------------------------------------------------------------------------------------------------ sectors
 
@@ -216,22 +182,9 @@ class SectorAssembler(Assembler):
         here.at += 1
         if here.rest is not None:
             upto = here.upto(end)
-            self._give(here, upto if most is None else min(upto, most))
+            here.give(upto if most is None else min(upto, most))
         for count in parts:
             self._finish(here, count)
-
-    def _give(self, here: DividedRevolution, upto: int) -> None:
-        """Add so many samples of the rest to every sector in the making."""
-        if here.rest is None:
-            return
-        piece, here.rest = here.rest.part(0, upto), here.rest.part(upto)
-        here.given += len(piece)
-        if not len(here.rest):
-            # What is missing behind the last packet belongs to the sector that ends with it.
-            here.lost, here.lost_behind = here.lost + here.lost_behind, 0
-        if len(piece):
-            for sector in here.open.values():
-                sector.pieces.append(piece)
 
     def _finish(self, here: DividedRevolution, count: int) -> None:
         """A sector is complete: publish it, unless no sample of it came."""
@@ -284,8 +237,8 @@ class SectorAssembler(Assembler):
         if self._count.last is not None and here.decoded:
             samples = here.decoded[0]
             over = 0.0
-            if partial.carried is None and partial.behind_gap and partial.runs:
-                over = share_over(self._stream.format, partial.runs[0], samples, here.began)
+            if partial.runs:
+                over = share_before(self._stream.format, partial, samples, here.began)
             turn_ns = samples.revolution_samples * self._sample_time_ns
             from_end_ns = round(partial.last_ns - (here.passed / self._stream.format.full_turn - over) * turn_ns)
             # A read that was completed only behind a gap dates what came before it too late, as in `beginning_of`.
@@ -362,7 +315,7 @@ class SectorAssembler(Assembler):
             here.lost_behind = 0
         while here.at < len(here.ends):
             self._pass_end(here)
-        self._give(here, len(here.rest))
+        here.give(len(here.rest))
         for count in here.open:
             self._finish(here, count)
 
@@ -383,32 +336,13 @@ class SectorAssembler(Assembler):
         found.before_seam = before_seam
         return found
 
-    def _passed(
-        self,
-        ended: PartialRevolution,
-        packets: Packets | None,
-        samples: Samples | None,
-        start_ns: int,
-        sample_ns: float,
-        spanned_ns: float,
-        broken: bool,
-    ) -> float:
-        before = self.stats.missed_scans
-        revolution_ns = super()._passed(ended, packets, samples, start_ns, sample_ns, spanned_ns, broken)
-        # Those that were counted already, when the first sector was numbered.
-        self.stats.missed_scans -= min(self.stats.missed_scans - before, self._told_unseen)
-        return revolution_ns
-
-    def _is_false_part(
-        self,
-        ended: PartialRevolution,
-        samples: Samples | None,
-        start_ns: int,
-        sample_ns: float,
-        spanned_ns: float,
-    ) -> bool:
-        # A part of which sectors were handed out has a number already, and stays a scan.
-        return self._told is None and super()._is_false_part(ended, samples, start_ns, sample_ns, spanned_ns)
+    @property
+    def _is_numbered(self) -> bool:
+        return self._told is not None
 
     def _next_seq(self) -> int:
         return super()._next_seq() if self._told is None else self._told
+
+    def _miss(self, unseen: int) -> None:
+        # Some were counted already, when the first sector was numbered.
+        super()._miss(unseen - min(unseen, self._told_unseen))

@@ -16,7 +16,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from lidario.families.base import SteadySamples, Stream
-from lidario.revolution.build import turned_by
+from lidario.revolution.build import DatedRevolution, turned_by
 from lidario.revolution.count import NOISE, Beginning, RevolutionCount
 from lidario.revolution.judge import BROKEN_SHARE, UNEVEN, is_complete
 from lidario.revolution.partial import PartialRevolution, SampleArrays
@@ -26,25 +26,7 @@ from lidario.scan import read_only
 from lidario.wire.blocks import Block, join_blocks, packet_offsets, some_blocks
 from lidario.wire.events import Arrival, Packets
 
-__all__ = ["SteadyBlock", "SteadyRevolution", "decode_block"]
-
-
-class SteadyRevolution(NamedTuple):
-    """One revolution of a block.
-
-    Attributes:
-        arrays: Its samples, with the zero-angle offset: views, read-only.
-        start_ns: When the first of them was measured.
-        spanned_ns: How long they took.
-        interval_ns: What it took, by the time between beginnings; NaN when that is not known.
-        reported_rpm: The speed that its packets tell; NaN where they tell none.
-    """
-
-    arrays: SampleArrays
-    start_ns: int
-    spanned_ns: float
-    interval_ns: float
-    reported_rpm: float
+__all__ = ["SteadyBlock", "decode_block", "is_ready"]
 
 
 class SteadyBlock(NamedTuple):
@@ -58,7 +40,7 @@ class SteadyBlock(NamedTuple):
         samples: What the decoder found; not yet settled.
     """
 
-    revolutions: list[SteadyRevolution]
+    revolutions: list[DatedRevolution]
     packets: int
     next: PartialRevolution
     beginning: Beginning
@@ -214,7 +196,7 @@ def _block(
     turned = SampleArrays(turned_by(here.angle, stream.zero_offset_deg), here.distance, here.intensity)
     reported = samples.reported_rpm or [math.nan] * len(starts)
     revolutions = [
-        SteadyRevolution(turned.part(begin, end), start_ns, spanned_ns, interval_ns, rpm)
+        DatedRevolution(turned.part(begin, end), start_ns, spanned_ns, interval_ns, rpm)
         for (begin, end), start_ns, spanned_ns, interval_ns, rpm in zip(
             pairwise(bounds), starts, spanned, intervals, reported, strict=True
         )

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import anyio
 
-from lidario.errors import ConnectFailed, LidarError, ResponseTimeout
+from lidario.errors import ConnectFailed, ResponseTimeout
 from lidario.families.base import Device, Family
 from lidario.families.registry import FAMILIES, families_of_model, family_named, family_of_simulated
 from lidario.model import DeviceInfo
@@ -175,7 +175,8 @@ async def connect(
         if port.is_closing and not loop.is_closed():
             with anyio.CancelScope(shield=True):
                 await port.wait_closed()
-    raise _nothing_responds(source, tries, received)
+    asked_at = [each.baudrate for each in tries if each.baudrate]
+    raise received.nothing_responds(source, [each.family for each in tries], asked_at)
 
 
 async def _connect_recording(source: Source, family: str | None) -> Connection:
@@ -332,20 +333,3 @@ async def _try(port: Port, attempt: _Try, *, quick: bool, patience_s: float | No
         await dialogue.close()
         raise
     return Connection(port, family, device, dialogue, info, guard)
-
-
-def _nothing_responds(source: Source, tries: list[_Try], received: ReceivedInSilence) -> LidarError:
-    speeds = list(dict.fromkeys(str(each.baudrate) for each in tries if each.baudrate))
-    at = f" at {_either(speeds)} baud" if speeds and source.kind == "serial" else ""
-    asked = _either(list(dict.fromkeys(each.family.title for each in tries)))
-    cure = "Is the lidar powered (5 V, 1.5 A)"
-    cure += ", and is this computer in its network" if source.kind == "udp" else ""
-    cure += " and the adapter's speed switch right?" if source.kind == "serial" else "?"
-    return ConnectFailed(
-        f"{source.address} opened, but nothing responds{at} (asked as {asked}): {received.describe()}. {cure}",
-        reason="silent",
-    )
-
-
-def _either(words: list[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}"

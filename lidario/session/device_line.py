@@ -13,7 +13,8 @@ from lidario.recording.chronicle import Chronicle
 from lidario.session.delivery import Delivery
 from lidario.wire.envelope import Request
 from lidario.wire.events import Packets
-from lidario.wire.link import Link, LinkState, LinkStats
+from lidario.wire.link import Link, LinkStats
+from lidario.wire.states import LinkState
 
 __all__ = ["DeviceLine"]
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import TypeVar
@@ -23,19 +22,19 @@ from lidario.families.base import Device, Script, Timing
 from lidario.port.port import Port
 from lidario.revolution.together import join_runs
 from lidario.session.device_line import DeviceLine
+from lidario.session.patience import RESPONSE_S, Patience
+from lidario.session.script import play
 from lidario.session.stopper import CLOCK_S, PATIENCE_S, Stopper
 from lidario.session.waiting import Awaited, Waiting
 from lidario.wire.envelope import Request
 from lidario.wire.events import Event, Packets, Response
-from lidario.wire.link import LinkState
+from lidario.wire.states import LinkState
 
 __all__ = ["Dialogue"]
 
 T = TypeVar("T")
 _log = logging.getLogger("lidario")
 
-RESPONSE_S = 0.02
-"""Time in which a healthy device has responded."""
 _MARGIN_S = 0.005
 """Added to every pause a device demands: an adapter may deliver one request late and the next one on time."""
 
@@ -57,7 +56,7 @@ class Dialogue(DeviceLine):
         self._timing = timing
         self._loop = asyncio.get_running_loop()
         self._overflow = port.overflow_bytes
-        self._patience = self._hurried_until = math.inf
+        self._patience = Patience()
         self.protection_stops: int = 0
         self.reset_at: float | None = None
         self._waiting = Waiting()
@@ -146,14 +145,14 @@ class Dialogue(DeviceLine):
 
     def hurry(self, patience: float | None) -> None:
         """While probing, ask once and wait at most `patience` seconds; None for as long as is usual."""
-        self._patience = math.inf if patience is None else patience
+        self._patience.hurry(patience)
 
     def hurry_until(self, deadline: float | None) -> None:
         """Ask each question once, and wait until `deadline` for all of them together; None for as long as is usual.
 
         A device that has responded to none until then is given the shortest time for each that follows.
         """
-        self._hurried_until = math.inf if deadline is None else deadline
+        self._patience.hurry_until(deadline)
 
     async def ask(self, request: Request) -> bytes:
         """Send a request when the device listens; return the payload of its response, empty if it has none.
@@ -166,13 +165,12 @@ class Dialogue(DeviceLine):
             SessionClosed: The session was closed meanwhile.
         """
         noise, timeout = self.stats.stray_bytes, request.timeout
-        hurried = min(self._patience, self._hurried_until) < math.inf
-        for _ in range(1 if hurried else request.attempts):
+        for _ in range(self._patience.attempts(request)):
             await self._until_it_listens()
-            left = max(self._hurried_until - self._loop.time(), RESPONSE_S)
-            timeout = min(request.timeout, self._patience, left)
+            now = self._loop.time()
+            timeout = self._patience.timeout(request, now)
             # As the pause in `write`: noted before it is written.
-            self._response_due = self._loop.time() + timeout
+            self._response_due = now + timeout
             self.write((request,))
             if request.expects is None:
                 return b""
@@ -193,29 +191,8 @@ class Dialogue(DeviceLine):
         raise ResponseTimeout(request.name, timeout, self.stats.stray_bytes - noise)
 
     async def run(self, script: Script[T], first: Request | None = None) -> T:
-        """Hold the dialogue that `script` writes down, and return its result.
-
-        Args:
-            script: A script of a family.
-            first: Its first request, where it was advanced to that one already.
-
-        Raises:
-            Whatever the script raises, and what `ask` raises unless the script catches it.
-        """
-        try:
-            request = next(script) if first is None else first
-            while True:
-                try:
-                    payload = await self.ask(request)
-                except ResponseTimeout as timeout:
-                    request = script.throw(timeout)
-                else:
-                    request = script.send(payload)
-        except StopIteration as stop:
-            result: T = stop.value
-            return result
-        finally:
-            script.close()
+        """Hold the dialogue that `script` writes down, and return its result; as `play`, with `ask`."""
+        return await play(script, self.ask, first)
 
     async def pause(self, seconds: float) -> None:
         """Sleep as an operation does: `interrupt` and a dead port end it."""

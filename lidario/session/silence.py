@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from lidario.errors import ConnectFailed
+from lidario.families.base import Family
 from lidario.session.listening import KEPT, family_of_stream
+from lidario.source import Source
 
 __all__ = ["ReceivedInSilence"]
 
@@ -36,3 +41,20 @@ class ReceivedInSilence:
         if family is not None:
             return f"{self.total} bytes came back, {family.title} packets among them: it streams, but does not obey"
         return f"{self.total} bytes of garbage came back, as at a wrong baud rate"
+
+    def nothing_responds(self, source: Source, asked: Sequence[Family], speeds: Sequence[int]) -> ConnectFailed:
+        """The error that says who was asked, at which speeds in baud, and what came back; and a cure."""
+        told = list(dict.fromkeys(str(speed) for speed in speeds))
+        at = f" at {_either(told)} baud" if told and source.kind == "serial" else ""
+        titles = _either(list(dict.fromkeys(each.title for each in asked)))
+        cure = "Is the lidar powered (5 V, 1.5 A)"
+        cure += ", and is this computer in its network" if source.kind == "udp" else ""
+        cure += " and the adapter's speed switch right?" if source.kind == "serial" else "?"
+        return ConnectFailed(
+            f"{source.address} opened, but nothing responds{at} (asked as {titles}): {self.describe()}. {cure}",
+            reason="silent",
+        )
+
+
+def _either(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}"

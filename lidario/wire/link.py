@@ -1,14 +1,6 @@
 """`Link`: the incremental state machine between raw bytes and typed events.
 
-::
-
-    IDLE ──request with a response──> AWAIT_RESPONSE ──response, forget()──> IDLE
-                                            ├──descriptor of a stream──> STREAMING ──STOP──> DRAINING
-                                            └──the same, after abandon()──> DRAINING ──drained()──> IDLE
-
-STOP and RESET lead from every state to DRAINING. A device that streams unasked cannot be told to stop: its STOP has
-no bytes and leads to IDLE, where what it sends on counts as drained. Its stream has no descriptor: the request for
-it leads to STREAMING at once, and a request for packets has so many of them in a row as its response.
+Its states are drawn in `lidario.wire.states`.
 
 Four verbs: `receive_data`, `events_received`, `send_request`, `data_to_send`. Time is an argument. While it
 streams it searches for no descriptor, and while it waits for a response it accepts only the one that was
@@ -23,7 +15,6 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from enum import Enum
 
 from lidario.errors import LocalProtocolError
 from lidario.wire.blocks import packet_offsets
@@ -31,23 +22,13 @@ from lidario.wire.buffer import ReceiveBuffer
 from lidario.wire.envelope import DESCRIPTOR_MAGIC, DESCRIPTOR_SIZE, Expected, Request, parse_descriptor
 from lidario.wire.events import Arrival, Descriptor, Event, Packets, Response
 from lidario.wire.formats import StreamFormat
+from lidario.wire.states import LinkState
 from lidario.wire.stats import LinkStats
 
-__all__ = ["Link", "LinkState", "LinkStats"]
+__all__ = ["Link", "LinkStats"]
 
 _SLICE = 64 * 1024
 """Bytes parsed at a time, unless told otherwise: as many as come while a program blocks its loop for a second."""
-
-
-class LinkState(Enum):
-    """What the link makes of arriving bytes."""
-
-    IDLE = "idle"
-    AWAIT_RESPONSE = "await response"
-    STREAMING = "streaming"
-    DRAINING = "draining"
-
-
 _AWAIT_RESPONSE, _STREAMING = LinkState.AWAIT_RESPONSE, LinkState.STREAMING
 """Finding a member in its class takes 40 ns more than a global name, and this is done for every chunk."""
 

@@ -14,9 +14,10 @@ import lidario
 from lidario.recording.files import open_stored
 from lidario.recording.played import PlayedDevice
 from tests.cli.processes import BOUND, invoke, invoke_driven, line_of, run, started
+from tests.support.cases import CASES, Case, named
 from tests.support.loop import run_driven
 from tests.support.recorded import Live, assert_same_scans, record
-from tests.support.streams import CASES, SINGLE_DEG, Case, named
+from tests.support.streams import SINGLE_DEG
 from tests.test_golden import Q6_TURN, golden_q6
 
 

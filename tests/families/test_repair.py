@@ -5,8 +5,9 @@ from random import Random
 import pytest
 
 from lidario.families.rplidar.formats import HqFormat
+from tests.support.cases import CASES, Case, named
 from tests.support.kept import accepted_by_place, kept, spoil_inside
-from tests.support.streams import CASES, Case, feed, named
+from tests.support.streams import feed
 
 SIZE = 781
 HQ = [case for case in CASES if case.response_type == 0x83]

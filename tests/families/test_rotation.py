@@ -8,8 +8,9 @@ import pytest
 from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.rotation import Rotation
 from lidario.families.rplidar.simulated import packers
+from tests.support.cases import CASES, KINDS, Case, named
 from tests.support.kept import arrivals
-from tests.support.streams import CASES, KINDS, Case, assembled, in_one_run, named
+from tests.support.streams import assembled, in_one_run
 
 TURN = 23040
 HQ = [case for case in CASES if case.response_type == 0x83]

@@ -12,8 +12,9 @@ from lidario.revolution.assemble import Assembler
 from lidario.scan import Scan
 from tests.fuzz.checks import check_scan
 from tests.reference import ydlidar
+from tests.support.cases import KINDS, Case
 from tests.support.contents import point_cloud, sealed
-from tests.support.streams import KINDS, Case, in_one_run, stream_of
+from tests.support.streams import in_one_run, stream_of
 
 __all__ = ["decode_packets", "packet_seeds", "packets_of"]
 

@@ -28,8 +28,8 @@ from lidario.recording.played import PlayedDevice
 from lidario.recording.read import StoredStreams
 from lidario.recording.write import FileWriter
 from tests.fuzz.checks import check_error, check_scan, check_text
+from tests.support.cases import CASES, Case
 from tests.support.loop import run_driven
-from tests.support.streams import CASES, Case
 
 __all__ = ["open_recording", "recording_seeds"]
 

@@ -17,8 +17,8 @@ from tests.fuzz.device import hostile_device
 from tests.fuzz.packets import decode_packets, packet_seeds
 from tests.fuzz.recordings import open_recording, recording_seeds
 from tests.properties.test_robust import STATES
+from tests.support.cases import KINDS, Case
 from tests.support.ledger import assert_link_closes
-from tests.support.streams import KINDS, Case
 
 __all__ = ["TARGETS", "Target"]
 

@@ -13,7 +13,7 @@ from tests.fuzz.__main__ import main
 from tests.fuzz.packets import packets_of
 from tests.fuzz.targets import TARGETS
 from tests.support import ledger
-from tests.support.streams import KINDS, Case, named
+from tests.support.cases import KINDS, Case, named
 
 pytestmark = pytest.mark.discards("a device that means harm answers what was not asked, and leaves out what was")
 

@@ -24,7 +24,7 @@ from lidario.recording.about import About
 from lidario.recording.chronicle import Responded, StreamBegan, StreamEnded
 from lidario.scan import Scan
 from tests.support.recorded import same_scan
-from tests.test_laserscan import sweep
+from tests.support.sweep import sweep
 from tests.test_model import FOUR
 
 OFFSET_NS = 10**18

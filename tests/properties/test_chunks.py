@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
 from tests.reference import damage
+from tests.support.cases import KINDS, Case
 from tests.support.harm import messes
 from tests.support.samples import one_a_parser
-from tests.support.streams import KINDS, Case, assembled, cut_up, feed, open_stream
+from tests.support.streams import assembled, cut_up, feed, open_stream
 
 every_kind = one_a_parser(KINDS)
 HARM = {"flips": damage.flip, "lost bytes": damage.drop_bytes, "added bytes": damage.insert_bytes}

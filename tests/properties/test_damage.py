@@ -7,9 +7,9 @@ The share kept is the number of points in the delivered scans, divided by that i
 import numpy as np
 import pytest
 
+from tests.support.cases import CASES, Case, most_or_all
 from tests.support.kept import Kept, accepted_by_place, kept, spoil_inside
 from tests.support.samples import one_a_parser
-from tests.support.streams import CASES, Case, most_or_all
 
 PACKET_CASES = [case for case in CASES if len(case.packets[0]) > 5]
 """All but the plain node, which has no check value: see test_nodes."""

@@ -12,21 +12,11 @@ from lidario.families.base import Samples
 from lidario.revolution.seam import Seam, Split
 from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS, RESTARTS, Headings
+from tests.support.cases import CASES, KINDS, LAYOUTS, Case, Sample, named
 from tests.support.contents import any_packets, point_cloud
 from tests.support.harm import messes
 from tests.support.samples import one_a_parser
-from tests.support.streams import (
-    CASES,
-    KINDS,
-    LAYOUTS,
-    SINGLE_DEG,
-    Case,
-    Sample,
-    before_seam,
-    checked_one_by_one,
-    in_one_run,
-    named,
-)
+from tests.support.streams import SINGLE_DEG, before_seam, checked_one_by_one, in_one_run
 
 every_kind = pytest.mark.parametrize("case", KINDS, ids=named)
 every_layout = pytest.mark.parametrize("case", [*KINDS, *LAYOUTS], ids=named)

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from tests.reference import rplidar
+from tests.support.cases import CASES, KINDS, Case, most_or_all, named
 from tests.support.kept import kept_without
 from tests.support.samples import one_a_parser
-from tests.support.streams import CASES, KINDS, Case, assembled, most_or_all, named
+from tests.support.streams import assembled
 
 PACKET_CASES = [case for case in CASES if len(case.packets[0]) > 5]
 RESTARTING = [case for case in CASES if case.lookahead]

@@ -10,9 +10,9 @@ from lidario.errors import LocalProtocolError
 from lidario.families.rplidar import commands as rplidar
 from lidario.families.ydlidar import commands as ydlidar
 from lidario.wire.link import Link
+from tests.support.cases import KINDS, Case, named
 from tests.support.harm import LURES, messes
 from tests.support.ledger import assert_link_closes
-from tests.support.streams import KINDS, Case, named
 
 INFO = b"\xa5\x5a\x14\0\0\0\x04" + bytes(20)
 HEALTH = b"\xa5\x5a\x03\0\0\0\x06\0\0\0"

@@ -15,9 +15,10 @@ import pytest
 from lidario.families.rplidar.nodes import NodeFormat
 from lidario.families.rplidar.simulated.packers import pack_standard
 from tests.reference import damage
+from tests.support.cases import CASES, Case
 from tests.support.kept import spoil_inside
 from tests.support.samples import one_a_parser
-from tests.support.streams import CASES, Case, arrived, assembled, feed
+from tests.support.streams import arrived, assembled, feed
 
 CASES_81 = [case for case in CASES if len(case.packets[0]) == 5]
 RATE = 5e-4

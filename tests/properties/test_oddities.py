@@ -3,10 +3,11 @@
 import pytest
 
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_response, pack_time_stamp
+from tests.support.cases import CASES, Case, named
 from tests.support.contents import resealed
 from tests.support.kept import Kept, kept
 from tests.support.samples import one_a_parser
-from tests.support.streams import CASES, Case, assembled, named
+from tests.support.streams import assembled
 
 POINT_CLOUDS = [case for case in CASES if case.layout is not None]
 PACKET_CASES = [case for case in CASES if len(case.packets[0]) > 5]

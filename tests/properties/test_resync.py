@@ -7,9 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidario.families.ydlidar.simulated.packers import pack_response
+from tests.support.cases import KINDS, Case
 from tests.support.harm import LURES, noises
 from tests.support.samples import one_a_parser
-from tests.support.streams import KINDS, Case, cut_up, feed, open_stream
+from tests.support.streams import cut_up, feed, open_stream
 
 INFO = pack_response(0x04, bytes(20))[:7]
 every_kind = one_a_parser(KINDS)

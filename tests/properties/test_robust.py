@@ -13,11 +13,13 @@ from lidario.revolution.assemble import Assembler
 from lidario.scan import Scan
 from lidario.wire.envelope import Request
 from lidario.wire.events import Packets
-from lidario.wire.link import Link, LinkState
+from lidario.wire.link import Link
+from lidario.wire.states import LinkState
+from tests.support.cases import KINDS, LAYOUTS, Case
 from tests.support.contents import any_packets
 from tests.support.harm import LURES, messes
 from tests.support.samples import one_a_parser
-from tests.support.streams import KINDS, LAYOUTS, Case, cut_up, feed, in_one_run, stream_of
+from tests.support.streams import cut_up, feed, in_one_run, stream_of
 
 every_kind = one_a_parser(KINDS)
 every_layout = one_a_parser([*KINDS, *LAYOUTS], KINDS)

@@ -8,7 +8,8 @@ import pytest
 from lidario.revolution.assemble import Assembler
 from lidario.scan import Scan
 from lidario.wire.events import Packets
-from tests.support.streams import CASES, Case, cut_up, open_stream, stream_of
+from tests.support.cases import CASES, Case
+from tests.support.streams import cut_up, open_stream, stream_of
 
 
 @pytest.mark.exhaustive("first", sample=CASES[::5], full=CASES)

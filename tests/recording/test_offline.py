@@ -18,8 +18,9 @@ import pytest
 import lidario
 from lidario.errors import ConnectFailed, InvalidValue, RecordingError
 from lidario.recording.offline import OfflineDecoder
+from tests.support.cases import CASES, KINDS, Case, named
 from tests.support.ledger import PACKETS, assert_link_closes
-from tests.support.streams import CASES, KINDS, Case, assembled, named
+from tests.support.streams import assembled
 
 every_case = pytest.mark.parametrize("case", CASES, ids=named)
 every_kind = pytest.mark.parametrize("case", KINDS, ids=named)

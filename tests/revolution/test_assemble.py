@@ -1,11 +1,7 @@
-"""From packets to revolutions: seams, time, losses, and what a scan promises of its arrays.
+"""From packets to revolutions: seams, losses, and what a scan promises of its arrays.
 
-Most tests use 0x85 packets whose samples are numbered: every sample has its own distance, so that none can be
-lost, doubled or swapped unseen.
+Most tests use packets whose samples are numbered (`tests.support.numbered`).
 """
-
-from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,57 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidario.families.rplidar.simulated import packers
-from lidario.families.ydlidar import formats as ydlidar_formats
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.scan import Scan
-from lidario.wire.events import Packets
-from tests.support.streams import CASES, KINDS, Case, arrived, cut_up, in_one_run, named, open_stream, stream_of
-
-DENSE = next(case for case in CASES if case.name == "rplidar_32k_85")
-SAMPLE_NS = 31_250
-TURN = 23040
-BAUD = 1_000_000
-WIRE_NS = 84 * 10_000
-Arrival = Callable[[int], float]
-
-
-def numbered(count: int, arc: float, first: int = 0) -> list[bytes]:
-    """Dense packets of `arc` 1/64 degrees each; the n-th sample measures n + 1 millimetres."""
-    starts = np.rint(first + arc * np.arange(count)).astype(np.int64) % TURN
-    millimetres = np.arange(count * 40).reshape(-1, 40) % 65535 + 1
-    raw = packers.pack_dense(starts, millimetres)
-    return [raw[at : at + 84] for at in range(0, len(raw), 84)]
-
-
-def on_time(number: int) -> float:
-    """When the n-th packet arrives on a line without delays, the first sample being measured at 0."""
-    return ((number + 1) * 40 - 1 + 1.5) * SAMPLE_NS + WIRE_NS
-
-
-def assemble(
-    packets: Sequence[bytes],
-    arrival: Arrival = on_time,
-    *,
-    run: int = 1,
-    baudrate: int = BAUD,
-    stats: AssemblerStats | None = None,
-    wall: int = 0,
-    **about: Any,
-) -> list[Scan]:
-    """The scans of these packets, `run` of which arrive together."""
-    about.setdefault("sample_ns", float(SAMPLE_NS))
-    assembler = Assembler(stream_of(DENSE, **about), baudrate, wall, stats)
-    scans: list[Scan] = []
-    for at in range(0, len(packets), run):
-        part = packets[at : at + run]
-        scans += assembler.add(arrived(b"".join(part), len(part), round(arrival(at + len(part) - 1))))
-    return scans
-
-
-def numbers(scans: Sequence[Scan]) -> list[int]:
-    """The numbers of the samples of all scans."""
-    return [round(float(mm)) for scan in scans for mm in scan.device_distances]
-
+from tests.support.cases import CASES, Case, named
+from tests.support.numbered import BAUD, DENSE, SAMPLE_NS, TURN, Arrival, assemble, numbered, numbers, on_time
+from tests.support.streams import arrived, in_one_run, stream_of
 
 # ----------------------------------------------------------------------------------------------------- seams
 
@@ -125,133 +75,6 @@ def test_smoothing_goes_on_across_the_seam(case: Case) -> None:
     assert found == reference[first : first + len(found)]
     assert len(found) > 40 * 64
     assert any(a != b for a, b in zip(reference, mm.ravel().tolist(), strict=False))
-
-
-# ------------------------------------------------------------------------------------------------------ time
-
-
-def test_stamps_are_exact_on_a_line_that_delays_nothing() -> None:
-    scans = assemble(numbered(160, 961.7, 300), wall=10**18)
-    assert len(scans) >= 5
-    for scan in scans:
-        first = round(float(scan.device_distances[0])) - 1
-        assert abs(scan.stamp_ns - first * SAMPLE_NS) <= 1
-        assert scan.wall_stamp_ns == scan.stamp_ns + 10**18
-        assert scan.time_increment_ns == SAMPLE_NS
-        assert scan.duration_ns == len(scan) * SAMPLE_NS
-
-
-@pytest.mark.parametrize("run", [1, 3, 7])
-@pytest.mark.parametrize("seed", range(4))
-def test_the_least_delayed_packet_tells_the_time(run: int, seed: int) -> None:
-    """Late as most may be: one in eight is not, and it is enough."""
-    random = np.random.default_rng(seed)
-    delay = random.exponential(1_000_000, 400) * (random.random(400) > 1 / 8)
-    arrival = np.maximum.accumulate([on_time(n) + delay[n] for n in range(400)])
-    exact = [n for n in range(400) if arrival[n] == on_time(n)]
-    assert len(exact) > 10  # what comes behind a late packet is late as well
-    scans = assemble(numbered(400, 960.3), lambda n: float(arrival[n]), run=run)
-    late = [scan.stamp_ns - (round(float(scan.device_distances[0])) - 1) * SAMPLE_NS for scan in scans]
-    assert min(late) >= -1
-    if run == 1:
-        # Exact where a packet of the turn came in time; else late by the least of their delays.
-        for scan, error in zip(scans, late, strict=True):
-            first = (round(float(scan.device_distances[0])) - 1) // 40
-            least = min(arrival[n] - on_time(n) for n in range(first, first + len(scan) // 40))
-            assert error <= least + 1
-    assert np.median(late) < 300_000
-
-
-@pytest.mark.parametrize("hertz", [5.0, 10.0, 13.7])
-def test_rpm_is_measured_from_turn_to_turn(hertz: float) -> None:
-    arc = TURN * hertz * 40 * SAMPLE_NS / 1e9
-    scans = assemble(numbered(round(5 * TURN / arc), arc))
-    assert len(scans) >= 3
-    for scan in scans:
-        # A turn begins with a sample: it is off by one of them at most.
-        assert scan.rpm == pytest.approx(60 * hertz, rel=2.5 * hertz * SAMPLE_NS / 1e9)
-        assert scan.duration_ns == pytest.approx(1e9 / hertz, rel=0.002)
-
-
-def test_without_a_line_speed_bytes_take_no_time() -> None:
-    (scan, *_) = assemble(numbered(100, 960), lambda n: on_time(n) - WIRE_NS, baudrate=0)
-    assert scan.stamp_ns == (round(float(scan.device_distances[0])) - 1) * SAMPLE_NS
-
-
-def test_a_sample_rate_nobody_tells_is_measured() -> None:
-    scans = assemble(numbered(160, 960), sample_ns=0.0)
-    assert len(scans) > 1
-    for scan in scans[1:]:
-        assert scan.time_increment_ns == pytest.approx(SAMPLE_NS, rel=0.05)
-        assert scan.duration_ns == pytest.approx(len(scan) * SAMPLE_NS, rel=0.05)
-        assert scan.rpm == pytest.approx(2000, rel=0.05)
-
-
-@pytest.mark.parametrize("case", CASES, ids=named)
-@pytest.mark.parametrize("chunk", [512, 2048, 4096, 8192])
-def test_bytes_that_come_late_together_cost_no_turn(case: Case, chunk: int) -> None:
-    """As after a blocked event loop: chunks that hold more than a turn, and seams between them."""
-    link, assembler, at = open_stream(case), Assembler(stream_of(case)), 0
-    for piece in cut_up(case.raw, chunk):
-        at += len(piece)
-        link.receive_data(piece, round(at * case.byte_ns))
-        for event in link.events_received():
-            assert isinstance(event, Packets)
-            assembler.add(event)
-    assert (assembler.stats.scans, assembler.stats.broken_scans) == (len(case.turns), 0)
-
-
-@pytest.mark.parametrize("case", KINDS, ids=named)
-@pytest.mark.parametrize("chunk", [64, 700, 1500])
-def test_what_lay_uncut_tells_the_time_as_well(case: Case, chunk: int) -> None:
-    """Reads come late by chance, and are collected for most of a turn; each was noted when it came."""
-    results = []
-    for hold_ns in (0, 80_000_000):
-        random = np.random.default_rng(5)
-        link, assembler, at, scans = open_stream(case), Assembler(stream_of(case), BAUD), 0, list[Scan]()
-        pending, reads, until = b"", list[tuple[int, int]](), 0
-        for piece in cut_up(case.raw, chunk):
-            at += len(piece)
-            now = round(at * case.byte_ns + random.exponential(1_000_000))
-            pending += piece
-            if now < until:
-                reads.append((len(pending), now))
-                continue
-            link.receive_data(pending, now, reads)
-            pending, reads = b"", []
-            for event in link.events_received():
-                assert isinstance(event, Packets)
-                for scan in assembler.add(event):
-                    scans.append(scan)
-                    until = now + hold_ns
-        results.append(scans)
-    at_once, held = results
-    assert len(held) >= len(case.turns) - 1
-    for one, other in zip(at_once, held, strict=False):
-        assert (one.stamp_ns, one.rpm, one.seq) == (other.stamp_ns, other.rpm, other.seq)
-        np.testing.assert_array_equal(one.device_distances, other.device_distances)
-
-
-@pytest.mark.parametrize("chunk", [700, 4096, 40_000])
-def test_packets_of_many_sizes_are_walked_only_by_the_parser(chunk: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where they begin is found once, and carried with them through the assembler and the decoder."""
-    case = next(case for case in KINDS if case.truth.family == "ydlidar")
-    link, events = open_stream(case), list[Packets]()
-    for piece in cut_up(case.raw, chunk):
-        link.receive_data(piece, 0)
-        events += [event for event in link.events_received() if isinstance(event, Packets)]
-    walks: list[int] = []
-
-    def walk(data: bytes, at: int, size: int) -> int:
-        walks.append(at)
-        return equal_sizes(data, at, size)
-
-    equal_sizes = ydlidar_formats._equal_sizes
-    monkeypatch.setattr(ydlidar_formats, "_equal_sizes", walk)
-    assembler = Assembler(stream_of(case))
-    scans = [scan for event in events for scan in assembler.add(event)]
-    assert len(scans) == len(case.turns)
-    assert walks == []
 
 
 # -------------------------------------------------------------------------------------------- losses, endings

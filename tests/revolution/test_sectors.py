@@ -23,10 +23,11 @@ from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.wire.events import Packets
 from tests.reference import damage
+from tests.support.cases import CASES, KINDS, Case, most_or_all
 from tests.support.harm import messes
 from tests.support.kept import arrivals
 from tests.support.samples import one_a_parser
-from tests.support.streams import CASES, KINDS, Case, Chunks, assembled, cut_up, most_or_all, open_stream
+from tests.support.streams import Chunks, assembled, cut_up, open_stream
 from tests.support.streams import stream_of as described
 
 SAMPLE_DEG = 0.6

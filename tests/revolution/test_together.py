@@ -6,7 +6,8 @@ import pytest
 
 from lidario.revolution.together import join_runs
 from lidario.wire.events import Descriptor, Event, Packets, Response
-from tests.support.streams import CASES, Case, cut_up, named, open_stream
+from tests.support.cases import CASES, Case, named
+from tests.support.streams import cut_up, open_stream
 
 RESPONSE = Response(1, b"", 0)
 

@@ -17,7 +17,7 @@ from lidario.laserscan import LaserScan
 from lidario.model import DeviceInfo, Health, HealthStatus, Stats
 from lidario.ros.diagnostics import ERROR, OK, WARN, DiagnosticArray, DiagnosticStatus, diagnostics
 from lidario.ros.pointcloud import POINT, PointCloud2, pointcloud2
-from tests.test_laserscan import check, sweep
+from tests.support.sweep import check, sweep
 from tests.test_model import FOUR
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

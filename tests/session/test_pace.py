@@ -17,7 +17,8 @@ from lidario.session.pace import (
     LONGEST_INTERVAL_S,
     Pace,
 )
-from tests.support.streams import CASES, stream_of
+from tests.support.cases import CASES
+from tests.support.streams import stream_of
 
 DENSE = next(case for case in CASES if case.name == "rplidar_32k_85")
 PACKET_S = 40 * 31.25e-6

@@ -16,7 +16,8 @@ from lidario.revolution.assemble import Assembler
 from lidario.revolution.sectors import SectorAssembler
 from lidario.session.pace import Pace
 from lidario.session.sectors import SectorPace
-from tests.support.streams import KINDS, Case, in_one_run, named, stream_of
+from tests.support.cases import KINDS, Case, named
+from tests.support.streams import in_one_run, stream_of
 
 LATENCY_S, TIMER_S = 0.005, 0.001
 

@@ -6,7 +6,7 @@ from lidario.families.ldrobot.simulated import packers as ldrobot
 from lidario.families.rplidar.simulated import packers
 from tests.reference import ldrobot as ldrobot_reference
 from tests.reference import ydlidar
-from tests.support.streams import Case
+from tests.support.cases import Case
 
 __all__ = ["any_packets", "point_cloud", "resealed", "sealed"]
 

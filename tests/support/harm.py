@@ -3,7 +3,7 @@
 from hypothesis import strategies as st
 
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_response, pack_time_stamp
-from tests.support.streams import Case
+from tests.support.cases import Case
 
 __all__ = ["fragments", "messes", "noises", "runs"]
 

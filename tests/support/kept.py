@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from lidario.scan import Scan
 from tests.reference import damage
-from tests.support.streams import Case, assembled, feed
+from tests.support.cases import Case
+from tests.support.streams import assembled, feed
 
 __all__ = ["Kept", "accepted_by_place", "arrivals", "kept", "kept_without", "spoil_inside"]
 

@@ -8,7 +8,7 @@ import pytest
 
 from lidario.families.registry import FAMILIES
 from lidario.wire.formats import StreamFormat
-from tests.support.streams import Case
+from tests.support.cases import Case
 
 __all__ = ["MODELS", "every_model", "one_a_parser"]
 

@@ -15,8 +15,8 @@ from lidario.web import server as module
 from lidario.web.feed import Feed
 from lidario.web.frames import Mount
 from lidario.web.server import LiveServer
+from tests.support.cases import CASES
 from tests.support.recorded import record
-from tests.support.streams import CASES
 
 BOUND = 20.0
 

@@ -1,52 +1,21 @@
-"""The state machine: what each state makes of requests and bytes."""
-
-from dataclasses import replace
+"""The state machine: what each state makes of requests and bytes. Streams are in `test_link_streams`."""
 
 import pytest
 
 from lidario.errors import LocalProtocolError
 from lidario.families.rplidar import commands
 from lidario.families.rplidar.commands import Conf, get_lidar_conf
-from lidario.families.rplidar.formats import DenseFormat, ExpressFormat
-from lidario.families.rplidar.simulated.packers import pack_dense
+from lidario.families.rplidar.formats import DenseFormat
 from lidario.families.ydlidar import commands as other
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_points, pack_response
 from lidario.wire.envelope import Request
-from lidario.wire.events import Descriptor, Event, Packets, Response
-from lidario.wire.link import Link, LinkState
-from tests.support.streams import CASES, arrived, open_stream
-
-INFO = bytes(range(20))
-INFO_ANSWER = pack_response(0x04, INFO)
-HEALTH_ANSWER = pack_response(0x06, b"\0\0\0")
-DENSE = bytes.fromhex("A55A5400004085")
-PACKETS = [pack_dense(300 * n, [[100 * n + k for k in range(40)]]) for n in range(12)]
-
-
-def waiting(request: Request = commands.GET_INFO) -> Link:
-    link = Link()
-    link.send_request(request)
-    assert link.data_to_send() == request.data
-    assert link.state is LinkState.AWAIT_RESPONSE
-    return link
-
-
-def streaming() -> Link:
-    link = waiting(commands.express_scan(1, DenseFormat()))
-    link.receive_data(DENSE, 0)
-    assert link.events_received() == [Descriptor(0x85, 84, continuous=True)]
-    assert link.state is LinkState.STREAMING
-    return link
-
-
-def receive(link: Link, data: bytes, now: int = 0, size: int | None = None) -> list[Event]:
-    for at in range(0, len(data), size or len(data) or 1):
-        link.receive_data(data[at : at + (size or len(data))], now)
-    return link.events_received()
-
-
-# --------------------------------------------------------------------------------------------------- at rest
+from lidario.wire.events import Descriptor, Response
+from lidario.wire.link import Link
+from lidario.wire.states import LinkState
+from tests.support.cases import CASES
+from tests.support.links import DENSE, HEALTH_ANSWER, INFO, INFO_ANSWER, PACKETS, receive, streaming, waiting
+from tests.support.streams import arrived, open_stream
 
 
 def test_nothing_is_sent_and_nothing_known_at_first() -> None:
@@ -73,9 +42,6 @@ def test_a_request_without_an_answer_changes_nothing() -> None:
     link = Link()
     link.send_request(commands.motor_speed(600))
     assert link.state is LinkState.IDLE
-
-
-# --------------------------------------------------------------------------------------------------- answers
 
 
 @pytest.mark.parametrize("size", [None, 1, 2, 5])
@@ -242,115 +208,6 @@ def test_abandoning_is_nothing_in_other_states() -> None:
     assert receive(idle, INFO_ANSWER) == [Response(0x04, INFO, 0)]
 
 
-# --------------------------------------------------------------------------------------------------- streams
-
-
-@pytest.mark.parametrize("size", [None, 1, 50, 1000])
-def test_a_stream_begins_right_behind_its_descriptor(size: int | None) -> None:
-    link = waiting(commands.express_scan(1, DenseFormat()))
-    events = receive(link, b"\0\xa5" + DENSE + b"".join(PACKETS), 4, size)
-    assert events[0] == Descriptor(0x85, 84, continuous=True)
-    assert all(isinstance(event, Packets) for event in events[1:])
-    assert b"".join(event.data for event in events if isinstance(event, Packets)) == b"".join(PACKETS)
-    assert (link.stats.packets, link.stats.stray_bytes, link.stats.skipped_bytes) == (12, 2, 0)
-
-
-@pytest.mark.parametrize("descriptor", ["A55A5400004087", "A55A5500004082", "A55A5400000082", "A55A8400004085"])
-def test_the_descriptor_of_an_unknown_stream_is_not_taken(descriptor: str) -> None:
-    link = waiting(commands.express_scan(1, DenseFormat()))
-    assert receive(link, bytes.fromhex(descriptor) + PACKETS[0]) == []
-    assert link.state is LinkState.AWAIT_RESPONSE
-
-
-def test_the_descriptor_of_another_known_stream_decides_the_format() -> None:
-    link = waiting(commands.express_scan(1, ExpressFormat()))
-    assert receive(link, DENSE + b"".join(PACKETS))[0] == Descriptor(0x85, 84, continuous=True)
-    assert link.state is LinkState.STREAMING
-    assert link.stats.packets == len(PACKETS)
-
-
-def test_while_it_streams_a_descriptor_is_noise() -> None:
-    link = streaming()
-    events = receive(link, PACKETS[0] + INFO_ANSWER + b"".join(PACKETS[1:]))
-    assert events == [
-        arrived(PACKETS[0], 1, 0),
-        replace(arrived(b"".join(PACKETS[1:]), 11, 0), skipped=27),
-    ]
-    assert (link.stats.skipped_bytes, link.stats.skipped_stretches) == (27, 1)
-
-
-def test_one_stretch_of_noise_is_one_event_however_long() -> None:
-    link = streaming()
-    assert receive(link, PACKETS[0]) == [arrived(PACKETS[0], 1, 0)]
-    for _ in range(50):
-        assert receive(link, bytes(100)) == []
-    assert receive(link, PACKETS[1] + PACKETS[2]) == [
-        replace(arrived(PACKETS[1] + PACKETS[2], 2, 0), skipped=5000),
-    ]
-    assert link.stats.skipped_stretches == 1
-
-
-def test_packets_bear_the_arrival_of_their_last_byte() -> None:
-    link = streaming()
-    assert receive(link, PACKETS[0] + PACKETS[1][:40], 10) == [arrived(PACKETS[0], 1, 10)]
-    assert receive(link, PACKETS[1][40:], 20) == [arrived(PACKETS[1], 1, 20)]
-
-
-def test_stop_ends_the_stream_and_throws_away_what_is_left() -> None:
-    link = streaming()
-    receive(link, PACKETS[0] + PACKETS[1][:40])
-    link.send_request(commands.STOP)
-    assert (link.state, link.data_to_send()) == (LinkState.DRAINING, commands.STOP.data)
-    assert link.stats.drained_bytes == 40
-    assert receive(link, PACKETS[1][40:] + PACKETS[2] + INFO_ANSWER) == []
-    assert link.stats.drained_bytes == 40 + 44 + 84 + 27
-    assert link.buffered == 0
-
-
-def test_noise_before_stop_is_not_reported_in_the_next_stream() -> None:
-    link = streaming()
-    receive(link, bytes(500))
-    link.send_request(commands.STOP)
-    link.drained()
-    link.send_request(commands.express_scan(1, DenseFormat()))
-    assert receive(link, DENSE + b"".join(PACKETS))[1:] == [arrived(b"".join(PACKETS), 12, 0)]
-
-
-def test_drained_ends_draining_alone() -> None:
-    link = Link()
-    link.send_request(commands.STOP)
-    link.drained()
-    assert link.state is LinkState.IDLE
-    stream = streaming()
-    stream.drained()
-    assert stream.state is LinkState.STREAMING
-    pending = waiting()
-    pending.drained()
-    assert pending.state is LinkState.AWAIT_RESPONSE
-
-
-def test_stop_is_legal_in_every_state_and_ends_waiting() -> None:
-    for link in (Link(), waiting(), streaming()):
-        link.send_request(commands.STOP)
-        link.send_request(commands.STOP)
-        assert link.state is LinkState.DRAINING
-    link.drained()
-    link.send_request(commands.GET_INFO)
-    assert receive(link, INFO_ANSWER) == [Response(0x04, INFO, 0)]
-
-
-def test_a_question_may_follow_stop_at_once() -> None:
-    """It is the caller who knows how long to wait."""
-    link = streaming()
-    link.send_request(commands.STOP)
-    link.send_request(commands.GET_INFO)
-    assert link.state is LinkState.AWAIT_RESPONSE
-    assert receive(link, PACKETS[0][:60] + INFO_ANSWER) == [Response(0x04, INFO, 0)]
-
-
-# --------------------------------------------------------------------------------------------------- misuse
-
-
 def test_two_questions_at_once_are_misuse() -> None:
     link = waiting()
     with pytest.raises(LocalProtocolError, match="GET_HEALTH may not be sent while a response is pending"):
@@ -381,16 +238,6 @@ def test_a_keepalive_may_be_sent_in_mid_stream() -> None:
     # Its answer, where there is one, is no noise.
     assert receive(link, SCAN_HEADER + packet) == [arrived(packet, 1, 0)]
     assert (link.stats.records, link.stats.skipped_bytes) == (1, 0)
-
-
-def test_a_large_chunk_is_taken_in_slices() -> None:
-    link = streaming()
-    data = b"".join(PACKETS) * 100
-    assert len(data) > 3 * 32 * 1024
-    events = receive(link, memoryview(data).tobytes())
-    assert b"".join(event.data for event in events if isinstance(event, Packets)) == data
-    assert link.buffered == 0
-    assert link.stats.packets == 1200
 
 
 def test_a_request_that_only_sets_a_control_line_is_followed_by_a_quiet_line() -> None:

@@ -26,20 +26,19 @@ from dataclasses import replace
 from functools import partial
 from typing import Final
 
-from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout, Unsupported
+from lidario.errors import InvalidValue, ResponseTimeout, Unsupported
 from lidario.families.arguments import finite
 from lidario.families.base import Device, Keepalive, NamedModel, Script, Stream, agreed, health_of
 from lidario.families.unasked import NOT_STOPPED, begin, hear
 from lidario.families.ydlidar import commands
 from lidario.families.ydlidar.formats import PointCloud, samples_a_turn
 from lidario.families.ydlidar.models import FOUR_ROS, MODELS, ONE_WAY, Model, model_of
-from lidario.families.ydlidar.settings import ask_speed, learn_protection, step_to, toggle_to
+from lidario.families.ydlidar.settings import ask_speed, ask_zero_offset, learn_protection, step_to, toggle_to
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.wire.envelope import Request
 
 __all__ = ["BY_DTR_S", "NAMED", "YdlidarDevice"]
 
-OFFSETS_A_TURN: Final = 4 * 360
 SPIN_UP_S: Final = 4.0
 """No document says how long the motor takes; 2.5 s are assumed, and a margin added."""
 SLOWEST_TURN_S: Final = 0.5
@@ -80,14 +79,7 @@ class YdlidarDevice(Device):
 
     def _be(self, model: Model) -> None:
         self._model = model
-        self._mode = ScanMode(
-            id=0,
-            name="Standard",
-            sample_us=model.sample_us,
-            max_distance=model.reach,
-            response_type=model.kind.response_type,
-            typical=True,
-        )
+        self._mode = model.mode
         self.can_be_stopped: bool = not model.one_way or bool(model.dtr)
         # The motor of one that hears requests stops with its laser.
         self.can_keep_spinning: bool = model.one_way
@@ -277,12 +269,7 @@ class YdlidarDevice(Device):
         """
         if not self._model.offset:
             raise Unsupported("this device knows no zero-angle offset")
-        quarters = 0
-        for _ in range(2):
-            (quarters,) = struct.unpack("<i", (yield commands.GET_ZERO_OFFSET))
-            if abs(quarters) <= OFFSETS_A_TURN:
-                return float(quarters) / 4
-        raise RemoteProtocolError(f"the device reports a zero-angle offset of {quarters / 4:g} degrees")
+        return (yield from ask_zero_offset())
 
     def apply_zero_offset(self, on: bool) -> Script[float]:
         """As `Device.apply_zero_offset`: asks for it now, to be added to clockwise angles. Off at first."""

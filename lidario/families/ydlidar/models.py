@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from lidario.families.ydlidar.clouds import KINDS, Kind
+from lidario.model import ScanMode
 
 __all__ = ["FOUR_ROS", "MODELS", "ONE_WAY", "Model", "model_of"]
 
@@ -61,6 +62,18 @@ class Model:
     def sample_us(self) -> float:
         """Microseconds a sample; 0 where that is not known."""
         return 1e6 / self.rate if self.rate else 0.0
+
+    @property
+    def mode(self) -> ScanMode:
+        """Its one scan mode."""
+        return ScanMode(
+            id=0,
+            name="Standard",
+            sample_us=self.sample_us,
+            max_distance=self.reach,
+            response_type=self.kind.response_type,
+            typical=True,
+        )
 
 
 _TG, _X, _G2, _TMINI = (KINDS[name] for name in ("tg", "x", "g2", "tmini"))

@@ -1,11 +1,13 @@
-"""Two settings that take several requests: the scan frequency, in steps, and power-down protection, by toggling.
+"""What takes several requests: the scan frequency, power-down protection, and the zero-angle offset.
 
-Neither can be set to a value. So each step is judged by what the device says it has reached, and a request whose
-response was lost is not repeated before that is known (4ROS development manual, 3.5 and 3.8; the vendor's SDK).
+The first is set in steps, the second is toggled: neither can be set to a value. So each step is judged by what the
+device says it has reached, and a request whose response was lost is not repeated before that is known (4ROS
+development manual, 3.5 and 3.8; the vendor's SDK).
 """
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
@@ -14,7 +16,7 @@ from lidario.errors import RemoteProtocolError, ResponseTimeout
 from lidario.families.base import Script
 from lidario.families.ydlidar import commands
 
-__all__ = ["ask_speed", "learn_protection", "step_to", "toggle_to"]
+__all__ = ["ask_speed", "ask_zero_offset", "learn_protection", "step_to", "toggle_to"]
 
 FINE_STEP: Final = 10
 COARSE_BEYOND: Final = 95
@@ -24,6 +26,8 @@ MOST_STEPS: Final = 40
 MOST_TOGGLES: Final = 4
 """Attempts; the SDK makes as many."""
 LEARN_TIMEOUT_S: Final = 0.5
+OFFSETS_A_TURN: Final = 4 * 360
+"""It is told in quarters of a degree."""
 
 _LEARN_PROTECTION: Final = replace(commands.TOGGLE_PROTECTION, timeout=LEARN_TIMEOUT_S)
 _STEPS: Final = {
@@ -93,6 +97,20 @@ def learn_protection(tell: Callable[[bool], None]) -> Script[None]:
             told += 1
             if told == 2:
                 return
+
+
+def ask_zero_offset() -> Script[float]:
+    """The zero-angle offset in degrees.
+
+    Raises:
+        RemoteProtocolError: More than 360 degrees, twice.
+    """
+    quarters = 0
+    for _ in range(2):
+        (quarters,) = struct.unpack("<i", (yield commands.GET_ZERO_OFFSET))
+        if abs(quarters) <= OFFSETS_A_TURN:
+            return float(quarters) / 4
+    raise RemoteProtocolError(f"the device reports a zero-angle offset of {quarters / 4:g} degrees")
 
 
 def _hundredths(payload: bytes) -> int:

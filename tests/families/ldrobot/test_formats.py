@@ -14,7 +14,8 @@ from lidario.families.ldrobot.raw import find_stream
 from lidario.families.ldrobot.simulated.packers import pack_health, pack_points, pack_response
 from lidario.families.unasked import begin, hear
 from lidario.wire.events import Packets, Response
-from lidario.wire.link import Link, LinkState, LinkStats
+from lidario.wire.link import Link, LinkStats
+from lidario.wire.states import LinkState
 from tests.reference import golden, ldrobot
 from tests.support.streams import checked_one_by_one, cut_up, in_one_run
 

@@ -9,7 +9,8 @@ from lidario.families.rplidar.formats import FORMATS, FULL_TURN_Q6, FULL_TURN_Q1
 from lidario.families.rplidar.simulated import packers
 from lidario.wire.formats import NO_PACKET, RESTARTS
 from tests.reference import rplidar
-from tests.support.streams import CASES, arrived, in_one_run
+from tests.support.cases import CASES
+from tests.support.streams import arrived, in_one_run
 
 CAPSULES = (0x82, 0x84, 0x85, 0x86)
 GOLDEN = {case.response_type: case for case in CASES if case.name.startswith("rplidar_32k")}

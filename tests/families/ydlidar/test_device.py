@@ -1,108 +1,22 @@
 """The 4ROS's scripts: by hand, and against the simulated device through a real `Link`, in driven time."""
 
-import math
-import struct
-from collections.abc import Callable
-from typing import Any, TypeVar
-
 import numpy as np
 import pytest
 
-from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout, Unsupported
-from lidario.families.base import Script
+from lidario.errors import ResponseTimeout, Unsupported
 from lidario.families.ydlidar import FAMILY, commands
 from lidario.families.ydlidar.device import YdlidarDevice
-from lidario.families.ydlidar.simulated.device import Simulated4Ros, make_simulated
+from lidario.families.ydlidar.simulated.device import make_simulated
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.sim.world import World
-from lidario.wire.envelope import Request
-from lidario.wire.events import Packets, Response
-from lidario.wire.link import Link, LinkState
+from lidario.wire.states import LinkState
+from tests.support.bench_4ros import Bench, played
 from tests.support.streams import in_one_run
-
-T = TypeVar("T")
-MS = 1_000_000
-
-
-class Bench:
-    """Host and simulated device on one table, with a clock that is moved by hand."""
-
-    def __init__(self, simulated: Simulated4Ros) -> None:
-        self.simulated = simulated
-        self.device = YdlidarDevice()
-        self.link = Link()
-        self.now = 10**9
-        self.packets: list[Packets] = []
-        self.answers: list[bytes] = []
-
-    def pass_time(self, seconds: float) -> None:
-        end = self.now + round(seconds * 1e9)
-        while self.now < end:
-            self.now = min(self.now + MS, end)
-            self.link.receive_data(self.simulated.transmit(self.now), self.now)
-            for event in self.link.events_received():
-                if isinstance(event, Packets):
-                    self.packets.append(event)
-                elif isinstance(event, Response):
-                    self.answers.append(event.payload)
-                else:
-                    self.answers.append(b"")
-
-    def send(self, request: Request) -> None:
-        self.link.send_request(request)
-        self.simulated.receive(self.link.data_to_send(), self.now)
-
-    def ask(self, request: Request) -> bytes:
-        for _ in range(request.attempts):
-            self.answers.clear()
-            self.send(request)
-            if request.expects is None:
-                self.pass_time(request.settle)
-                return b""
-            deadline = self.now + round(request.timeout * 1e9)
-            while not self.answers and self.now < deadline:
-                self.pass_time(0.001)
-            self.link.forget()
-            if self.answers:
-                return self.answers[0]
-        raise ResponseTimeout(request.name, request.timeout)
-
-    def run(self, script: Script[T]) -> T:
-        try:
-            request = next(script)
-            while True:
-                try:
-                    payload = self.ask(request)
-                except ResponseTimeout as timeout:
-                    request = script.throw(timeout)
-                else:
-                    request = script.send(payload)
-        except StopIteration as stop:
-            value: T = stop.value
-            return value
-
-    def sent(self) -> list[str]:
-        return [received.name for received in self.simulated.log]
 
 
 @pytest.fixture
 def bench() -> Bench:
     return Bench(make_simulated("ydlidar-4ros", serial="2023061500001234"))
-
-
-def played(script: Script[T], answer: Callable[[Request], bytes | None]) -> T:
-    """Run a script against a function; None is silence."""
-    try:
-        request = next(script)
-        while True:
-            payload = answer(request)
-            if payload is None:
-                request = script.throw(ResponseTimeout(request.name, request.timeout))
-            else:
-                request = script.send(payload)
-    except StopIteration as stop:
-        value: T = stop.value
-        return value
 
 
 def test_requests_are_two_bytes() -> None:
@@ -244,166 +158,6 @@ def test_what_is_not_this_device_is_not_decoded() -> None:
     played(device.identify(), lambda _: bytes((99,)) + bytes(19))
     with pytest.raises(Unsupported, match="model 99"):
         played(device.start(mode), lambda _: b"")
-
-
-@pytest.mark.parametrize("hertz", [5.0, 5.1, 6.96, 7.0, 7.9, 8.04, 9.5, 10.0, 11.95, 12.0])
-def test_set_scan_frequency(bench: Bench, hertz: float) -> None:
-    bench.run(bench.device.set_scan_frequency(10.3))
-    before = len(bench.simulated.log)
-    got = bench.run(bench.device.set_scan_frequency(hertz))
-    assert got == pytest.approx(hertz, abs=0.0501)
-    assert got == bench.simulated.set_speed / 100
-    assert bench.run(bench.device.scan_frequency()) == got
-    assert len(bench.simulated.log) - before < 16
-
-
-def test_the_set_frequency_is_reached_without_the_vendors_correction(bench: Bench) -> None:
-    assert bench.run(bench.device.scan_frequency()) == 7.0
-    assert bench.run(bench.device.set_scan_frequency(10.0)) == 10.0
-    assert [received.data[1] for received in bench.simulated.log] == [0x0D, 0x0D, 0x0B, 0x0B, 0x0B, 0x0D]
-
-
-@pytest.mark.parametrize("hertz", [4.9, 12.1, 0.0, -7.0, 1e308])
-def test_a_frequency_out_of_range_is_refused_before_anything_is_sent(hertz: float) -> None:
-    device = YdlidarDevice()
-    script = device.scan_frequency_range()
-    with pytest.raises(StopIteration) as done:
-        next(script)
-    assert done.value.value == (5.0, 12.0)
-    with pytest.raises(InvalidValue, match="5 to 12 Hz"):
-        device.set_scan_frequency(hertz)
-
-
-@pytest.mark.parametrize("hertz", [math.nan, math.inf, "10", None, 1j, 10**400])
-def test_what_is_no_frequency_is_refused(hertz: Any) -> None:
-    with pytest.raises(InvalidValue, match="scan frequency"):
-        YdlidarDevice().set_scan_frequency(hertz)
-
-
-def test_a_device_that_does_not_step_ends_the_setting() -> None:
-    asked: list[int] = []
-
-    def stubborn(request: Request) -> bytes:
-        asked.append(request.data[1])
-        return struct.pack("<I", 800)
-
-    assert played(YdlidarDevice().set_scan_frequency(10.0), stubborn) == 8.0
-    assert asked == [0x0D, 0x0B, 0x0D]
-
-
-def test_a_device_that_overshoots_is_not_asked_for_ever() -> None:
-    speed, asked = 700, 0
-
-    def wild(request: Request) -> bytes:
-        nonlocal speed, asked
-        asked += 1
-        speed += {0x0B: 100, 0x0C: -100, 0x09: 30, 0x0A: -30, 0x0D: 0}[request.data[1]]
-        return struct.pack("<I", speed)
-
-    played(YdlidarDevice().set_scan_frequency(8.5), wild)
-    assert asked < 50
-
-
-def test_a_step_without_an_answer_is_not_repeated_blindly() -> None:
-    speed, steps = 700, 0
-
-    def deaf_once(request: Request) -> bytes | None:
-        nonlocal speed, steps
-        if request.data[1] == 0x0D:
-            return struct.pack("<I", speed)
-        steps += 1
-        speed += {0x0B: 100, 0x0C: -100, 0x09: 10, 0x0A: -10}[request.data[1]]
-        return None if steps == 2 else struct.pack("<I", speed)
-
-    assert played(YdlidarDevice().set_scan_frequency(10.0), deaf_once) == 10.0
-    assert steps == 3
-
-
-@pytest.mark.parametrize(("quarters", "degrees"), [(0, 0.0), (-7, -1.75), (720, 180.0), (1440, 360.0)])
-def test_zero_offset(bench: Bench, quarters: int, degrees: float) -> None:
-    bench.simulated.zero_offset = quarters
-    assert bench.run(bench.device.zero_offset()) == degrees
-
-
-def test_an_absurd_zero_offset_is_asked_again_and_refused() -> None:
-    answers = [struct.pack("<i", 100_000), struct.pack("<i", 9)]
-    assert played(YdlidarDevice().zero_offset(), lambda _: answers.pop(0)) == 2.25
-    with pytest.raises(RemoteProtocolError, match="25000"):
-        played(YdlidarDevice().zero_offset(), lambda _: struct.pack("<i", 100_000))
-
-
-def test_zero_offset_is_applied_only_on_demand(bench: Bench) -> None:
-    bench.simulated.zero_offset = -10
-    (mode,) = bench.run(bench.device.modes())
-
-    def offset() -> float:
-        stream = bench.run(bench.device.start(mode))
-        bench.ask(bench.device.stop())
-        return stream.zero_offset_deg
-
-    assert offset() == 0.0
-    bench.run(bench.device.apply_zero_offset(True))
-    assert offset() == -2.5
-    bench.run(bench.device.apply_zero_offset(False))
-    assert offset() == 0.0
-
-
-@pytest.mark.parametrize("before", [False, True])
-@pytest.mark.parametrize("wanted", [False, True])
-def test_power_down_protection_is_toggled_until_it_is_as_wanted(bench: Bench, before: bool, wanted: bool) -> None:
-    bench.simulated.protected = before
-    assert bench.run(bench.device.power_down_protection(wanted)) is wanted
-    assert bench.simulated.protected is wanted
-    assert len(bench.simulated.log) == (2 if before is wanted else 1)
-    (mode,) = bench.run(bench.device.modes())
-    stream = bench.run(bench.device.start(mode))
-    assert (stream.keepalive is not None) is wanted
-    if stream.keepalive:
-        assert stream.keepalive.request.data == b"\xa5\x60"
-        assert stream.keepalive.interval_s == 0.4
-
-
-@pytest.mark.parametrize("on", [np.True_, 1, "yes", np.False_, 0])
-def test_what_is_as_good_as_true_switches_protection(bench: Bench, on: Any) -> None:
-    assert bench.run(bench.device.power_down_protection(on)) is bool(on)
-    assert bench.simulated.protected is bool(on)
-
-
-def test_a_toggle_whose_answer_was_lost_ends_in_the_wanted_state() -> None:
-    enabled, toggles = False, 0
-
-    def lossy(request: Request) -> bytes | None:
-        nonlocal enabled, toggles
-        enabled, toggles = not enabled, toggles + 1
-        return None if toggles == 1 else bytes((not enabled,))
-
-    assert played(YdlidarDevice().power_down_protection(True), lossy) is True
-    assert (enabled, toggles) == (True, 3)
-
-
-def test_protection_that_does_not_change_is_an_error() -> None:
-    with pytest.raises(RemoteProtocolError, match="does not go on"):
-        played(YdlidarDevice().power_down_protection(True), lambda _: b"\x01")
-    with pytest.raises(ResponseTimeout):
-        played(YdlidarDevice().power_down_protection(True), lambda _: None)
-
-
-@pytest.mark.parametrize(("interval", "survives"), [(1.0, True), (2.5, True), (3.5, False)])
-def test_keepalive_holds_the_stream_of_a_protected_device(bench: Bench, interval: float, survives: bool) -> None:
-    bench.run(bench.device.power_down_protection(True))
-    (mode,) = bench.run(bench.device.modes())
-    stream = bench.run(bench.device.start(mode))
-    assert stream.keepalive is not None
-    for _ in range(round(10 / interval)):
-        bench.pass_time(interval)
-        if not bench.simulated.scanning:
-            break
-        bench.send(stream.keepalive.request)
-    assert (bench.simulated.lapses == 0) is survives
-    if survives:
-        data = in_one_run(stream.format, b"".join(run.data for run in bench.packets))
-        assert stream.decoder.decode(data, None).lost == 0
-        assert bench.link.stats.skipped_bytes == 0
 
 
 @pytest.mark.discards("asks a device that is scanning")

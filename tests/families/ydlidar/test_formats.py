@@ -19,7 +19,8 @@ from lidario.families.ydlidar.simulated.packers import (
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Descriptor, Event, Packets
 from lidario.wire.formats import BEGINS
-from lidario.wire.link import Link, LinkState, LinkStats
+from lidario.wire.link import Link, LinkStats
+from lidario.wire.states import LinkState
 from tests.reference import damage, golden, ydlidar
 from tests.support.streams import checked_one_by_one, in_one_run, merged
 

@@ -31,10 +31,12 @@ import struct
 from collections.abc import Callable
 from typing import ClassVar
 
+from lidario.families.rplidar.simulated import responses
 from lidario.families.rplidar.simulated.drive import Drive
 from lidario.families.rplidar.simulated.profile import Mode, Profile
 from lidario.families.rplidar.simulated.profiles import PROFILES
 from lidario.families.rplidar.simulated.requests import IGNORED_IN_PROTECTION_STOP, PAYLOADS, Request, RequestReader
+from lidario.families.rplidar.simulated.responses import pack_announcement, pack_response
 from lidario.families.rplidar.simulated.stream import MeasurementStream
 from lidario.sim.chassis import PROTECTION_STOP, Chassis
 from lidario.sim.motor import Motor
@@ -45,11 +47,6 @@ __all__ = ["PROFILES", "Mode", "Profile", "SimulatedRplidar", "describe", "make_
 _MS = 1_000_000
 _SETTLE_AFTER_STOP = 10 * _MS  # S-series interface manual, STOP
 _SETTLE_AFTER_RESET = 500 * _MS  # S-series interface manual, RESET
-_CONTINUOUS = 1 << 30  # send mode in the descriptor's length word
-
-# Response types of single responses (S-series interface manual; 0x15 and 0x20 as in vendor SDK 2.1.0).
-_INFO, _HEALTH, _SAMPLERATE, _CONF, _CONF_SET, _BOARD = 0x04, 0x06, 0x15, 0x20, 0x21, 0xFF
-_ADDRESS = 0x0001CCC0  # conf type of the static address, 12 bytes (vendor SDK 2.1.0, frame_grabber)
 _DHCP = bytes(12)
 
 
@@ -242,7 +239,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         now = request.ended
         self._drive.scan_begins(now)
         announced = self._response_at(now)
-        self._respond_with(_descriptor(mode.packet[0] | _CONTINUOUS, mode.response_type), announced, request.name)
+        self._respond_with(pack_announcement(mode), announced, request.name)
         self._begin(mode, announced, force=force)
         return ""
 
@@ -272,41 +269,41 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         return ""
 
     def _get_acc_board_flag(self, request: Request) -> str:
-        return self._respond(_BOARD, struct.pack("<I", 1), request)
+        return self._respond(responses.BOARD, struct.pack("<I", 1), request)
 
     def _get_info(self, request: Request) -> str:
         major, minor = self.profile.firmware
         head = bytes([self.profile.model, minor, major, self.profile.hardware])
-        return self._respond(_INFO, head + self.serial, request)
+        return self._respond(responses.INFO, head + self.serial, request)
 
     def _get_health(self, request: Request) -> str:
-        return self._respond(_HEALTH, struct.pack("<BH", *self.health), request)
+        return self._respond(responses.HEALTH, struct.pack("<BH", *self.health), request)
 
     def _get_samplerate(self, request: Request) -> str:
         standard = self.profile.standard.said_us_q8
         express = standard if self.profile.express is None else self.profile.express.said_us_q8
-        return self._respond(_SAMPLERATE, struct.pack("<HH", standard >> 8, express >> 8), request)
+        return self._respond(responses.SAMPLERATE, struct.pack("<HH", standard >> 8, express >> 8), request)
 
     def _get_lidar_conf(self, request: Request) -> str:
-        return self._respond(_CONF, request.payload[:4] + (self._conf(request) or b""), request)
+        return self._respond(responses.CONF, request.payload[:4] + (self._conf(request) or b""), request)
 
     def _conf(self, request: Request) -> bytes | None:
         """The value that GET_LIDAR_CONF asks for; None where the firmware does not know its type."""
         kind = int.from_bytes(request.payload[:4], "little")
-        if kind == _ADDRESS and self.is_network:
+        if kind == responses.ADDRESS and self.is_network:
             return self.address
         return self.profile.conf(kind, request.payload[4:])
 
     def _set_lidar_conf(self, request: Request) -> str:
         kind, value = int.from_bytes(request.payload[:4], "little"), request.payload[4:]
-        if kind != _ADDRESS:
+        if kind != responses.ADDRESS:
             return "unknown to this firmware"
         self._next_address = value
-        return self._respond(_CONF_SET, struct.pack("<II", kind, 0), request)
+        return self._respond(responses.CONF_SET, struct.pack("<II", kind, 0), request)
 
     def _respond(self, kind: int, data: bytes, request: Request) -> str:
         """Send a single response, or noise of the same length when it is to be garbled."""
-        response = self._garbled(_descriptor(len(data), kind) + data)
+        response = self._garbled(pack_response(kind, data))
         self._respond_with(response, self._response_at(request.ended), request.name)
         return ""
 
@@ -344,8 +341,3 @@ def make_simulated(
 def describe(model: str) -> str:
     """What a model is, in a few words."""
     return PROFILES[model].about
-
-
-def _descriptor(length: int, kind: int) -> bytes:
-    """``A5 5A``, length of one packet with the send mode in the top bits, response type."""
-    return struct.pack("<BBIB", 0xA5, 0x5A, length, kind)

@@ -1,0 +1,213 @@
+"""What the simulated 4ROS streams: judged by the scalar reference, never by the host's code."""
+
+from itertools import pairwise
+
+import pytest
+
+from lidario.families.ydlidar.simulated.device import PROFILES, Simulated4Ros, make_simulated
+from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_points, pack_time_stamp
+from lidario.sim.rooms import make_world
+from tests.reference import ydlidar
+from tests.support.simulated_4ros import (
+    BEGIN,
+    FORCED_STOP,
+    MS,
+    PROTECTION,
+    SCAN,
+    STAMPED,
+    STOP,
+    S,
+    asked,
+    stream_of,
+    unstamped,
+    whole,
+)
+
+pytestmark = pytest.mark.discards("what the simulated device discards is tested here")
+
+
+@pytest.fixture
+def device() -> Simulated4Ros:
+    return make_simulated("ydlidar-4ros", world=make_world("circle"), serial="0123456789012345")
+
+
+@pytest.mark.parametrize(("hundredths", "samples"), [(500, 4000), (700, 2857), (1000, 2000), (1200, 1667)])
+def test_turns(device: Simulated4Ros, hundredths: int, samples: int) -> None:
+    device.set_speed = hundredths
+    packets = whole(stream_of(device, 2.0))
+    starts = [n for n, packet in enumerate(packets) if ydlidar.is_start(packet)]
+    assert len(starts) in (hundredths // 50, hundredths // 50 + 1, hundredths // 50 - 1)
+    step = 23040 * hundredths / 100 / 20_000
+    for begin, end in pairwise(starts):
+        turn = packets[begin:end]
+        assert turn[0][2] == (hundredths // 10 - 30) << 1 | 1
+        assert [packet[3] for packet in turn[:-1]] == [1] + [40] * (len(turn) - 2)
+        assert 1 <= turn[-1][3] <= 40
+        assert not any(ydlidar.is_start(packet) for packet in turn[1:])
+        assert sum(packet[3] for packet in turn) in (samples - 1, samples, samples + 1)
+        raw = [sample.raw_deg * 64 for sample in ydlidar.decode(turn)]
+        assert raw[0] < step
+        assert all(abs(b - a - step) <= 1.01 for a, b in pairwise(raw))
+        assert {sample.distance_mm for sample in ydlidar.decode(turn)} == {2000.0}
+
+
+def test_the_line_is_used_as_documented(device: Simulated4Ros) -> None:
+    data = stream_of(device, 10.0)
+    assert len(data) / 10 == pytest.approx(45_100, rel=0.005)
+    assert sum(packet[3] for packet in whole(data)) == pytest.approx(200_000, abs=100)
+
+
+@pytest.mark.parametrize("hundredths", [500, 700, 1000, 1200])
+@pytest.mark.parametrize("spin_up_s", [0.0, 0.3])
+def test_bytes_do_not_depend_on_the_steps_of_time(hundredths: int, spin_up_s: float) -> None:
+    def run(step: int) -> bytes:
+        device = make_simulated("ydlidar-4ros", seed=3)
+        device.set_speed, device.spin_up_s = hundredths, spin_up_s
+        device.receive(SCAN, BEGIN)
+        data, now = [], BEGIN
+        while now < BEGIN + S:
+            now = min(now + step, BEGIN + S)
+            data.append(device.transmit(now))
+        return b"".join(data)
+
+    data = run(S)
+    assert len(data) > 30_000 - 45_000 * spin_up_s
+    for step in (MS // 10, 2 * MS, 7 * MS + 1, 333 * MS):
+        assert run(step) == data
+
+
+def test_waking_up_as_told_misses_nothing(device: Simulated4Ros) -> None:
+    device.spin_up_s = 0.1
+    device.receive(SCAN, BEGIN)
+    data, now = b"", BEGIN
+    while now < BEGIN + S:
+        due = device.wakeup(now)
+        assert due is not None
+        assert due >= now
+        now = max(due, now + 1)
+        data += device.transmit(now)
+    other = make_simulated("ydlidar-4ros", world=make_world("circle"))
+    other.spin_up_s = 0.1
+    other.receive(SCAN, BEGIN)
+    assert data == other.transmit(now)
+
+
+@pytest.mark.parametrize("spin_up_s", [0.0, 0.5, 2.5])
+def test_the_header_comes_at_once_and_the_first_packet_after_spin_up(
+    device: Simulated4Ros, spin_up_s: float
+) -> None:
+    device.spin_up_s = spin_up_s
+    ready = BEGIN + int(spin_up_s * S)
+    device.receive(SCAN, BEGIN)
+    assert device.scanning
+    assert device.motor_on
+    assert device.transmit(BEGIN + MS) == SCAN_HEADER
+    assert device.transmit(max(ready, BEGIN + MS)) == b""
+    assert len(whole(device.transmit(ready + 12 * MS))) in (4, 5)
+
+
+@pytest.mark.parametrize("stop", [STOP, FORCED_STOP, FORCED_STOP + STOP])
+def test_a_stop_ends_the_stream_and_the_motor_after_the_packet_under_way(
+    device: Simulated4Ros, stop: bytes
+) -> None:
+    data = stream_of(device, 1.0)
+    device.receive(stop, BEGIN + S)
+    assert all(entry.obeyed for entry in device.log)
+    assert not device.scanning
+    assert not device.motor_on
+    data += device.transmit(BEGIN + 2 * S)
+    assert ydlidar.split(data)
+    assert len(data) < 45_300
+    assert device.wakeup(BEGIN + 2 * S) is None
+
+
+def test_protection_stops_a_scan_that_nobody_keeps_alive(device: Simulated4Ros) -> None:
+    asked(device, PROTECTION, BEGIN - S)
+    device.spin_up_s = 0.0
+    device.receive(SCAN, BEGIN)
+    for second in (2, 4, 6):
+        device.receive(SCAN, BEGIN + second * S)
+    assert device.transmit(BEGIN + 9 * S - 1)
+    assert (device.scanning, device.lapses) == (True, 0)
+    rest = device.transmit(BEGIN + 20 * S)
+    assert (device.scanning, device.motor_on, device.lapses) == (False, False, 1)
+    assert len(rest) < 200
+    # From standstill a scan is answered again.
+    assert asked(device, SCAN, BEGIN + 21 * S)[:7] == SCAN_HEADER
+
+
+def test_a_late_look_at_a_lapsed_scan_finds_what_was_sent_before(device: Simulated4Ros) -> None:
+    asked(device, PROTECTION, BEGIN - S)
+    device.spin_up_s = 0.0
+    device.receive(SCAN, BEGIN)
+    data = device.transmit(BEGIN + 60 * S)
+    assert len(data) == pytest.approx(3 * 45_100, rel=0.01)
+    assert ydlidar.split(data[7:])
+
+
+def test_without_protection_it_scans_for_ever(device: Simulated4Ros) -> None:
+    stream_of(device, 1.0)
+    assert device.transmit(BEGIN + 60 * S)
+    assert device.scanning
+
+
+def test_time_stamps_between_the_packets() -> None:
+    plain, stamped = (make_simulated(name, world=make_world("circle")) for name in ("ydlidar-4ros", STAMPED))
+    expected, got = whole(stream_of(plain, 1.0)), stream_of(stamped, 1.0)
+    stamps, packets = unstamped(got)
+    assert packets[: len(expected) - 2] == expected[: len(expected) - 2]
+    assert len(stamps) > 500
+    # In ms; a packet of 40 samples lasts 2 ms.
+    assert all(0 <= later - former <= 3 for former, later in pairwise(stamps))
+    assert stamps[500] - stamps[0] == pytest.approx(sum(each[3] for each in packets[:500]) * 0.05, abs=1.5)
+
+
+def test_the_last_packet_with_a_stamp_leaves_whole() -> None:
+    device = make_simulated(STAMPED, world=make_world("circle"))
+    data = stream_of(device, 1.0)
+    device.receive(STOP, BEGIN + S)
+    data += device.transmit(BEGIN + 2 * S)
+    assert data[: data.rindex(b"\xaa\x66")].count(b"\xaa\x66") > 500
+    assert len(ydlidar.split(data[data.rindex(b"\xaa\x66") + 8 :])) == 1
+
+
+def test_left_streaming_by_somebody_else(device: Simulated4Ros) -> None:
+    device.begin_streaming(BEGIN)
+    assert device.scanning
+    assert device.motor_on
+    data = device.transmit(BEGIN + S)
+    assert not data.startswith((b"\xaa\x55", b"\xa5\x5a"))
+    assert len(data) == pytest.approx(45_100, rel=0.01)
+    assert len(whole(data[data.index(b"\xaa\x55") :])) > 500
+
+
+def test_every_profile_scans() -> None:
+    for model in PROFILES:
+        device = make_simulated(model)
+        device.receive(SCAN, BEGIN)
+        data = device.transmit(BEGIN + 3 * S)
+        if PROFILES[model].stamps:
+            assert unstamped(data[7:])[1]
+            continue
+        size = PROFILES[model].layout.size
+        # One that only talks is heard from anywhere on, and the last packet may be under way.
+        begin = data.find(b"\xaa\x55") if PROFILES[model].one_way else 7
+        places = [begin]
+        while places[-1] + 4 <= len(data):
+            assert data[places[-1] : places[-1] + 2] == b"\xaa\x55"
+            places.append(places[-1] + 10 + size * data[places[-1] + 3])
+        packets = ydlidar.split(data[begin : places[-2]], ydlidar.Kind(sample_bytes=size))
+        assert len(packets) > 20
+    with pytest.raises(ValueError, match="no simulated device"):
+        make_simulated("ydlidar-x5")
+
+
+def test_packers_agree_with_the_reference() -> None:
+    raw = pack_points([[1, 0, 70_000], [4, 5, 6]], [100, 23039], [140, 20], control=0)
+    packets = ydlidar.split(raw)
+    assert [s.distance_mm for s in ydlidar.decode(packets)] == [1, 0, 0, 4, 5, 6]
+    assert [s.raw_deg * 64 for s in ydlidar.decode(packets)] == [100, 120, 140, 23039, 23049.5, 23060]
+    stamp = pack_time_stamp(0x01020304)
+    assert stamp[:2] == b"\xaa\x66"
+    assert stamp[3:7] == b"\x04\x03\x02\x01"
+    assert stamp[2] == 0xAA ^ 0x66 ^ 1 ^ 2 ^ 3 ^ 4

@@ -1,0 +1,155 @@
+"""When each beam of a LaserScan says that it was measured, against streams of devices.
+
+Two ways: the golden streams, whose samples are numbered; and simulated devices in a world whose distances are the
+time.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from lidario.laserscan import LaserScan
+from lidario.scan import Scan
+from lidario.sim.faults import Faults
+from lidario.sim.world import World
+from tests.support.cases import CASES, Case, most_or_all
+from tests.support.devices import FAMILIES, make_rig, take
+from tests.support.kept import arrivals
+from tests.support.loop import driven
+from tests.support.streams import assembled
+from tests.support.sweep import EVERY_MS, ORDERS
+
+# ------------------------------------------------------------------------------------------- times, golden streams
+
+
+def lose(case: Case, every: int) -> tuple[bytes, list[int]]:
+    """The stream without every so many-th packet, and which are left; the last ones, which end a turn, are."""
+    last = len(case.packets) - 2
+    left = [n for n in range(len(case.packets)) if every == 0 or n % every != every // 2 or n >= last]
+    return b"".join(case.packets[n] for n in left), left
+
+
+_CORRECTED_BY_MUCH = ("x4", "g2", "ld14p", "a1_82")
+"""Models that correct angles by 7 degrees where something came back, and by none where nothing did. Behind a lost
+packet the times of their beams are off by that angle, 3 ms: what of a jump was lost cannot be told."""
+
+
+@most_or_all(CASES)
+def test_golden_samples_meet_the_times_of_their_beams(case: Case) -> None:
+    beams_meet_their_times(case, 0)
+
+
+@pytest.mark.parametrize("every", [9, 40], ids=["every 9th lost", "every 40th lost"])
+@most_or_all(tuple(case for case in CASES if not any(part in case.name for part in _CORRECTED_BY_MUCH)))
+def test_so_do_those_around_lost_packets(case: Case, every: int) -> None:
+    beams_meet_their_times(case, every)
+
+
+def beams_meet_their_times(case: Case, every: int) -> None:
+    raw, left = lose(case, every)
+    scans = assembled(case, raw, times=arrivals(case, left)).scans
+    there = set(left)
+    assert len(scans) > 1
+    number = {(sample.packet, sample.index): n for n, sample in enumerate(case.samples)}
+    turns = [[sample for sample in turn if sample.packet in there] for turn in case.turns]
+    assert len(scans) == len(turns)
+    checked = 0
+    for made, turn in zip(scans, turns, strict=True):
+        first = number[turn[0].packet, turn[0].index]
+        laser = made.to_laserscan(720)
+        period_ns = laser.scan_time * 1e9
+        corrections = [(sample.angle_deg - sample.raw_deg + 180) % 360 - 180 for sample in turn]
+        usual, fitted = float(np.median(corrections)), float(np.ptp(corrections)) > 0.01
+        for sample, correction in zip(turn, corrections, strict=True):
+            since = (number[sample.packet, sample.index] - first) * case.sample_us * 1e3
+            way = (math.radians(-sample.angle_deg) - laser.angle_min) / laser.angle_increment + 0.5
+            beam = math.floor(way) % 720
+            if min(way % 720, -way % 720) < 720 / 360 / 64:
+                continue  # on the end of the grid, within the rounding of angles: the angle does not tell which end
+            margin = 10 + 2 * abs(correction - usual)
+            if fitted and not margin < beam < 720 - margin:
+                continue  # at an end of the grid, which is fitted to corrected angles: perhaps beyond that end
+            when = laser.stamp_ns - made.wall_stamp_ns + beam * laser.time_increment * 1e9
+            # A sample whose angle is corrected unlike the others' stands beside those measured before or after.
+            unlike = abs(correction - usual) / 360 * period_ns
+            assert abs(when - since) <= period_ns / 720 + EVERY_MS + unlike
+            checked += 1
+    assert checked > 500
+
+
+# --------------------------------------------------------------------------------------- times, simulated devices
+
+
+class ClockWorld(World):
+    """Every distance is the time of its measuring: 1 m, and 10 mm more each millisecond for two seconds."""
+
+    def __init__(self) -> None:
+        super().__init__(np.zeros(1 << 15))
+
+    def ranges_mm(self, angles_deg_clockwise: npt.ArrayLike, t_seconds: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        times = np.broadcast_to(np.asarray(t_seconds, np.float64), np.shape(np.atleast_1d(angles_deg_clockwise)))
+        mm: npt.NDArray[np.float64] = 1000.0 + times * 1e3 % 2000.0 * 10.0
+        return mm
+
+
+def off_ms(laser: LaserScan, made: Scan) -> list[float]:
+    """How far each beam with a return is from the time that its distance says, in milliseconds.
+
+    Counted from the first sample of the scan: its stamp, which is estimated from arrivals, is tested elsewhere.
+    """
+    first_m = float(made.ranges[0])
+    found = []
+    for i, metres in enumerate(laser.ranges.tolist()):
+        if math.isfinite(metres):
+            when = (laser.stamp_ns - made.wall_stamp_ns) * 1e-6 + i * laser.time_increment * 1e3
+            found.append((when - (metres - first_m) * 100.0 + 1000.0) % 2000.0 - 1000.0)
+    return found
+
+
+SPEEDS = [
+    ("rplidar", 8.0),
+    ("rplidar", 10.0),
+    ("rplidar", 15.0),
+    *(("ydlidar", hertz) for hertz in (5.0, 7.0, 12.0)),
+]
+
+
+@pytest.mark.parametrize(("family", "hertz"), SPEEDS)
+@driven
+async def test_beams_of_simulated_devices_say_when_they_were_measured(family: str, hertz: float) -> None:
+    rig = make_rig(family, world=ClockWorld())
+    async with rig.open() as lidar:
+        await lidar.set_scan_frequency(hertz)
+        scans = await take(lidar, 4)
+    for made in scans:
+        assert made.duration_ns == pytest.approx(1e9 / hertz, rel=0.01)
+        for beams in (None, 720, 360):
+            for order in ORDERS:
+                laser = made.to_laserscan(beams, order=order, mount_yaw=1.0)
+                off = off_ms(laser, made)
+                assert len(off) > 0.6 * len(laser.ranges)
+                assert max(map(abs, off)) <= 1.0 + 1e3 / hertz / len(laser.ranges)
+        assert laser.range_max == 30.0
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@driven
+async def test_beams_say_when_they_were_measured_although_packets_are_lost(family: str) -> None:
+    rig = make_rig(family, world=ClockWorld())
+    damage, send = Faults(flip=4e-4, seed=1), rig.device.transmit
+    async with rig.open() as lidar, lidar.scans(depth=20) as stream:
+        await anext(stream)
+        rig.device.transmit = lambda now: damage.apply(send(now), now)
+        scans = [await anext(stream) for _ in range(12)]
+        rig.device.transmit = send
+    assert sum(made.lost_packets for made in scans) > 20
+    for made in scans:
+        laser = made.to_laserscan(720)
+        assert laser.scan_time == pytest.approx(rig.turn_s, rel=0.005)
+        off = off_ms(laser, made)
+        assert len(off) > 200
+        assert max(map(abs, off)) <= 1.0 + 1e3 * rig.turn_s / 720

@@ -1,0 +1,126 @@
+"""The state machine while packets flow, and how a stream begins and ends."""
+
+from dataclasses import replace
+
+import pytest
+
+from lidario.families.rplidar import commands
+from lidario.families.rplidar.formats import DenseFormat, ExpressFormat
+from lidario.wire.events import Descriptor, Packets, Response
+from lidario.wire.link import Link
+from lidario.wire.states import LinkState
+from tests.support.links import DENSE, INFO, INFO_ANSWER, PACKETS, receive, streaming, waiting
+from tests.support.streams import arrived
+
+
+@pytest.mark.parametrize("size", [None, 1, 50, 1000])
+def test_a_stream_begins_right_behind_its_descriptor(size: int | None) -> None:
+    link = waiting(commands.express_scan(1, DenseFormat()))
+    events = receive(link, b"\0\xa5" + DENSE + b"".join(PACKETS), 4, size)
+    assert events[0] == Descriptor(0x85, 84, continuous=True)
+    assert all(isinstance(event, Packets) for event in events[1:])
+    assert b"".join(event.data for event in events if isinstance(event, Packets)) == b"".join(PACKETS)
+    assert (link.stats.packets, link.stats.stray_bytes, link.stats.skipped_bytes) == (12, 2, 0)
+
+
+@pytest.mark.parametrize("descriptor", ["A55A5400004087", "A55A5500004082", "A55A5400000082", "A55A8400004085"])
+def test_the_descriptor_of_an_unknown_stream_is_not_taken(descriptor: str) -> None:
+    link = waiting(commands.express_scan(1, DenseFormat()))
+    assert receive(link, bytes.fromhex(descriptor) + PACKETS[0]) == []
+    assert link.state is LinkState.AWAIT_RESPONSE
+
+
+def test_the_descriptor_of_another_known_stream_decides_the_format() -> None:
+    link = waiting(commands.express_scan(1, ExpressFormat()))
+    assert receive(link, DENSE + b"".join(PACKETS))[0] == Descriptor(0x85, 84, continuous=True)
+    assert link.state is LinkState.STREAMING
+    assert link.stats.packets == len(PACKETS)
+
+
+def test_while_it_streams_a_descriptor_is_noise() -> None:
+    link = streaming()
+    events = receive(link, PACKETS[0] + INFO_ANSWER + b"".join(PACKETS[1:]))
+    assert events == [
+        arrived(PACKETS[0], 1, 0),
+        replace(arrived(b"".join(PACKETS[1:]), 11, 0), skipped=27),
+    ]
+    assert (link.stats.skipped_bytes, link.stats.skipped_stretches) == (27, 1)
+
+
+def test_one_stretch_of_noise_is_one_event_however_long() -> None:
+    link = streaming()
+    assert receive(link, PACKETS[0]) == [arrived(PACKETS[0], 1, 0)]
+    for _ in range(50):
+        assert receive(link, bytes(100)) == []
+    assert receive(link, PACKETS[1] + PACKETS[2]) == [
+        replace(arrived(PACKETS[1] + PACKETS[2], 2, 0), skipped=5000),
+    ]
+    assert link.stats.skipped_stretches == 1
+
+
+def test_packets_bear_the_arrival_of_their_last_byte() -> None:
+    link = streaming()
+    assert receive(link, PACKETS[0] + PACKETS[1][:40], 10) == [arrived(PACKETS[0], 1, 10)]
+    assert receive(link, PACKETS[1][40:], 20) == [arrived(PACKETS[1], 1, 20)]
+
+
+def test_stop_ends_the_stream_and_throws_away_what_is_left() -> None:
+    link = streaming()
+    receive(link, PACKETS[0] + PACKETS[1][:40])
+    link.send_request(commands.STOP)
+    assert (link.state, link.data_to_send()) == (LinkState.DRAINING, commands.STOP.data)
+    assert link.stats.drained_bytes == 40
+    assert receive(link, PACKETS[1][40:] + PACKETS[2] + INFO_ANSWER) == []
+    assert link.stats.drained_bytes == 40 + 44 + 84 + 27
+    assert link.buffered == 0
+
+
+def test_noise_before_stop_is_not_reported_in_the_next_stream() -> None:
+    link = streaming()
+    receive(link, bytes(500))
+    link.send_request(commands.STOP)
+    link.drained()
+    link.send_request(commands.express_scan(1, DenseFormat()))
+    assert receive(link, DENSE + b"".join(PACKETS))[1:] == [arrived(b"".join(PACKETS), 12, 0)]
+
+
+def test_drained_ends_draining_alone() -> None:
+    link = Link()
+    link.send_request(commands.STOP)
+    link.drained()
+    assert link.state is LinkState.IDLE
+    stream = streaming()
+    stream.drained()
+    assert stream.state is LinkState.STREAMING
+    pending = waiting()
+    pending.drained()
+    assert pending.state is LinkState.AWAIT_RESPONSE
+
+
+def test_stop_is_legal_in_every_state_and_ends_waiting() -> None:
+    for link in (Link(), waiting(), streaming()):
+        link.send_request(commands.STOP)
+        link.send_request(commands.STOP)
+        assert link.state is LinkState.DRAINING
+    link.drained()
+    link.send_request(commands.GET_INFO)
+    assert receive(link, INFO_ANSWER) == [Response(0x04, INFO, 0)]
+
+
+def test_a_question_may_follow_stop_at_once() -> None:
+    """It is the caller who knows how long to wait."""
+    link = streaming()
+    link.send_request(commands.STOP)
+    link.send_request(commands.GET_INFO)
+    assert link.state is LinkState.AWAIT_RESPONSE
+    assert receive(link, PACKETS[0][:60] + INFO_ANSWER) == [Response(0x04, INFO, 0)]
+
+
+def test_a_large_chunk_is_taken_in_slices() -> None:
+    link = streaming()
+    data = b"".join(PACKETS) * 100
+    assert len(data) > 3 * 32 * 1024
+    events = receive(link, memoryview(data).tobytes())
+    assert b"".join(event.data for event in events if isinstance(event, Packets)) == data
+    assert link.buffered == 0
+    assert link.stats.packets == 1200
