@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lidario.families.ldrobot.decode import PacketDecoder
-from lidario.families.ldrobot.formats import SIZE, crc8
+from lidario.families.ldrobot.formats import CRC, SIZE
 from lidario.families.registry import family_of_simulated
 from lidario.families.samples import Samples
 from lidario.wire.blocks import Block
@@ -39,7 +39,7 @@ def decoded(packets: list[bytes]) -> Samples:
 def with_end(packet: bytes, end: int) -> bytes:
     """The packet with another last angle, and a check value that holds."""
     body = packet[:42] + end.to_bytes(2, "little") + packet[44:46]
-    return body + bytes((crc8(body),))
+    return body + bytes((CRC.of(body),))
 
 
 def test_a_packet_that_came_twice_is_no_lost_revolution() -> None:
