@@ -86,7 +86,7 @@ class SyncLidar:
         self._garbage = weakref.finalize(self, thread.end_soon)
         self._garbage.atexit = False
         # After the session's own finalizer, so before it at exit: then everything ends in order.
-        atexit.register(thread.end_now)
+        atexit.register(thread.end)
 
     def __repr__(self) -> str:
         return f"<SyncLidar of {self._lidar!r}>"

@@ -123,6 +123,7 @@ class ArcDecoder(ABC):
         missing, likely = arcs.missing()
         angle, distance, intensity, last = self._samples(rows, arcs, room)
         self._remember(last)
+        gaps = missing.nonzero()[0]
         count = len(rows)
         a_turn = likely.samples_a_turn(whole=following is not None and not len(missing))
         return Samples(
@@ -132,12 +133,13 @@ class ArcDecoder(ABC):
             before_seam=(count - 1) * self.samples + arcs.before_seam(seam),
             ends=range(self.samples, count * self.samples + 1, self.samples),
             lost=int(missing.sum()),
-            unbroken=int(missing.nonzero()[0][0]) + 1 if len(missing) else count,
+            unbroken=int(gaps[0]) + 1 if len(gaps) else count,
             lost_behind=int(missing[-1]) if len(missing) else 0,
             revolution_packets=a_turn / self.samples,
             revolution_samples=a_turn,
             certain=a_turn > 0,
             reported_rpm=arcs.mean_rpm(),
+            gaps=[((at + 1) * self.samples, int(missing[at]) * self.samples) for at in gaps.tolist()],
         )
 
     def fork(self) -> Self:

@@ -195,6 +195,7 @@ async def _connect_recording(source: Source, family: str | None) -> Connection:
     recording = await run_in_thread(lambda: open_stored_source(source, family))
     port = open_replay(recording, rate=source.rate, loop=source.options.get("loop") == "1")
     device = RecordedDevice(recording, lambda: port.stream)
+    port.offset_of = device.offset_of
     own = recording.streams[0].family
     # Nothing is under way on this line, so nothing has to be waited for.
     dialogue = Dialogue(port, device, replace(own.timing, quiet_s=_NO_TIME_S, boot_poll_s=_NO_TIME_S))
