@@ -123,23 +123,23 @@ class ArcDecoder(ABC):
         missing, likely = arcs.missing()
         angle, distance, intensity, last = self._samples(rows, arcs, room)
         self._remember(last)
-        count, size = len(rows), self.samples
         gaps = missing.nonzero()[0]
+        count = len(rows)
         a_turn = likely.samples_a_turn(whole=following is not None and not len(missing))
         return Samples(
             angle_deg=angle,
             distance_mm=distance,
             intensity=intensity,
-            before_seam=(count - 1) * size + arcs.before_seam(seam),
-            ends=range(size, count * size + 1, size),
+            before_seam=(count - 1) * self.samples + arcs.before_seam(seam),
+            ends=range(self.samples, count * self.samples + 1, self.samples),
             lost=int(missing.sum()),
             unbroken=int(gaps[0]) + 1 if len(gaps) else count,
             lost_behind=int(missing[-1]) if len(missing) else 0,
-            revolution_packets=a_turn / size,
+            revolution_packets=a_turn / self.samples,
             revolution_samples=a_turn,
             certain=a_turn > 0,
             reported_rpm=arcs.mean_rpm(),
-            gaps=list(zip(((gaps + 1) * size).tolist(), (missing[gaps] * size).tolist(), strict=True)),
+            gaps=[((at + 1) * self.samples, int(missing[at]) * self.samples) for at in gaps.tolist()],
         )
 
     def fork(self) -> Self:
