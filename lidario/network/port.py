@@ -135,6 +135,7 @@ class _RemoteLine(Line):
         self._sender: tuple[str, bytes] | None = None
         self._sender_heard = 0.0
         self._told_of_rival = False
+        self._away = ""
         self._gap = 0
         self._seq: int | None = None
         self._tokens: set[str] = set()
@@ -213,6 +214,9 @@ class _RemoteLine(Line):
             return
         if self._sender is not None and attachment is not None and attachment.gid != self._sender[1]:
             return
+        if status.lost != self._away:
+            self._away = status.lost
+            _log.warning("%s: %s", self._port.name, status.lost or "the lidar is back at its publisher")
         self._streams.about = status.about
         for event in status.about.events:
             if self._raw and isinstance(event, StreamBegan):

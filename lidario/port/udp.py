@@ -18,7 +18,7 @@ import os
 import socket
 from typing import Any, cast
 
-from lidario.errors import ConnectFailed
+from lidario.errors import ConnectFailed, DeviceLost
 from lidario.port.line import Line
 from lidario.port.port import Port
 
@@ -112,7 +112,9 @@ class _UdpLine(Line):
         """The system reports an error of an earlier datagram."""
         # Windows calls a refusal a reset.
         if isinstance(error, ConnectionError) and not self._transport.is_closing():
-            why = OSError("nothing listens at this UDP port. Are address and port right?")
+            why = DeviceLost(
+                f"{self._port.name} is gone: nothing listens at this UDP port. Are address and port right?"
+            )
             why.__cause__ = error
             self.error = why
             self._transport.abort()

@@ -17,13 +17,14 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from types import TracebackType
 from typing import Final, NoReturn, Self
 
 from lidario.errors import ConnectFailed, LidarError, LocalProtocolError
 from lidario.model import ScanMode
 from lidario.network.bus import DEFAULT_ROUTER, Bus, Sender
-from lidario.network.keys import Attachment, Token, status_key, token_key
+from lidario.network.keys import Attachment, Token, parse_token, status_key, token_key, tokens_of
 from lidario.network.status import Status
 from lidario.recording.about import About
 from lidario.scan import Scan
@@ -240,7 +241,9 @@ class Broadcast(ABC):
             self._status = Outlet(bus.sender(status_key(self.key)), gid)
             bus.respond(status_key(self.key), lambda: self.status().to_bytes(whole=True))
             info = self.lidar.info
-            bus.token(token_key(Token(self.key, self.form, self.robot, info.model, info.serial)))
+            token = token_key(Token(self.key, self.form, self.robot, info.model, info.serial))
+            bus.token(token)
+            bus.watch_tokens(tokens_of(self.key), partial(self._token_changed, token))
         except BaseException:
             self._leave()
             bus.close_soon()
@@ -270,6 +273,13 @@ class Broadcast(ABC):
                 self._status.send(status.to_bytes(whole=False))
             self._each_second(status)
             await asyncio.sleep(STATUS_S)
+
+    def _token_changed(self, own: str, token: str, alive: bool) -> None:
+        """Tell of another lidar under the same key: readers could not tell the two apart."""
+        other = parse_token(token)
+        if alive and token != own and other is not None:
+            text = "%s %s of %s is published under %s, too: give each lidar a key of its own"
+            _log.warning(text, other.model, other.serial, other.robot, self.key)
 
     def _router_changed(self, connected: bool) -> None:
         what = "is back" if connected else "is lost; scans are not sent until it is back"
