@@ -29,6 +29,7 @@ from lidario.network.device import SCAN_TYPE, RemoteStreams
 from lidario.network.foreign import scan_of_laserscan
 from lidario.network.keys import parse_attachment
 from lidario.network.messages import Entry, parse_raw_message, parse_scan
+from lidario.network.raw import time_here
 from lidario.network.senders import Senders
 from lidario.network.status import Status
 from lidario.port.line import Line, Schedule
@@ -254,8 +255,10 @@ class _RemoteLine(Line):
             if entry.is_event:
                 self._take_event(entry)
             elif self._wanted and self._flows:
-                # Both clocks agree about the wall clock, as far as the machines do.
-                at_ns = entry.at_ns + self._streams.stream.began.wall_offset_ns - self._port.wall_offset_ns
+                at_ns = time_here(entry.at_ns, self._streams.stream.began, self._port.wall_offset_ns)
+                if at_ns is None:
+                    self.bad += 1
+                    return
                 self._port.show("in", entry.data, at_ns)
                 self._port.hand_over(entry.data, at_ns)
 
