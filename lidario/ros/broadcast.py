@@ -13,14 +13,14 @@ import asyncio
 import logging
 import platform
 import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from types import TracebackType
-from typing import Final, NoReturn, Self
+from typing import Final
 
+from lidario.entered import Entered
 from lidario.errors import ConnectFailed, LidarError, LocalProtocolError
 from lidario.model import ScanMode
 from lidario.network.bus import DEFAULT_ROUTER, Bus, Sender
@@ -65,7 +65,7 @@ class Outlet:
         return self._sender.put(payload, Attachment(self.sent, time.time_ns(), self.gid).to_bytes())
 
 
-class Broadcast(ABC):
+class Broadcast(Entered):
     """One lidar on the network; the base of `Publisher` and `Share`.
 
     Args:
@@ -85,6 +85,8 @@ class Broadcast(ABC):
     """
 
     form: str
+
+    how = "a publisher is entered asynchronously: write `async with`"
 
     def __init__(self, lidar: Lidar, router: str = DEFAULT_ROUTER, robot: str | None = None) -> None:
         self.lidar = lidar
@@ -177,21 +179,6 @@ class Broadcast(ABC):
         elif connecting is not None:
             await asyncio.wait([connecting])
 
-    async def __aenter__(self) -> Self:
-        await self.start()
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        await self.close()
-
-    def __enter__(self) -> NoReturn:
-        raise LocalProtocolError("a publisher is entered asynchronously: write `async with`")
-
-    def __exit__(self, *_: object) -> None:  # noqa: B027 - never reached
-        """Never reached; `with` looks for it before `__enter__` can say what to write."""
-
     def status(self) -> Status:
         """How the lidar is, as the network is told."""
         lidar = self.lidar
@@ -212,10 +199,10 @@ class Broadcast(ABC):
     def _declare(self, bus: Bus) -> bytes:
         """Declare what is published; returns what tells this publisher from others under its key."""
 
-    def _leave(self) -> None:  # noqa: B027 - most have nothing to end
+    def _leave(self) -> None:
         """End what `_declare` began."""
 
-    def _each_second(self, status: Status) -> None:  # noqa: B027 - most have nothing more to tell
+    def _each_second(self, status: Status) -> None:
         """The status has been published."""
 
     def _about(self) -> About:
