@@ -19,7 +19,7 @@ from lidario.laserscan import LaserScan
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.network.bus import DEFAULT_ROUTER, Bus, Sample
 from lidario.network.device import RemoteDevice, RemoteStreams
-from lidario.network.keys import LASERSCAN_IN_KEY, check_key, status_key
+from lidario.network.keys import LASERSCAN_IN_KEY, check_key, status_key, tokens_of
 from lidario.network.messages import parse_scan
 from lidario.network.port import RemotePort
 from lidario.network.status import Status
@@ -184,6 +184,6 @@ def _remote(bus: Bus, key: str, status: Status, began: StreamBegan) -> Remote:
     streams = RemoteStreams(family, status.about, status.modes, began)
     port = RemotePort(bus, key, status.form, streams)
     bus.subscribe(status_key(key), port.learn)
-    bus.watch_tokens(f"{key}/@lidario/alive/*/*/*/*", port.token_changed)
+    bus.watch_tokens(tokens_of(key), port.token_changed)
     bus.subscribe(key, port.receive)
     return Remote(port, RemoteDevice(streams, raw=status.form == "raw"), family)

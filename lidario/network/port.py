@@ -29,6 +29,7 @@ from lidario.network.device import SCAN_TYPE, RemoteStreams
 from lidario.network.foreign import scan_of_laserscan
 from lidario.network.keys import parse_attachment
 from lidario.network.messages import Entry, parse_raw_message, parse_scan
+from lidario.network.raw import time_here
 from lidario.network.senders import Senders
 from lidario.network.status import Status
 from lidario.port.line import Line, Schedule
@@ -135,6 +136,7 @@ class _RemoteLine(Line):
         self._sender: tuple[str, bytes] | None = None
         self._sender_heard = 0.0
         self._told_of_rival = False
+        self._away = ""
         self._gap = 0
         self._seq: int | None = None
         self._tokens: set[str] = set()
@@ -213,6 +215,9 @@ class _RemoteLine(Line):
             return
         if self._sender is not None and attachment is not None and attachment.gid != self._sender[1]:
             return
+        if status.lost != self._away:
+            self._away = status.lost
+            _log.warning("%s: %s", self._port.name, status.lost or "the lidar is back at its publisher")
         self._streams.about = status.about
         for event in status.about.events:
             if self._raw and isinstance(event, StreamBegan):
@@ -250,8 +255,10 @@ class _RemoteLine(Line):
             if entry.is_event:
                 self._take_event(entry)
             elif self._wanted and self._flows:
-                # Both clocks agree about the wall clock, as far as the machines do.
-                at_ns = entry.at_ns + self._streams.stream.began.wall_offset_ns - self._port.wall_offset_ns
+                at_ns = time_here(entry.at_ns, self._streams.stream.began, self._port.wall_offset_ns)
+                if at_ns is None:
+                    self.bad += 1
+                    return
                 self._port.show("in", entry.data, at_ns)
                 self._port.hand_over(entry.data, at_ns)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,11 +11,11 @@ import pytest
 import lidario
 from lidario.network.bus import Sample
 from lidario.network.keys import Attachment, parse_attachment
-from lidario.network.messages import Entry, encode_raw_message
+from lidario.network.messages import Entry, encode_raw_message, parse_raw_message
 from lidario.network.raw import RawDecoder
 from lidario.network.senders import Known, Senders
 from lidario.network.status import Status
-from lidario.recording.chronicle import StreamEnded, text_of
+from lidario.recording.chronicle import MOST_NS, StreamBegan, StreamEnded, text_of
 from lidario.ros.broadcast import Outlet
 from lidario.ros.share import Share
 from lidario.ros.waiting import FleetScan, WaitingScans
@@ -119,6 +120,22 @@ def test_damaged_messages_raise_nothing(sent: Sent) -> None:
             damaged[chance.randrange(len(damaged))] = chance.randrange(256)
         for scan in decoder.add(bytes(damaged)) or ():
             assert len(scan)
+
+
+@pytest.mark.parametrize("at_ns", [MOST_NS - 1, -MOST_NS + 1])
+def test_a_time_that_cannot_be_brings_no_scan(sent: Sent, at_ns: int) -> None:
+    """Its sums would not fit in the 64 bits of an array."""
+    assert sent.status is not None
+    (began,) = sent.status.about.events
+    assert isinstance(began, StreamBegan)
+    far = replace(began, wall_offset_ns=at_ns)
+    decoder = sent.decoder()
+    decoder.learn(replace(sent.status, about=replace(sent.status.about, events=(far,))))
+    for message in sent.messages:
+        entries = parse_raw_message(message) or []
+        late = [each._replace(at_ns=at_ns) for each in entries if not each.is_event]
+        for scan in decoder.add(encode_raw_message(late)) or ():
+            assert len(scan.times_ns) == len(scan)
 
 
 def test_gaps_are_counted_for_each_publisher() -> None:

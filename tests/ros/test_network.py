@@ -450,7 +450,26 @@ async def test_two_publishers_under_one_key(router: Router, caplog: pytest.LogCa
                 assert (await anext(scans)).mode == "DenseBoost"
         assert remote.stats.skipped_bytes == skipped
         assert [text for text in caplog.messages if "the second one is ignored" in text]
+        serial = second.lidar.info.serial
+        told = f"YDLIDAR_4ROS {serial} of b is published under {key}, too: give each lidar a key of its own"
+        await until(lambda: told in caplog.messages)
         with pytest.raises(
             ConnectFailed, match=r"two publishers send under zenoh:rival/scan \(a and b\): give each"
         ):
             await lidario.open_lidar(f"zenoh:{key}?router={router.address}")
+
+
+async def test_a_reader_is_told_that_the_lidar_is_away(router: Router, caplog: pytest.LogCaptureFixture) -> None:
+    """Its publisher is there, so the session goes on."""
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        share = await stack.enter_async_context(Share(await rig.open(), "away/scan", router=router.address))
+        source = f"zenoh:away/scan?router={router.address}"
+        remote = await stack.enter_async_context(lidario.open_lidar(source))
+        status = share.status()
+        assert share._status is not None
+        for lost in ("the lidar is away from its publisher", "the lidar is away from its publisher", ""):
+            share._status.send(replace(status, lost=lost).to_bytes(whole=False))
+        await until(lambda: "zenoh:away/scan: the lidar is back at its publisher" in caplog.messages)
+        assert caplog.messages.count("zenoh:away/scan: the lidar is away from its publisher") == 1
+        assert remote.is_connected
