@@ -39,7 +39,12 @@ settings.register_profile("ci", deadline=None, derandomize=True, max_examples=40
 settings.register_profile("search", deadline=None, max_examples=1500, suppress_health_check=NEVER_MIND)
 settings.register_profile("sample", settings.get_profile("ci"), max_examples=6)
 
-NEEDS = {"test_page.py": "chromium", "test_completion_in_zsh.py": "zsh", "test_completion_in_fish.py": "fish"}
+NEEDS = {
+    "test_page.py": "chromium",
+    "test_completion_in_zsh.py": "zsh",
+    "test_completion_in_fish.py": "fish",
+    "test_tls.py": "openssl",
+}
 """Test modules that are not run where a program is not installed; the summary says so."""
 NEEDS_LINUX = re.compile(
     r"^\s*(import|from) (pty|tty|termios|fcntl|resource)\b|PtyServer|tests\.support\.terminals|/proc/"

@@ -1,76 +1,121 @@
-"""The connection to a zenoh router: what is asked of the package, with a session of ours in its place."""
+"""From zenoh's thread to the event loop: nothing waits for ever, and what is too much is counted."""
 
 from __future__ import annotations
 
 import asyncio
-import threading
+from collections import deque
 from collections.abc import Callable
-from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from lidario.network import bus as under_test
-from lidario.network.bus import MOST_WAITING, Bus, Sample
+from lidario.network import bus as module
+from lidario.network.bus import Bus, Sample
 
-ROUTER = "tcp/192.0.2.7:7447"
+
+class Bytes:
+    """Bytes as zenoh gives them."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+
+    def to_bytes(self) -> bytes:
+        return self._data
+
+
+class Arrived:
+    """A message as zenoh gives it; while it is looked at, the loop may run."""
+
+    def __init__(self, payload: bytes, meanwhile: Callable[[], object] = lambda: None) -> None:
+        self.payload = Bytes(payload)
+        self.attachment = None
+        self._meanwhile = meanwhile
+
+    @property
+    def key_expr(self) -> str:
+        self._meanwhile()
+        return "a"
 
 
 class Session:
-    """What `Bus` uses of a session of zenoh."""
+    """A session of zenoh that does nothing but remember who subscribed."""
+
+    info: Any
 
     def __init__(self) -> None:
-        self.receive: Callable[[Any], None] = lambda _: None
-        self.released = threading.Event()
-        self.info = SimpleNamespace(declare_transport_events_listener=lambda _: None)
+        self.info = self
+        self.receive: Callable[[Any], None] = print
 
-    def declare_subscriber(self, _: str, receive: Callable[[Any], None]) -> SimpleNamespace:
+    def declare_transport_events_listener(self, changed: object) -> object:
+        return changed
+
+    def declare_subscriber(self, key: str, receive: Callable[[Any], None]) -> object:
         self.receive = receive
-        return SimpleNamespace(undeclare=lambda: None)
-
-    def close(self) -> None:
-        self.released.wait()
+        return key
 
 
-def sample(number: int) -> SimpleNamespace:
-    data = SimpleNamespace(to_bytes=lambda: bytes((number % 256,)))
-    return SimpleNamespace(key_expr="a/key", payload=data, attachment=None)
-
-
-async def test_what_the_loop_does_not_take_is_bounded() -> None:
+async def test_a_message_that_comes_while_the_last_one_is_taken_is_taken_too() -> None:
+    """Zenoh's thread and the loop's may be anywhere when the other one goes on."""
     session, taken = Session(), list[Sample]()
-    bus = Bus(session, ROUTER)
-    bus.subscribe("a/key", taken.append)
-    for number in range(MOST_WAITING + 50):
-        session.receive(sample(number))
-    assert bus.dropped == 50
+    bus = Bus(session, "tcp/localhost:7447")
+    due: list[Callable[[], None]] = []
+    bus._loop = _Loop(due)  # type: ignore[assignment]
+    bus.subscribe("a", taken.append)
+
+    def run() -> None:
+        while due:
+            due.pop(0)()
+
+    session.receive(Arrived(b"1"))
+    session.receive(Arrived(b"2", run))
+    run()
+    assert [each.payload for each in taken] == [b"1", b"2"]
+
+
+async def test_what_waits_is_bounded_by_its_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "MOST_WAITING_BYTES", 100 + 2 * module.OVERHEAD)
+    session, taken = Session(), list[Sample]()
+    bus = Bus(session, "tcp/localhost:7447")
+    bus.subscribe("a", taken.append)
+    for number in range(5):
+        session.receive(Arrived(bytes([number]) * 40))
+    session.receive(Arrived(b"x" * 400))
+    session.receive(Arrived(b"y"))
+    assert bus.dropped == 6
     await asyncio.sleep(0)
-    assert len(taken) == MOST_WAITING
-    # The oldest were dropped.
-    assert taken[0].payload == bytes((50,))
+    assert [each.payload for each in taken] == [b"y"]
+    monkeypatch.setattr(module, "MOST_WAITING_BYTES", 1 << 20)
+    for number in range(600):
+        session.receive(Arrived(b""))
+        if number == 300:
+            await asyncio.sleep(0)
+    await asyncio.sleep(0)
+    assert (len(taken), bus.dropped) == (601, 6)
 
 
-async def test_leaving_a_router_that_does_not_respond_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(under_test, "CLOSE_S", 0.02)
-    session = Session()
-    try:
-        async with asyncio.timeout(30):
-            await Bus(session, ROUTER).close()
-    finally:
-        session.released.set()
+async def test_what_is_dropped_while_it_is_taken_is_no_error() -> None:
+    """Zenoh's thread may drop the very message that the loop has just seen."""
+    inbox = module._Inbox(print)
+
+    class Meanwhile(deque[Sample]):
+        def __bool__(self) -> bool:
+            there = len(self) > 0
+            self.clear()
+            return there
+
+    inbox._waiting = Meanwhile([Sample("a", b"1", b"")])
+    inbox.hand_over()
 
 
-@pytest.mark.parametrize("file", ["", '{mode: "peer", scouting: {multicast: {enabled: true}}}'], ids=["", "a file"])
-def test_only_the_router_that_was_named_is_connected_to(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, file: str
-) -> None:
-    """Whatever the environment names as configuration."""
-    monkeypatch.delenv("ZENOH_CONFIG", raising=False)
-    if file:
-        (tmp_path / "zenoh.json5").write_text(file)
-        monkeypatch.setenv("ZENOH_CONFIG", str(tmp_path / "zenoh.json5"))
-    config: Any = under_test._config(__import__("zenoh"), ROUTER)
-    assert config.get_json("mode") == '"client"'
-    assert config.get_json("connect/endpoints") == f'["{ROUTER}"]'
-    assert config.get_json("scouting/multicast/enabled") == "false"
+async def test_messages_without_a_byte_are_bounded_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "MOST_WAITING_BYTES", 100 * module.OVERHEAD)
+    inbox = module._Inbox(print)
+    assert sum(inbox.put(Sample("a", b"", b"")) for _ in range(150)) == 50
+
+
+class _Loop:
+    def __init__(self, due: list[Callable[[], None]]) -> None:
+        self._due = due
+
+    def call_soon_threadsafe(self, callback: Callable[..., None], *values: Any) -> None:
+        self._due.append(lambda: callback(*values))

@@ -32,6 +32,7 @@ ARGUMENTS: dict[str, tuple[object, ...]] = {
     "set_motor_speed": (540.0,),
     "set_zero_offset": (True,),
     "set_network_address": (NetworkAddress("192.168.11.2"),),
+    "set_baudrate": (256_000,),
     "set_power_down_protection": (True,),
 }
 

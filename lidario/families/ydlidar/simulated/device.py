@@ -31,7 +31,7 @@ import struct
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_response
 from lidario.families.ydlidar.simulated.profiles import PROFILES, Profile
 from lidario.families.ydlidar.simulated.stream import PointStream
-from lidario.sim.chassis import PROTECTION_STOP, Chassis
+from lidario.sim.chassis import PROTECTION_STOP, Chassis, maker
 from lidario.sim.motor import Motor
 from lidario.sim.world import WorldLike
 
@@ -275,17 +275,8 @@ class Simulated4Ros(Chassis[PointStream]):
             self._queue.push(pack_response(_SETTING, self._info()), up)
 
 
-def make_simulated(
-    model: str, *, world: WorldLike | None = None, serial: bytes | str | None = None, seed: int = 0
-) -> Simulated4Ros:
-    """Build a simulated device by the name of its profile, such as ``"ydlidar-4ros"``.
-
-    Raises:
-        ValueError: No profile has that name.
-    """
-    if model not in PROFILES:
-        raise ValueError(f"no simulated device is called {model!r}; there are {', '.join(PROFILES)}")
-    return Simulated4Ros(PROFILES[model], world=world, serial=serial, seed=seed)
+make_simulated = maker(Simulated4Ros, PROFILES)
+"""Builds a simulated device by the name of its profile, such as ``"ydlidar-4ros"``."""
 
 
 def describe(model: str) -> str:
