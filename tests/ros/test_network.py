@@ -20,6 +20,7 @@ from rosbags.typesys import Stores, get_typestore
 import lidario
 from lidario.errors import ConnectFailed, InvalidValue, Unsupported
 from lidario.laserscan import LaserScan
+from lidario.model import Health, HealthStatus
 from lidario.network.bus import Bus, Sample
 from lidario.network.keys import Token, parse_attachment, token_key
 from lidario.network.status import Status
@@ -493,20 +494,25 @@ async def test_noise_under_a_key_keeps_nobody_from_reading(router: Router, raw: 
         noise = await Bus.open(router.address)
         stack.push_async_callback(noise.close)
         senders = [noise.sender(key), noise.sender(f"{key}/@lidario/status")]
-        evil = Status("raw", "evil", replace(share.status().about, events=())).to_bytes(whole=True)
+        unwell = replace(share.status().about, health=Health(HealthStatus.ERROR, 1, "evil"), events=())
+        evil = Status("raw", "evil", unwell).to_bytes(whole=True)
 
-        def disturb() -> None:
-            for sender in senders:
-                for payload in (b"", b"LDS1" + bytes(90), b"LDR1" + bytes(9), evil):
-                    sender.put(payload, b"")
-                    sender.put(payload, bytes(33))
+        async def disturb() -> None:
+            while True:
+                for sender in senders:
+                    for payload in (b"", b"LDS1" + bytes(90), b"LDR1" + bytes(9), evil):
+                        sender.put(payload, b"")
+                        sender.put(payload, bytes(33))
+                await asyncio.sleep(0.02)
 
+        disturbing = asyncio.create_task(disturb())
+        stack.callback(disturbing.cancel)
         rig.run(share)
         await until(lambda: rig.sent)
         remote = await stack.enter_async_context(lidario.open_lidar(f"zenoh:{key}?router={router.address}"))
         scans = await stack.enter_async_context(remote.scans(depth=8))
         async with asyncio.timeout(BOUND_S):
             for _ in range(3):
-                disturb()
                 assert (await anext(scans)).mode == "DenseBoost"
+        assert await remote.get_health() == share.lidar.health
         assert remote.info == share.lidar.info
