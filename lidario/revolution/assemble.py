@@ -31,13 +31,16 @@ from lidario.revolution.stats import AssemblerStats
 from lidario.revolution.steady import decode_block, is_ready
 from lidario.revolution.timing import byte_ns_at, first_sample_ns
 from lidario.scan import Scan
-from lidario.wire.blocks import Block, packet_offsets
+from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
+from lidario.wire.formats import HEADING_MASK
 
 __all__ = ["Assembler", "AssemblerStats"]
 
 _WORTH_A_BLOCK = 2
 """Revolutions that end together from which they are decoded at once. Live there is one, rarely more."""
+_HEARD = 16
+"""Packets of a revolution from which the speed is learned where nothing else tells it."""
 _ENDLESS_REVOLUTIONS = 2
 """Slowest revolutions' time after which a revolution that has not ended is given up."""
 
@@ -62,12 +65,14 @@ class Assembler:
         self._seam = Seam(stream.format.full_turn, stream.format.first_seam)
         self._endless_ns = _ENDLESS_REVOLUTIONS * 1e9 * stream.slowest_turn_s
         self._partial = PartialRevolution(whole=False)
-        self._count = RevolutionCount()
+        self._count = RevolutionCount(1e9 * stream.slowest_turn_s)
         self._last_spanned_ns = 0.0
         self._measured_sample_ns = 0.0
         # Several revolutions that end together are decoded at once, unless somebody wants parts of each.
         self._by_blocks = True
         self._ended_at: tuple[Packets, int] | None = None
+        # Revolutions counted as missing before the one that ends, when its number was told.
+        self._told_unseen = 0
 
     def set_zero_offset(self, degrees: float) -> None:
         """Add another zero-angle offset, clockwise degrees, from the next scan on."""
@@ -164,8 +169,11 @@ class Assembler:
         ended, self._partial = self._partial, PartialRevolution(whole=not split.broken)
         self._partial.moved = split.moved
         arrays, samples, lost = ended.carried, None, ended.lost_behind_carried
+        gaps: list[tuple[int, int]] | None = []
         packets = ended.packets()
         if packets is not None:
+            if not self._count.usual_ns:
+                self._hear(packets)
             room = 0 if arrays is None else len(arrays)
             samples = self._decode(ended, packets, split, following, room)
             self.stats.lost_packets += samples.lost
@@ -184,6 +192,8 @@ class Assembler:
                 self._partial.lost_behind_carried = samples.lost_behind
                 self._partial.carried_packets = 0.0 if samples.certain else samples.revolution_packets
                 lost -= samples.lost_behind
+            self._partial.skipped_behind_carried = samples.skipped_behind
+            gaps = ended.gaps(samples, room, crossed, revoked=bool(unknown))
             arrays = here.part(room if unknown else 0, crossed)
         if arrays is None or not len(arrays):
             return None
@@ -195,7 +205,16 @@ class Assembler:
                     self.stats.break_scan()
             self._count.restart()
             return None
-        return self._scan(arrays, ended, packets, samples, lost)
+        return self._scan(arrays, ended, packets, samples, lost, gaps)
+
+    def _hear(self, packets: Packets) -> None:
+        """Tell what counts revolutions where packets began and when they came, while no speed is known."""
+        wire = self._stream.format
+        headings = wire.headings(packets)
+        self._count.hear(
+            ((int(headings[count - 1]) & HEADING_MASK) / wire.full_turn, at_ns)
+            for count, at_ns in packets.arrivals[-_HEARD:]
+        )
 
     def _decode(
         self,
@@ -221,6 +240,7 @@ class Assembler:
         packets: Packets | None,
         samples: Samples | None,
         lost: int,
+        gaps: list[tuple[int, int]] | None,
     ) -> Scan | None:
         """Date a revolution and build its scan; None when it is not whole, or parts of two have met in it."""
         start_ns = first_sample_ns(
@@ -246,7 +266,8 @@ class Assembler:
             sample_ns=sample_ns,
         )
         if ended.whole and not self._is_numbered and self._ended_at is not None:
-            least_ns = least_of(self._stream.format, ended, samples, self._seam.angle or 0, sample_ns, spanned_ns)
+            seam, usual_ns = self._seam.angle or 0, self._count.usual_ns
+            least_ns = least_of(self._stream.format, ended, samples, seam, sample_ns, spanned_ns, usual_ns)
             # Angles hide whole revolutions; so it counts when the packet behind it came.
             if least_ns and self._came_behind(*self._ended_at) - start_ns < least_ns:
                 return None
@@ -266,7 +287,7 @@ class Assembler:
                 revolution_ns = spanned_ns
         arrays.angle = turned_by(arrays.angle, self._stream.zero_offset_deg)
         reported_rpm = math.nan if samples is None else samples.reported_rpm
-        made = DatedRevolution(arrays, start_ns, spanned_ns, revolution_ns, reported_rpm)
+        made = DatedRevolution(arrays, start_ns, spanned_ns, revolution_ns, reported_rpm, gaps)
         return self._deliver(made, sample_ns, lost)
 
     def _deliver(self, made: DatedRevolution, sample_ns: float, lost: int) -> Scan:
@@ -285,10 +306,6 @@ class Assembler:
     def _next_seq(self) -> int:
         return self.stats.scans + self.stats.missed_scans
 
-    def _miss(self, unseen: int) -> None:
-        """Count revolutions of which nothing came."""
-        self.stats.missed_scans += unseen
-
     def _passed(
         self,
         ended: PartialRevolution,
@@ -300,13 +317,14 @@ class Assembler:
         broken: bool,
     ) -> float:
         """Count what is missing since the revolution before; return what one takes, NaN when it was not seen."""
-        wire = self._stream.format
+        wire, stats = self._stream.format, self.stats
         if packets is None or samples is None or not (ended.whole or wire.first_seam is not None):
             # Where only marks tell where revolutions begin, the first part may be longer than one.
             self._count.restart()
             return math.nan
         passed = self._count.follow(
             beginning_of(
+                wire,
                 packets,
                 samples,
                 start_ns=start_ns,
@@ -316,11 +334,12 @@ class Assembler:
                 over=share_before(wire, ended, samples, self._seam.angle or 0),
                 gap_behind=self._partial.carried is None,
                 broken=broken,
-                most_samples=0 if samples.certain else wire.samples_in((Block(wire.longest, 1),)),
+                number=stats.scans + stats.missed_scans - self._told_unseen - (not ended.whole),
+                packets_before=stats.all_packets - packets.count - samples.lost,
             )
         )
         self.stats.lost_packets += passed.lost
-        self._miss(passed.unseen)
+        self.stats.missed_scans += passed.unseen - min(passed.unseen, self._told_unseen)
         return passed.revolution_ns
 
     def _sample_ns(self, samples: int, elapsed_ns: int, lost: int) -> float:

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.base import Stream
+from lidario.measured import with_gaps
 from lidario.revolution.partial import SampleArrays
+from lidario.rotor import Gaps
 from lidario.scan import Scan, read_only
 
 __all__ = ["DatedRevolution", "build_scan", "turned_by"]
@@ -24,6 +26,8 @@ class DatedRevolution(NamedTuple):
         spanned_ns: How long they took.
         interval_ns: What it took, by the time between beginnings; NaN when that is not known.
         reported_rpm: The speed that its packets tell; NaN where they tell none.
+        gaps: Where samples are missing among its own, and how many: as `Samples.gaps`. None where that is not
+            certain.
     """
 
     arrays: SampleArrays
@@ -31,6 +35,7 @@ class DatedRevolution(NamedTuple):
     spanned_ns: float
     interval_ns: float
     reported_rpm: float
+    gaps: Gaps | None = ()
 
 
 def turned_by(degrees: NDArray[np.float32], offset: float) -> NDArray[np.float32]:
@@ -56,8 +61,8 @@ def build_scan(
         seq: Its number.
         lost: Packets missing in it.
     """
-    arrays, start_ns, spanned_ns, interval_ns, reported_rpm = revolution
-    return Scan(
+    arrays, start_ns, spanned_ns, interval_ns, reported_rpm, gaps = revolution
+    scan = Scan(
         device_angles=read_only(arrays.angle),
         device_distances=read_only(arrays.distance),
         intensities=None if arrays.intensity is None else read_only(arrays.intensity),
@@ -74,3 +79,4 @@ def build_scan(
         seam=stream.zero_offset_deg % 360.0,
         reported_rpm=reported_rpm,
     )
+    return with_gaps(scan, gaps) if lost else scan

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from lidario.families.base import Samples
 from lidario.wire.blocks import Block, join_blocks, some_blocks
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.formats import StreamFormat
@@ -61,6 +62,7 @@ class PartialRevolution:
         carried: Samples from the packet that crossed the seam at its beginning, if any.
         carried_ns: Arrival of that packet.
         lost_behind_carried: Packets missing right behind that packet.
+        skipped_behind_carried: The samples of those.
         carried_packets: Packets that a whole revolution has, as far as was known when that packet was decoded.
         runs: The packets since, as they were reported.
     """
@@ -71,6 +73,7 @@ class PartialRevolution:
     carried: SampleArrays | None = None
     carried_ns: int = 0
     lost_behind_carried: int = 0
+    skipped_behind_carried: int = 0
     carried_packets: float = 0.0
     runs: list[Packets] = field(default_factory=list)
 
@@ -107,6 +110,26 @@ class PartialRevolution:
             return 0
         self.carried = None
         return missing
+
+    def gaps(self, samples: Samples, room: int, crossed: int, *, revoked: bool) -> list[tuple[int, int]] | None:
+        """Where samples are missing in it: how many of its own come before, and how many are missing there.
+
+        Args:
+            samples: What its packets were decoded to.
+            room: How many samples were carried over.
+            crossed: How many samples belong to it, with those.
+            revoked: Whether those that were carried over are dropped.
+
+        Returns:
+            None where that is not certain.
+        """
+        if not samples.certain:
+            return None
+        gaps = [(room + before, skipped) for before, skipped in samples.gaps]
+        if room and self.skipped_behind_carried:
+            gaps.insert(0, (room, self.skipped_behind_carried))
+        first = room if revoked else 0
+        return [(at - first, skipped) for at, skipped in gaps if first < at < crossed]
 
     @property
     def last_ns(self) -> int:

@@ -7,6 +7,7 @@ defect reaches.
 from __future__ import annotations
 
 import asyncio
+import socket
 from collections.abc import Callable
 from contextlib import AsyncExitStack
 from dataclasses import replace
@@ -277,6 +278,29 @@ async def test_nobody_and_no_router(router: Router, monkeypatch: pytest.MonkeyPa
     assert caught.value.reason == "refused"
     with pytest.raises(InvalidValue, match="is not the address of a router"):
         await Bus.open("7447")
+
+
+async def test_a_router_that_says_nothing_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidario.network.bus.OPEN_S", 0.05)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        async with asyncio.timeout(BOUND_S):
+            with pytest.raises(ConnectFailed, match="no zenoh router responds") as caught:
+                await Bus.open(f"tcp/127.0.0.1:{server.getsockname()[1]}")
+    assert caught.value.reason == "refused"
+
+
+async def test_a_publisher_that_does_not_respond_is_not_waited_for(router: Router) -> None:
+    """It takes the request and keeps it."""
+    silent, asking = await Bus.open(router.address), await Bus.open(router.address)
+    kept: list[Any] = []
+    silent._session.declare_queryable("silent/key", kept.append)
+    async with asyncio.timeout(BOUND_S):
+        while not kept:
+            assert await asking.query("silent/key", 0.05) == []
+    for query in kept:
+        query.drop()
+    await silent.close()
+    await asking.close()
 
 
 async def test_a_configuration_of_zenoh_is_taken(

@@ -73,7 +73,7 @@ class PointCloudDecoder:
         angle, distance, intensity = self._samples_of(packets, heads, ends, room)
         most = int(counts.max())
         step = _step(way, counts, most, ends[-1])
-        missing = self._missing(first, way, counts, starts, following, step, most)
+        missing, skipped = self._missing(first, way, counts, starts, following, step, most)
         gaps = missing.nonzero()[0]
         samples_a_turn = FULL_TURN_Q6 / step if step else 0.0
         return Samples(
@@ -89,6 +89,7 @@ class PointCloudDecoder:
             revolution_samples=samples_a_turn,
             certain=step > 0,
             reported_rpm=_reported_rpm(heads, 0, len(counts)),
+            gaps=[(ends[at], samples) for at, samples in skipped],
         )
 
     def fork(self) -> Self:
@@ -163,8 +164,8 @@ class PointCloudDecoder:
         following: bytes | None,
         step: float,
         most: int,
-    ) -> NDArray[np.intp]:
-        """Packets missing behind each packet, shape (packets,); empty where none is."""
+    ) -> tuple[NDArray[np.intp], list[tuple[int, int]]]:
+        """Packets missing behind each packet, shape (packets,), empty where none is; and the samples of those."""
         marked = starts.nonzero()[0]
         if len(marked):
             self._seam = int(first[marked[0]])
@@ -179,14 +180,17 @@ class PointCloudDecoder:
         jumps = _jumps(first, tails, following)
         gaps = (jumps > _ONE_STEP * step).nonzero()[0].tolist() if step else ()
         missing = np.zeros(len(first) if gaps else 0, np.intp)
+        skipped: list[tuple[int, int]] = []
         if gaps:
             self._usual = float(np.median(counts[counts > 1]))
             marks = [*starts[1:].tolist(), following is not None and bool(following[2] & START_BIT)]
             for at in gaps:
                 missing[at] = self._lost_in(int(tails[at]), int(jumps[at]), marks[at], step)
+                if missing[at]:
+                    skipped.append((at, max(0, round(int(jumps[at]) / step) - 1)))
         if len(marked):
             self._seam = int(first[marked[-1]])
-        return missing
+        return missing, skipped
 
     def _lost_in(self, tail: int, jump: int, marked: bool, step: float) -> int:
         """Packets lost between two: `jump` beyond the angle `tail`, the second one a start packet or not."""
