@@ -81,8 +81,8 @@ class ZeroOffsetSet:
     """Another zero-angle offset was chosen for the stream that runs.
 
     Attributes:
-        at: Place behind the last byte that had been parsed. The first revolution that begins behind it has the new
-            offset.
+        at: Place behind the last byte that had been parsed. The first revolution that ends behind it has the new
+            offset; where sectors of it were handed out, the one behind it.
         zero_offset_deg: Degrees that are added to every device angle from then on.
     """
 

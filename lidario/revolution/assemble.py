@@ -70,14 +70,13 @@ class Assembler:
         self._measured_sample_ns = 0.0
         # Several revolutions that end together are decoded at once, unless somebody wants parts of each.
         self._by_blocks = True
-        self._next_offset_deg: float | None = None
         self._ended_at: tuple[Packets, int] | None = None
         # Revolutions counted as missing before the one that ends, when its number was told.
         self._told_unseen = 0
 
     def set_zero_offset(self, degrees: float) -> None:
-        """Add another zero-angle offset, clockwise degrees, from the next revolution that begins."""
-        self._next_offset_deg = degrees
+        """Add another zero-angle offset, clockwise degrees, from the next scan on."""
+        self._stream = replace(self._stream, zero_offset_deg=degrees)
 
     def add(self, event: Packets) -> list[Scan]:
         """Take the next packets of the stream; return the revolutions they completed, usually none."""
@@ -90,10 +89,8 @@ class Assembler:
         begin = done = 0
         while done < len(splits):
             left = len(splits) - done if self._by_blocks else 1
-            learns = not is_ready(self._stream, self._partial, self._count)
-            if left >= _WORTH_A_BLOCK and (learns or self._next_offset_deg is not None):
+            if left >= _WORTH_A_BLOCK and not is_ready(self._stream, self._partial, self._count):
                 # The first revolutions of a stream, and those behind a gap, teach what the others are measured by.
-                # All revolutions of a block have the same zero-angle offset.
                 left = 1
             elif left >= _WORTH_A_BLOCK:
                 block = self._add_block(event, offsets, splits[done:], begin)
@@ -110,9 +107,6 @@ class Assembler:
                 self._ended_at = event, split.packet
                 scan = self._end(split, event.data[offsets[split.packet] : offsets[split.packet + 1]])
                 self._ended_at = None
-                if self._next_offset_deg is not None:
-                    offset, self._next_offset_deg = self._next_offset_deg, None
-                    self._stream = replace(self._stream, zero_offset_deg=offset)
                 self.stats.finish(held, delivered=scan is not None)
                 if scan is not None:
                     scans.append(scan)

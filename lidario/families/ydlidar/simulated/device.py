@@ -41,6 +41,8 @@ _MS = 1_000_000
 _SETTLE_AFTER_STOP = 5 * _MS  # vendor SDK 1.2.20
 _AFTER_STOP = "within 5 ms of stop"
 _ALIVE_FOR = 3000 * _MS  # manual 3.8
+_MOST_OUTSTANDING = 1000 * _MS
+"""Time in which all responses that wait must leave; a client that asks without end would fill the memory."""
 _SETTING, _HEALTH = 0x04, 0x06  # response types
 _FIRMWARE = (1, 3)  # minor, major, in the order in which they are sent
 _HARDWARE = 2
@@ -213,6 +215,8 @@ class Simulated4Ros(Chassis[PointStream]):
             return "scanning"
         if command == 0x60 and self.health[0] == PROTECTION_STOP:
             return "in protection stop"
+        if self._outstanding_until - now > _MOST_OUTSTANDING:
+            return "too many responses are outstanding"
         return ""
 
     def _obey(self, command: int, now: int) -> None:
