@@ -204,7 +204,7 @@ class Broadcast(Entered):
     def _leave(self) -> None:
         """End what `_declare` began."""
 
-    def _check(self) -> None:  # noqa: B027 - most can publish whatever is scanned
+    def _check(self) -> None:
         """Raise what keeps this lidar from being published, after each scan."""
 
     def _each_second(self, status: Status) -> None:
