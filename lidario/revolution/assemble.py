@@ -39,8 +39,9 @@ __all__ = ["Assembler", "AssemblerStats"]
 
 _WORTH_A_BLOCK = 2
 """Revolutions that end together from which they are decoded at once. Live there is one, rarely more."""
-_HEARD = 16
-"""Packets of a revolution from which the speed is learned where nothing else tells it."""
+_HEARD = 2
+"""Packets of a revolution from which the speed is learned where nothing else tells it. More would be too near each
+other."""
 _ENDLESS_REVOLUTIONS = 2
 """Slowest revolutions' time after which a revolution that has not ended is given up."""
 
@@ -132,7 +133,10 @@ class Assembler:
         if block is None:
             return []
         block.samples.settle()
-        self._count.settle(block.beginning)
+        last, stats = block.beginning, self.stats
+        last.number = stats.scans + stats.missed_scans + len(block.revolutions) - 1
+        last.packets_before = stats.all_packets + block.packets - last.packets
+        self._count.settle(last)
         self._partial = block.next
         self._last_spanned_ns = block.revolutions[-1].spanned_ns
         self.stats.unfinished_packets += block.packets
@@ -172,7 +176,7 @@ class Assembler:
         gaps: list[tuple[int, int]] | None = []
         packets = ended.packets()
         if packets is not None:
-            if not self._count.usual_ns:
+            if self._count.listens:
                 self._hear(packets)
             room = 0 if arrays is None else len(arrays)
             samples = self._decode(ended, packets, split, following, room)
@@ -213,7 +217,7 @@ class Assembler:
         headings = wire.headings(packets)
         self._count.hear(
             ((int(headings[count - 1]) & HEADING_MASK) / wire.full_turn, at_ns)
-            for count, at_ns in packets.arrivals[-_HEARD:]
+            for count, at_ns in packets.arrivals[:: -(-len(packets.arrivals) // _HEARD)]
         )
 
     def _decode(
