@@ -17,14 +17,7 @@ from dataclasses import replace
 from lidario.families.base import Samples, Stream
 from lidario.revolution.build import DatedRevolution, build_scan, turned_by
 from lidario.revolution.count import RevolutionCount
-from lidario.revolution.judge import (
-    FALSE_PART,
-    beginning_of,
-    is_broken,
-    is_complete,
-    least_of,
-    share_before,
-)
+from lidario.revolution.judge import FALSE_PART, beginning_of, is_broken, is_complete, least_of, share_before
 from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
 from lidario.revolution.seam import Seam, Split
 from lidario.revolution.stats import AssemblerStats
@@ -72,8 +65,7 @@ class Assembler:
         # Several revolutions that end together are decoded at once, unless somebody wants parts of each.
         self._by_blocks = True
         self._ended_at: tuple[Packets, int] | None = None
-        # Revolutions counted as missing before the one that ends, when its number was told.
-        self._told_unseen = 0
+        self._told_unseen = 0  # revolutions counted as missing before the one that ends, when its number was told
 
     def set_zero_offset(self, degrees: float) -> None:
         """Add another zero-angle offset, clockwise degrees, from the next scan on."""
@@ -196,8 +188,9 @@ class Assembler:
                 self._partial.lost_behind_carried = samples.lost_behind
                 self._partial.carried_packets = 0.0 if samples.certain else samples.revolution_packets
                 lost -= samples.lost_behind
-            self._partial.skipped_behind_carried = samples.skipped_behind
-            gaps = ended.gaps(samples, room, crossed, revoked=bool(unknown))
+            if samples.gaps or lost:
+                self._partial.skipped_behind_carried = samples.skipped_behind
+                gaps = ended.gaps(samples, room, crossed, revoked=bool(unknown))
             arrays = here.part(room if unknown else 0, crossed)
         if arrays is None or not len(arrays):
             return None
