@@ -6,12 +6,13 @@ Nothing of ROS is needed on this machine: a zenoh router (``zenohd``, or the ``r
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 from click.core import ParameterSource
 
-from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.errors import ExitCode, ReaderGone, Stopped
 from lidario.cli.output import emit, message
 from lidario.cli.parameters import complete_source
 
@@ -78,7 +79,7 @@ def publish(
     """Publish live scans over zenoh, until Ctrl-C.
 
     Either --ros, and `ros2 topic list` shows the topic, or --zenoh KEY, and zenoh:KEY is a SOURCE on every other
-    machine. The key is printed. It goes on when the router restarts.
+    machine. The key is printed. It waits for a router that is not there yet, and goes on when the router restarts.
     """
     context = click.get_current_context()
     if ros == (key is not None):
@@ -109,10 +110,12 @@ def publish(
         _needs_zenoh()
         async with open_lidar(source, reconnect=reconnect) as lidar:
             publisher = make(lidar)
-            publisher.on_change = lambda connected: _tell(router, connected)
+            publisher.on_change = lambda _: message(publisher.news)
             async with publisher:
                 told.append(publisher)
-                emit(f"{publisher.key}\n")
+                # Robots need the scans, whether or not somebody reads the key here.
+                with suppress(ReaderGone, OSError):
+                    emit(f"{publisher.key}\n")
                 message(f"publishing {lidar.info.model} {lidar.info.serial} through {router}; Ctrl-C ends it")
                 await publisher.run(by_id)
 
@@ -122,7 +125,7 @@ def publish(
         message("")
     finally:
         for each in told:
-            message(f"{each.scans} scan{'s' if each.scans != 1 else ''} published")
+            message(_summary(each.scans, each.unsent))
     return ExitCode.OK
 
 
@@ -138,8 +141,6 @@ def _needs_zenoh() -> None:
         ) from None
 
 
-def _tell(router: str, connected: bool) -> None:
-    if connected:
-        message(f"the zenoh router at {router} is back")
-    else:
-        message(f"the zenoh router at {router} is lost; scans are not sent until it is back")
+def _summary(sent: int, unsent: int) -> str:
+    lost = f"; {unsent} not sent, because there was no router" if unsent else ""
+    return f"{sent} scan{'s' if sent != 1 else ''} published{lost}"

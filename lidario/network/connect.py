@@ -19,7 +19,7 @@ from lidario.laserscan import LaserScan
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.network.bus import DEFAULT_ROUTER, Bus, Sample
 from lidario.network.device import RemoteDevice, RemoteStreams
-from lidario.network.keys import LASERSCAN_IN_KEY, check_key, status_key
+from lidario.network.keys import LASERSCAN_IN_KEY, check_key, status_key, tokens_of
 from lidario.network.messages import parse_scan
 from lidario.network.port import RemotePort
 from lidario.network.status import Status
@@ -120,9 +120,18 @@ def _of_message(bus: Bus, first: Sample) -> Remote:
 
 
 async def _ask(bus: Bus, key: str) -> dict[str, Status]:
-    replies = await bus.query(status_key(key), ASK_S)
-    read = ((each.key.removesuffix(_STATUS), Status.of(each.payload)) for each in replies)
-    return {place: status for place, status in read if status is not None}
+    found: dict[str, Status] = {}
+    for reply in await bus.query(status_key(key), ASK_S):
+        place, status = reply.key.removesuffix(_STATUS), Status.of(reply.payload)
+        if status is None:
+            continue
+        if place in found and found[place].sender != status.sender:
+            names = " and ".join(sorted({found[place].robot, status.robot}))
+            raise ConnectFailed(
+                f"two publishers send under zenoh:{place} ({names}): give each a key of its own", reason="ambiguous"
+            )
+        found[place] = status
+    return found
 
 
 async def _first_message(bus: Bus, key: str, seconds: float) -> Sample | None:
@@ -175,6 +184,6 @@ def _remote(bus: Bus, key: str, status: Status, began: StreamBegan) -> Remote:
     streams = RemoteStreams(family, status.about, status.modes, began)
     port = RemotePort(bus, key, status.form, streams)
     bus.subscribe(status_key(key), port.learn)
-    bus.watch_tokens(f"{key}/@lidario/alive/*/*/*/*", port.token_changed)
+    bus.watch_tokens(tokens_of(key), port.token_changed)
     bus.subscribe(key, port.receive)
     return Remote(port, RemoteDevice(streams, raw=status.form == "raw"), family)
