@@ -218,11 +218,12 @@ class RevolutionCount:
             self._anchor = here
             return 0, 0
         elapsed = here.start_ns - anchor.start_ns
-        sure, unseen, lost = self._sure, 0, 0
+        sure, unseen, lost, untold = self._sure, 0, 0, 0
         if self._packet_ns:
             expected = int(elapsed / self._packet_ns * (1 - UNEVEN_SPEED))
             missing = expected - (here.packets_before - anchor.packets_before)
-            lost = missing if missing > FEWEST_PACKETS else 0
+            if missing > FEWEST_PACKETS:
+                lost, untold = missing, int(elapsed / self._packet_ns) - expected
         if sure is None:
             # One without a gap whose speed is told already follows the one before; nothing passed in between.
             self._adrift |= not here.revolution_ns or here.lost > 0
@@ -234,7 +235,7 @@ class RevolutionCount:
             self._adrift = sure is not here and abs(turns - round(turns)) >= EXACT
             if not self._adrift:
                 # Where too many were counted, that many are left out later.
-                self._anchor_at(here, unseen, lost)
+                self._anchor_at(here, unseen, lost + untold)
         return max(0, unseen), lost
 
     def _anchor_at(self, here: Beginning, unseen: int, lost: int) -> None:
