@@ -247,7 +247,8 @@ class Broadcast(Entered):
             wait_s = min(2 * wait_s, LAST_AGAIN_S)
             try:
                 await self._connect()
-            except ConnectFailed as error:
+            except LidarError as error:
+                # Whatever it is, a file of certificates that is being replaced too, it may be over next time.
                 _log.debug("%s", error)
             else:
                 self._tell(True, f"the zenoh router at {self.router} is there")

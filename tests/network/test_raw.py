@@ -13,7 +13,7 @@ from lidario.network.bus import Sample
 from lidario.network.keys import Attachment, parse_attachment
 from lidario.network.messages import Entry, encode_raw_message, parse_raw_message
 from lidario.network.raw import RawDecoder
-from lidario.network.senders import Known, Senders
+from lidario.network.senders import RIVAL_S, Known, OneSender, Senders
 from lidario.network.status import Status
 from lidario.recording.chronicle import MOST_NS, StreamBegan, StreamEnded, text_of
 from lidario.ros.broadcast import Outlet
@@ -164,3 +164,16 @@ def test_a_slow_reader_sees_the_latest_of_every_lidar_and_what_is_missing() -> N
     taken = [waiting.take() for _ in range(3)]
     assert [(each.key, each.sent_ns, each.lost) for each in taken] == [("a", 3, 5), ("a", 4, 0), ("b", 2, 0)]
     assert (len(waiting), waiting.dropped, waiting._scans) == (0, 2, {})
+
+
+def test_the_first_one_is_listened_to_as_long_as_it_sends() -> None:
+    one = OneSender(b"", 0.0)
+    assert one.follow(b"x", 0.0, lambda: False) == "rival"
+    assert not one.is_other(b"a")
+    assert one.follow(b"a", 0.0, lambda: True) == "same"
+    assert one.follow(b"b", RIVAL_S - 0.1, lambda: True) == "rival"
+    assert one.is_other(b"b")
+    assert one.follow(b"a", RIVAL_S, lambda: False) == "same"
+    assert one.follow(b"b", 2 * RIVAL_S, lambda: False) == "rival"
+    assert one.follow(b"b", 2 * RIVAL_S, lambda: True) == "new"
+    assert one.follow(b"a", 2 * RIVAL_S, lambda: True) == "rival"
