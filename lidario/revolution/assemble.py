@@ -16,22 +16,16 @@ from dataclasses import replace
 
 from lidario.families.base import Samples, Stream
 from lidario.revolution.build import DatedRevolution, build_scan, turned_by
-from lidario.revolution.count import RevolutionCount
-from lidario.revolution.judge import (
-    FALSE_PART,
-    beginning_of,
-    is_broken,
-    is_complete,
-    least_of,
-    share_before,
-)
+from lidario.revolution.count import Beginning, RevolutionCount
+from lidario.revolution.judge import FALSE_PART, beginning_of, is_broken, is_complete, least_of
+from lidario.revolution.ordinary import ordinary_beginning
 from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
 from lidario.revolution.seam import Seam, Split
 from lidario.revolution.stats import AssemblerStats
 from lidario.revolution.steady import decode_block, is_ready
 from lidario.revolution.timing import byte_ns_at, first_sample_ns
 from lidario.scan import Scan
-from lidario.wire.blocks import Block, packet_offsets
+from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
 
 __all__ = ["Assembler", "AssemblerStats"]
@@ -79,8 +73,13 @@ class Assembler:
         if not splits:
             self._keep(event)
             return []
-        scans: list[Scan] = []
         offsets = packet_offsets(event.blocks)
+        if len(splits) == 1:
+            # Live it is always so.
+            scan = self._end_at(event, splits[0], 0, offsets)
+            self._keep(self._part(event, splits[0].packet, event.count, offsets))
+            return [] if scan is None else [scan]
+        scans: list[Scan] = []
         begin = done = 0
         while done < len(splits):
             left = len(splits) - done if self._by_blocks else 1
@@ -96,19 +95,25 @@ class Assembler:
                 # Something is not as it should be, somewhere. Behind it all may be well again.
                 left = max(1, left // 2)
             for split in splits[done : done + left]:
-                if split.packet > begin:
-                    self._keep(self._part(event, begin, split.packet, offsets))
-                held = self.stats.unfinished_packets
-                self._ended_at = event, split.packet
-                scan = self._end(split, event.data[offsets[split.packet] : offsets[split.packet + 1]])
-                self._ended_at = None
-                self.stats.finish(held, delivered=scan is not None)
+                scan = self._end_at(event, split, begin, offsets)
                 if scan is not None:
                     scans.append(scan)
                 begin = split.packet
             done += left
         self._keep(self._part(event, begin, event.count, offsets))
         return scans
+
+    def _end_at(self, event: Packets, split: Split, begin: int, offsets: Sequence[int]) -> Scan | None:
+        """Keep the packets of an event from number `begin` up to a split, and end the revolution there."""
+        number = split.packet
+        if number > begin:
+            self._keep(self._part(event, begin, number, offsets))
+        held = self.stats.unfinished_packets
+        self._ended_at = event, number
+        scan = self._end(split, event.data[offsets[number] : offsets[number + 1]])
+        self._ended_at = None
+        self.stats.finish(held, delivered=scan is not None)
+        return scan
 
     def _add_block(self, event: Packets, offsets: Sequence[int], splits: Sequence[Split], begin: int) -> list[Scan]:
         """All revolutions up to the last split, decoded at once; none where something may be missing."""
@@ -174,9 +179,11 @@ class Assembler:
             here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
             if arrays is not None:
                 here.begin_with(arrays)
-            unknown = ended.revoke_carried(samples.revolution_packets) if samples.certain else 0
-            self.stats.lost_packets += unknown
-            lost += unknown
+            unknown = 0
+            if ended.carried_packets and samples.certain:
+                unknown = ended.revoke_carried(samples.revolution_packets)
+                self.stats.lost_packets += unknown
+                lost += unknown
             crossed = room + samples.before_seam
             if crossed < len(here):
                 self._partial.carried = here.part(crossed)
@@ -234,28 +241,61 @@ class Assembler:
         elapsed_ns = ended.last_ns - start_ns
         sample_ns = self._sample_ns(len(arrays), elapsed_ns, lost)
         spanned_ns = len(arrays) * sample_ns
-        if samples is not None:
-            spanned_ns += lost * sample_ns * samples.ends[-1] / len(samples.ends)
-        broken = is_broken(
-            packets,
-            samples,
-            len(arrays),
-            elapsed_ns=elapsed_ns,
-            spanned_ns=spanned_ns,
-            ordinary_ns=self._last_spanned_ns or spanned_ns,
-            sample_ns=sample_ns,
-        )
-        if ended.whole and not self._is_numbered and self._ended_at is not None:
-            least_ns = least_of(self._stream.format, ended, samples, self._seam.angle or 0, sample_ns, spanned_ns)
-            # Angles hide whole revolutions; so it counts when the packet behind it came.
-            if least_ns and self._came_behind(*self._ended_at) - start_ns < least_ns:
+        beginning = None
+        if packets is not None and samples is not None and not lost:
+            beginning = ordinary_beginning(
+                ended,
+                packets.count,
+                samples,
+                start_ns=start_ns,
+                elapsed_ns=elapsed_ns,
+                spanned_ns=spanned_ns,
+                ordinary_ns=self._last_spanned_ns or spanned_ns,
+                sample_ns=sample_ns,
+            )
+        if beginning is not None:
+            revolution_ns = self._reckon(beginning)
+        else:
+            if samples is not None:
+                spanned_ns += lost * sample_ns * samples.ends[-1] / len(samples.ends)
+            broken = is_broken(
+                packets,
+                samples,
+                len(arrays),
+                elapsed_ns=elapsed_ns,
+                spanned_ns=spanned_ns,
+                ordinary_ns=self._last_spanned_ns or spanned_ns,
+                sample_ns=sample_ns,
+            )
+            wire, seam = self._stream.format, self._seam.angle or 0
+            if ended.whole and not self._is_numbered and self._ended_at is not None:
+                least_ns = least_of(wire, ended, samples, seam, sample_ns, spanned_ns)
+                # Angles hide whole revolutions; so it counts when the packet behind it came.
+                if least_ns and self._came_behind(*self._ended_at) - start_ns < least_ns:
+                    return None
+            if packets is None or samples is None or not (ended.whole or wire.first_seam is not None):
+                # Where only marks tell where revolutions begin, the first part may be longer than one.
+                self._count.restart()
+                revolution_ns = math.nan
+            else:
+                beginning = beginning_of(
+                    wire,
+                    ended,
+                    packets,
+                    samples,
+                    seam=seam,
+                    start_ns=start_ns,
+                    spanned_ns=spanned_ns,
+                    sample_ns=sample_ns,
+                    gap_behind=self._partial.carried is None,
+                    broken=broken,
+                )
+                revolution_ns = self._reckon(beginning)
+            if not ended.whole:
                 return None
-        revolution_ns = self._passed(ended, packets, samples, start_ns, sample_ns, spanned_ns, broken)
-        if not ended.whole:
-            return None
-        if broken:
-            self.stats.break_scan()
-            return None
+            if broken:
+                self.stats.break_scan()
+                return None
         self._last_spanned_ns = spanned_ns
         if math.isnan(revolution_ns) and not lost:
             # The revolution before was not seen: what this one holds tells its speed.
@@ -289,36 +329,9 @@ class Assembler:
         """Count revolutions of which nothing came."""
         self.stats.missed_scans += unseen
 
-    def _passed(
-        self,
-        ended: PartialRevolution,
-        packets: Packets | None,
-        samples: Samples | None,
-        start_ns: int,
-        sample_ns: float,
-        spanned_ns: float,
-        broken: bool,
-    ) -> float:
+    def _reckon(self, beginning: Beginning) -> float:
         """Count what is missing since the revolution before; return what one takes, NaN when it was not seen."""
-        wire = self._stream.format
-        if packets is None or samples is None or not (ended.whole or wire.first_seam is not None):
-            # Where only marks tell where revolutions begin, the first part may be longer than one.
-            self._count.restart()
-            return math.nan
-        passed = self._count.follow(
-            beginning_of(
-                packets,
-                samples,
-                start_ns=start_ns,
-                last_ns=ended.last_ns,
-                spanned_ns=spanned_ns,
-                sample_ns=sample_ns,
-                over=share_before(wire, ended, samples, self._seam.angle or 0),
-                gap_behind=self._partial.carried is None,
-                broken=broken,
-                most_samples=0 if samples.certain else wire.samples_in((Block(wire.longest, 1),)),
-            )
-        )
+        passed = self._count.follow(beginning)
         self.stats.lost_packets += passed.lost
         self._miss(passed.unseen)
         return passed.revolution_ns

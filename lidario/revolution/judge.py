@@ -8,7 +8,7 @@ from typing import Final
 from lidario.families.base import Samples
 from lidario.revolution.count import NOISE, Beginning
 from lidario.revolution.partial import PartialRevolution
-from lidario.wire.blocks import some_blocks
+from lidario.wire.blocks import Block, some_blocks
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK, StreamFormat
 
@@ -125,45 +125,46 @@ def least_of(
 
 
 def beginning_of(
+    wire: StreamFormat,
+    ended: PartialRevolution,
     packets: Packets,
     samples: Samples,
     *,
+    seam: int,
     start_ns: int,
-    last_ns: int,
     spanned_ns: float,
     sample_ns: float,
-    over: float,
     gap_behind: bool,
     broken: bool,
-    most_samples: int = 0,
 ) -> Beginning:
     """What a revolution that has ended tells for counting.
 
     Args:
+        wire: The format.
+        ended: The revolution.
         packets: Its packets.
         samples: What they were decoded to.
+        seam: Heading at which revolutions begin.
         start_ns: When its first sample was measured.
-        last_ns: Arrival of its last packet.
         spanned_ns: Time that its samples take, and those that are known to be missing.
         sample_ns: Nanoseconds a sample.
-        over: Share of the revolution before its first packet (`share_before`).
         gap_behind: Whether what is missing behind its last packet belongs to it.
         broken: Whether it is broken, though its beginning was seen.
-        most_samples: Samples of the longest packet of the format; needed where `samples` are not certain.
     """
     packet_ns = samples.ends[-1] / len(samples.ends) * sample_ns
     if not samples.certain:
         # Damage spares the short packets: of those alone nobody knows what an ordinary one takes.
         longest = max(end - begin for begin, end in pairwise((0, *samples.ends)))
-        packet_ns = longest * sample_ns if longest > 1 or most_samples == 1 else 0.0
+        only_single = longest == 1 < wire.samples_in((Block(wire.longest, 1),))
+        packet_ns = 0.0 if only_single else longest * sample_ns
     # A read that was completed only behind a gap dates what came before it too late. What follows is on time.
     behind_ns = samples.lost_behind * packet_ns if gap_behind else 0.0
-    from_end_ns = round(last_ns - spanned_ns + behind_ns)
+    from_end_ns = round(ended.last_ns - spanned_ns + behind_ns)
     revolution_ns = samples.revolution_samples * sample_ns if samples.certain else 0.0
     late = samples.certain and start_ns - from_end_ns > NOISE * revolution_ns
     return Beginning(
         from_end_ns if late else start_ns,
-        over=over,
+        over=share_before(wire, ended, samples, seam),
         revolution_ns=revolution_ns,
         revolution_packets=samples.revolution_packets,
         packet_ns=revolution_ns / samples.revolution_packets if samples.certain else packet_ns,

@@ -127,14 +127,6 @@ def part_of(
         wire: Their format.
         sample_ns: Nanoseconds a sample; 0 where the device does not say.
     """
-    data = packets.data[offsets[begin] : offsets[end]]
-    if len(packets.arrivals) == len(packets.blocks) == 1:
-        # The usual case: one read, and packets of one size. What follows would find the same.
-        ((size, count),), ((_, at_ns),) = packets.blocks, packets.arrivals
-        if end < count:
-            behind = wire.samples_in((Block(size, count - end),))
-            at_ns -= round(behind * sample_ns)
-        return Packets(data, (Block(size, end - begin),), ((end - begin, at_ns),))
     blocks = some_blocks(packets.blocks, begin, end)
     arrivals: list[Arrival] = []
     complete, at_ns = packets.arrivals[-1]  # bound for type checkers too: there is always one
@@ -145,7 +137,10 @@ def part_of(
             arrivals.append((complete - begin, at_ns))
     if complete > end:
         # What stands behind them was measured after them and was there already: they were late by that much.
-        behind = wire.samples_in(some_blocks(packets.blocks, end, complete))
+        if wire.shortest == wire.longest:
+            behind = wire.samples * (complete - end)
+        else:
+            behind = wire.samples_in(some_blocks(packets.blocks, end, complete))
         at_ns -= round(behind * sample_ns)
     arrivals.append((end - begin, at_ns))
-    return Packets(data, blocks, tuple(arrivals))
+    return Packets(packets.data[offsets[begin] : offsets[end]], blocks, tuple(arrivals))
