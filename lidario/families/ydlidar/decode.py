@@ -20,6 +20,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Sequence
+from functools import cache
 from typing import Final, NamedTuple, Self
 
 import numpy as np
@@ -262,20 +263,25 @@ def _fill(angle: NDArray[np.float32], distance: NDArray[np.float32], packets: Pa
     """Write degrees, counted on past 360, and millimetres of all samples."""
     first, way, counts, _, _ = heads
     words = np.frombuffer(packets.data, "<u2")
-    at = place = 0
+    # Whole numbers until the last division, so that it alone rounds; single precision holds them exactly.
+    each = np.empty((len(first), 2), np.float32)
+    np.multiply(first, np.maximum(counts - 1, 1), out=each[:, 0], casting="unsafe")
+    each[:, 1] = way
+    at = place = packet = 0
     for size, count in packets.blocks:
         samples = (size - HEADER_SIZE) // 2
-        until, behind = at + count * samples, place + (count * size >> 1)
-        rows = words[place:behind].reshape(count, size >> 1)
-        distance[at:until].reshape(count, samples)[...] = rows[:, HEADER_WORDS:]
-        at, place = until, behind
-    # Whole numbers until the last division, so that it alone rounds.
-    steps = np.maximum(counts - 1, 1)
-    before = np.add.accumulate(counts) - counts
-    order = np.arange(len(angle)) - np.repeat(before, counts)
-    np.multiply(np.repeat(way, counts), order, out=angle, casting="unsafe")
-    angle += np.repeat((first * steps).astype(np.float32), counts)
-    angle /= np.repeat((64.0 * steps).astype(np.float32), counts)
+        until, behind, end = at + count * samples, place + (count * size >> 1), packet + count
+        distance[at:until].reshape(count, samples)[...] = words[place:behind].reshape(count, -1)[:, HEADER_WORDS:]
+        grid = angle[at:until].reshape(count, samples)
+        np.matmul(each[packet:end], _weights(samples), out=grid)
+        grid /= 64.0 * max(samples - 1, 1)
+        at, place, packet = until, behind, end
+
+
+@cache
+def _weights(samples: int) -> NDArray[np.float32]:
+    """What the first angle of a packet, times its steps, and its way contribute to each of its samples."""
+    return np.stack((np.ones(samples, np.float32), np.arange(samples, dtype=np.float32)))
 
 
 def _step(way: Ints, counts: Ints, most: int, samples: int) -> float:

@@ -71,12 +71,12 @@ def _equal_sizes(data: bytes | bytearray, at: int, size: int) -> int:
 
 def packet_heads(packets: Packets) -> NDArray[np.uint16]:
     """The words before the samples, shape (packets, 5)."""
-    if any(size & 1 for size, _ in packets.blocks):
-        return _odd_heads(packets)
-    words = np.frombuffer(packets.data, "<u2")
+    words = np.frombuffer(packets.data, "<u2", len(packets.data) >> 1)
     heads: list[NDArray[np.uint16]] = []
     at = 0
     for size, count in packets.blocks:
+        if size & 1:
+            return _odd_heads(packets)
         end = at + (size * count >> 1)
         heads.append(words[at:end].reshape(count, size >> 1)[:, : HEADER_SIZE // 2])
         at = end
