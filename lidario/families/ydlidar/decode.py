@@ -271,6 +271,11 @@ def _fill(angle: NDArray[np.float32], distance: NDArray[np.float32], packets: Pa
     for size, count in packets.blocks:
         samples = (size - HEADER_SIZE) // 2
         until, behind, end = at + count * samples, place + (count * size >> 1), packet + count
+        if count == samples == 1:
+            # Nearly always a start packet; two numbers are not worth an array.
+            angle[at], distance[at] = first[packet] / 64.0, words[place + HEADER_WORDS]
+            at, place, packet = until, behind, end
+            continue
         distance[at:until].reshape(count, samples)[...] = words[place:behind].reshape(count, -1)[:, HEADER_WORDS:]
         grid = angle[at:until].reshape(count, samples)
         np.matmul(each[packet:end], _weights(samples), out=grid)
