@@ -6,6 +6,9 @@ they are looked at, so chunks of 4 KiB are timed once more with a look at both. 
 `lidario.decode`, which decodes several revolutions as one block. The contestants get the same bytes
 from a port in memory, through their own front door, and take them in pieces of their own choice. `pyrplidarsdk`
 opens nothing but a real port: see `benchmarks.flatout`.
+
+The formats of the relatives (`benchmarks.models`) are decoded in chunks of 4 KiB and as whole files. They have 400
+to 2600 points in a revolution, so the cost of a revolution that does not depend on its points weighs more.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import lidario
+from benchmarks.models import FORMATS
 from benchmarks.processes import Failed, run_json
 from benchmarks.report import Result, Setting, Table, median, ratio, spread
 from benchmarks.streams import KINDS, Kind, capture, recording
@@ -68,6 +72,7 @@ def run(setting: Setting) -> Result:
     rounds, seconds = (1, 1.0) if setting.quick else (5, 4.0)
     own: dict[str, dict[str, list[dict[str, float]]]] = {name: {} for name in KINDS}
     theirs: dict[str, dict[str, list[dict[str, float]]]] = {name: {} for name in KINDS}
+    more: dict[str, dict[str, list[dict[str, float]]]] = {name: {} for name in FORMATS}
     absent: dict[str, str] = {}
     with tempfile.TemporaryDirectory() as folder:
         for number in range(rounds):
@@ -82,8 +87,20 @@ def run(setting: Setting) -> Result:
                 own[kind.name].setdefault(CONVERTED, []).append(_timed(kind, seconds, BASELINE, convert=True))
                 if setting.peers is not None and number < _PEER_ROUNDS:
                     _peers(setting, kind, Path(folder), seconds / 2, theirs[kind.name], absent)
-    data = {"lidario": own, "peers": theirs, "absent": absent, "chunks": [_label(chunk) for chunk in CHUNKS]}
-    return Result("decode", [_table(own), _file_table(own), *_peer_tables(own, theirs, absent)], data)
+            for kind in FORMATS.values():
+                size = _FILE_BYTES // (10 if setting.quick else 3)
+                more[kind.name].setdefault(str(BASELINE), []).append(_timed(kind, 4 * seconds, BASELINE))
+                more[kind.name].setdefault(FILE, []).append(_file(kind, size))
+    data = {
+        "lidario": own,
+        "relatives": more,
+        "peers": theirs,
+        "absent": absent,
+        "chunks": [_label(chunk) for chunk in CHUNKS],
+    }
+    return Result(
+        "decode", [_table(own), _file_table(own), _relatives_table(more), *_peer_tables(own, theirs, absent)], data
+    )
 
 
 def _label(chunk: int | None) -> str:
@@ -204,6 +221,24 @@ def _file_table(own: dict[str, dict[str, list[dict[str, float]]]]) -> Table:
         "the figures of C++ are constants, from such a machine at another time: no package lets its unpackers be "
         "called; so the ratio holds only where this machine is as fast as that one was"
     )
+    return table
+
+
+def _relatives_table(more: dict[str, dict[str, list[dict[str, float]]]]) -> Table:
+    columns = ["format", "points a revolution", f"{BASELINE} B, MB/s", "µs/rev", "whole file, MB/s", "Mpoints/s"]
+    table = Table("decode: the formats of the relatives", columns)
+    for name, by_chunk in more.items():
+        live, whole = by_chunk[str(BASELINE)], by_chunk[FILE]
+        table.rows.append(
+            [
+                name,
+                f"{median([each['points'] / each['scans'] for each in whole]):.0f}",
+                spread([each["mb_per_s"] for each in live], 1),
+                spread([each["us_per_revolution"] for each in live], 0),
+                spread([each["mb_per_s"] for each in whole], 1),
+                spread([each["points_per_s"] * 1e-6 for each in whole], 2),
+            ]
+        )
     return table
 
 

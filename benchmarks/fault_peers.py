@@ -1,4 +1,4 @@
-"""The faults of `benchmarks.faults` in the hands of four other drivers, each in a process of its own.
+"""The faults of `benchmarks.faults` in the hands of other drivers, each in a process of its own.
 
 They are judged by what their user gets, in the words that lidario is judged by. An exception of their own, of
 pyserial or of the operating system is an error. Another one, such as an IndexError from the middle of a parser,
@@ -21,12 +21,16 @@ from lidario.sim.serve import PtyServer
 
 __all__ = ["RIVALS", "Told", "judge_peers", "verdict"]
 
-RIVALS = {
-    "pyrplidar": "rplidar-s2",
-    "rplidar-roboticia": "rplidar-s2",
-    "pyrplidarsdk": "rplidar-s2",
-    "lds2d": "ydlidar-4ros",
-}
+RIVALS = (
+    ("pyrplidar", "rplidar-s2"),
+    ("rplidar-roboticia", "rplidar-s2"),
+    ("pyrplidarsdk", "rplidar-s2"),
+    ("lds2d", "ydlidar-4ros"),
+    ("rplidar-roboticia", "rplidar-a1"),
+    ("lds2d", "ldrobot-ld06"),
+    ("lds2d", "ydlidar-x4"),
+    ("lds2d", "ydlidar-x2"),
+)
 """Who takes part, on which device."""
 
 _SECONDS = 9.0
@@ -66,18 +70,19 @@ class Told:
 def judge_peers(setting: Setting, rows: Sequence[str]) -> tuple[list[Table], dict[str, Any]]:
     """Every fault in every rival's hands, all rivals at a time."""
     assert setting.peers is not None
-    absent = {name: why for name in RIVALS if (why := setting.peers.why_absent(name))}
-    there = [name for name in RIVALS if name not in absent]
-    table = Table("faults: other drivers", ["fault", *(f"{name}, {RIVALS[name]}" for name in there)])
+    absent = {name: why for name, _ in RIVALS if (why := setting.peers.why_absent(name))}
+    there = {f"{name}, {model}": (name, model) for name, model in RIVALS if name not in absent}
+    table = Table("faults: other drivers", ["fault", *there])
     data: dict[str, Any] = {"absent": absent}
     usual: dict[str, float] = {}
     with ThreadPoolExecutor(max(1, len(there))) as pool:
         for row in (_NOTHING, *rows):
             setting.say(f"faults: {row}, other drivers")
-            told = dict(zip(there, pool.map(lambda name, row=row: _run(setting, name, row), there), strict=True))
+            every = pool.map(lambda rival, row=row: _run(setting, rival, row), there.values())
+            told = dict(zip(there, every, strict=True))
             for name, each in told.items():
                 if _starved(each):
-                    told[name] = _run(setting, name, row)
+                    told[name] = _run(setting, there[name], row)
             if row == _NOTHING:
                 usual = {name: each.rate() for name, each in told.items()}
             words = {
@@ -127,11 +132,12 @@ def _starved(told: Told) -> bool:
     return bool(told.unread) and not told.died
 
 
-def _run(setting: Setting, name: str, row: str) -> Told:
+def _run(setting: Setting, rival: tuple[str, str], row: str) -> Told:
     assert setting.peers is not None
-    device: Any = lidario.simulate(RIVALS[name], world="circle", spin_up=0)
+    name, model = rival
+    device: Any = lidario.simulate(model, world="circle", spin_up=0)
     faults = None if row == _NOTHING else parse_faults(row, seed=1)
-    task: dict[str, Any] = {"contestant": name, "baudrate": device.baudrate, "seconds": _SECONDS}
+    task: dict[str, Any] = {"contestant": name, "model": model, "baudrate": device.baudrate, "seconds": _SECONDS}
     task |= {"radius_mm": _RADIUS_MM, "tolerance_mm": _TOLERANCE_MM}
     with PtyServer(device, faults=faults, chunk=64) as server:
         try:

@@ -1,10 +1,10 @@
-"""Every fault the simulator knows, on a device of each family: what becomes of it, and whether it is told.
+"""Every fault the simulator knows, on devices of each family: what becomes of it, and whether it is told.
 
 lidario reads in memory, in driven time, so that its rows are the same every time. The bytes that the device sent
 and those that arrived are both kept. A packet that arrived whole and unchanged is *intact*, and an intact packet
 that is in no scan is lost *beyond* the damage. The device sees a circle of 2 m: a point elsewhere is *wrong*.
 
-The same faults hit four other drivers, each in a process of its own, on a pseudo-terminal and at true pace
+The same faults hit other drivers, each in a process of its own, on a pseudo-terminal and at true pace
 (`benchmarks.fault_peers`); they are judged by what their user gets.
 
 Three outcomes are failures, of whomever. It *hangs*: neither a scan nor an error comes for `PATIENCE_S`. It
@@ -21,12 +21,13 @@ from typing import Any
 import lidario
 from benchmarks.fault_peers import judge_peers
 from benchmarks.faulty_line import Recorder
+from benchmarks.models import SUFFERERS
 from benchmarks.report import Result, Setting, Table
 from lidario.sim.faults import FAULTS, parse_faults
 from tests.support.ledger import assert_stats_close
 from tests.support.loop import run_driven
 
-__all__ = ["DEVICES", "FAILURES", "FAULT_AT_S", "ROWS", "Outcome", "judge", "run"]
+__all__ = ["FAILURES", "FAULT_AT_S", "ROWS", "Outcome", "judge", "run"]
 
 FAULT_AT_S = 3.0
 """When the faults happen that happen at a time; the device streams by then."""
@@ -34,8 +35,6 @@ FAULT_AT_S = 3.0
 PATIENCE_S = 15.0
 _OBSERVED_S = 10.0
 FAILURES = ("hangs", "crashes", "silent")
-DEVICES = {"rplidar": "rplidar-s2", "ydlidar": "ydlidar-4ros"}
-"""One device of each family."""
 
 ROWS = (
     "drop:0.01%",
@@ -99,16 +98,16 @@ class Outcome:
 
 
 def run(setting: Setting) -> Result:
-    """Every fault, on both devices, in everybody's hands."""
+    """Every fault, on every device, in everybody's hands."""
     columns = ["fault", "outcome", "recovered within", "lost beyond", "wrong", "told", "a new session"]
     tables, data = list[Table](), dict[str, Any]()
     rows = ROWS[::6] if setting.quick else ROWS
-    for family, model in DEVICES.items():
+    for model in SUFFERERS:
         table = Table(f"faults: lidario, {model}", columns)
         for row in rows:
             setting.say(f"faults: {row}, {model}")
-            found = judge(family, row)
-            data.setdefault(family, {})[row] = {name: getattr(found, name) for name in Outcome.__slots__}
+            found = judge(model, row)
+            data.setdefault(model, {})[row] = {name: getattr(found, name) for name in Outcome.__slots__}
             table.rows.append([row, *_cells(found)])
         table.notes += [
             "recovered within: packets from the first intact one behind a damage to the first that is recognised",
@@ -122,17 +121,19 @@ def run(setting: Setting) -> Result:
     return Result("faults", tables, data)
 
 
-def judge(family: str, row: str, seed: int = 1) -> Outcome:
-    """What becomes of one fault on the device of that family."""
-    found = run_driven(lambda: _session(family, row, seed))
+def judge(model: str, row: str, seed: int = 1) -> Outcome:
+    """What becomes of one fault on one of `SUFFERERS`."""
+    found = run_driven(lambda: _session(model, row, seed))
     if found.outcome.startswith("goes on") and (found.damaged or found.wrong) and not found.told:
         found.outcome = f"silent: {found.outcome}"
     return found
 
 
-async def _session(family: str, row: str, seed: int) -> Outcome:
-    device: Any = lidario.simulate(DEVICES[family], world="circle", spin_up=0)
-    line = Recorder(device, parse_faults(row, seed=seed), family)
+async def _session(model: str, row: str, seed: int) -> Outcome:
+    device: Any = lidario.simulate(model, world="circle", spin_up=0)
+    sufferer = SUFFERERS[model]
+    family = sufferer.kind.family
+    line = Recorder(device, parse_faults(row, seed=seed), sufferer.kind)
     loop, found = asyncio.get_running_loop(), Outcome("")
     began, points, wrong = loop.time(), 0, 0
     stats: lidario.Stats | None = None
@@ -141,7 +142,7 @@ async def _session(family: str, row: str, seed: int) -> Outcome:
         async with asyncio.timeout(PATIENCE_S + _OBSERVED_S) as limit:
             async with lidario.open_lidar(line, family=family) as lidar:
                 try:
-                    async with lidar.scans(depth=100) as stream:
+                    async with lidar.scans(sufferer.mode, depth=100) as stream:
                         async for scan in stream:
                             limit.reschedule(loop.time() + PATIENCE_S)
                             found.scans += 1

@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 from benchmarks.relayed import Relayed
-from benchmarks.streams import RATES
+from benchmarks.streams import Kind, recording
 from lidario.sim.faults import Faults
 from lidario.sim.memory import MemoryLine
 from lidario.wire.blocks import packet_offsets
@@ -15,9 +15,12 @@ from lidario.wire.link import Link
 
 __all__ = ["Intact", "Recorder"]
 
-_KINDS = {"rplidar": RATES["S2 DenseBoost"].kind, "ydlidar": RATES["4ROS"].kind}
-_NEAR = 2000  # bytes; so far from its place a packet is searched for, which is less than a revolution
-_AHEAD = 8  # packets; more than that are not recognised by mistake in a row
+_NEAR = 2000
+"""Bytes; at most so far from its place a packet is searched for."""
+_OF_A_REVOLUTION = 0.4
+"""Part of a revolution within which it is searched for: a steady device sends the same packets in the next one."""
+_AHEAD, _AHEAD_BYTES = 8, 700
+"""Packets, and bytes; not both are recognised by mistake in a row. A repeated piece of a line is shorter."""
 
 
 class Intact(NamedTuple):
@@ -42,12 +45,12 @@ class Recorder(Relayed):
     Args:
         device: The device.
         faults: What goes wrong.
-        family: Name of its family.
+        kind: What it sends.
     """
 
-    def __init__(self, device: Any, faults: Faults, family: str) -> None:
+    def __init__(self, device: Any, faults: Faults, kind: Kind) -> None:
         super().__init__(device)
-        self._kind = _KINDS[family]
+        self._kind = kind
         self._line = MemoryLine(_Tapped(device, self), faults)
         self.sent = bytearray()
         self._arrived: list[bytes] = []
@@ -80,12 +83,15 @@ class Recorder(Relayed):
 
     def intact(self) -> Intact:
         """What arrived intact up to the last `mark`, and what of it lidario's parser recognises."""
+        played = recording(self._kind)
+        near = min(_NEAR, round(_OF_A_REVOLUTION * len(played.loop) / len(played.loop_ends)))
         sent = self._packets([bytes(self.sent[: self._until[0]])])
+        ahead = max(_AHEAD, _AHEAD_BYTES * len(sent) // max(1, sum(map(len, sent))))
         arrived = self._arrived[: self._until[1]]
-        raw, at, skipped, there = b"".join(arrived), 0, _NEAR, list[bytes | None]()
+        raw, at, skipped, there = b"".join(arrived), 0, near, list[bytes | None]()
         for packet in sent:
-            # Not anywhere: packets repeat with each revolution.
-            found = raw.find(packet, max(at, at + skipped - _NEAR), at + skipped + _NEAR + len(packet))
+            # Not anywhere: packets repeat with each revolution. Before the first one stand responses.
+            found = raw.find(packet, at + max(0, skipped - near) if at else 0, at + skipped + near + len(packet))
             there.append(None if found < 0 else packet)
             at, skipped = (at, skipped + len(packet)) if found < 0 else (found + len(packet), 0)
         while there and there[-1] is None:
@@ -96,7 +102,7 @@ class Recorder(Relayed):
             if each is None:
                 row = 0
                 continue
-            here = recognised[place : place + _AHEAD]
+            here = recognised[place : place + ahead]
             if each in here:
                 place += here.index(each) + 1
                 row = 0

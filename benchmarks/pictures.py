@@ -19,7 +19,7 @@ from rich.text import Text
 
 from benchmarks.browser import Browser
 from benchmarks.processes import ROOT
-from lidario.cli.watch import frame
+from lidario.cli.watch import Frame
 from lidario.web.feed import Feed
 
 __all__ = ["as_html", "main"]
@@ -70,10 +70,11 @@ async def _frame() -> str:
     target = Console(
         file=io.StringIO(), width=WIDTH, height=HEIGHT, force_terminal=True, color_system="truecolor", _environ={}
     )
-    text = frame(feed, target)
+    with target.capture() as captured:
+        target.print(Frame(feed), end="")
     reading.cancel()
     await asyncio.wait([reading])
-    return text
+    return captured.get()
 
 
 def as_html(ansi: str) -> str:

@@ -32,7 +32,7 @@ from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS, StreamFormat
 from lidario.wire.link import Link
 
-__all__ = ["KINDS", "LIVE", "RATES", "Kind", "Rate", "Recording", "capture", "recording"]
+__all__ = ["KINDS", "LIVE", "RATES", "Kind", "Rate", "Recording", "capture", "recording", "rplidar_kind"]
 
 _STEP_NS = 10_000_000
 _NAMES = {0x81: "nodes", 0x82: "express", 0x83: "HQ", 0x84: "ultra", 0x85: "dense", 0x86: "ultra-dense"}
@@ -96,7 +96,7 @@ class Recording:
     A turn is complete when the first packet that belongs to the next one has come: only that tells.
 
     Attributes:
-        descriptor: The seven bytes that announce it.
+        descriptor: The seven bytes that announce it; none where the device only talks.
         head: Its beginning, played once.
         loop: A second of it, repeated from then on; it begins with the first packet of a turn.
         head_ends: Offsets in `head` at which turns become complete.
@@ -122,7 +122,8 @@ def _4ros() -> Any:
     return device
 
 
-def _rplidar_kind(name: str, profile: Profile, mode: Mode) -> Kind:
+def rplidar_kind(name: str, profile: Profile, mode: Mode) -> Kind:
+    """What an RPLIDAR of that profile sends in one of its modes."""
     number = mode.response_type
     about = ScanMode(mode.id, mode.name, mode.us_q8 / 256, mode.max_distance_q8 / 256, number)
     request = rplidar_commands.scan if number == 0x81 else partial(rplidar_commands.express_scan, mode.id)
@@ -137,9 +138,7 @@ def _4ros_kind(name: str) -> Kind:
 def _kinds() -> dict[str, Kind]:
     modes = tuple(Mode(each, f"mode {each:#x}", 0x81 + each, 8000, 40 * 256) for each in range(6))
     profile = Profile("bench", 0x71, 4_000_000, modes, typical=4)
-    kinds = [
-        _rplidar_kind(f"{mode.response_type:#x} {_NAMES[mode.response_type]}", profile, mode) for mode in modes
-    ]
+    kinds = [rplidar_kind(f"{mode.response_type:#x} {_NAMES[mode.response_type]}", profile, mode) for mode in modes]
     return {kind.name: kind for kind in (*kinds, _4ros_kind("4ROS points"))}
 
 
@@ -151,7 +150,7 @@ def _rates() -> dict[str, Rate]:
             if name == "S3" and samples < 32_000:
                 continue  # the same line as the S2's
             # The rivals cannot all be told a mode: each takes what the device recommends, or a plain scan.
-            kind = _rplidar_kind(f"{name} {mode.name}", replace(sold, typical=mode.id), mode)
+            kind = rplidar_kind(f"{name} {mode.name}", replace(sold, typical=mode.id), mode)
             rates.append(Rate(kind.name, kind, sold.baudrate, samples))
     return {rate.name: rate for rate in reversed(rates)}
 
@@ -182,9 +181,10 @@ def capture(kind: Kind, seconds: float) -> bytes:
 
 @cache
 def recording(kind: Kind) -> Recording:
-    """A beginning, and a second to repeat; all devices make whole turns in one."""
+    """A beginning, and a second to repeat; all devices of `RATES` and `KINDS` make whole turns in one."""
     raw, wire, link = capture(kind, 2.5), kind.make_format(), Link()
-    link.send_request(kind.request(wire))
+    request = kind.request(wire)
+    link.send_request(request)
     link.receive_data(raw, 0)
     packets, blocks, headings = b"", list[Block](), list[int]()
     for event in link.events_received():
@@ -198,7 +198,7 @@ def recording(kind: Kind) -> Recording:
     first, last = wraps[turns - 1], wraps[2 * turns - 1]
     start = offsets[first]
     return Recording(
-        descriptor=raw[:DESCRIPTOR_SIZE],
+        descriptor=raw[: DESCRIPTOR_SIZE if request.expects else 0],
         head=packets[:start],
         loop=packets[start : offsets[last]],
         head_ends=tuple(offsets[at + 1] for at in wraps[: turns - 1]),

@@ -86,7 +86,7 @@ class SyncLidar:
         self._garbage = weakref.finalize(self, thread.end_soon)
         self._garbage.atexit = False
         # After the session's own finalizer, so before it at exit: then everything ends in order.
-        atexit.register(thread.end_now)
+        atexit.register(thread.end)
 
     def __repr__(self) -> str:
         return f"<SyncLidar of {self._lidar!r}>"
@@ -162,6 +162,7 @@ class SyncLidar:
     get_network_address: Final = _same(Lidar.get_network_address)
     get_zero_offset: Final = _same(Lidar.get_zero_offset)
     set_network_address: Final = _same(Lidar.set_network_address)
+    set_baudrate: Final = _same(Lidar.set_baudrate)
     set_motor_speed: Final = _same(Lidar.set_motor_speed)
     set_power_down_protection: Final = _same(Lidar.set_power_down_protection)
     set_scan_frequency: Final = _same(Lidar.set_scan_frequency)

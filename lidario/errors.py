@@ -69,7 +69,7 @@ class ConnectFailed(LidarError):
     Attributes:
         reason: One word for programs:
 
-            * ``missing``: no such port, or no lidar found;
+            * ``missing``: no such port, no lidar found, or no such host of a zenoh router;
             * ``permission``: this user may not open the port;
             * ``busy``: another program holds the port;
             * ``silent``: the port opened, but no lidar responds;

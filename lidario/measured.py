@@ -5,14 +5,18 @@
 
 from __future__ import annotations
 
-from typing import cast
+from dataclasses import replace
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lidario.rotor import Gaps
 from lidario.samples import metres_of, radians_of
 
-__all__ = ["MeasuredSamples"]
+__all__ = ["MeasuredSamples", "with_dropped", "with_gaps"]
+
+_RecordT = TypeVar("_RecordT", bound="MeasuredSamples")
 
 FloatArray = NDArray[np.float32]
 
@@ -26,6 +30,8 @@ class MeasuredSamples:
     device_distances: FloatArray
     _angles: FloatArray | None
     _ranges: FloatArray | None
+    # Where samples are missing; None where that is not known.
+    _gaps: Gaps | None
 
     def __len__(self) -> int:
         return len(self.device_distances)
@@ -52,3 +58,16 @@ class MeasuredSamples:
     def xy(self) -> NDArray[np.float32]:
         """Cartesian points in metres, float32, shape (n, 2): x forward, y left; NaN rows without a return."""
         return np.stack((self.ranges * np.cos(self.angles), self.ranges * np.sin(self.angles)), axis=1)
+
+
+def with_gaps(record: _RecordT, gaps: Gaps | None) -> _RecordT:
+    """A new record, told where samples are missing in it."""
+    object.__setattr__(record, "_gaps", gaps)
+    return record
+
+
+def with_dropped(record: _RecordT, dropped: int) -> _RecordT:
+    """The same record, with so many dropped before it."""
+    fields: Any = record
+    made: _RecordT = replace(fields, dropped_before=dropped)
+    return with_gaps(made, record._gaps)  # noqa: SLF001 - of this module

@@ -3,16 +3,24 @@
 The rotor turns evenly, so time is proportional to the angle that it has turned. The speed follows from the samples:
 the typical angle between neighbours, divided by the time between them. It is not taken from the duration of the
 scan: when packets at the seam are lost, a scan begins late, and the scan before it counts the missing time.
+
+Where samples are missing, the number of each tells more than its angle: models that correct angles by the distance
+move those of returns by several degrees, and the others by none.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Rotor", "before", "follow_rotor", "times_by_angle", "turned"]
+__all__ = ["Gaps", "Rotor", "before", "follow_rotor", "numbers_of", "times_by_angle", "turned"]
+
+Gaps: TypeAlias = Sequence[tuple[int, int]]
+"""Where samples are missing: how many there are before, and how many are missing there."""
 
 _SEAM_TOLERANCE_DEG = 0.5
 """How far a revolution may begin before the stated seam, or end behind it, and still be said to begin there.
@@ -27,6 +35,8 @@ _LAG_SHARE = 32
 """Share of the samples over which the speed is measured: long enough to average out the rounding of the angles
 (1/64 degree), short enough that a jump of a corrected angle disturbs few of the measurements."""
 
+_FARTHEST_DEG = 40.0
+"""How far apart corrections move two samples of a revolution at most: by less than 20 degrees, either way."""
 _LAG_SHARE_PER_GAP = 8
 """At most one measurement in this many contains a given gap, so that the middle half of them contains few."""
 
@@ -53,6 +63,7 @@ def follow_rotor(
     duration_ns: float,
     seam: float = 0.0,
     lost_packets: int = 0,
+    gaps: Gaps | None = None,
 ) -> Rotor:
     """Find out where a revolution begins and how fast the rotor turned.
 
@@ -67,13 +78,15 @@ def follow_rotor(
         seam: Device angle where revolutions should begin, degrees.
         lost_packets: Packets known to be missing. With 0, and a duration of as many sample times as there are
             samples, no gap is looked for.
+        gaps: Where samples are missing; None where that is not known, and follows from the angles.
     """
     if not len(device_angles):
         return Rotor(seam % 360.0, 0.0, float(duration_ns))
     travelled = _travelled(device_angles)
     # One missing sample must not pass for none: the samples after it would be taken for one step too early.
     complete = not lost_packets and abs(duration_ns - len(travelled) * time_increment_ns) <= time_increment_ns / 2
-    step, numbers = _step(travelled, complete=complete)
+    numbers = None if gaps is None and not complete else numbers_of(len(travelled), gaps or ())
+    step, numbers = _step(travelled, numbers)
     if len(travelled) > 1 and step <= 0:
         return Rotor(seam % 360.0, 0.0, float(duration_ns))
     first = before(float(device_angles[0]) - seam, _MOST_BEFORE_SEAM_DEG)
@@ -90,6 +103,33 @@ def follow_rotor(
     if first >= -_SEAM_TOLERANCE_DEG and last <= 360.0 + _SEAM_TOLERANCE_DEG:
         return Rotor(seam % 360.0, -first / 360.0 * period_ns, period_ns)
     return Rotor((seam + first) % 360.0, 0.0, period_ns)
+
+
+def numbers_of(count: int, gaps: Gaps) -> NDArray[np.int64]:
+    """The number of each sample, the missing ones counted; int64, shape (count,)."""
+    numbers = np.arange(count, dtype=np.int64)
+    for at, skipped in gaps:
+        numbers[at:] += skipped
+    return numbers
+
+
+def times_of(
+    device_angles: NDArray[np.floating], time_increment_ns: float, rotor: Rotor, gaps: Gaps | None
+) -> NDArray[np.int64]:
+    """When each sample of a scan with gaps was measured, nanoseconds after the first one; int64, shape (n,).
+
+    Args:
+        device_angles: Degrees clockwise, shape (n,), in the order of measuring.
+        time_increment_ns: Time between two samples that have none missing between them.
+        rotor: How the rotor turned during the scan.
+        gaps: Where samples are missing; None where that is not known. Then the angles tell the times.
+    """
+    if gaps is not None and rotor.period_ns:
+        numbers = numbers_of(len(device_angles), gaps)
+        if _agree(_travelled(device_angles), numbers, 360.0 * time_increment_ns / rotor.period_ns):
+            times: NDArray[np.int64] = np.rint(numbers * time_increment_ns).astype(np.int64)
+            return times
+    return times_by_angle(device_angles, rotor)
 
 
 def times_by_angle(device_angles: NDArray[np.floating], rotor: Rotor) -> NDArray[np.int64]:
@@ -122,21 +162,28 @@ def _travelled(device_angles: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.cumsum((steps + _MOST_BACKWARD_DEG) % 360.0 - _MOST_BACKWARD_DEG)
 
 
-def _step(travelled: NDArray[np.float64], *, complete: bool) -> tuple[float, NDArray[np.float64]]:
-    """Degrees between neighbouring samples, and the number of each sample with the missing ones counted."""
+def _agree(travelled: NDArray[np.float64], numbers: NDArray[np.int64], step: float) -> bool:
+    """Whether corrections may explain how angles differ from numbers; if not, more or less is missing than that."""
+    return len(numbers) > 0 and bool(np.ptp(travelled - step * numbers) <= _FARTHEST_DEG)
+
+
+def _step(travelled: NDArray[np.float64], known: NDArray[np.int64] | None) -> tuple[float, NDArray[np.int64]]:
+    """Degrees between neighbouring samples, and the number of each sample, the missing ones counted."""
     count = len(travelled)
-    numbers = np.arange(count, dtype=np.float64)
+    numbers = np.arange(count, dtype=np.int64) if known is None else known
     if count < 2:
         return 0.0, numbers
     steps = np.diff(travelled)
-    gaps = 0 if complete else int(np.count_nonzero(steps > 2.5 * np.median(steps)))
+    gaps = int(np.count_nonzero(steps > 2.5 * np.median(steps))) if known is None else 0
     lag = max(1, min(count // _LAG_SHARE, count // (_LAG_SHARE_PER_GAP * (gaps + 1))))
     # The mean of the middle half: a median alone would keep the rounding of the angles.
-    lagged = np.sort(travelled[lag:] - travelled[:-lag])
+    lagged = np.sort((travelled[lag:] - travelled[:-lag]) / (numbers[lag:] - numbers[:-lag]))
     quarter = len(lagged) // 4
-    step = float(np.mean(lagged[quarter : len(lagged) - quarter])) / lag
-    if step <= 0 or complete:
+    step = float(np.mean(lagged[quarter : len(lagged) - quarter]))
+    if step <= 0:
         return step, numbers
+    if known is not None:
+        return (step, numbers) if _agree(travelled, numbers, step) else _step(travelled, None)
     # Each step is a whole number of sample times. Corrected angles also jump back; both directions cancel.
-    numbers[1:] = np.cumsum(np.rint(steps / step))
+    numbers[1:] = np.cumsum(np.rint(steps / step)).astype(np.int64)
     return (float(travelled[-1] / numbers[-1]) if numbers[-1] > 0 else 0.0), numbers

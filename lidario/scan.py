@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from lidario.laserscan import BeamOrder, LaserScan, NoReturn, Preset, resample
 from lidario.measured import MeasuredSamples
 from lidario.points import Motion, Mount, Points, place
-from lidario.rotor import Rotor, follow_rotor, times_by_angle
+from lidario.rotor import Gaps, Rotor, follow_rotor, times_of
 from lidario.samples import is_between, mask_of, nearest_to, read_only
 
 __all__ = ["Return", "Scan", "read_only"]
@@ -91,6 +91,7 @@ class Scan(MeasuredSamples):
     # What a sorted scan was made from: only samples in the order of measuring tell their times.
     _measured: Scan | None = field(default=None, init=False)
     _times_ns: NDArray[np.int64] | None = field(default=None, init=False)
+    _gaps: Gaps | None = field(default=None, init=False)
     # Of a selection: the rotor of the scan that it was taken from, which shows more of it.
     _rotor: Rotor | None = field(default=None, init=False)
 
@@ -121,12 +122,13 @@ class Scan(MeasuredSamples):
     def times_ns(self) -> NDArray[np.int64]:
         """When each sample was measured, on the clock of `stamp_ns`; int64, shape (n,).
 
-        Where no packet is missing, sample ``i`` is at ``stamp_ns + i * time_increment_ns``. Otherwise the angle
-        tells the time, since the rotor turns evenly.
+        Where no packet is missing, sample ``i`` is at ``stamp_ns + i * time_increment_ns``. Otherwise the samples
+        that are missing are counted too, as far as the angles tell how many they are.
         """
         if self._times_ns is None:
             if self.lost_packets:
-                offsets = times_by_angle(self.device_angles, self._follow_rotor())
+                rotor = self._follow_rotor()
+                offsets = times_of(self.device_angles, self.time_increment_ns, rotor, self._gaps)
             else:
                 offsets = np.arange(len(self), dtype=np.int64) * self.time_increment_ns
             object.__setattr__(self, "_times_ns", read_only(offsets + self.stamp_ns))
@@ -254,7 +256,7 @@ class Scan(MeasuredSamples):
         if self._rotor is not None:
             return self._rotor
         return follow_rotor(
-            self.device_angles, self.time_increment_ns, self.duration_ns, self.seam, self.lost_packets
+            self.device_angles, self.time_increment_ns, self.duration_ns, self.seam, self.lost_packets, self._gaps
         )
 
     def to_laserscan(

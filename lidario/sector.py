@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.measured import MeasuredSamples
-from lidario.rotor import Rotor, times_by_angle
+from lidario.rotor import Gaps, Rotor, times_of
 from lidario.samples import is_between, read_only
 from lidario.scan import Return
 
@@ -72,6 +72,7 @@ class Sector(MeasuredSamples):
     _angles: FloatArray | None = field(default=None, init=False)
     _ranges: FloatArray | None = field(default=None, init=False)
     _times_ns: NDArray[np.int64] | None = field(default=None, init=False)
+    _gaps: Gaps | None = field(default=None, init=False)
 
     def __repr__(self) -> str:
         hits = int(np.count_nonzero(self.device_distances))
@@ -89,13 +90,13 @@ class Sector(MeasuredSamples):
     def times_ns(self) -> NDArray[np.int64]:
         """When each sample was measured, on the clock of `stamp_ns`; int64, shape (n,).
 
-        Where no packet is missing, sample ``i`` is at ``stamp_ns + i * time_increment_ns``. Otherwise the angle
-        tells the time, since the rotor turns evenly.
+        Where no packet is missing, sample ``i`` is at ``stamp_ns + i * time_increment_ns``. Otherwise the samples
+        that are missing are counted too, as far as the angles tell how many they are.
         """
         if self._times_ns is None:
             if self.lost_packets and not math.isnan(self.rpm):
                 rotor = Rotor(float(self.device_angles[0]), 0.0, 60e9 / self.rpm)
-                offsets = times_by_angle(self.device_angles, rotor)
+                offsets = times_of(self.device_angles, self.time_increment_ns, rotor, self._gaps)
             else:
                 offsets = np.arange(len(self), dtype=np.int64) * self.time_increment_ns
             object.__setattr__(self, "_times_ns", read_only(offsets + self.stamp_ns))

@@ -15,6 +15,7 @@ import inspect
 import os
 import platform
 import re
+import shutil
 import signal
 import sys
 from collections.abc import Iterator
@@ -38,8 +39,13 @@ settings.register_profile("ci", deadline=None, derandomize=True, max_examples=40
 settings.register_profile("search", deadline=None, max_examples=1500, suppress_health_check=NEVER_MIND)
 settings.register_profile("sample", settings.get_profile("ci"), max_examples=6)
 
-NEEDS_BROWSER = ("test_page.py",)
-"""Test modules that are not run where no Chromium is installed; the summary says so."""
+NEEDS = {
+    "test_page.py": "chromium",
+    "test_completion_in_zsh.py": "zsh",
+    "test_completion_in_fish.py": "fish",
+    "test_tls.py": "openssl",
+}
+"""Test modules that are not run where a program is not installed; the summary says so."""
 NEEDS_LINUX = re.compile(
     r"^\s*(import|from) (pty|tty|termios|fcntl|resource)\b|PtyServer|tests\.support\.terminals|/proc/"
     r"|import .*\bserved\b",
@@ -50,7 +56,8 @@ NEEDS_LINUX = re.compile(
 
 def pytest_ignore_collect(collection_path: Path) -> bool | None:
     """Elsewhere, leave out the test modules that are about what only Linux has."""
-    if collection_path.name in NEEDS_BROWSER and (find_browser() is None or platform.system() != "Linux"):
+    needed = NEEDS.get(collection_path.name)
+    if needed is not None and (not is_installed(needed) or platform.system() != "Linux"):
         return True
     if platform.system() == "Linux" or not re.fullmatch(r"test_\w+\.py", collection_path.name):
         return None
@@ -59,9 +66,14 @@ def pytest_ignore_collect(collection_path: Path) -> bool | None:
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Say what was not run, and how it can be."""
-    if find_browser() is None:
-        names = ", ".join(NEEDS_BROWSER)
-        terminalreporter.write_line(f"not run: {names}: no Chromium is installed; sudo apt-get install chromium")
+    for name, needed in NEEDS.items():
+        if not is_installed(needed):
+            terminalreporter.write_line(f"not run: {name}: no {needed} is installed; sudo apt-get install {needed}")
+
+
+def is_installed(program: str) -> bool:
+    """Whether tests can use the program; a browser may have one of several names."""
+    return (find_browser() if program == "chromium" else shutil.which(program)) is not None
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

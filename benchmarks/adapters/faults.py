@@ -22,7 +22,7 @@ Distances = Iterator[list[float]]
 """The distances of one scan after the other, in millimetres; 0 where nothing came back."""
 
 
-def _pyrplidar(port: str, baudrate: int) -> Distances:
+def _pyrplidar(port: str, baudrate: int, model: str) -> Distances:  # noqa: ARG001
     from pyrplidar import PyRPlidar
 
     lidar = PyRPlidar()
@@ -35,14 +35,14 @@ def _pyrplidar(port: str, baudrate: int) -> Distances:
         scan.append(each.distance)
 
 
-def _roboticia(port: str, baudrate: int) -> Distances:
+def _roboticia(port: str, baudrate: int, model: str) -> Distances:  # noqa: ARG001
     from rplidar import RPLidar
 
     for scan in RPLidar(port, baudrate=baudrate, timeout=3).iter_scans("normal"):
         yield [distance for _, _, distance in scan]
 
 
-def _sdk(port: str, baudrate: int) -> Distances:
+def _sdk(port: str, baudrate: int, model: str) -> Distances:  # noqa: ARG001
     from pyrplidarsdk import RplidarDriver
 
     driver = RplidarDriver(port=port, baudrate=baudrate)
@@ -57,15 +57,25 @@ def _sdk(port: str, baudrate: int) -> Distances:
             yield [1000.0 * metres for metres in scan[1]]
 
 
-def _lds2d(port: str, baudrate: int) -> Distances:
+def _lds2d(port: str, baudrate: int, model: str) -> Distances:
     from lds2d import Lidar
     from lds2d.transport import SerialTransport
 
     transport = SerialTransport(port, baudrate)
-    lidar = Lidar.open("YDLIDAR-TMINI", transport=transport)
-    transport.write(b"\xa5\x60")
+    lidar = Lidar.open(_NAMES[model], transport=transport)
+    if model in ("ydlidar-4ros", "ydlidar-x4"):
+        transport.write(b"\xa5\x60")
     for scan in lidar.scans():
         yield [point.dist_mm for point in scan.points]
+
+
+_NAMES = {
+    "ydlidar-4ros": "YDLIDAR-TMINI",
+    # Its X4 sends stop and scan in the 5 ms in which the device hears nothing; its X2 reads the same samples.
+    "ydlidar-x4": "YDLIDAR-X2",
+    "ydlidar-x2": "YDLIDAR-X2",
+    "ldrobot-ld06": "LDROBOT-LD06",
+}
 
 
 class _Refused(Exception):
@@ -84,7 +94,7 @@ def main(task: dict[str, Any]) -> dict[str, Any]:
 
     def read() -> None:
         try:
-            for distances in _READERS[task["contestant"]](task["path"], task["baudrate"]):
+            for distances in _READERS[task["contestant"]](task["path"], task["baudrate"], task["model"]):
                 there = [each for each in distances if each > 0]
                 wrong = sum(abs(each - radius) > tolerance for each in there)
                 scans.append((time.monotonic() - began, len(there), wrong))

@@ -4,8 +4,8 @@ The script calls ``lidario`` again with the variable ``_LIDARIO_COMPLETE`` set, 
 never installed: which file a shell reads is the user's choice.
 
 For bash the script is one of ours: bash divides words at ``:`` and ``=`` (``COMP_WORDBREAKS``), and click's script
-takes the pieces of ``sim://MODEL`` for several words. Where nothing is offered, bash completes names of files,
-so that a recording can be named.
+takes the pieces of ``sim://MODEL`` for several words. Where nothing is offered, each shell completes names of
+files, so that a recording can be named: bash by ``-o default``, the others because they are told ``file``.
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ _BASH = r"""_lidario_completion() {
     response=$(COMP_WORDS="${words[*]}" COMP_CWORD=$number _LIDARIO_COMPLETE=bash_complete "$1")
     COMPREPLY=()
     for line in $response; do
+        [[ $line == file,* ]] && continue
         line=${line#*,}
         COMPREPLY+=("${line#"$left"}")
     done

@@ -160,7 +160,7 @@ async def _of_device(source: str, port: PortInfo | None) -> tuple[list[Finding],
             found += _of_speed(source, port, lidar.baudrate)
             note = f": {lidar.health.note}" if lidar.health.note else ""
             is_fine = lidar.health.status.value == "ok"
-            text = f"{lidar.health.status.value}, code {lidar.health.code}{note}" if not is_fine else "ok"
+            text = f"ok{note}" if is_fine else f"{lidar.health.status.value}, code {lidar.health.code}{note}"
             found.append(Finding("health", "ok" if is_fine else "hint", text, port=source))
         found.append(await _of_scans(source))
     except LidarError as error:

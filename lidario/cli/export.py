@@ -14,6 +14,7 @@ import click
 
 from lidario.cli.errors import ExitCode
 from lidario.cli.output import message, progress
+from lidario.cli.parameters import complete_file
 
 if TYPE_CHECKING:
     from lidario.recording.decode_file import FileDecoder
@@ -24,8 +25,8 @@ FORMS = (".npz", ".csv", ".mcap")
 
 
 @click.command()
-@click.argument("files", metavar="FILE...", nargs=-1, required=True)
-@click.argument("out", metavar="OUT")
+@click.argument("files", metavar="FILE...", nargs=-1, required=True, shell_complete=complete_file)
+@click.argument("out", metavar="OUT", shell_complete=complete_file)
 @click.option("-j", "jobs", type=click.IntRange(min=1), default=1, show_default=True, metavar="N",
               help="How many files at the same time, each on a process. One file is decoded by one.")  # fmt: skip
 @click.option("--family", metavar="NAME", help="Of bare bytes, where it cannot be told from them.")

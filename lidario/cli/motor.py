@@ -95,13 +95,17 @@ async def _turn(source: str, hertz: float | None) -> tuple[str, float | None]:
     """Returns what was done, and the speed in revolutions a second."""
     from lidario import Unsupported, open_lidar
 
+    is_open = False
     try:
         async with open_lidar(source, keep_spinning=True) as lidar, lidar.scans() as scans:
+            is_open = True
             await anext(scans)
             if hertz is not None:
                 await lidar.set_scan_frequency(hertz)
             return "turning", lidar.measured_scan_frequency
     except Unsupported as error:
+        if is_open:
+            raise
         if hertz is None:
             raise Unsupported(
                 f"the motor of this lidar stops with its laser: `lidario scan -n 0 {source}` runs both until Ctrl-C"
@@ -116,7 +120,6 @@ async def _stop(source: str) -> None:
 
     async with open_lidar(source) as lidar:
         if not lidar.can_be_stopped:
-            raise Unsupported(
-                f"the motor of a {lidar.info.model} cannot be stopped from here: it turns while it has power"
-            )
+            # The session has said why, when it was opened.
+            raise Unsupported("nothing was stopped: the device only talks")
         await lidar.stop()

@@ -6,6 +6,10 @@ the handling of SIGTERM. Therefore `Writer` writes from a thread, and the caller
 meanwhile are dropped whole at the mailbox and counted, and a signal still stops the device.
 
 A reader that has closed the pipe is not an error: it becomes `ReaderGone`, which ends the command silently.
+
+What rich draws again and again (`watch`, `progress`) is drawn in a thread too, on a `terminal`. It writes to the
+file descriptor, not through ``sys.stdout`` or ``sys.stderr``: a thread that is blocked in those holds their lock,
+and then neither a message nor the end of the interpreter gets past it.
 """
 
 from __future__ import annotations
@@ -16,9 +20,9 @@ import os
 import queue
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final, TextIO, cast
 
 import click
 
@@ -27,18 +31,22 @@ from lidario.cli.errors import ReaderGone
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
-__all__ = ["Writer", "console", "dump", "emit", "introduced", "message", "progress", "rendered"]
+__all__ = ["Writer", "console", "dump", "emit", "introduced", "message", "progress", "rendered", "terminal"]
 
 PIPE_WIDTH = 160
 """Columns of a table where there is no terminal; wide enough that no cell is folded."""
 GRACE_S = 1.0
+PROGRESS_GRACE_S = 0.25
+"""Shorter: the event loop waits meanwhile, and nothing but the look of the terminal depends on it."""
+SPINS_A_SECOND: Final = 12.5
 
 
 class Writer:
     """Writes to stdout from a thread, one piece at a time."""
 
     def __init__(self) -> None:
-        self._pieces: queue.SimpleQueue[tuple[str, asyncio.Future[None]] | None] = queue.SimpleQueue()
+        self._pieces: queue.SimpleQueue[tuple[Callable[[], object], asyncio.Future[None]] | None]
+        self._pieces = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name="lidario: stdout", daemon=True)
         self._thread.start()
 
@@ -51,15 +59,25 @@ class Writer:
             ReaderGone: The reader has closed stdout.
             OSError: It cannot be written.
         """
+        await self.call(lambda: emit(text))
+
+    async def call(self, work: Callable[[], object]) -> None:
+        """Have the thread call `work`, which writes to stdout, and return when it has returned.
+
+        Cancelling ends the waiting only; `work` may still be called.
+
+        Raises:
+            Exception: What `work` raises.
+        """
         done = asyncio.get_running_loop().create_future()
-        self._pieces.put((text, done))
+        self._pieces.put((work, done))
         await done
 
-    def put(self, text: str) -> None:
-        """Have `text` written after what was handed over before, without waiting; errors are not told."""
+    def put(self, work: Callable[[], object]) -> None:
+        """Have `work` called after what was handed over before, without waiting; errors are not told."""
         done = asyncio.get_running_loop().create_future()
         done.add_done_callback(lambda future: future.exception())
-        self._pieces.put((text, done))
+        self._pieces.put((work, done))
 
     def close(self) -> bool:
         """Let the thread finish; False when it cannot, because the reader does not read."""
@@ -69,10 +87,10 @@ class Writer:
 
     def _run(self) -> None:
         while (piece := self._pieces.get()) is not None:
-            text, done = piece
+            work, done = piece
             error: Exception | None = None
             try:
-                emit(text)
+                work()
             except Exception as caught:
                 # Any exception: the caller waits until this piece is done.
                 error = caught
@@ -88,20 +106,24 @@ def emit(text: str) -> None:
         ReaderGone: The reader has closed stdout.
         OSError: It cannot be written.
     """
+    _write(sys.stdout, text)
+
+
+def _write(stream: TextIO, text: str) -> None:
     try:
-        handle = _handle()
+        handle = _handle(stream)
         if handle is None:
-            click.echo(text, nl=False)
+            click.echo(text, file=stream, nl=False)
             return
-        data = text.encode(sys.stdout.encoding, "replace")
+        data = text.encode(stream.encoding, "replace")
         while data:
             data = data[os.write(handle, data) :]
     except BrokenPipeError as error:
         raise ReaderGone from error
 
 
-def _handle() -> int | None:
-    """The file descriptor of stdout, if there is one that takes bytes.
+def _handle(stream: TextIO) -> int | None:
+    """The file descriptor of `stream`, if there is one that takes bytes.
 
     Writing to it avoids Python's buffer: nothing remains there when the process ends, and a thread that is blocked
     in a write holds no lock.
@@ -109,7 +131,7 @@ def _handle() -> int | None:
     if os.name != "posix":
         return None
     try:
-        return sys.stdout.fileno()
+        return stream.fileno()
     except (OSError, ValueError):
         return None
 
@@ -147,14 +169,90 @@ def rendered(target: Console, *parts: RenderableType) -> str:
     return capture.get()
 
 
+def terminal(stream: TextIO) -> Console:
+    """A rich console for a display that is drawn again and again on `stream`, which is a terminal.
+
+    What the environment says of terminals (``TTY_INTERACTIVE`` and the like) is not asked: rich would draw nothing.
+    """
+    from rich.console import Console
+
+    direct = cast("TextIO", _Direct(stream))
+    return Console(
+        file=direct, force_terminal=True, force_interactive=True, markup=False, highlight=False, emoji=False
+    )
+
+
+class _Direct:
+    """The part of a text file that rich uses; a flush writes to the file descriptor of a stream.
+
+    Attributes:
+        encoding: As the stream's: from it rich learns whether the terminal can show more than ASCII.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self.encoding = stream.encoding
+        self._stream = stream
+        self._parts: list[str] = []
+
+    def write(self, text: str) -> int:
+        self._parts.append(text)
+        return len(text)
+
+    def flush(self) -> None:
+        text = "".join(self._parts)
+        self._parts.clear()
+        _write(self._stream, text)
+
+
 @contextmanager
-def progress(text: str) -> Iterator[None]:
-    """Show on stderr that work goes on; only on a terminal."""
+def progress(text: str) -> Iterator[Callable[[str], None]]:
+    """Show on stderr that work goes on; only on a terminal.
+
+    A thread draws it, and the end waits for that thread no longer than `PROGRESS_GRACE_S`: a terminal that takes no
+    output (Ctrl-S, a dead line) holds up neither the event loop nor a signal.
+
+    Yields:
+        Takes another text to show.
+    """
     if not sys.stderr.isatty():
-        yield
+        yield lambda _: None
         return
-    with console(stderr=True).status(text):
-        yield
+    spinning, before = _Spinning(text, sys.stderr), sys.stderr
+    thread = threading.Thread(target=spinning.run, name="lidario: progress", daemon=True)
+    thread.start()
+    try:
+        yield spinning.show
+    finally:
+        spinning.over.set()
+        thread.join(PROGRESS_GRACE_S)
+        # A thread that is still blocked has not put it back.
+        sys.stderr = before
+
+
+class _Spinning:
+    """A text behind a spinner, until it is over."""
+
+    def __init__(self, text: str, stream: TextIO) -> None:
+        self.over = threading.Event()
+        self._text = text
+        self._stream = stream
+
+    def show(self, text: str) -> None:
+        self._text = text
+
+    def run(self) -> None:
+        from rich.live import Live
+        from rich.spinner import Spinner
+
+        shown = Spinner("dots", self._text, style="status.spinner")
+        display = Live(
+            shown, console=terminal(self._stream), auto_refresh=False, transient=True, redirect_stdout=False
+        )
+        # The terminal may go away meanwhile; whoever writes to it next is told.
+        with suppress(OSError, ReaderGone), display:
+            while not self.over.wait(1 / SPINS_A_SECOND):
+                shown.update(text=self._text)
+                display.refresh()
 
 
 def _settle(done: asyncio.Future[None], error: Exception | None) -> None:

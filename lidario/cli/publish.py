@@ -78,7 +78,7 @@ def publish(
     """Publish live scans over zenoh, until Ctrl-C.
 
     Either --ros, and `ros2 topic list` shows the topic, or --zenoh KEY, and zenoh:KEY is a SOURCE on every other
-    machine. The key is printed. It goes on when the router restarts.
+    machine. The key is printed. It waits for a router that is not there yet, and goes on when the router restarts.
     """
     context = click.get_current_context()
     if ros == (key is not None):
@@ -109,7 +109,7 @@ def publish(
         _needs_zenoh()
         async with open_lidar(source, reconnect=reconnect) as lidar:
             publisher = make(lidar)
-            publisher.on_change = lambda connected: _tell(router, connected)
+            publisher.on_change = lambda _: message(publisher.news)
             async with publisher:
                 told.append(publisher)
                 emit(f"{publisher.key}\n")
@@ -122,7 +122,7 @@ def publish(
         message("")
     finally:
         for each in told:
-            message(f"{each.scans} scan{'s' if each.scans != 1 else ''} published")
+            message(_summary(each.scans, each.unsent))
     return ExitCode.OK
 
 
@@ -138,8 +138,6 @@ def _needs_zenoh() -> None:
         ) from None
 
 
-def _tell(router: str, connected: bool) -> None:
-    if connected:
-        message(f"the zenoh router at {router} is back")
-    else:
-        message(f"the zenoh router at {router} is lost; scans are not sent until it is back")
+def _summary(sent: int, unsent: int) -> str:
+    lost = f"; {unsent} not sent, because there was no router" if unsent else ""
+    return f"{sent} scan{'s' if sent != 1 else ''} published{lost}"

@@ -7,9 +7,8 @@ complete. Its name is the only line on stdout.
 from __future__ import annotations
 
 import asyncio
-import sys
 import time
-from contextlib import ExitStack
+from collections.abc import Callable
 from datetime import datetime
 from typing import TYPE_CHECKING
 
@@ -17,12 +16,10 @@ import click
 
 from lidario.cli.durations import Duration
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.output import console, emit, message
+from lidario.cli.output import emit, message, progress
 from lidario.cli.parameters import complete_source
 
 if TYPE_CHECKING:
-    from rich.status import Status
-
     from lidario import Recording
 
 __all__ = ["record"]
@@ -89,15 +86,12 @@ async def _record(
 ) -> None:
     from lidario import open_lidar
 
-    with ExitStack() as shown:
-        status = None
-        if sys.stderr.isatty():
-            status = shown.enter_context(console(stderr=True).status(f"opening {source} …"))
+    with progress(f"opening {source} …") as show:
         async with open_lidar(source) as lidar:
             recording = lidar.record(path, scans=scans, overwrite=force)
             async with recording, lidar.scans(mode) as stream:
                 told.recording, told.began = recording, time.monotonic()
-                showing = asyncio.create_task(_show(status, told))
+                showing = asyncio.create_task(_show(show, told))
                 try:
                     async with asyncio.timeout(seconds):
                         async for _ in stream:
@@ -109,9 +103,9 @@ async def _record(
                     showing.cancel()
 
 
-async def _show(status: Status | None, told: _Told) -> None:
-    while status is not None:
-        status.update(_so_far(told))
+async def _show(show: Callable[[str], None], told: _Told) -> None:
+    while True:
+        show(_so_far(told))
         await asyncio.sleep(SHOWN_EVERY_S)
 
 

@@ -3,17 +3,17 @@
 It is drawn on the terminal's second screen, so that what was there before comes back at the end. Where the terminal
 is wide, the figures stand beside the picture, else below it.
 
-A frame is one text, written by `Writer` in a thread: a terminal that takes nothing (Ctrl-S, a slow line) then holds
-up the drawing, and neither the lidar nor a signal. `rich.Live`, which draws in place too, is not used for that
-reason: it writes where it is told to refresh. On the event loop that would hold up the reading of the lidar, and a
-Ctrl-C would wait until the terminal takes bytes again. In its own thread it holds a lock while it writes, and
-leaving it waits for that thread.
+`rich.Live` draws it. It writes where it is told to refresh, and holds its lock meanwhile. Therefore all its methods
+are called in one thread, that of `Writer`. A terminal that takes no output (Ctrl-S, a slow line) then holds up the
+drawing, and neither the lidar nor a signal. At the end laser and motor are switched off first; then the display has
+`GRACE_S` to leave the second screen.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
+import os
 import sys
 from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, Final
@@ -21,23 +21,21 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.output import Writer, console, message, progress, rendered
+from lidario.cli.output import Writer, message, progress, terminal
 from lidario.cli.parameters import complete_source
 
 if TYPE_CHECKING:
-    from rich.console import Console, RenderableType
+    from rich.console import Console, ConsoleOptions, RenderResult
 
     from lidario.web.feed import Feed
 
-__all__ = ["figures", "frame", "watch"]
+__all__ = ["Frame", "figures", "watch"]
 
 FRAME_S: Final = 0.1
 REDRAW_S: Final = 1.0
 """A frame is drawn at least so often, also without a scan: the terminal may have another size by then."""
 WIDE: Final = 92
 BESIDE: Final = 30
-_ENTER, _LEAVE = "\x1b[?1049h\x1b[?25l", "\x1b[?25h\x1b[?1049l"
-_HOME, _TO_END_OF_LINE, _TO_END = "\x1b[H", "\x1b[K", "\x1b[J"
 
 
 @click.command()
@@ -53,6 +51,12 @@ def watch(source: str, mode: str | None) -> int:
             "watch draws on a terminal, and stdout is none; `lidario scan -n 0` prints to a pipe",
             click.get_current_context(),
         )
+    if os.environ.get("TERM", "").lower() in ("dumb", "unknown"):
+        raise click.UsageError(
+            "watch needs a terminal whose cursor moves, and TERM says that this one's does not; "
+            "`lidario scan -n 0` prints line by line",
+            click.get_current_context(),
+        )
     from lidario.cli.running import run
     from lidario.web.feed import Feed
 
@@ -65,18 +69,27 @@ def watch(source: str, mode: str | None) -> int:
         with suppress(Stopped):
             run(lambda: _draw(feed, writer))
     finally:
-        writer.close()
+        taken = writer.close()
         logging.getLogger("lidario").removeHandler(quiet)
     lost = f", lost {feed.losses} time{'s' if feed.losses > 1 else ''}" if feed.losses else ""
-    message(f"{feed.scans} scans of {feed.info.model if feed.info else source}{lost}")
+    if taken:
+        # Else the terminal takes no output, and this line would only keep the program from ending.
+        message(f"{feed.scans} scans of {feed.info.model if feed.info else source}{lost}")
     return ExitCode.OK
 
 
 async def _draw(feed: Feed, writer: Writer) -> None:
+    from rich.live import Live
+
     changed = asyncio.Event()
     feed.on_scan = feed.on_change = lambda _: changed.set()
     reading = asyncio.create_task(feed.run())
     reading.add_done_callback(lambda _: changed.set())
+    # Drawn when there is a new scan, so it does not refresh itself. It leaves stdout and stderr as they are.
+    live = Live(
+        console=terminal(sys.stdout), screen=True, auto_refresh=False, redirect_stdout=False, redirect_stderr=False
+    )
+    picture = Frame(feed)
     entered = False
     try:
         with ExitStack() as waiting:
@@ -91,34 +104,43 @@ async def _draw(feed: Feed, writer: Writer) -> None:
                     continue
                 if not entered:
                     waiting.close()
-                    await writer.write(_ENTER)
                     entered = True
-                await writer.write(_in_place(frame(feed, console())))
+                    await writer.call(live.start)
+                await writer.call(lambda: live.update(picture, refresh=True))
                 await asyncio.sleep(FRAME_S)
     finally:
         reading.cancel()
         await asyncio.wait([reading])
-        if entered:
-            # Not awaited: a terminal that takes no output must not keep the program from ending.
-            writer.put(_LEAVE)
+        # Not awaited: a terminal that takes no output must not keep the program from ending.
+        writer.put(live.stop)
 
 
-def frame(feed: Feed, target: Console) -> str:
-    """The lines of one frame, at most as many and as long as `target` has."""
-    from rich.table import Table
+class Frame:
+    """What the display shows: the picture of the latest scan and the figures.
 
-    from lidario.cli.picture import picture
+    It may be drawn in another thread than the one that reads the lidar.
+    """
 
-    assert feed.latest is not None
-    # Asked for once: the terminal may get another size while this frame is drawn.
-    target.size = target.size
-    width, height = target.size
-    lines = figures(feed)
-    wide = width >= WIDE
-    below = [] if wide else [f"{_line(lines)}"]
-    size = (width - 1 - (BESIDE if wide else 0), height - 2 - len(below))
-    drawing: RenderableType = picture(feed.latest, target, size=size)
-    if wide:
+    def __init__(self, feed: Feed) -> None:
+        self._feed = feed
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """At most as many lines as the display has, and as long; it asks at each drawing how many those are."""
+        from rich.table import Table
+        from rich.text import Text
+
+        from lidario.cli.picture import picture
+
+        assert self._feed.latest is not None
+        width, height = options.size
+        lines = figures(self._feed)
+        wide = width >= WIDE
+        size = (width - 1 - (BESIDE if wide else 0), height - (2 if wide else 3))
+        drawing = picture(self._feed.latest, console, size=size)
+        if not wide:
+            yield drawing
+            yield Text(_line(lines), no_wrap=True, overflow="crop")
+            return
         panel = Table.grid(padding=(0, 1))
         panel.add_column(style="bold")
         panel.add_column(overflow="fold")
@@ -128,9 +150,7 @@ def frame(feed: Feed, target: Console) -> str:
         both.add_column(width=size[0], no_wrap=True)
         both.add_column(width=BESIDE)
         both.add_row(drawing, panel)
-        drawing = both
-    text = rendered(target, drawing, *[line[:width] for line in below])
-    return "\n".join(text.splitlines()[:height])
+        yield both
 
 
 def figures(feed: Feed) -> list[tuple[str, str]]:
@@ -139,7 +159,7 @@ def figures(feed: Feed) -> list[tuple[str, str]]:
 
     from lidario.cli.stats import percent
 
-    scan = feed.latest
+    scan, line = feed.latest, feed.line
     assert scan is not None
     hits = int(np.count_nonzero(scan.valid))
     nearest = f"{float(np.nanmin(scan.ranges)):.2f} m" if hits else "no returns"
@@ -155,17 +175,15 @@ def figures(feed: Feed) -> list[tuple[str, str]]:
         ("points", f"{len(scan)}, {percent(1 - hits / max(len(scan), 1))} no return"),
         ("nearest", nearest),
     ]
-    if feed.line is not None:
-        rows.append(("damage", f"{percent(feed.line.damaged)} damaged"))
-        if feed.line.load is not None:
-            rows.append(("link", f"{percent(feed.line.load)} of the line"))
+    if line is not None:
+        rows.append(("damage", f"{percent(line.damaged)} damaged"))
+        if line.load is not None:
+            rows.append(("link", f"{percent(line.load)} of the line"))
     return rows
 
 
 def _line(rows: list[tuple[str, str]]) -> str:
-    return "  ".join(value for name, value in rows if name not in ("model", "mode", "link"))
-
-
-def _in_place(text: str) -> str:
-    """Written over the frame before, without a blank screen between the two."""
-    return _HOME + text.replace("\n", _TO_END_OF_LINE + "\n") + _TO_END_OF_LINE + _TO_END
+    told = dict(rows)
+    if told["nearest"].endswith(" m"):
+        told["nearest"] = f"nearest {told['nearest']}"
+    return "  ".join(value for name, value in told.items() if name not in ("model", "mode", "link"))

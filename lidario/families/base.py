@@ -103,10 +103,12 @@ class Device(ABC):
     Attributes:
         can_keep_spinning: Whether the motor can go on when the laser is stopped.
         can_be_stopped: Whether laser and motor can be switched off from here.
+        by_network: Whether it may be reached by a network: its line has no speed of its own.
     """
 
     can_keep_spinning: bool = True
     can_be_stopped: bool = True
+    by_network: bool = False
 
     @abstractmethod
     def stop(self) -> Request:
@@ -201,6 +203,15 @@ class Device(ABC):
     def set_network_address(self, address: NetworkAddress) -> Script[None]:  # noqa: ARG002
         """Give an Ethernet model another address, which it takes when it is restarted."""
         raise Unsupported("this device has no network address")
+
+    def set_baudrate(self, baudrate: int, present: int) -> Script[None]:  # noqa: ARG002
+        """Have device and port change the speed of the line.
+
+        Args:
+            baudrate: The new speed.
+            present: The speed as it is, to which the port returns where the device does not follow.
+        """
+        raise Unsupported("the speed of this device's line cannot be changed from here")
 
     def power_down_protection(self, on: bool) -> Script[bool]:  # noqa: ARG002
         """Switch power-down protection; returns the state the device confirms."""

@@ -33,6 +33,8 @@ class Samples:
         revolution_packets: How many packets a whole revolution has at the present speed; 0 when that is not known.
         revolution_samples: The same, samples.
         reported_rpm: The speed that the packets tell, in revolutions a minute; NaN where they tell none.
+        gaps: Where packets are missing: how many of these samples come before, and how many samples are missing
+            there, by the angles of the rotor, which no correction has moved.
         certain: Whether the angle that a packet covers is known for sure. Where it is not, as when nearly all
             packets are missing, neither the angles nor `lost` can be relied on.
     """
@@ -49,6 +51,12 @@ class Samples:
     revolution_samples: float = 0.0
     certain: bool = True
     reported_rpm: float = math.nan
+    gaps: Sequence[tuple[int, int]] = ()
+
+    @property
+    def skipped_behind(self) -> int:
+        """Samples that are missing behind the last packet."""
+        return self.gaps[-1][1] if self.gaps and self.gaps[-1][0] == self.ends[-1] else 0
 
 
 @dataclass(slots=True, eq=False)

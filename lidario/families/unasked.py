@@ -7,16 +7,21 @@ listen. The motor turns until the power is cut, which the session says once and 
 
 from __future__ import annotations
 
-from lidario.errors import Unsupported
+from collections.abc import Callable
+from typing import Final
+
+from lidario.errors import ResponseTimeout, Unsupported
 from lidario.families.base import Device, Script
 from lidario.model import Health, HealthStatus
 from lidario.wire.envelope import Expected, Request
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["LINKED", "NOT_STOPPED", "UnaskedDevice", "begin", "hear"]
+__all__ = ["LINKED", "NOT_STOPPED", "UnaskedDevice", "begin", "hear", "hear_runs"]
 
 LINKED = 2
 """Packets in a row that prove that a device of this kind streams at this speed."""
+RUNS: Final = 12
+"""How many runs of `LINKED` packets are heard where damage lets no longer ones through."""
 NOT_STOPPED = Request("STOP", b"", ends_stream=True)
 """Sends nothing to the device. The host only stops listening."""
 
@@ -26,6 +31,33 @@ def hear(wire: StreamFormat, packets: int = LINKED, timeout: float = 0.5, wake: 
     expected = Expected(wire.response_type, packets * wire.shortest)
     name = "START" if wake else "LISTEN"
     return Request(name, wake, expected, timeout, attempts=1, stream=wire, packets=packets)
+
+
+def hear_runs(
+    wire: Callable[[], StreamFormat], packets: int, timeout: float, wake: bytes = b""
+) -> Script[tuple[bytes, ...]]:
+    """Hear so many packets in a row, or `RUNS` short runs where the line damages so much that they do not come.
+
+    Args:
+        wire: Makes the object for the packets; each request needs one of its own.
+        packets: How many packets tell what the device is.
+        timeout: How long each run may take, in seconds.
+        wake: As for `hear`.
+
+    Returns:
+        The bytes of each run. No packet is missing within one.
+
+    Raises:
+        ResponseTimeout: No two packets came in a row.
+    """
+    yield hear(wire(), LINKED, timeout, wake)
+    try:
+        return ((yield hear(wire(), packets, timeout)),)
+    except ResponseTimeout:
+        runs: list[bytes] = []
+        for _ in range(RUNS):
+            runs.append((yield hear(wire(), LINKED, timeout)))
+        return tuple(runs)
 
 
 def begin(wire: StreamFormat, data: bytes = b"") -> Request:

@@ -20,6 +20,7 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from lidario.errors import ConnectFailed, InvalidValue, Unsupported
+from lidario.network.router import check_router, why_no_router
 from lidario.port.background import run_in_thread
 
 if TYPE_CHECKING:
@@ -34,8 +35,9 @@ DEFAULT_ROUTER: Final = "tcp/localhost:7447"
 OPEN_S: Final = 10.0
 CLOSE_S: Final = 2.0
 """Longest time that closing may take; zenoh tells the router, which may be unreachable."""
-MOST_WAITING: Final = 256
-"""Samples of one subscription that wait for the event loop."""
+MOST_WAITING_BYTES: Final = 64 << 20
+"""What waits for the event loop, of one subscription: 200 ms of a thousand lidars. How many messages that are says
+little: those of a fleet of 32 come 320 times a second."""
 MISSING: Final = "zenoh needs eclipse-zenoh, which is not installed: pip install 'lidario-asyncio[zenoh]'"
 
 
@@ -101,7 +103,8 @@ class Bus:
             router: Its address in zenoh's notation: ``tcp/host:port``, ``tls/host:port``, ``udp/host:port``.
 
         Raises:
-            ConnectFailed: It cannot be reached (reason ``refused``).
+            ConnectFailed: It cannot be reached, or does not let us in (reason ``refused``), or its host is unknown
+                (``missing``).
             InvalidValue: The address is none.
             Unsupported: The package is not installed.
         """
@@ -109,6 +112,7 @@ class Bus:
             import zenoh
         except ModuleNotFoundError:
             raise Unsupported(MISSING) from None
+        check_router(router)
         try:
             config = _config(zenoh, router)
         except zenoh.ZError as error:
@@ -121,10 +125,7 @@ class Bus:
             async with asyncio.timeout(OPEN_S):
                 session = await run_in_thread(lambda: zenoh.open(config), _discard)
         except (zenoh.ZError, TimeoutError) as error:
-            raise ConnectFailed(
-                f"no zenoh router responds at {router}. Start one: zenohd, or ros2 run rmw_zenoh_cpp rmw_zenohd",
-                reason="refused",
-            ) from error
+            raise await run_in_thread(lambda: why_no_router(router)) from error
         return cls(session, router)
 
     @property
@@ -162,23 +163,24 @@ class Bus:
 
     def subscribe(self, key: str, take: Callable[[Sample], None]) -> Callable[[], None]:
         """Call `take` on the event loop with everything that is published under `key`; returns what ends that."""
-        waiting: deque[Sample] = deque()
-
-        def hand_over() -> None:
-            while waiting and not self._closed:
-                take(waiting.popleft())
+        inbox = _Inbox(take)
 
         def receive(sample: Any) -> None:
-            # In a thread of zenoh. `append` and `popleft` of a deque are atomic.
+            # In a thread of zenoh.
             attachment = sample.attachment
-            payload = sample.payload.to_bytes()
-            idle = not waiting
-            waiting.append(Sample(str(sample.key_expr), payload, attachment.to_bytes() if attachment else b""))
-            if len(waiting) > MOST_WAITING:
-                waiting.popleft()
-                self.dropped += 1
-            if idle:
+            made = Sample(
+                str(sample.key_expr), sample.payload.to_bytes(), attachment.to_bytes() if attachment else b""
+            )
+            self.dropped += inbox.put(made)
+            if not inbox.is_due:
+                inbox.is_due = True
                 self._call(hand_over)
+
+        def hand_over() -> None:
+            # Cleared first: what is added from now on asks again.
+            inbox.is_due = False
+            if not self._closed:
+                inbox.hand_over()
 
         with self._told():
             subscriber: Any = self._session.declare_subscriber(key, receive)
@@ -271,6 +273,40 @@ class Bus:
             self._loop.call_soon_threadsafe(callback, *values)
         except RuntimeError:
             _log.debug("the event loop is closed, so what zenoh brings is dropped")
+
+
+class _Inbox:
+    """Samples of one subscription on their way from zenoh's thread to the event loop.
+
+    No lock is needed: adding to a deque and taking from it are atomic, and each counter is changed by one thread.
+
+    Attributes:
+        is_due: Whether the loop was asked to take them, and has not begun to.
+    """
+
+    def __init__(self, take: Callable[[Sample], None]) -> None:
+        self.is_due = False
+        self._take = take
+        self._waiting: deque[Sample] = deque()
+        self._put = self._taken = 0
+
+    def put(self, sample: Sample) -> int:
+        """Add a sample, in zenoh's thread; returns how many were dropped for it."""
+        dropped = 0
+        self._waiting.append(sample)
+        self._put += len(sample.payload)
+        while self._put - self._taken > MOST_WAITING_BYTES and len(self._waiting) > 1:
+            with suppress(IndexError):  # the loop was faster
+                self._put -= len(self._waiting.popleft().payload)
+                dropped += 1
+        return dropped
+
+    def hand_over(self) -> None:
+        """Have all samples taken, in the event loop's thread."""
+        while self._waiting:
+            sample = self._waiting.popleft()
+            self._taken += len(sample.payload)
+            self._take(sample)
 
 
 def _discard(session: Any) -> None:

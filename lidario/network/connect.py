@@ -120,9 +120,18 @@ def _of_message(bus: Bus, first: Sample) -> Remote:
 
 
 async def _ask(bus: Bus, key: str) -> dict[str, Status]:
-    replies = await bus.query(status_key(key), ASK_S)
-    read = ((each.key.removesuffix(_STATUS), Status.of(each.payload)) for each in replies)
-    return {place: status for place, status in read if status is not None}
+    found: dict[str, Status] = {}
+    for reply in await bus.query(status_key(key), ASK_S):
+        place, status = reply.key.removesuffix(_STATUS), Status.of(reply.payload)
+        if status is None:
+            continue
+        if place in found and found[place].sender != status.sender:
+            names = " and ".join(sorted({found[place].robot, status.robot}))
+            raise ConnectFailed(
+                f"two publishers send under zenoh:{place} ({names}): give each a key of its own", reason="ambiguous"
+            )
+        found[place] = status
+    return found
 
 
 async def _first_message(bus: Bus, key: str, seconds: float) -> Sample | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, Self, TypeVar
 
@@ -115,8 +116,9 @@ class RemoteDevice(RecordedDevice):
         if self._raw:
             return (yield from super().modes())
         running = self._streams.stream.began.mode
-        others = [mode for mode in self._streams.modes if mode.id != running.id]
-        return (running, *others)
+        others = [replace(mode, typical=False) for mode in self._streams.modes if mode.id != running.id]
+        # The one that runs is the only one to be had; it is not known while the publisher's lidar stands still.
+        return (replace(running, typical=True), *others)
 
     def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
         """As `Device.start`.

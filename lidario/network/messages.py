@@ -20,7 +20,7 @@ import numpy as np
 from lidario.recording.chronicle import MOST_NS
 from lidario.scan import Scan, read_only
 
-__all__ = ["Entry", "encode_raw_message", "encode_scan", "parse_raw_message", "parse_scan"]
+__all__ = ["Entry", "encode_raw_message", "encode_scan", "is_raw", "parse_raw_message", "parse_scan"]
 
 _SCAN_MAGIC: Final = b"LDS1"
 _SCAN: Final = struct.Struct("<4sBxHIqqqQIddddd")
@@ -137,6 +137,11 @@ def encode_raw_message(entries: Iterable[Entry]) -> bytes:
     """A raw message of at most `MOST_ENTRIES` entries."""
     parts = [_ENTRY.pack(is_event, len(data), at_ns) + data for is_event, at_ns, data in entries]
     return _RAW.pack(_RAW_MAGIC, len(parts)) + b"".join(parts)
+
+
+def is_raw(data: bytes) -> bool:
+    """Whether it says of itself that it is a raw message."""
+    return data.startswith(_RAW_MAGIC)
 
 
 def parse_raw_message(data: bytes) -> list[Entry] | None:

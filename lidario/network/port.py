@@ -7,6 +7,9 @@ clock of this machine. Whole scans are handed to the session as they are.
 Nobody else than the publisher drives the device: what is written here goes nowhere. Where its stream is interrupted
 and starts anew, the session is told to start its own anew, too.
 
+**What is missing.** Messages are numbered, so a scan that was lost on the way is a jump of `Scan.seq`, and counted.
+Where two publishers send under one key, the first one is received as long as it sends; the other one is counted.
+
 **Who is lost.** The publisher's liveliness token goes when its process or its line dies. It also goes, for us, when
 the router does: then nothing is decided before the router is back and has had time to learn which tokens there are.
 """
@@ -24,7 +27,9 @@ from lidario.laserscan import LaserScan
 from lidario.network.bus import Bus, Sample
 from lidario.network.device import SCAN_TYPE, RemoteStreams
 from lidario.network.foreign import scan_of_laserscan
+from lidario.network.keys import parse_attachment
 from lidario.network.messages import Entry, parse_raw_message, parse_scan
+from lidario.network.senders import Senders
 from lidario.network.status import Status
 from lidario.port.line import Line, Schedule
 from lidario.port.port import Port
@@ -42,6 +47,9 @@ GONE_S: Final = 0.5
 """From the end of a token to the loss: the news that the router is gone may come after it."""
 SETTLE_S: Final = 5.0
 """From the return of the router to the loss of who has no token by then; a publisher tries every four seconds."""
+RIVAL_S: Final = 2.0
+"""Longest pause of a publisher before another one under its key takes its place; four revolutions of the slowest
+devices."""
 SILENCE_S: Final = 5.0
 """Longest pause of a publisher that shows no token: a node that is not ours."""
 
@@ -53,8 +61,8 @@ class Audience(Protocol):
         """The stream was interrupted here: start it again."""
         ...
 
-    def deliver(self, scan: Scan) -> None:
-        """A scan that came whole."""
+    def deliver(self, scan: Scan, missed: int) -> None:
+        """A scan that came whole; so many are missing since the one before."""
         ...
 
 
@@ -86,7 +94,7 @@ class RemotePort(Port):
 
     @property
     def bad_messages(self) -> int:
-        """Messages that were none of ours."""
+        """Messages that were none of ours, or came from a second publisher under the same key."""
         return self._remote.bad
 
     def follow(self, audience: Any) -> None:
@@ -123,7 +131,12 @@ class _RemoteLine(Line):
         self._closing = False
         self._wanted = False
         self._flows = True
-        self._count = 0
+        self._senders = Senders()
+        self._sender: tuple[str, bytes] | None = None
+        self._sender_heard = 0.0
+        self._told_of_rival = False
+        self._gap = 0
+        self._seq: int | None = None
         self._tokens: set[str] = set()
         self._has_token = False
         self._timer: asyncio.TimerHandle | None = None
@@ -166,12 +179,39 @@ class _RemoteLine(Line):
 
     def receive(self, sample: Sample) -> None:
         self._heard = self._loop.time()
-        if not self._closing and not self._port.is_forked:
-            self._take(sample)
+        if self._closing or self._port.is_forked:
+            return
+        attachment, gap = self._senders.follow(sample)
+        if self._is_rival(sample.key, b"" if attachment is None else attachment.gid):
+            self.bad += 1
+            return
+        self._gap += gap
+        self._take(sample)
+
+    def _is_rival(self, key: str, gid: bytes) -> bool:
+        """Whether a second publisher sends, while the first one still does."""
+        who, now = (key, gid), self._loop.time()
+        if who != self._sender:
+            if self._sender is not None and now - self._sender_heard < RIVAL_S:
+                if not self._told_of_rival:
+                    self._told_of_rival = True
+                    text = (
+                        "%s: two publishers send under this key; the second one is ignored. Give each its own key"
+                    )
+                    _log.warning(text, self._port.name)
+                return True
+            if self._sender is not None:
+                # Another one has taken its place; what its bytes mean it tells itself.
+                self._flows, self._gap, self._seq = not self._raw, 0, None
+            self._sender = who
+        self._sender_heard = now
+        return False
 
     def learn(self, sample: Sample) -> None:
-        status = Status.of(sample.payload)
+        status, attachment = Status.of(sample.payload), parse_attachment(sample.attachment)
         if status is None or self._closing:
+            return
+        if self._sender is not None and attachment is not None and attachment.gid != self._sender[1]:
             return
         self._streams.about = status.about
         for event in status.about.events:
@@ -181,19 +221,25 @@ class _RemoteLine(Line):
                 self._streams.learn(event)
 
     def _take_scan(self, sample: Sample) -> None:
-        self._deliver(parse_scan(sample.payload, self._port.wall_offset_ns))
+        scan = parse_scan(sample.payload, self._port.wall_offset_ns)
+        if scan is not None:
+            before, self._seq = self._seq, scan.seq
+            if before is not None and scan.seq > before:
+                # What its publisher itself has missed is in it, too.
+                self._gap = scan.seq - before - 1
+        self._deliver(scan)
 
     def _take_laserscan(self, sample: Sample) -> None:
         laser = LaserScan.from_cdr(sample.payload)
-        scan = None if laser is None else scan_of_laserscan(laser, self._count, self._port.wall_offset_ns)
-        self._count += 1
-        self._deliver(scan)
+        self._deliver(None if laser is None else scan_of_laserscan(laser, 0, self._port.wall_offset_ns))
 
     def _deliver(self, scan: Scan | None) -> None:
         if scan is None:
             self.bad += 1
-        elif self._wanted and self.audience is not None:
-            self.audience.deliver(scan)
+            return
+        missed, self._gap = self._gap, 0
+        if self._wanted and self.audience is not None:
+            self.audience.deliver(scan, missed)
 
     def _take_raw(self, sample: Sample) -> None:
         entries = parse_raw_message(sample.payload)

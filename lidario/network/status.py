@@ -33,6 +33,7 @@ class Status:
         mode: The one that runs, or None.
         rate: Scans a second at the moment.
         lost: Why the lidar is away from its publisher; empty while it is there.
+        sender: What tells this publisher from others under the same key; empty where it does not say.
     """
 
     form: str
@@ -42,6 +43,7 @@ class Status:
     mode: ScanMode | None = None
     rate: float = 0.0
     lost: str = field(default="")
+    sender: str = ""
 
     def to_bytes(self, *, whole: bool) -> bytes:
         """As JSON; `whole` with everything that the device has responded, else with the stream that runs alone."""
@@ -57,6 +59,7 @@ class Status:
             "mode": None if self.mode is None else mode_record(self.mode),
             "rate": round(self.rate, 3) if math.isfinite(self.rate) else 0.0,
             "lost": self.lost,
+            "sender": self.sender,
         }
         return json.dumps(record, separators=(",", ":")).encode()
 
@@ -77,6 +80,7 @@ class Status:
                 mode=None if mode is None else mode_of(mode),
                 rate=float(rate) if isinstance(rate, int | float) and 0 <= rate < 1e6 else 0.0,
                 lost=_text(record.get("lost", "")),
+                sender=_text(record.get("sender", "")),
             )
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
             return None

@@ -199,6 +199,10 @@ class _MemoryTransport(Line):
         else:
             self._arm()
 
+    def set_baudrate(self, baudrate: int) -> None:
+        self._line.set_baudrate(baudrate, self._port.now())
+        self._arm()
+
     def set_dtr(self, asserted: bool) -> None:
         self._line.set_dtr(asserted, self._port.now())
         self._arm()

@@ -11,11 +11,21 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 from lidario.model import ScanMode
 
-__all__ = ["MOST_NS", "Chronicle", "Responded", "StreamBegan", "StreamEnded", "StreamEvent", "event_of", "text_of"]
+__all__ = [
+    "MOST_NS",
+    "Chronicle",
+    "Responded",
+    "StreamBegan",
+    "StreamEnded",
+    "StreamEvent",
+    "ZeroOffsetSet",
+    "event_of",
+    "text_of",
+]
 
 MOST_NS = 1 << 62
 """Bound of all times and places in a file: the year 2116. Sums of two still fit in 64 bits with a sign."""
@@ -67,6 +77,20 @@ class StreamEnded:
 
 
 @dataclass(frozen=True, slots=True)
+class ZeroOffsetSet:
+    """Another zero-angle offset was chosen for the stream that runs.
+
+    Attributes:
+        at: Place behind the last byte that had been parsed. The first revolution that ends behind it has the new
+            offset; where sectors of it were handed out, the one behind it.
+        zero_offset_deg: Degrees that are added to every device angle from then on.
+    """
+
+    at: int
+    zero_offset_deg: float
+
+
+@dataclass(frozen=True, slots=True)
 class Responded:
     """The device responded to a request.
 
@@ -81,7 +105,7 @@ class Responded:
     payload: bytes
 
 
-StreamEvent = StreamBegan | StreamEnded | Responded
+StreamEvent = StreamBegan | StreamEnded | ZeroOffsetSet | Responded
 
 
 class Chronicle:
@@ -89,7 +113,7 @@ class Chronicle:
 
     Attributes:
         responses: The latest response to each request.
-        running: The stream that runs, or None.
+        running: The stream that runs, with the latest zero-angle offset, or None.
     """
 
     def __init__(self) -> None:
@@ -142,6 +166,12 @@ class Chronicle:
         )
         self._tell(self.running)
 
+    def zero_offset_set(self, at: int, degrees: float) -> None:
+        """The stream that runs gets another zero-angle offset; the arguments are those of `ZeroOffsetSet`."""
+        if self.running is not None and degrees != self.running.zero_offset_deg:
+            self.running = replace(self.running, zero_offset_deg=degrees)
+            self._tell(ZeroOffsetSet(at, degrees))
+
     def ended(self, at: int) -> None:
         """The stream is not delivered any more."""
         if self.running is not None:
@@ -153,13 +183,18 @@ class Chronicle:
             watcher(event)
 
 
+_KINDS = {
+    StreamBegan: "began", StreamEnded: "ended", ZeroOffsetSet: "zero offset", Responded: "responded",
+}  # fmt: skip
+
+
 def text_of(event: StreamEvent) -> str:
     """The event as one line of JSON, for a file."""
     record = asdict(event)
     for name in ("request", "payload"):
         if name in record:
             record[name] = record[name].hex()
-    kind = {StreamBegan: "began", StreamEnded: "ended", Responded: "responded"}[type(event)]
+    kind = _KINDS[type(event)]
     return json.dumps({"event": kind, **record}, separators=(",", ":"))
 
 
@@ -170,6 +205,8 @@ def event_of(text: str) -> StreamEvent | None:
         kind = record.pop("event")
         if kind == "ended":
             return StreamEnded(_whole(record["at"]))
+        if kind == "zero offset":
+            return ZeroOffsetSet(_whole(record["at"]), _offset(record))
         if kind == "responded":
             return Responded(
                 bytes.fromhex(record["request"]), _whole(record["kind"]) & 0xFF, bytes.fromhex(record["payload"])
@@ -184,7 +221,7 @@ def event_of(text: str) -> StreamEvent | None:
                 slowest_turn_s=_number(record["slowest_turn_s"], 1e-3, MOST_TURN_S),
                 baudrate=_whole(record["baudrate"], MOST_BAUD),
                 wall_offset_ns=_signed(record["wall_offset_ns"]),
-                zero_offset_deg=_number(record["zero_offset_deg"], -360.0, 360.0),
+                zero_offset_deg=_offset(record),
             )
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         pass
@@ -223,6 +260,10 @@ def _number(value: object, least: float, most: float) -> float:
     if not isinstance(value, int | float) or not least <= value <= most:  # NaN is not
         raise ValueError(value)
     return float(value)
+
+
+def _offset(record: dict[str, object]) -> float:
+    return _number(record["zero_offset_deg"], -360.0, 360.0)
 
 
 def _sample(value: object, microsecond: float) -> float:

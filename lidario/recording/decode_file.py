@@ -66,8 +66,8 @@ class FileDecoder:
         self._count(decoder.link_stats.skipped_bytes, decoder.link_stats.packets)
 
     def _timed(self) -> Iterator[Scan]:
-        number, link, assembler = -1, Link(), None
-        for begun, data, arrivals in self._blocks():
+        number, link, assembler, offset_deg = -1, Link(), None, 0.0
+        for begun, data, arrivals, block_deg in self._blocks():
             if begun != number or assembler is None:
                 if assembler is not None:
                     assembler.end()
@@ -78,6 +78,10 @@ class FileDecoder:
                 link = Link()
                 link.enter_stream(stream.format)
                 assembler = Assembler(stream, stored.began.baudrate, stored.began.wall_offset_ns, self.stats)
+                offset_deg = stored.began.zero_offset_deg
+            if block_deg != offset_deg:
+                offset_deg = block_deg
+                assembler.set_zero_offset(offset_deg)
             last_ns = arrivals.pop()[1]
             link.receive_data(data, last_ns, arrivals)
             for event in link.events_received():
@@ -87,23 +91,23 @@ class FileDecoder:
             assembler.end()
             self._count(link.stats.skipped_bytes, link.stats.packets)
 
-    def _blocks(self) -> Iterator[tuple[int, bytes, list[tuple[int, int]]]]:
-        """Pieces of one stream, joined, with the place in the block at which each one ends and its time."""
-        number, size, last_ns = -1, 0, 0
+    def _blocks(self) -> Iterator[tuple[int, bytes, list[tuple[int, int]], float]]:
+        """Pieces of one stream and zero-angle offset, joined; where in the block each one ends, and its time."""
+        number, size, last_ns, offset_deg = -1, 0, 0, 0.0
         parts: list[bytes] = []
         arrivals: list[tuple[int, int]] = []
         for piece in self.recording.pieces():
-            if parts and (piece.stream != number or size >= _BLOCK):
-                yield number, b"".join(parts), arrivals
+            if parts and (piece.stream != number or piece.zero_offset_deg != offset_deg or size >= _BLOCK):
+                yield number, b"".join(parts), arrivals, offset_deg
                 size, parts, arrivals = 0, [], []
-            number = piece.stream
+            number, offset_deg = piece.stream, piece.zero_offset_deg
             # Time never goes back, whatever a file says.
             last_ns = max(last_ns, piece.at_ns) if arrivals or size or last_ns else piece.at_ns
             parts.append(piece.data)
             size += len(piece.data)
             arrivals.append((size, last_ns))
         if parts:
-            yield number, b"".join(parts), arrivals
+            yield number, b"".join(parts), arrivals, offset_deg
 
     def _count(self, skipped: int, packets: int) -> None:
         self.skipped_bytes += skipped

@@ -99,7 +99,7 @@ class RecordedDevice(Device):
         stream = current.open()
         expected = Expected(mode_type(current), current.began.packet_size, continuous=True)
         yield Request("PLAY", PLAY, expected, stream=stream.format)
-        return stream if self._offset_deg is None else replace(stream, zero_offset_deg=self._offset_deg)
+        return replace(stream, zero_offset_deg=self.offset_of(stream.zero_offset_deg))
 
     def sample_rate(self) -> Script[SampleRate]:
         """As `Device.sample_rate`."""
@@ -125,6 +125,10 @@ class RecordedDevice(Device):
         """As `Device.apply_zero_offset`; before it is called, what was chosen while it was recorded holds."""
         self._offset_deg = (yield from self.zero_offset()) if on else 0.0
         return self._offset_deg
+
+    def offset_of(self, recorded_deg: float) -> float:
+        """The zero-angle offset to add where the recording has that one."""
+        return recorded_deg if self._offset_deg is None else self._offset_deg
 
     def network_address(self) -> Script[NetworkAddress]:
         """As `Device.network_address`."""

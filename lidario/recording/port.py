@@ -43,6 +43,10 @@ class Audience(Protocol):
         """The stream was interrupted here: start it again."""
         ...
 
+    def set_zero_offset(self, degrees: float) -> None:
+        """Here another zero-angle offset was chosen, clockwise degrees."""
+        ...
+
     def finish(self) -> None:
         """The recording is at its end: end every stream."""
         ...
@@ -64,9 +68,13 @@ class ReplayPort(Port):
         recording: The recording.
         rate: How many times as fast as it was recorded; 0 for as fast as it is read.
         loop: Whether it begins anew at its end.
+
+    Attributes:
+        offset_of: The zero-angle offset to add where the recording has another one.
     """
 
     def __init__(self, recording: StoredStreams, *, rate: float, loop: bool) -> None:
+        self.offset_of: Callable[[float], float] = lambda recorded_deg: recorded_deg
         first = recording.streams[0].began
         super().__init__(str(recording.path), first.baudrate)
         self._played_ns = 0
@@ -123,6 +131,7 @@ class _ReplayLine(Line):
         self._base: tuple[float, int] | None = None
         self._shift_ns = 0
         self._last_ns = 0
+        self._offset_deg = 0.0
 
     @property
     def stream(self) -> StoredStream:
@@ -141,6 +150,7 @@ class _ReplayLine(Line):
             return
         began = self.stream.began
         self._port.baudrate = began.baudrate
+        self._offset_deg = began.zero_offset_deg
         announced = encode_descriptor(Descriptor(mode_type(self.stream), began.packet_size, continuous=True))
         self._loop.call_soon(self._announce, announced)
 
@@ -208,6 +218,10 @@ class _ReplayLine(Line):
             self._next = None
             # Time never goes back, whatever a file says.
             self._last_ns = max(self._last_ns, piece.at_ns + self._shift_ns)
+            if piece.zero_offset_deg != self._offset_deg:
+                self._offset_deg = piece.zero_offset_deg
+                if self._audience is not None:
+                    self._audience.set_zero_offset(self._port.offset_of(self._offset_deg))
             self._port.play(piece.data, self._last_ns)
         self._arm()
 

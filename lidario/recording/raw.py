@@ -90,4 +90,4 @@ class RawRecording:
                         here = stream.format.samples_in(event.blocks)
                         samples += here + event.skipped * here / len(event.data)
                         at_ns = round((samples - 1 + DEVICE_DELAY_SAMPLES) * stream.sample_ns)
-                yield Piece(0, at_ns, data)
+                yield Piece(0, at_ns, data, 0.0)

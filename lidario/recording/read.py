@@ -9,6 +9,7 @@ says.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +19,16 @@ from lidario.errors import ConnectFailed, RecordingError
 from lidario.families.base import Decoder, Family, Stream
 from lidario.families.registry import family_named
 from lidario.recording.about import NAME, About
-from lidario.recording.chronicle import MOST_NS, Responded, StreamBegan, StreamEnded, StreamEvent, event_of, text_of
+from lidario.recording.chronicle import (
+    MOST_NS,
+    Responded,
+    StreamBegan,
+    StreamEnded,
+    StreamEvent,
+    ZeroOffsetSet,
+    event_of,
+    text_of,
+)
 from lidario.recording.mcap_records import MAGIC, Channel, Damage, Message, Metadata, read_records
 from lidario.recording.ros_messages import parse_raw, parse_text
 from lidario.recording.write import EVENTS_TOPIC, RAW_TOPIC, FileWriter
@@ -37,11 +47,13 @@ class Piece(NamedTuple):
         stream: Number of the stream that they belong to.
         at_ns: When they were read, on the clock of the recording.
         data: The bytes.
+        zero_offset_deg: The zero-angle offset that holds from the first revolution on that begins in them or later.
     """
 
     stream: int
     at_ns: int
     data: bytes
+    zero_offset_deg: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,11 +64,13 @@ class StoredStream:
         family: Whose packets it has.
         began: What is known of it.
         end: Place behind its last byte; None where the recording ends in its midst.
+        offsets: Where its zero-angle offset changed, in order.
     """
 
     family: Family
     began: StreamBegan
     end: int | None = None
+    offsets: tuple[ZeroOffsetSet, ...] = ()
 
     def open(self) -> Stream:
         """A fresh format and decoder for it, and all that a session must know.
@@ -188,6 +202,7 @@ class McapRecording:
         """As `StoredStreams.pieces`."""
         place, number = self.about.received_before, 0
         offset_ns = self.about.clock_offset_ns
+        offsets, offset_deg = _offsets(self.streams[0])
         for record in self._records():
             if not isinstance(record, Message):
                 continue
@@ -201,10 +216,17 @@ class McapRecording:
                 low, high = max(begin, stream.began.at), min(place, end)
                 if low < high:
                     at_ns = min(max(record.at_ns - offset_ns, -MOST_NS // 2), MOST_NS // 2)
-                    yield Piece(number, at_ns, raw[1][low - begin : high - begin])
+                    while low < high:
+                        while offsets and offsets[0].at <= low:
+                            offset_deg = offsets.popleft().zero_offset_deg
+                        until = min(high, offsets[0].at) if offsets else high
+                        yield Piece(number, at_ns, raw[1][low - begin : until - begin], offset_deg)
+                        low = until
                 if place < end or stream.end is None:
                     break
                 number += 1
+                if number < len(self.streams):
+                    offsets, offset_deg = _offsets(self.streams[number])
 
     def copy_to(self, writer: FileWriter) -> Iterator[int]:
         """Add every chunk and event to `writer`, while it is iterated over; gives the time of each."""
@@ -216,7 +238,7 @@ class McapRecording:
                     at_ns = min(record.at_ns, MOST_NS)
                     writer.add_chunk(at_ns, *raw)
                     yield at_ns
-            elif isinstance(record, StreamBegan | StreamEnded | Responded):
+            elif isinstance(record, StreamEvent):
                 writer.add_event(at_ns, text_of(record))
 
     def _records(self) -> Iterator[About | Message | StreamEvent | Damage]:
@@ -246,17 +268,27 @@ class McapRecording:
 
     def _find_streams(self, family: Family) -> Iterator[StoredStream]:
         began: StreamBegan | None = None
+        offsets: list[ZeroOffsetSet] = []
         least = self.about.received_before
         for event in self._events:
             if isinstance(event, Responded):
                 self.responses[event.request] = event
             elif isinstance(event, StreamBegan):
                 # Places only grow; a file that says otherwise is not ours.
-                began = event if event.at >= least or began is None else began
+                if event.at >= least or began is None:
+                    began, offsets = event, []
+            elif isinstance(event, ZeroOffsetSet):
+                if began is not None and event.at >= (offsets[-1] if offsets else began).at:
+                    offsets.append(event)
             elif isinstance(event, StreamEnded) and began is not None:
                 if event.at > max(began.at, least):
-                    yield StoredStream(family, began, event.at)
+                    yield StoredStream(family, began, event.at, tuple(offsets))
                     least = event.at
                 began = None
         if began is not None:
-            yield StoredStream(family, began)
+            yield StoredStream(family, began, offsets=tuple(offsets))
+
+
+def _offsets(stream: StoredStream) -> tuple[deque[ZeroOffsetSet], float]:
+    """The changes of the zero-angle offset that are still to come, and the offset before."""
+    return deque(stream.offsets), stream.began.zero_offset_deg

@@ -23,6 +23,7 @@ from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
 from lidario.revolution.seam import Seam, Split
 from lidario.revolution.stats import AssemblerStats
 from lidario.revolution.steady import decode_block, is_ready
+from lidario.revolution.tempo import heard_of
 from lidario.revolution.timing import byte_ns_at, first_sample_ns
 from lidario.scan import Scan
 from lidario.wire.blocks import packet_offsets
@@ -56,12 +57,14 @@ class Assembler:
         self._seam = Seam(stream.format.full_turn, stream.format.first_seam)
         self._endless_ns = _ENDLESS_REVOLUTIONS * 1e9 * stream.slowest_turn_s
         self._partial = PartialRevolution(whole=False)
-        self._count = RevolutionCount()
+        self._count = RevolutionCount(1e9 * stream.slowest_turn_s)
         self._last_spanned_ns = 0.0
         self._measured_sample_ns = 0.0
         # Several revolutions that end together are decoded at once, unless somebody wants parts of each.
         self._by_blocks = True
-        self._ended_at: tuple[Packets, int] | None = None
+        self._ended_at: tuple[Packets, int, int] | None = None
+        # Revolutions counted as missing before the one that ends, when its number was told.
+        self._told_unseen = 0
 
     def set_zero_offset(self, degrees: float) -> None:
         """Add another zero-angle offset, clockwise degrees, from the next scan on."""
@@ -109,7 +112,7 @@ class Assembler:
         if number > begin:
             self._keep(self._part(event, begin, number, offsets))
         held = self.stats.unfinished_packets
-        self._ended_at = event, number
+        self._ended_at = event, number, number + 1
         scan = self._end(split, event.data[offsets[number] : offsets[number + 1]])
         self._ended_at = None
         self.stats.finish(held, delivered=scan is not None)
@@ -144,12 +147,8 @@ class Assembler:
         self.stats.finish(self.stats.unfinished_packets, delivered=False)
         self._partial = PartialRevolution(whole=False)
 
-    def _part(self, packets: Packets, begin: int, end: int, offsets: Sequence[int]) -> Packets:
+    def _part(self, packets: Packets, begin: int, end: int, offsets: Sequence[int] | None = None) -> Packets:
         return part_of(packets, begin, end, offsets, self._stream.format, self._stream.sample_ns)
-
-    def _came_behind(self, event: Packets, number: int) -> int:
-        """When the packet behind the end of a revolution came."""
-        return self._part(event, number, number + 1, packet_offsets(event.blocks)).received_ns
 
     def _keep(self, packets: Packets) -> None:
         """Add packets to the revolution in the making."""
@@ -169,8 +168,11 @@ class Assembler:
         ended, self._partial = self._partial, PartialRevolution(whole=not split.broken)
         self._partial.moved = split.moved
         arrays, samples, lost = ended.carried, None, ended.lost_behind_carried
+        gaps: list[tuple[int, int]] | None = []
         packets = ended.packets()
         if packets is not None:
+            if not self._count.usual_ns:
+                self._count.hear(heard_of(self._stream.format, packets))
             room = 0 if arrays is None else len(arrays)
             samples = self._decode(ended, packets, split, following, room)
             self.stats.lost_packets += samples.lost
@@ -191,6 +193,9 @@ class Assembler:
                 self._partial.lost_behind_carried = samples.lost_behind
                 self._partial.carried_packets = 0.0 if samples.certain else samples.revolution_packets
                 lost -= samples.lost_behind
+            if samples.gaps or ended.skipped_behind_carried or not samples.certain:
+                self._partial.skipped_behind_carried = samples.skipped_behind
+                gaps = ended.gaps(samples, room, crossed, revoked=bool(unknown))
             arrays = here.part(room if unknown else 0, crossed)
         if arrays is None or not len(arrays):
             return None
@@ -202,7 +207,7 @@ class Assembler:
                     self.stats.break_scan()
             self._count.restart()
             return None
-        return self._scan(arrays, ended, packets, samples, lost)
+        return self._scan(arrays, ended, packets, samples, lost, gaps)
 
     def _decode(
         self,
@@ -213,12 +218,11 @@ class Assembler:
         room: int,
     ) -> Samples:
         """Decode all packets of a revolution, with so many free elements before their samples."""
-        ends_inside = not (split.marked or split.broken)
         return self._stream.decoder.decode(
             packets,
             None if split.broken else following,
             room,
-            self._seam.angle if ends_inside else None,
+            None if split.marked or split.broken else self._seam.angle,
         )
 
     def _scan(
@@ -228,6 +232,7 @@ class Assembler:
         packets: Packets | None,
         samples: Samples | None,
         lost: int,
+        gaps: list[tuple[int, int]] | None,
     ) -> Scan | None:
         """Date a revolution and build its scan; None when it is not whole, or parts of two have met in it."""
         start_ns = first_sample_ns(
@@ -241,17 +246,21 @@ class Assembler:
         elapsed_ns = ended.last_ns - start_ns
         sample_ns = self._sample_ns(len(arrays), elapsed_ns, lost)
         spanned_ns = len(arrays) * sample_ns
-        beginning = None
+        wire, stats, beginning = self._stream.format, self.stats, None
+        number = stats.scans + stats.missed_scans - self._told_unseen - (not ended.whole)
         if packets is not None and samples is not None and not lost:
             beginning = ordinary_beginning(
+                wire,
                 ended,
-                packets.count,
+                packets,
                 samples,
                 start_ns=start_ns,
                 elapsed_ns=elapsed_ns,
                 spanned_ns=spanned_ns,
                 ordinary_ns=self._last_spanned_ns or spanned_ns,
                 sample_ns=sample_ns,
+                number=number,
+                packets_before=stats.all_packets - packets.count,
             )
         if beginning is not None:
             revolution_ns = self._reckon(beginning)
@@ -267,11 +276,11 @@ class Assembler:
                 ordinary_ns=self._last_spanned_ns or spanned_ns,
                 sample_ns=sample_ns,
             )
-            wire, seam = self._stream.format, self._seam.angle or 0
+            seam = self._seam.angle or 0
             if ended.whole and not self._is_numbered and self._ended_at is not None:
-                least_ns = least_of(wire, ended, samples, seam, sample_ns, spanned_ns)
+                least_ns = least_of(wire, ended, samples, seam, sample_ns, spanned_ns, self._count.usual_ns)
                 # Angles hide whole revolutions; so it counts when the packet behind it came.
-                if least_ns and self._came_behind(*self._ended_at) - start_ns < least_ns:
+                if least_ns and self._part(*self._ended_at).received_ns - start_ns < least_ns:
                     return None
             if packets is None or samples is None or not (ended.whole or wire.first_seam is not None):
                 # Where only marks tell where revolutions begin, the first part may be longer than one.
@@ -289,24 +298,24 @@ class Assembler:
                     sample_ns=sample_ns,
                     gap_behind=self._partial.carried is None,
                     broken=broken,
+                    number=number,
+                    packets_before=stats.all_packets - packets.count - samples.lost,
                 )
                 revolution_ns = self._reckon(beginning)
             if not ended.whole:
                 return None
             if broken:
-                self.stats.break_scan()
+                stats.break_scan()
                 return None
         self._last_spanned_ns = spanned_ns
         if math.isnan(revolution_ns) and not lost:
             # The revolution before was not seen: what this one holds tells its speed.
-            turn_ns = (
-                samples.revolution_samples * sample_ns if samples is not None and samples.certain else math.inf
-            )
+            turn_ns = samples.revolution_samples * sample_ns if samples and samples.certain else math.inf
             if is_complete(spanned_ns, turn_ns):
                 revolution_ns = spanned_ns
         arrays.angle = turned_by(arrays.angle, self._stream.zero_offset_deg)
         reported_rpm = math.nan if samples is None else samples.reported_rpm
-        made = DatedRevolution(arrays, start_ns, spanned_ns, revolution_ns, reported_rpm)
+        made = DatedRevolution(arrays, start_ns, spanned_ns, revolution_ns, reported_rpm, gaps)
         return self._deliver(made, sample_ns, lost)
 
     def _deliver(self, made: DatedRevolution, sample_ns: float, lost: int) -> Scan:
@@ -325,15 +334,11 @@ class Assembler:
     def _next_seq(self) -> int:
         return self.stats.scans + self.stats.missed_scans
 
-    def _miss(self, unseen: int) -> None:
-        """Count revolutions of which nothing came."""
-        self.stats.missed_scans += unseen
-
     def _reckon(self, beginning: Beginning) -> float:
         """Count what is missing since the revolution before; return what one takes, NaN when it was not seen."""
         passed = self._count.follow(beginning)
         self.stats.lost_packets += passed.lost
-        self._miss(passed.unseen)
+        self.stats.missed_scans += passed.unseen - min(passed.unseen, self._told_unseen)
         return passed.revolution_ns
 
     def _sample_ns(self, samples: int, elapsed_ns: int, lost: int) -> float:

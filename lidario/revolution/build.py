@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from lidario.families.base import Stream
 from lidario.measured import MeasuredSamples
 from lidario.revolution.partial import SampleArrays
+from lidario.rotor import Gaps
 from lidario.scan import Scan, read_only
 
 __all__ = ["DatedRevolution", "build_scan", "turned_by"]
@@ -25,6 +26,8 @@ class DatedRevolution(NamedTuple):
         spanned_ns: How long they took.
         interval_ns: What it took, by the time between beginnings; NaN when that is not known.
         reported_rpm: The speed that its packets tell; NaN where they tell none.
+        gaps: Where samples are missing among its own, and how many: as `Samples.gaps`. None where that is not
+            certain.
     """
 
     arrays: SampleArrays
@@ -32,6 +35,7 @@ class DatedRevolution(NamedTuple):
     spanned_ns: float
     interval_ns: float
     reported_rpm: float
+    gaps: Gaps | None = ()
 
 
 def turned_by(degrees: NDArray[np.float32], offset: float) -> NDArray[np.float32]:
@@ -65,7 +69,7 @@ def build_scan(
 class _Unfrozen(MeasuredSamples):
     """A `Scan` while its fields are set.
 
-    A frozen dataclass sets each of its 20 fields by a call: 2.6 us once a revolution, where plain assignments take
+    A frozen dataclass sets each of its 21 fields by a call: 2.6 us once a revolution, where plain assignments take
     0.3. Both classes have the same slots, so one can become the other.
     """
 
@@ -74,7 +78,7 @@ class _Unfrozen(MeasuredSamples):
     def __init__(
         self, stream: Stream, revolution: DatedRevolution, wall_ns: int, sample_ns: float, seq: int, lost: int
     ) -> None:
-        arrays, start_ns, spanned_ns, interval_ns, reported_rpm = revolution
+        arrays, start_ns, spanned_ns, interval_ns, reported_rpm, gaps = revolution
         self.device_angles = read_only(arrays.angle)
         self.device_distances = read_only(arrays.distance)
         self.intensities = None if arrays.intensity is None else read_only(arrays.intensity)
@@ -90,4 +94,5 @@ class _Unfrozen(MeasuredSamples):
         self.max_range = stream.mode.max_distance
         self.seam = stream.zero_offset_deg % 360.0
         self.reported_rpm = reported_rpm
+        self._gaps = gaps if lost else None
         self._angles = self._ranges = self._measured = self._times_ns = self._rotor = None

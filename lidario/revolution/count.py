@@ -11,9 +11,11 @@ stamps are right again. So where the angles show no gap, a revolution is counted
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
+
+from lidario.revolution.tempo import Tempo
 
 __all__ = ["NOISE", "Beginning", "Passed", "RevolutionCount"]
 
@@ -28,6 +30,13 @@ MORE_THAN_ONE: Final = 1.005
 """Times the packets of a revolution from which a broken one holds parts of two for certain."""
 PATIENCE: Final = 2
 """Revolutions for which stamps must stay late, where no packet is known to be missing."""
+UNEVEN_SPEED: Final = 0.005
+"""Part of the revolutions of a long time that are not counted, since the speed may have been lower for a while."""
+EXACT: Final = 0.15
+"""Revolutions by which a time may miss a whole number, to be where counting goes on from."""
+AGREEMENT: Final = 0.015
+"""Part by which the speed by the time may differ from that by the angles, where packets are missing: what stood
+before a gap is dated by a read that was completed behind it."""
 LEAST_SHARE: Final = 0.9
 """Share of a revolution that must lie between two beginnings for their time to tell its speed. What a stamp is late
 by is divided by that share, and the part with which a stream begins has few packets to be dated by: seen live, 2 ms
@@ -47,6 +56,12 @@ class Beginning:
         packets: How many came.
         lost: How many are known to be missing in it or right behind it.
         broken: Whether parts of several revolutions may have met in it, so that `lost` is not all.
+        number: Its number, by what was counted until then; that of the one before, where it is only a part and has
+            none. None for one more than the one before.
+        packets_before: Packets that came, or are counted as lost, before it.
+        ordinary: Whether `packet_ns` is that of an ordinary packet. If not, only short ones came, and it is that of
+            the longest packet of the format.
+        borrowed: Whether its speed is that of a revolution before, since its own is not known.
     """
 
     start_ns: int
@@ -57,6 +72,10 @@ class Beginning:
     packets: int
     lost: int
     broken: bool
+    number: int | None = None
+    packets_before: int = 0
+    ordinary: bool = True
+    borrowed: bool = False
 
 
 class Passed(NamedTuple):
@@ -75,14 +94,38 @@ class Passed(NamedTuple):
 
 
 class RevolutionCount:
-    """Follows the beginnings of revolutions through one stream."""
+    """Follows the beginnings of revolutions through one stream.
 
-    def __init__(self) -> None:
+    Args:
+        slowest_ns: What a revolution takes at most.
+    """
+
+    def __init__(self, slowest_ns: float = 1e9) -> None:
+        self._tempo = Tempo(slowest_ns)
+        # From where the time is counted when it was not known for a while.
+        self._anchor: Beginning | None = None
         self._last: Beginning | None = None
         self._sure: Beginning | None = None
         self._late = 0.0
         self._waited = 0
         self._packet_ns = 0.0
+        self._ordinary = False
+
+    @property
+    def usual_ns(self) -> float:
+        """What a revolution takes at the latest speed that was sure; 0 while none was."""
+        return 0.0 if self._sure is None else self._sure.revolution_ns
+
+    def hear(self, packets: Iterable[tuple[float, int]]) -> None:
+        """Packets came while the speed was not known: where each begins, in revolutions, and when it came."""
+        for angle, at_ns in packets:
+            self._tempo.add(angle, at_ns)
+        revolution_ns = self._tempo.revolution_ns()
+        if revolution_ns and self._sure is None:
+            each = revolution_ns / self._packet_ns if self._packet_ns else 0.0
+            self._sure = Beginning(
+                0, 0.0, revolution_ns, each, self._packet_ns, packets=0, lost=0, broken=False, borrowed=True
+            )
 
     def restart(self) -> None:
         """The stream began anew: nothing is known of the revolution before."""
@@ -119,28 +162,27 @@ class RevolutionCount:
 
     def settle(self, last: Beginning) -> None:
         """Remember revolutions that `intervals` has told, by the last of them."""
-        self._last = self._sure = last
+        self._last = self._sure = self._anchor = last
 
     def follow(self, here: Beginning) -> Passed:
         """Tell what passed since the beginning before; it is one revolution on by the angles."""
         last, self._last = self._last, here
-        if last is not None and last is self._sure and not self._late and here.revolution_ns and not here.lost:
+        usual = last is not None and last is self._sure and not self._late and here.revolution_ns
+        if usual and last is not None and not here.lost and not last.lost:
             # Mostly nothing is missing, and nothing unusual. What follows would find the same.
             elapsed, share = here.start_ns - last.start_ns, 1 + here.over - last.over
             alike = 1 / ALIKE < here.revolution_ns / last.revolution_ns < ALIKE
             ordinary = alike and not here.broken and elapsed > 0 and share >= LEAST_SHARE
             if ordinary and abs(elapsed / last.revolution_ns - share) < NOISE:
-                self._sure = here
+                self._sure = self._anchor = here
                 return Passed(0, 0, elapsed / share)
+        self._correct_packet(here)
         self._correct_speed(here, last)
-        # Where few packets came, they may be the short ones, by which more would be missing than ever were sent.
-        self._packet_ns = max(self._packet_ns, here.packet_ns)
-        if last is None:
-            return Passed(0, 0, math.nan)
-        elapsed = here.start_ns - last.start_ns
-        if not last.revolution_ns:
+        never_seen = self._sure is not None and self._sure.borrowed
+        if last is None or not last.revolution_ns or never_seen:
             # Too little came of it to know its speed, and so how much the angles hide.
-            return Passed(0, self._lost_by_time(last, elapsed), math.nan)
+            return self._since_anchor(here)
+        elapsed = here.start_ns - last.start_ns
         share = 1 + here.over - last.over
         extra = elapsed / last.revolution_ns - share
         # More than one revolution has: an outage of almost one lies in it, and its angles fell back by little.
@@ -150,7 +192,43 @@ class RevolutionCount:
         if unseen and last.broken:
             lost = self._lost_by_time(last, elapsed)
         near = not unseen and abs(extra) < NOISE and elapsed > 0 and share >= LEAST_SHARE
+        if here.lost or last.lost:
+            near = near and abs(elapsed / share / last.revolution_ns - 1) < AGREEMENT
+        if not self._late and here.revolution_ns:
+            self._anchor = here
         return Passed(unseen, lost, elapsed / share if near else math.nan)
+
+    def _since_anchor(self, here: Beginning) -> Passed:
+        """Count what passed since the last beginning from which that was known, less what was counted since."""
+        anchor = self._anchor
+        if anchor is None:
+            self._anchor = here
+            return Passed(0, 0, math.nan)
+        elapsed = here.start_ns - anchor.start_ns
+        sure, unseen, lost = self._sure, 0, 0
+        if sure is not None and anchor.number is not None and here.number is not None:
+            turns = elapsed / here.revolution_ns + anchor.over - here.over
+            passed = int(turns * (1 - UNEVEN_SPEED) + NOISE)
+            unseen = max(0, passed - (here.number - anchor.number))
+        if self._packet_ns:
+            expected = int(elapsed / self._packet_ns * (1 - UNEVEN_SPEED))
+            missing = expected - (here.packets_before - anchor.packets_before)
+            lost = missing if missing > FEWEST_PACKETS else 0
+        if sure is not None and anchor.number is not None and abs(turns - round(turns)) < EXACT:
+            here.number = anchor.number + round(turns)
+            here.packets_before += lost
+            self._anchor = here
+        return Passed(unseen, lost, math.nan)
+
+    def _correct_packet(self, here: Beginning) -> None:
+        """Where only short packets came, take what an ordinary one took before."""
+        if here.ordinary and here.packet_ns:
+            self._packet_ns, self._ordinary = here.packet_ns, True
+        elif self._ordinary:
+            here.packet_ns = self._packet_ns
+            here.revolution_packets = here.revolution_ns / here.packet_ns
+        else:
+            self._packet_ns = max(self._packet_ns, here.packet_ns)
 
     def _correct_speed(self, here: Beginning, last: Beginning | None) -> None:
         """Where the speed is not sure, take the one before: a rotor keeps its speed.
@@ -171,6 +249,7 @@ class RevolutionCount:
                 return
         if sure is not None:
             here.revolution_ns, here.revolution_packets = sure.revolution_ns, sure.revolution_packets
+            here.borrowed = True
         elif here.broken or not enough:
             here.revolution_ns = 0.0
 
@@ -191,9 +270,7 @@ class RevolutionCount:
 
     def _lost_by_time(self, last: Beginning, elapsed: int) -> int:
         """Packets missing beyond those known, by what one takes; of a whole revolution only if most are."""
-        sure = self._sure
-        packet_ns = sure.packet_ns if sure is not None else self._packet_ns
-        if not packet_ns:
+        if not self._packet_ns:
             return 0
-        missing = max(0, round(elapsed / packet_ns) - last.packets - last.lost)
+        missing = max(0, round(elapsed / self._packet_ns) - last.packets - last.lost)
         return missing if last.broken or missing > max(last.packets, FEWEST_PACKETS) else 0

@@ -85,6 +85,7 @@ class DividedRevolution:
         last_arc: How far the rotor turned during it.
         given: Samples in sectors.
         lost: Packets known to be missing so far.
+        gaps: Where samples are missing so far: how many came before, and how many are missing there.
         lost_behind: Those that are missing behind the last packet that was decoded, and belong to no sector yet.
         samples: Samples that have come.
         most_samples: Those of the longest packet.
@@ -115,6 +116,9 @@ class DividedRevolution:
         self.given = 0
         self.lost: int = partial.lost_behind_carried
         self.lost_behind = 0
+        self.gaps: list[tuple[int, int]] = []
+        if partial.skipped_behind_carried:
+            self.gaps.append((self.samples, partial.skipped_behind_carried))
         self.bytes = self.packets = self.most_samples = 0
         self.first_ns: float = math.inf
         self.gap: bool = partial.carried is not None and partial.lost_behind_carried > 0
@@ -126,6 +130,10 @@ class DividedRevolution:
         """Samples in a packet, on average."""
         fresh = self.samples - (0 if self.partial.carried is None else len(self.partial.carried))
         return fresh / self.packets if self.packets else 0.0
+
+    def skipped(self, begin: int) -> int:
+        """Samples that are missing before number `begin` of those that came."""
+        return sum(skipped for before, skipped in self.gaps if before <= begin)
 
     def upto(self, end: int) -> int:
         """How many samples of `rest` were measured before the rotor passed `end`, by the last packet's arc."""
@@ -156,6 +164,8 @@ class DividedRevolution:
         arrays = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
         if self.rest is not None:
             arrays.begin_with(self.rest)
+        earlier = sum(map(len, self.arrays))
+        self.gaps += [(earlier + before, skipped) for before, skipped in samples.gaps]
         self.arrays.append(arrays.part(room))
         self.rest = arrays
         self.decoded.append(samples)

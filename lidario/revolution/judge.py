@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import Final
 
 from lidario.families.base import Samples
@@ -20,6 +19,7 @@ __all__ = [
     "is_broken",
     "is_complete",
     "least_of",
+    "packet_time",
     "share_before",
 ]
 
@@ -34,6 +34,9 @@ FALSE_PART: Final = 0.5
 """Part of a revolution below which what lies between two splits is none: one of the two was false. So there are
 never more scans than revolutions."""
 
+_ORDINARY: Final = 0.5
+"""Part of the longest packet of a format from which a packet is an ordinary one. The last packet of a revolution
+may be shorter, and a start packet is."""
 _EARLY_SHARE: Final = 0.25
 """Share of the packets of a revolution at its beginning, and at its end, that do not tell how fast they came."""
 _FIRST_PACKETS: Final = 0.9
@@ -102,6 +105,7 @@ def least_of(
     seam: int,
     sample_ns: float,
     spanned_ns: float,
+    usual_ns: float,
 ) -> float:
     """The time below which what has ended is only a part of a revolution; 0 where enough of one came.
 
@@ -112,10 +116,13 @@ def least_of(
         seam: Heading at which revolutions begin.
         sample_ns: Nanoseconds a sample.
         spanned_ns: Time that its samples take, and those that are known to be missing.
+        usual_ns: What a revolution takes, by those before; 0 where that is not known.
     """
-    if samples is None or not samples.certain or wire.first_seam is None:
+    if wire.first_seam is None:
         # Where only marks tell where revolutions begin, a check value keeps false ones away.
         return 0.0
+    if samples is None or not samples.certain:
+        return FALSE_PART * usual_ns
     turn_ns = samples.revolution_samples * sample_ns
     least_ns = FALSE_PART * turn_ns
     # What is missing at its beginning was lost.
@@ -136,6 +143,8 @@ def beginning_of(
     sample_ns: float,
     gap_behind: bool,
     broken: bool,
+    number: int | None = None,
+    packets_before: int = 0,
 ) -> Beginning:
     """What a revolution that has ended tells for counting.
 
@@ -150,28 +159,47 @@ def beginning_of(
         sample_ns: Nanoseconds a sample.
         gap_behind: Whether what is missing behind its last packet belongs to it.
         broken: Whether it is broken, though its beginning was seen.
+        number: As in `Beginning`.
+        packets_before: As in `Beginning`.
     """
-    packet_ns = samples.ends[-1] / len(samples.ends) * sample_ns
-    if not samples.certain:
-        # Damage spares the short packets: of those alone nobody knows what an ordinary one takes.
-        longest = max(end - begin for begin, end in pairwise((0, *samples.ends)))
-        only_single = longest == 1 < wire.samples_in((Block(wire.longest, 1),))
-        packet_ns = 0.0 if only_single else longest * sample_ns
+    revolution_ns = samples.revolution_samples * sample_ns if samples.certain else 0.0
+    packet_ns, revolution_packets, ordinary = packet_time(wire, packets, samples, sample_ns)
     # A read that was completed only behind a gap dates what came before it too late. What follows is on time.
     behind_ns = samples.lost_behind * packet_ns if gap_behind else 0.0
     from_end_ns = round(ended.last_ns - spanned_ns + behind_ns)
-    revolution_ns = samples.revolution_samples * sample_ns if samples.certain else 0.0
     late = samples.certain and start_ns - from_end_ns > NOISE * revolution_ns
     return Beginning(
         from_end_ns if late else start_ns,
         over=share_before(wire, ended, samples, seam),
         revolution_ns=revolution_ns,
-        revolution_packets=samples.revolution_packets,
-        packet_ns=revolution_ns / samples.revolution_packets if samples.certain else packet_ns,
+        revolution_packets=revolution_packets,
+        packet_ns=packet_ns,
         packets=packets.count,
         lost=samples.lost,
         broken=broken,
+        number=number,
+        packets_before=packets_before,
+        ordinary=ordinary,
     )
+
+
+def packet_time(
+    wire: StreamFormat, packets: Packets, samples: Samples, sample_ns: float
+) -> tuple[float, float, bool]:
+    """What a packet takes, how many a revolution has, and whether an ordinary one came: as in `Beginning`."""
+    revolution_ns = samples.revolution_samples * sample_ns if samples.certain else 0.0
+    revolution_packets = samples.revolution_packets
+    packet_ns = revolution_ns / revolution_packets if samples.certain else 0.0
+    if samples.certain and wire.shortest == wire.longest:
+        return packet_ns, revolution_packets, True
+    most = wire.samples_in((Block(wire.longest, 1),))
+    longest = wire.samples_in((Block(max([size for size, _ in packets.blocks]), 1),))
+    if longest < most * _ORDINARY:
+        # Damage spares the short packets: of those alone nobody knows what an ordinary one takes, but not more than
+        # the longest one. So never more packets are told as lost than were sent.
+        packet_ns = most * sample_ns
+        return packet_ns, revolution_ns / packet_ns, False
+    return packet_ns if samples.certain else longest * sample_ns, revolution_packets, True
 
 
 def share_before(wire: StreamFormat, revolution: PartialRevolution, samples: Samples, seam: int) -> float:

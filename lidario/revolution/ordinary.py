@@ -8,15 +8,18 @@ from __future__ import annotations
 
 from lidario.families.base import Samples
 from lidario.revolution.count import NOISE, Beginning
-from lidario.revolution.judge import BROKEN_SHARE, FALSE_PART, UNEVEN
+from lidario.revolution.judge import BROKEN_SHARE, FALSE_PART, UNEVEN, packet_time
 from lidario.revolution.partial import PartialRevolution
+from lidario.wire.events import Packets
+from lidario.wire.formats import StreamFormat
 
 __all__ = ["ordinary_beginning"]
 
 
 def ordinary_beginning(
+    wire: StreamFormat,
     ended: PartialRevolution,
-    packets: int,
+    packets: Packets,
     samples: Samples,
     *,
     start_ns: int,
@@ -24,18 +27,23 @@ def ordinary_beginning(
     spanned_ns: float,
     ordinary_ns: float,
     sample_ns: float,
+    number: int,
+    packets_before: int,
 ) -> Beginning | None:
     """What `judge.beginning_of` tells, where `judge` has nothing else to tell; None where it may.
 
     Args:
+        wire: The format.
         ended: The revolution.
-        packets: How many came of it.
+        packets: Its packets.
         samples: What they were decoded to.
         start_ns: When its first sample was measured.
         elapsed_ns: Time from then to the arrival of its last packet.
         spanned_ns: Time that its samples take.
         ordinary_ns: What the revolution before took.
         sample_ns: Nanoseconds a sample.
+        number: As in `Beginning`.
+        packets_before: As in `Beginning`.
     """
     if not (ended.whole and samples.certain) or samples.lost or (ended.carried is None and ended.behind_gap):
         return None
@@ -46,5 +54,17 @@ def ordinary_beginning(
     late_ns = elapsed_ns - spanned_ns
     if late_ns > BROKEN_SHARE * ordinary_ns or elapsed_ns > UNEVEN * spanned_ns or late_ns < -NOISE * turn_ns:
         return None
-    each_ns = turn_ns / samples.revolution_packets
-    return Beginning(start_ns, 0.0, turn_ns, samples.revolution_packets, each_ns, packets, 0, broken=False)
+    packet_ns, revolution_packets, ordinary = packet_time(wire, packets, samples, sample_ns)
+    return Beginning(
+        start_ns,
+        0.0,
+        turn_ns,
+        revolution_packets,
+        packet_ns,
+        packets.count,
+        0,
+        broken=False,
+        number=number,
+        packets_before=packets_before,
+        ordinary=ordinary,
+    )

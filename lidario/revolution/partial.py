@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.wire.blocks import Block, join_blocks, some_blocks
+from lidario.families.base import Samples
+from lidario.wire.blocks import Block, join_blocks, packet_offsets, some_blocks
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.formats import StreamFormat
 
@@ -61,6 +62,7 @@ class PartialRevolution:
         carried: Samples from the packet that crossed the seam at its beginning, if any.
         carried_ns: Arrival of that packet.
         lost_behind_carried: Packets missing right behind that packet.
+        skipped_behind_carried: The samples of those.
         carried_packets: Packets that a whole revolution has, as far as was known when that packet was decoded.
         runs: The packets since, as they were reported.
     """
@@ -71,6 +73,7 @@ class PartialRevolution:
     carried: SampleArrays | None = None
     carried_ns: int = 0
     lost_behind_carried: int = 0
+    skipped_behind_carried: int = 0
     carried_packets: float = 0.0
     runs: list[Packets] = field(default_factory=list)
 
@@ -108,6 +111,26 @@ class PartialRevolution:
         self.carried = None
         return missing
 
+    def gaps(self, samples: Samples, room: int, crossed: int, *, revoked: bool) -> list[tuple[int, int]] | None:
+        """Where samples are missing in it: how many of its own come before, and how many are missing there.
+
+        Args:
+            samples: What its packets were decoded to.
+            room: How many samples were carried over.
+            crossed: How many samples belong to it, with those.
+            revoked: Whether those that were carried over are dropped.
+
+        Returns:
+            None where that is not certain.
+        """
+        if not samples.certain:
+            return None
+        gaps = [(room + before, skipped) for before, skipped in samples.gaps]
+        if room and self.skipped_behind_carried:
+            gaps.insert(0, (room, self.skipped_behind_carried))
+        first = room if revoked else 0
+        return [(at - first, skipped) for at, skipped in gaps if first < at < crossed]
+
     @property
     def last_ns(self) -> int:
         """Arrival of its latest packet."""
@@ -115,7 +138,7 @@ class PartialRevolution:
 
 
 def part_of(
-    packets: Packets, begin: int, end: int, offsets: Sequence[int], wire: StreamFormat, sample_ns: float
+    packets: Packets, begin: int, end: int, offsets: Sequence[int] | None, wire: StreamFormat, sample_ns: float
 ) -> Packets:
     """The packets from number `begin` to before number `end`, dated.
 
@@ -123,10 +146,11 @@ def part_of(
         packets: What was reported together.
         begin: The first of them.
         end: The one behind the last.
-        offsets: Where each begins (`packet_offsets`).
+        offsets: Where each begins, if that is known already (`packet_offsets`).
         wire: Their format.
         sample_ns: Nanoseconds a sample; 0 where the device does not say.
     """
+    offsets = offsets or packet_offsets(packets.blocks)
     blocks = some_blocks(packets.blocks, begin, end)
     arrivals: list[Arrival] = []
     complete, at_ns = packets.arrivals[-1]  # bound for type checkers too: there is always one

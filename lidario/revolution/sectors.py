@@ -23,6 +23,7 @@ from dataclasses import replace
 from typing import Final
 
 from lidario.families.base import Samples
+from lidario.measured import with_gaps
 from lidario.revolution.assemble import Assembler
 from lidario.revolution.build import turned_by
 from lidario.revolution.count import NOISE, Beginning
@@ -72,7 +73,6 @@ class SectorAssembler(Assembler):
         self._usual_samples = 0.0
         self._told: int | None = None
         self._ending: tuple[DividedRevolution, int] | None = None
-        self._told_unseen = 0
 
     def divide(self, parts: Iterable[int]) -> None:
         """Divide each revolution, from the next one on, into so many sectors; several numbers at once may be."""
@@ -199,7 +199,8 @@ class SectorAssembler(Assembler):
         if here.seq is None:
             here.seq = self._number(here, start_ns)
         lost = here.lost - done.lost
-        stamp_ns = start_ns + round((done.begin + done.lost * here.packet_samples) * sample_ns)
+        gaps = [(at - done.begin, skipped) for at, skipped in here.gaps if done.begin < at < here.given]
+        stamp_ns = start_ns + round((done.begin + here.skipped(done.begin)) * sample_ns)
         mode = self._stream.mode
         sector = Sector(
             device_angles=read_only(turned_by(arrays.angle, here.offset_deg)),
@@ -208,7 +209,7 @@ class SectorAssembler(Assembler):
             stamp_ns=stamp_ns,
             wall_stamp_ns=stamp_ns + self._wall_offset_ns,
             time_increment_ns=round(sample_ns),
-            duration_ns=round((len(arrays) + lost * here.packet_samples) * sample_ns),
+            duration_ns=round((len(arrays) + sum(skipped for _, skipped in gaps)) * sample_ns),
             rpm=60e9 / (self._usual_samples * sample_ns) if self._usual_samples else math.nan,
             seq=here.seq,
             index=done.index,
@@ -218,7 +219,7 @@ class SectorAssembler(Assembler):
             mode=mode.name,
             max_range=mode.max_distance,
         )
-        self._publish_sector(count, sector)
+        self._publish_sector(count, with_gaps(sector, gaps) if lost else sector)
 
     @property
     def _sample_time_ns(self) -> float:
@@ -256,6 +257,7 @@ class SectorAssembler(Assembler):
                         packets=here.packets,
                         lost=0,
                         broken=False,
+                        number=stats.scans + stats.missed_scans,
                     )
                 )
                 .unseen
@@ -342,7 +344,3 @@ class SectorAssembler(Assembler):
 
     def _next_seq(self) -> int:
         return super()._next_seq() if self._told is None else self._told
-
-    def _miss(self, unseen: int) -> None:
-        # Some were counted already, when the first sector was numbered.
-        super()._miss(unseen - min(unseen, self._told_unseen))

@@ -39,6 +39,11 @@ class AssemblerStats:
     unfinished_packets: int = 0
     left_off: tuple[int, float] | None = None
 
+    @property
+    def all_packets(self) -> int:
+        """Packets that came, and those that are counted as lost."""
+        return self.scan_packets + self.discarded_packets + self.unfinished_packets + self.lost_packets
+
     def leave_off(self, last: Scan) -> None:
         """The device is away; `last` was the last scan before that."""
         revolution_ns = 60e9 / last.rpm if last.rpm > 0 else float(last.duration_ns)

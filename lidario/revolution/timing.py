@@ -20,6 +20,8 @@ __all__ = ["DEVICE_DELAY_SAMPLES", "byte_ns_at", "earliest_ns", "first_sample_ns
 BITS_A_BYTE = 10
 """On a serial line with one start and one stop bit."""
 DEVICE_DELAY_SAMPLES = 1.5
+_KNOWN_GAPS = 8
+"""Gaps over which samples are counted. Of each, a sample more or less may be missing than its angles tell."""
 
 
 def first_sample_ns(
@@ -31,7 +33,7 @@ def first_sample_ns(
     packet_bytes: float,
     byte_ns: float,
 ) -> int:
-    """When the first sample was measured, by the least delayed packet before the first gap.
+    """When the first sample was measured, by the least delayed packet before there are too many gaps.
 
     Args:
         revolution: The revolution; it has carried samples, or packets.
@@ -43,14 +45,29 @@ def first_sample_ns(
     """
     carried = 0 if revolution.carried is None else len(revolution.carried)
     earliest = revolution.carried_ns - (carried - 1) * sample_ns if carried else math.inf
-    if packets is not None and samples is not None and not (revolution.lost_behind_carried and carried):
-        ends, unbroken, before = samples.ends, samples.unbroken, carried - 1
+    if packets is not None and samples is not None:
+        ends, before = samples.ends, carried - 1
+        if samples.certain and not samples.gaps and not revolution.lost_behind_carried:
+            # Mostly. What follows would find the same.
+            for count, at_ns in packets.arrivals:
+                estimate = at_ns - (before + ends[count - 1]) * sample_ns
+                if estimate < earliest:
+                    earliest = estimate
+            return round(earliest - DEVICE_DELAY_SAMPLES * sample_ns - packet_bytes * byte_ns)
+        gaps = list(samples.gaps) if samples.certain else []
+        if carried and revolution.lost_behind_carried:
+            gaps.insert(0, (0, revolution.skipped_behind_carried))
+        passed = 0
         for count, at_ns in packets.arrivals:
-            if count > unbroken and earliest < math.inf:
-                # Behind a gap the number of samples since the beginning is not known exactly.
+            end = ends[count - 1]
+            while passed < len(gaps) and gaps[passed][0] < end:
+                before += gaps[passed][1]
+                passed += 1
+            known = count <= samples.unbroken if not samples.certain else passed <= _KNOWN_GAPS
+            if not known and earliest < math.inf:
+                # Behind many gaps the number of samples since the beginning is not known exactly.
                 break
-            estimate = at_ns - (before + ends[count - 1]) * sample_ns
-            earliest = min(estimate, earliest)
+            earliest = min(at_ns - (before + end) * sample_ns, earliest)
     return round(earliest - DEVICE_DELAY_SAMPLES * sample_ns - packet_bytes * byte_ns)
 
 

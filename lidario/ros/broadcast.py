@@ -1,8 +1,10 @@
-"""What all publishers have in common: one connection to a router, a token, a status, and a router that may go away.
+"""What all publishers have in common: one connection to a router that comes and goes, a token, and a status.
 
 A publisher belongs to one open `Lidar`. It never waits for the network: a message that cannot be sent is lost, as a
-scan is that nobody reads. When the router goes away that is told once, and once when it is back; zenoh declares
-everything anew by itself.
+scan is that nobody reads, and is counted. Robots and routers are started in any order, so a router that is not
+there at the start is waited for in a task, and everything is declared when it comes. A router that goes away later
+is zenoh's matter: it connects again and declares everything anew by itself. Each is told once, when it begins and
+when it ends.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from contextlib import suppress
 from types import TracebackType
 from typing import Final, NoReturn, Self
 
-from lidario.errors import LidarError, LocalProtocolError
+from lidario.errors import ConnectFailed, LidarError, LocalProtocolError
 from lidario.model import ScanMode
 from lidario.network.bus import DEFAULT_ROUTER, Bus, Sender
 from lidario.network.keys import Attachment, Token, status_key, token_key
@@ -36,24 +38,30 @@ STATUS_S: Final = 1.0
 """How often the status is published. ROS 2 expects diagnostics once a second."""
 RATE_S: Final = 3.0
 """Time over which the rate is measured."""
+FIRST_AGAIN_S: Final = 0.25
+"""From the first attempt to reach a router to the second; each wait is twice the one before. An attempt costs
+0.3 ms of processor time."""
+LAST_AGAIN_S: Final = 4.0
+"""The longest of these waits."""
 
 
 class Outlet:
     """Sends numbered messages under one key.
 
     Attributes:
-        sent: How many.
+        sent: How many; those that were lost for want of a router are among them, so that a reader sees a gap.
+        gid: 16 bytes that tell the publisher.
     """
 
     def __init__(self, sender: Sender, gid: bytes) -> None:
         self.sent: int = 0
+        self.gid: bytes = gid
         self._sender = sender
-        self._gid = gid
 
-    def send(self, payload: bytes) -> None:
-        """Send one message; it is lost where there is no router."""
+    def send(self, payload: bytes) -> bool:
+        """Send one message; it is lost where there is no router. False where zenoh did not take it."""
         self.sent += 1
-        self._sender.put(payload, Attachment(self.sent, time.time_ns(), self._gid).to_bytes())
+        return self._sender.put(payload, Attachment(self.sent, time.time_ns(), self.gid).to_bytes())
 
 
 class Broadcast(ABC):
@@ -68,8 +76,11 @@ class Broadcast(ABC):
         lidar: As above.
         router: As above.
         robot: As above.
-        on_change: Called when the router is lost (False) and when it is back (True); None to log it as a warning.
+        on_change: Called when the router is not there at the start or is lost (False), and when it comes (True);
+            None to log `news` as a warning.
+        news: What was last to be told of the router, as a sentence; empty while nothing was.
         scans: Scans published so far.
+        unsent: Scans that were not sent, because there was no router.
     """
 
     form: str
@@ -79,8 +90,12 @@ class Broadcast(ABC):
         self.router = router
         self.robot: str = robot or platform.node() or "unknown"
         self.on_change: Callable[[bool], None] | None = None
+        self.news: str = ""
         self.scans: int = 0
+        self.unsent: int = 0
+        self._started = False
         self._bus: Bus | None = None
+        self._connecting: asyncio.Task[None] | None = None
         self._modes: tuple[ScanMode, ...] = ()
         self._times: deque[float] = deque(maxlen=64)
         self._ticking: asyncio.Task[None] | None = None
@@ -105,7 +120,7 @@ class Broadcast(ABC):
 
     @abstractmethod
     def publish(self, scan: Scan) -> None:
-        """Publish a scan. Never waits and never raises: without a router the scan is lost."""
+        """Publish a scan. Never waits and never raises: without a router the scan is lost, and counted."""
 
     async def run(self, mode: str | int | None = None) -> None:
         """Start the lidar and publish all its scans, until it is cancelled or another task stops the lidar.
@@ -121,36 +136,45 @@ class Broadcast(ABC):
                 self.publish(scan)
 
     async def start(self) -> None:
-        """Connect to the router and show the lidar; ``async with`` does so. Cancelling leaves nothing open.
+        """Show the lidar on the network; ``async with`` does so. Cancelling leaves nothing open.
+
+        It returns when the router is there, or when the first attempt to reach it has failed, twelve seconds at
+        most. Then it is told that there is no router (`on_change`), and the router is waited for in a task until
+        `close`: scans that are published meanwhile are not sent.
 
         Raises:
-            ConnectFailed: There is no router.
+            ConnectFailed: The host of the router is unknown (reason ``missing``).
+            InvalidValue: `router` is not an address.
             Unsupported: The package that is needed is not installed.
         """
-        if self._bus is not None:
+        if self._started:
             raise LocalProtocolError("a publisher can be started once: make another one")
         with suppress(LidarError):
             self._modes = await self.lidar.get_modes()
-        bus = self._bus = await Bus.open(self.router)
-        bus.on_change = self._router_changed
-        self._declare(bus)
-        self._status = Outlet(bus.sender(status_key(self.key)), bytes(16))
-        bus.respond(status_key(self.key), lambda: self.status().to_bytes(whole=True))
-        info = self.lidar.info
-        bus.token(token_key(Token(self.key, self.form, self.robot, info.model, info.serial)))
-        self._ticking = asyncio.create_task(self._tick(), name="lidario: publish the status")
+        try:
+            await self._connect()
+        except ConnectFailed as error:
+            if error.reason != "refused":
+                raise
+            self._tell(False, f"{error}\nScans are not sent until it is there.")
+            self._connecting = asyncio.create_task(self._connect_later(), name="lidario: wait for the router")
+        self._started = True
 
     async def close(self) -> None:
         """Take the lidar off the network; returns when the router knows, after two seconds at most.
 
         Harmless when done before. Cancelling ends only the waiting.
         """
+        connecting, bus = self._connecting, self._bus
+        if connecting is not None:
+            connecting.cancel()
         if self._ticking is not None:
             self._ticking.cancel()
-        bus = self._bus
         if bus is not None:
             self._leave()
             await bus.close()
+        elif connecting is not None:
+            await asyncio.wait([connecting])
 
     async def __aenter__(self) -> Self:
         await self.start()
@@ -178,13 +202,14 @@ class Broadcast(ABC):
             mode=lidar.mode,
             rate=self.rate,
             lost="" if lidar.is_connected else "the lidar is away from its publisher",
+            sender=self._status.gid.hex() if self._status is not None else "",
         )
 
     # ------------------------------------------------------------------------------------------ for subclasses
 
     @abstractmethod
-    def _declare(self, bus: Bus) -> None:
-        """Declare what is published."""
+    def _declare(self, bus: Bus) -> bytes:
+        """Declare what is published; returns what tells this publisher from others under its key."""
 
     def _leave(self) -> None:  # noqa: B027 - most have nothing to end
         """End what `_declare` began."""
@@ -196,11 +221,47 @@ class Broadcast(ABC):
         lidar = self.lidar
         return About(lidar.info, lidar.health, source=lidar.source, baudrate=lidar.baudrate, lidario=__version__)
 
-    def _count(self) -> None:
-        self.scans += 1
+    def _count(self, sent: bool) -> None:
+        """A scan was sent; or was not, for want of a router."""
+        if sent and self.is_connected:
+            self.scans += 1
+        else:
+            self.unsent += 1
         self._times.append(asyncio.get_running_loop().time())
 
     # ------------------------------------------------------------------------------------------ inside
+
+    async def _connect(self) -> None:
+        """Connect to the router and declare what is published."""
+        bus = await Bus.open(self.router)
+        # No await from here to the end, so that cancelling comes before all of it or after.
+        try:
+            gid = self._declare(bus)
+            self._status = Outlet(bus.sender(status_key(self.key)), gid)
+            bus.respond(status_key(self.key), lambda: self.status().to_bytes(whole=True))
+            info = self.lidar.info
+            bus.token(token_key(Token(self.key, self.form, self.robot, info.model, info.serial)))
+        except BaseException:
+            self._leave()
+            bus.close_soon()
+            raise
+        self._bus = bus
+        bus.on_change = self._router_changed
+        self._ticking = asyncio.create_task(self._tick(), name="lidario: publish the status")
+
+    async def _connect_later(self) -> None:
+        """Try until the router is there."""
+        wait_s = FIRST_AGAIN_S
+        while True:
+            await asyncio.sleep(wait_s)
+            wait_s = min(2 * wait_s, LAST_AGAIN_S)
+            try:
+                await self._connect()
+            except ConnectFailed as error:
+                _log.debug("%s", error)
+            else:
+                self._tell(True, f"the zenoh router at {self.router} is there")
+                return
 
     async def _tick(self) -> None:
         while True:
@@ -211,9 +272,12 @@ class Broadcast(ABC):
             await asyncio.sleep(STATUS_S)
 
     def _router_changed(self, connected: bool) -> None:
+        what = "is back" if connected else "is lost; scans are not sent until it is back"
+        self._tell(connected, f"the zenoh router at {self.router} {what}")
+
+    def _tell(self, connected: bool, news: str) -> None:
+        self.news = news
         if self.on_change is not None:
             self.on_change(connected)
-        elif connected:
-            _log.warning("the zenoh router at %s is back", self.router)
         else:
-            _log.warning("the zenoh router at %s is lost; scans are not sent until it is back", self.router)
+            _log.warning("%s", " ".join(news.splitlines()))

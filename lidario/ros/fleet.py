@@ -1,46 +1,33 @@
 """All lidars of a fleet through one connection: one reader of ``robots/*/scan``.
 
-Scans come whole (`Share`, or a topic of ROS 2), each with the key of its lidar, in the order in which they arrive.
-Raw bytes have to be decoded one stream after the other: open each as ``zenoh:KEY``.
+Scans arrive whole (`Share`, or a topic of ROS 2), or are decoded here from the bytes of the device, each with the
+key of its lidar. What is missing is told: the next scan of that lidar says how much.
 """
 
 from __future__ import annotations
 
 import asyncio
 import time
-from collections import deque
 from types import TracebackType
-from typing import Final, NamedTuple, NoReturn, Self
+from typing import Final, NoReturn, Self
 
-from lidario.errors import Busy, LocalProtocolError, SessionClosed
+from lidario.errors import Busy, InvalidValue, LocalProtocolError, SessionClosed
 from lidario.laserscan import LaserScan
 from lidario.network.bus import DEFAULT_ROUTER, Bus, Sample
 from lidario.network.foreign import scan_of_laserscan
-from lidario.network.keys import LASERSCAN_IN_KEY, check_key, parse_attachment
-from lidario.network.messages import parse_scan
+from lidario.network.keys import LASERSCAN_IN_KEY, Attachment, check_key, parse_attachment, status_key
+from lidario.network.messages import is_raw, parse_scan
+from lidario.network.raw import RawDecoder
+from lidario.network.senders import Known, Senders
+from lidario.network.status import Status
+from lidario.ros.waiting import FleetScan, WaitingScans
 from lidario.scan import Scan
 
 __all__ = ["Fleet", "FleetScan"]
 
-MOST_PUBLISHERS: Final = 65536
-"""Publishers whose messages are counted; those beyond are read, and their losses are not known."""
-
-
-class FleetScan(NamedTuple):
-    """One scan of one lidar.
-
-    Attributes:
-        key: Which lidar.
-        scan: The scan.
-        sent_ns: When it was sent, nanoseconds since the Unix epoch, by the clock of its publisher; 0 where it does
-            not say.
-        lost: Scans of this lidar that were lost on the way since the one before.
-    """
-
-    key: str
-    scan: Scan
-    sent_ns: int
-    lost: int
+MOST_DECODERS: Final = 4096
+"""Publishers of raw bytes that are decoded at once; each one holds the revolution in the making."""
+_STATUS: Final = status_key("")
 
 
 class Fleet:
@@ -52,53 +39,69 @@ class Fleet:
             async for each in fleet:
                 print(each.key, each.scan.nearest())
 
-    A lidar that comes is read from then on; one that goes brings nothing any more. While the router is away nothing
-    comes.
+    A lidar that comes is read from then on; one that sends raw bytes, as soon as it has told what it is, which it
+    does once a second. One that goes brings nothing any more. While the router is away nothing comes.
 
     Args:
         keys: A key with wildcards: ``*`` for one part, ``**`` for any number.
         router: Address of the zenoh router.
-        depth: Scans that wait for a slow reader; the oldest beyond that are dropped and counted.
+        depth: Scans of each lidar that wait for a slow reader; the oldest beyond that are dropped and counted.
 
     Attributes:
-        lost: Scans that were lost on the way.
         bad_messages: Messages that were no scan.
 
     Raises:
-        InvalidValue: `keys` cannot be one.
+        InvalidValue: `keys` cannot be one, or `depth` is below 1.
     """
 
-    def __init__(self, keys: str, *, router: str = DEFAULT_ROUTER, depth: int = 64) -> None:
+    def __init__(self, keys: str, *, router: str = DEFAULT_ROUTER, depth: int = 8) -> None:
+        if depth < 1:
+            raise InvalidValue(f"a reader keeps at least one scan of each lidar, not {depth!r}")
         self._keys = check_key(keys, wildcards=True)
         self._router = router
-        self._scans: deque[FleetScan] = deque()
-        self._depth = depth
+        self._scans = WaitingScans(depth)
         self._waiter: asyncio.Future[None] | None = None
         self._bus: Bus | None = None
         self._offset_ns = 0
-        self._numbers: dict[tuple[str, bytes], int] = {}
+        self._senders = Senders()
+        self._decoders: Known[RawDecoder] = Known(MOST_DECODERS)
+        self._missing: dict[str, int] = {}
+        self._gaps = 0
         self._closed = False
-        self._here = 0
-        self.lost: int = 0
         self.bad_messages: int = 0
 
     @property
+    def lost(self) -> int:
+        """Messages that were lost on the way: dropped by zenoh at a publisher or a router, or sent to no router."""
+        return max(0, self._gaps - self._untaken)
+
+    @property
     def dropped(self) -> int:
-        """Scans that were dropped because the reader was slow."""
-        return self._here + (0 if self._bus is None else self._bus.dropped)
+        """Scans, and messages that were not looked at, that were dropped because this program was slow."""
+        return self._scans.dropped + self._untaken
+
+    @property
+    def _untaken(self) -> int:
+        return 0 if self._bus is None else self._bus.dropped
 
     async def start(self) -> None:
         """Connect to the router; ``async with`` does so. Cancelling leaves nothing open.
 
         Raises:
-            ConnectFailed: There is no router.
+            ConnectFailed: There is no router. Unlike a publisher, a reader does not wait for it.
             Unsupported: The package that is needed is not installed.
         """
         if self._bus is not None:
             raise LocalProtocolError("a fleet can be started once: make another one")
         self._offset_ns = time.time_ns() - round(asyncio.get_running_loop().time() * 1e9)
-        self._bus = await Bus.open(self._router)
-        self._bus.subscribe(self._keys, self._take)
+        bus = await Bus.open(self._router)
+        try:
+            bus.subscribe(status_key(self._keys), self._learn)
+            bus.subscribe(self._keys, self._take)
+        except BaseException:
+            bus.close_soon()
+            raise
+        self._bus = bus
 
     async def close(self) -> None:
         """End the reading; who waits gets the end of the iteration. Harmless when done before."""
@@ -139,33 +142,46 @@ class Fleet:
                 await self._waiter
             finally:
                 self._waiter = None
-        return self._scans.popleft()
+        return self._scans.take()
+
+    def _learn(self, sample: Sample) -> None:
+        attachment, status = parse_attachment(sample.attachment), Status.of(sample.payload)
+        if attachment is not None and status is not None and status.form == "raw":
+            self._decoder(sample.key.removesuffix(_STATUS), attachment).learn(status)
 
     def _take(self, sample: Sample) -> None:
-        attachment = parse_attachment(sample.attachment)
-        lost = 0
-        if attachment is not None:
-            publisher = (sample.key, attachment.gid)
-            before = self._numbers.get(publisher)
-            if before is not None or len(self._numbers) < MOST_PUBLISHERS:
-                self._numbers[publisher] = attachment.number
-            lost = max(0, attachment.number - before - 1) if before is not None else 0
-            self.lost += lost
-        scan = self._scan_of(sample, 0 if attachment is None else attachment.number)
-        if scan is None:
+        attachment, gap = self._senders.follow(sample)
+        self._gaps += gap
+        scans = self._scans_of(sample, attachment)
+        if scans is None:
             self.bad_messages += 1
-            return
-        self._scans.append(FleetScan(sample.key, scan, 0 if attachment is None else attachment.time_ns, lost))
-        if len(self._scans) > self._depth:
-            self._scans.popleft()
-            self._here += 1
-        self._wake()
+            scans = []
+        # Where no scan tells of a gap yet, the next one does.
+        gap += self._missing.pop(sample.key, 0)
+        for scan in scans:
+            self._scans.put(FleetScan(sample.key, scan, 0 if attachment is None else attachment.time_ns, gap))
+            gap = 0
+        if gap and len(self._missing) < MOST_DECODERS:
+            self._missing[sample.key] = gap
+        if scans:
+            self._wake()
 
-    def _scan_of(self, sample: Sample, number: int) -> Scan | None:
+    def _scans_of(self, sample: Sample, attachment: Attachment | None) -> list[Scan] | None:
+        """The scans that a message holds or completes; None where it is none of ours."""
+        if is_raw(sample.payload) and attachment is not None:
+            return self._decoder(sample.key, attachment).add(sample.payload)
         if LASERSCAN_IN_KEY not in sample.key:
-            return parse_scan(sample.payload, self._offset_ns)
-        laser = LaserScan.from_cdr(sample.payload)
-        return None if laser is None else scan_of_laserscan(laser, max(0, number), self._offset_ns)
+            scan = parse_scan(sample.payload, self._offset_ns)
+        else:
+            laser = LaserScan.from_cdr(sample.payload)
+            number = 0 if attachment is None else max(0, attachment.number)
+            scan = None if laser is None else scan_of_laserscan(laser, number, self._offset_ns)
+        return None if scan is None else [scan]
+
+    def _decoder(self, key: str, attachment: Attachment) -> RawDecoder:
+        found = self._decoders.get((key, attachment.gid)) or RawDecoder(self._offset_ns)
+        self._decoders.put(key, attachment.gid, found)
+        return found
 
     def _wake(self) -> None:
         if self._waiter is not None and not self._waiter.done():

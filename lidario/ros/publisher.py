@@ -116,7 +116,10 @@ class Publisher(Broadcast):
 
     def publish(self, scan: Scan) -> None:
         """Publish a scan as LaserScan; an empty one is left out. Never waits: without a router it is lost."""
-        if self._scans is None or not len(scan):
+        if not len(scan):
+            return
+        if self._scans is None:
+            self._count(False)
             return
         message = scan.to_laserscan(
             self._grid(len(scan)),
@@ -128,13 +131,13 @@ class Publisher(Broadcast):
             mount_yaw=self._mount_yaw,
             preset=self._preset,
         )
-        self._scans.send(message.to_cdr())
-        self._count()
+        self._count(self._scans.send(message.to_cdr()))
 
-    def _declare(self, bus: Bus) -> None:
+    def _declare(self, bus: Bus) -> bytes:
         bus.token(self._node.node_token(bus.id))
         self._scans = self._outlet(bus, 1, self._topic, LASERSCAN)
         self._diagnostics = self._outlet(bus, 2, "/diagnostics", DIAGNOSTICS)
+        return self._scans.gid
 
     def _outlet(self, bus: Bus, entity: int, topic: str, kind: MessageType) -> Outlet:
         token = self._node.publisher_token(bus.id, entity, topic, kind)

@@ -71,14 +71,17 @@ class Share(Broadcast):
 
     def publish(self, scan: Scan) -> None:
         """Publish a scan. Of a raw share nothing is to be done: its bytes have been sent already."""
-        if self._raw is None and self._outlet is not None:
-            self._outlet.send(encode_scan(scan))
-            self._count()
+        if self._outlet is None:
+            self._count(False)
+        elif self._raw is None:
+            self._count(self._outlet.send(encode_scan(scan)))
 
-    def _declare(self, bus: Bus) -> None:
-        self._outlet = Outlet(bus.sender(self._key), gid_of(f"{bus.id}/{self._key}"))
+    def _declare(self, bus: Bus) -> bytes:
+        gid = gid_of(f"{bus.id}/{self._key}")
+        self._outlet = Outlet(bus.sender(self._key), gid)
         if self._raw is not None:
             self._raw.begin()
+        return gid
 
     def _leave(self) -> None:
         if self._raw is not None:
@@ -93,8 +96,8 @@ class Share(Broadcast):
             self._outlet.send(encode_raw_message(entries))
 
     def count_scan(self) -> None:
-        """A scan was complete."""
-        self._count()
+        """A scan was complete, and its bytes are sent."""
+        self._count(True)
 
 
 class _RawFeed:

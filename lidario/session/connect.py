@@ -7,7 +7,8 @@ streams is recognised by that. What remains unknown is found by asking, in round
 - The first round waits shortly at each speed, since a healthy device responds within milliseconds. It is made
   where nothing was heard, so nothing has to be stopped before the question, and where one family would have to wait
   for another.
-- Each later round asks with patience, until one has begun after the longest time for which a device does not hear:
+- Then the models are asked that need the control line DTR. For the others it is cleared again.
+- Each later round asks with patience, until each was asked after the longest time for which a device does not hear:
   it holds half a request, or it boots.
 
 At one speed the families are asked in the order of the registry. Speeds are ordered by rank, each family's
@@ -20,7 +21,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise, zip_longest
+from itertools import count, pairwise, zip_longest
 from typing import TYPE_CHECKING, NamedTuple
 
 import anyio
@@ -156,7 +157,7 @@ async def connect(
     port.add_tap(received.see)
     try:
         connection, tries = await _find(port, tries, patient=patient, on_dialogue=began)
-        if connection is None and source.model is None:
+        if connection is None and len(tries) == 1 and source.model is None:
             connection = await _find_by_dtr(port, tries)
         if connection is not None:
             if adapter is not None:
@@ -194,6 +195,7 @@ async def _connect_recording(source: Source, family: str | None) -> Connection:
     recording = await run_in_thread(lambda: open_stored_source(source, family))
     port = open_replay(recording, rate=source.rate, loop=source.options.get("loop") == "1")
     device = RecordedDevice(recording, lambda: port.stream)
+    port.offset_of = device.offset_of
     own = recording.streams[0].family
     # Nothing is under way on this line, so nothing has to be waited for.
     dialogue = Dialogue(port, device, replace(own.timing, quiet_s=_NO_TIME_S, boot_poll_s=_NO_TIME_S))
@@ -216,6 +218,12 @@ async def _connect_remote(source: Source) -> Connection:
     )
     info = await dialogue.run(remote.device.identify())
     return Connection(remote.port, remote.family, remote.device, dialogue, info, Guard(dialogue))
+
+
+def _made(port: Port, attempt: _Try) -> Device:
+    device = attempt.family.make(attempt.model)
+    device.by_network = not port.baudrate
+    return device
 
 
 def _may_hear(each: _Try) -> bool:
@@ -243,19 +251,36 @@ async def _find(
     if heard.stream is not None:
         known = _Try(*heard.stream)
         return await _try_known(port, known), [known]
-    loop = asyncio.get_running_loop()
-    deadline = loop.time() + max(each.timing.forget_s for each in families)
     # One that is waited for shortly may be late. Then at another speed it is noise, but not at the same.
     quick = heard.silent and len(families) > 1 and all(a.baudrate != b.baudrate for a, b in pairwise(tries))
-    while True:
-        began = loop.time()
-        for each in tries:
-            connection = await _try(port, each, quick=quick)
+    return await _ask_in_turns(port, tries, quick=quick, silent=heard.silent, patient=patient), tries
+
+
+async def _ask_in_turns(
+    port: Port, tries: list[_Try], *, quick: bool, silent: bool, patient: bool
+) -> Connection | None:
+    """Ask at each speed, again and again, until each was asked when its device must have heard it; or None."""
+    loop = asyncio.get_running_loop()
+    longest = max(each.family.timing.forget_s for each in tries)
+    # Where something arrives, no device boots: then only half a request can keep one from hearing.
+    deadlines = {each: loop.time() + (longest if silent else each.family.timing.forget_s) for each in tries}
+    left = list(tries)
+    for number in count():
+        for each in tuple(left):
+            began = loop.time()
+            connection = await _try(port, each, quick=quick and not number)
             if connection is not None:
-                return connection, tries
-        if (not patient and not quick) or began >= deadline:
-            return None, tries
-        quick = False
+                return connection
+            if began >= deadlines[each] and not (quick and not number):
+                left.remove(each)
+        if number == (quick and patient) and all(each.model is None for each in tries):
+            # Not at the end: meanwhile the time passes in which others cannot hear.
+            connection = await _find_by_dtr(port, tries)
+            if connection is not None:
+                return connection
+        if not left or not patient:
+            return None
+    return None
 
 
 async def _find_by_dtr(port: Port, tries: list[_Try]) -> Connection | None:
@@ -280,7 +305,7 @@ async def _try_known(
 ) -> Connection | None:
     """Ask the one family at the one speed that it can be, with patience; None when there is no response."""
     family = known.family
-    device = family.make(known.model)
+    device = _made(port, known)
     if known.baudrate and known.baudrate != port.baudrate:
         port.set_baudrate(known.baudrate)
     dialogue = Dialogue(port, device, family.timing)
@@ -316,7 +341,7 @@ async def _try(port: Port, attempt: _Try, *, quick: bool, patience_s: float | No
             port.set_baudrate(attempt.baudrate)
         except ConnectFailed:
             return None  # the adapter cannot do it; its device runs at another speed
-    device = family.make(attempt.model)
+    device = _made(port, attempt)
     dialogue = Dialogue(port, device, family.timing)
     guard = Guard(dialogue)
     try:

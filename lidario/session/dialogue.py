@@ -83,6 +83,11 @@ class Dialogue(DeviceLine):
         """As `Stopper.still`."""
         return self._stopper.still
 
+    def set_baudrate(self, baudrate: int) -> None:
+        """Change the speed of the line, at this end. Raises ConnectFailed where the adapter cannot do it."""
+        if baudrate != self._port.baudrate:
+            self._port.set_baudrate(baudrate)
+
     def may_move(self) -> None:
         """The device may be in motion, although nothing was sent that sets it in motion."""
         self._stopper.still = False
@@ -297,6 +302,8 @@ class Dialogue(DeviceLine):
         if settle:
             self._listens_at = max(self._listens_at, self._loop.time() + settle + _MARGIN_S)
         for request in requests:
+            if request.baudrate is not None:
+                self.set_baudrate(request.baudrate)
             self._link.send_request(request)
             self._stopper.sent(request)
             if request.ends_stream:

@@ -3,22 +3,26 @@
 Each call hands a coroutine to that loop and waits for its result. What ends the wait early, such as Ctrl-C,
 cancels the coroutine. The thread ends with the session: by `LoopThread.end`, when nobody holds the session any
 more, or when the interpreter exits. In each case the device is left still before.
+
+Ctrl-C may come at any line of the waiting thread. So the two threads share no lock: requests to the loop go by
+`call_soon_threadsafe`, what comes back is waited for by a `Latch`.
 """
 
 from __future__ import annotations
 
+import _thread
+import asyncio
 import atexit
 import os
-import sys
 import threading
 from collections.abc import Callable, Coroutine
-from concurrent.futures import Future, wait
-from typing import Any, ParamSpec, TypeVar
+from contextlib import suppress
+from typing import Any, Generic, ParamSpec, TypeVar
 
 import anyio
-from anyio.from_thread import BlockingPortal
 
 from lidario.errors import LocalProtocolError, SessionClosed
+from lidario.session.latch import Latch
 from lidario.session.lidar import Lidar
 from lidario.session.opening import OpenLidar
 
@@ -27,8 +31,7 @@ __all__ = ["LoopThread"]
 P = ParamSpec("P")
 T = TypeVar("T")
 
-_WAIT_S = 0.2 if sys.platform == "win32" else None
-"""On Windows Ctrl-C does not end a wait that has no limit, so the wait is divided."""
+_CLOSED = "the session was closed; open_sync() makes a new one"
 
 
 class LoopThread:
@@ -37,10 +40,14 @@ class LoopThread:
     def __init__(self) -> None:
         self._lidar: Lidar | None = None
         self._pid = os.getpid()
-        self._portal: Future[BlockingPortal] = Future()
-        self._thread = threading.Thread(target=anyio.run, args=(self._run,), name="lidario", daemon=True)
-        self._ending = threading.Lock()
-        self._ended: Future[None] | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._leave: asyncio.Event | None = None
+        self._is_wanted = True
+        self._running, self._ended = Latch(), Latch()
+        self._error: BaseException | None = None
+        self._calls: set[_Call[Any]] = set()
+        self._thread = threading.Thread(target=self._main, name="lidario", daemon=True)
+        self._unstarted = [self._thread]
 
     def open(self, opening: OpenLidar) -> Lidar:
         """Start the thread and open the session in it."""
@@ -50,14 +57,55 @@ class LoopThread:
             self._lidar = await opening
             return self._lidar
 
-        self._thread.start()
-        wait((self._portal,))
+        self._start()
+        self._running.wait()
         return self.call(kept)
 
+    def _start(self) -> None:
+        """Start the thread, unless it was started before."""
+        # `Thread.start` waits by a Condition. So it is called where Ctrl-C does not come, in a thread of its own.
+        _thread.start_new_thread(self._start_once, ())
+
+    def _start_once(self) -> None:
+        with suppress(IndexError):
+            self._unstarted.pop().start()
+
+    def _main(self) -> None:
+        try:
+            # Not asyncio.run: anyio loads its backend now. Loaded where the session closes, after Ctrl-C has ended
+            # the program, it makes Python forget Ctrl-C, and the exit code is another one.
+            anyio.run(self._run)
+        except BaseException as error:
+            self._error = error
+        finally:
+            atexit.unregister(self.end)
+            self._running.set()
+            self._ended.set()
+            # Those that the loop had no time to begin.
+            for call in self._calls.copy():
+                call.give_up()
+
     async def _run(self) -> None:
-        async with BlockingPortal() as portal:
-            self._portal.set_result(portal)
-            await portal.sleep_until_stopped()
+        self._leave = asyncio.Event()
+        # From here on `end_soon` may set that event.
+        self._loop = asyncio.get_running_loop()
+        self._running.set()
+        if self._is_wanted:
+            await self._leave.wait()
+        try:
+            await self._close()
+        finally:
+            tasks = [call.task for call in self._calls.copy() if call.task is not None]
+            for task in tasks:
+                task.cancel()
+            if tasks:
+                await asyncio.wait(tasks)
+            # It may have been opened just now.
+            await self._close()
+
+    async def _close(self) -> None:
+        if self._lidar is not None:
+            await self._lidar.close()
 
     @property
     def belongs_here(self) -> bool:
@@ -68,58 +116,93 @@ class LoopThread:
         """Run a coroutine in the loop and return its result; what ends the wait early cancels the coroutine."""
         if not self.belongs_here:
             raise LocalProtocolError("the lidar was opened before a fork: only the parent process can use it")
+        if threading.get_ident() == self._thread.ident:
+            raise LocalProtocolError("a tap is called by the lidar's own thread, which cannot wait for itself")
+        call = _Call(lambda: function(*args, **kwargs))
+        self._calls.add(call)
         try:
-            future: Future[T] = self._portal.result().start_task_soon(lambda: function(*args, **kwargs))
-        except RuntimeError:
-            if self._ended is None:
-                raise LocalProtocolError(
-                    "a tap is called by the lidar's own thread, which cannot wait for itself"
-                ) from None
-            raise SessionClosed("the session was closed; open_sync() makes a new one") from None
-        try:
-            while not wait((future,), _WAIT_S).done:
-                pass
-            return future.result()
+            # Behind the line above: the thread finds the call at its end, or this line finds that it has ended.
+            if self._loop is None or self._ended.is_set:
+                raise SessionClosed(_CLOSED)
+            try:
+                self._loop.call_soon_threadsafe(call.begin)
+            except RuntimeError:
+                raise SessionClosed(_CLOSED) from None
+            return call.result()
         finally:
-            future.cancel()
+            self._calls.discard(call)
+            if not call.done.is_set and self._loop is not None:
+                with suppress(RuntimeError):
+                    self._loop.call_soon_threadsafe(call.cancel)
 
     def end(self) -> None:
         """Close the session and end the thread. Harmless when done before. Ctrl-C ends only the waiting."""
-        ended = self.end_soon()
-        while not wait((ended,), _WAIT_S).done:
-            pass
-        ended.result()
+        if not self.belongs_here:
+            return
+        if threading.get_ident() == self._thread.ident:
+            raise LocalProtocolError("the lidar's own thread cannot wait for its own end")
+        self.end_soon()
+        self._ended.wait()
+        self._thread.join()
+        if self._error is not None:
+            raise self._error
 
-    def end_soon(self) -> Future[None]:
-        """Have another thread end it: the garbage collector may run in any, also in the one that is to be ended."""
-        with self._ending:
-            if self._ended is None:
-                self._ended = Future()
-                if self.belongs_here:
-                    # Not a daemon: the interpreter waits for it, so that the device is left still.
-                    threading.Thread(target=self._end, args=(self._ended,), name="lidario-close").start()
-                else:
-                    self._ended.set_result(None)
-            return self._ended
+    def end_soon(self) -> None:
+        """Have it end, without waiting: the garbage collector may run in any thread, also in this one."""
+        if not self.belongs_here:
+            return
+        self._is_wanted = False
+        if self._loop is None:
+            # It may have been interrupted before it started the thread: `end` waits for what the thread does last.
+            self._start()
+        elif self._leave is not None:
+            with suppress(RuntimeError):
+                self._loop.call_soon_threadsafe(self._leave.set)
 
-    def end_now(self) -> None:
-        """End it in this thread: while the interpreter exits, none can be started."""
-        with self._ending:
-            if self._ended is not None or not self.belongs_here:
-                return
-            self._ended = Future()
-        self._end(self._ended)
 
-    def _end(self, ended: Future[None]) -> None:
-        atexit.unregister(self.end_now)
+class _Call(Generic[T]):
+    """A coroutine that runs in the loop while another thread waits for it.
+
+    Args:
+        function: Makes the coroutine.
+    """
+
+    def __init__(self, function: Callable[[], Coroutine[Any, Any, T]]) -> None:
+        self._function = function
+        self._results: list[T] = []
+        self._error: BaseException | None = None
+        self.task: asyncio.Task[None] | None = None
+        self.done = Latch()
+
+    def begin(self) -> None:
+        """Start it; in the loop."""
+        self.task = asyncio.get_running_loop().create_task(self._run())
+
+    def cancel(self) -> None:
+        """Nobody waits any more; in the loop."""
+        if self.task is not None:
+            self.task.cancel()
+
+    def give_up(self) -> None:
+        """The loop has ended; in its thread."""
+        if not self.done.is_set:
+            self._error = SessionClosed(_CLOSED)
+            self.done.set()
+
+    async def _run(self) -> None:
         try:
-            if self._thread.ident is not None:
-                portal = self._portal.result()
-                if self._lidar is not None:
-                    portal.call(self._lidar.close)
-                portal.call(portal.stop, True)  # a session that is being opened too
-                self._thread.join()
+            self._results.append(await self._function())
+        except asyncio.CancelledError:
+            self._error = SessionClosed(_CLOSED)
+            raise
         except BaseException as error:
-            ended.set_exception(error)
-        else:
-            ended.set_result(None)
+            self._error = error
+        finally:
+            self.done.set()
+
+    def result(self) -> T:
+        """Wait for it; in the other thread."""
+        self.done.wait()
+        if self._error is not None:
+            raise self._error
+        return self._results[0]

@@ -105,7 +105,7 @@ class OpenLidar:
                 )
             if not connection.device.can_be_stopped:
                 _log.warning(
-                    "a %s cannot be stopped from here: its motor turns while it has power", connection.info.model
+                    "this %s cannot be stopped from here: its motor turns while it has power", connection.info.model
                 )
             health = await healthy(connection.dialogue, connection.device)
             return Lidar(connection, health, source.text, self._latency, self._keep_spinning, reconnector)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from lidario.errors import InvalidValue, RemoteProtocolError
+from lidario.errors import InvalidValue, RemoteProtocolError, Unsupported
 from lidario.families.base import Device, Script
 from lidario.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
 from lidario.session.dialogue import Dialogue
@@ -22,6 +22,8 @@ __all__ = ["Questions"]
 
 SPEED_TOLERANCE = 0.05
 SPEED_TIMEOUT_S = 10.0
+SLOWEST_LINE = 9600
+FASTEST_LINE = 4_000_000
 
 
 class Questions:
@@ -167,6 +169,33 @@ class Questions:
         """
         device = self._open_device()
         await self._scanner.ask(lambda: device.set_network_address(address))
+
+    async def set_baudrate(self, baudrate: int) -> None:
+        """Change the speed of the serial line, of device and port together.
+
+        The device measures the new speed, which takes up to 1.6 s. Running streams are interrupted and go on at the
+        new speed. Cancelling returns the port to the speed before. No document says whether a
+        device keeps the speed when it is restarted; if it does not, open it anew.
+
+        Raises:
+            InvalidValue: Not a whole number from 9600 to 4000000.
+            Unsupported: The line has no speed, or the device cannot change it; the speed is as before.
+            ConnectFailed: The adapter cannot do that speed; it is as before.
+            ResponseTimeout: The device has confirmed the speed, and does not respond at it.
+        """
+        if not isinstance(baudrate, int) or not SLOWEST_LINE <= baudrate <= FASTEST_LINE:
+            raise InvalidValue(f"{baudrate!r} is no speed from {SLOWEST_LINE} to {FASTEST_LINE} baud")
+        device, dialogue = self._open_device(), self._dialogue
+        before = dialogue.baudrate
+        if not before:
+            raise Unsupported("the line to this device has no speed that can be changed")
+        try:
+            await self._scanner.ask(lambda: device.set_baudrate(baudrate, before))
+        except BaseException:
+            # At once: the next request must be written at the speed that the device still has.
+            dialogue.set_baudrate(before)
+            raise
+        await self.get_info()
 
     async def reset(self) -> Health:
         """Restart the device and wait until it responds again; streams are started again afterwards.

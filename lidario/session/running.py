@@ -182,6 +182,9 @@ class Running:
 
     def set_zero_offset(self, degrees: float) -> None:
         """Add another zero-angle offset from the next revolution on, clockwise degrees."""
+        # Recordings hold the place. What was read before is parsed first, as a replay does.
+        self._dialogue.poll()
+        self._dialogue.chronicle.zero_offset_set(self._dialogue.bytes_fed, degrees)
         self._assembler.set_zero_offset(degrees)
 
     def divide(self, parts: frozenset[int]) -> None:

@@ -18,6 +18,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from typing import TypeVar
 
 import anyio
@@ -167,10 +168,15 @@ class Scanner:
             self._control.pause()
             self._resume()
 
-    def deliver(self, scan: Scan) -> None:
-        """As `Audience` of another machine's lidar: a scan that came whole."""
+    def deliver(self, scan: Scan, missed: int) -> None:
+        """As `Audience` of another machine's lidar: a scan that came whole, and how many are missing before it."""
         if self.state is State.RUNNING:
-            self.totals.assembled.scans += 1
+            counted = self.totals.assembled
+            counted.missed_scans += missed
+            if counted.left_off is not None:
+                counted.resume(scan.stamp_ns)
+            scan = replace(scan, seq=counted.scans + counted.missed_scans)
+            counted.scans += 1
             for parts in self.hub.parts:
                 for sector in sectors_of(scan, parts):
                     self.hub.publish_sector(parts, sector)

@@ -15,11 +15,11 @@ import weakref
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
 from types import TracebackType
 from typing import NoReturn, Protocol, Self, cast
 
 from lidario.errors import Busy, InvalidValue, LidarError, LocalProtocolError
+from lidario.measured import with_dropped
 from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.session.twin import again, twin_of
@@ -110,7 +110,7 @@ class Mailbox:
         if self.on_taken is not None:
             self.on_taken()
         if self.dropped:
-            scan = replace(scan, dropped_before=self.dropped)
+            scan = with_dropped(scan, self.dropped)
             self.dropped = 0
         return scan
 

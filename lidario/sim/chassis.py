@@ -6,7 +6,8 @@ A family's device adds the requests it knows and the responses it sends; `Simula
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Generic, TypeVar
+from collections.abc import Callable, Mapping
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from lidario.sim.motor import Motor
 from lidario.sim.rooms import make_world
 from lidario.sim.world import CheckedWorld, World, WorldLike, as_world
 
-__all__ = ["PROTECTION_STOP", "Chassis"]
+__all__ = ["PROTECTION_STOP", "Chassis", "Maker", "maker"]
 
 PROTECTION_STOP = 2
 """The health status of a device that has stopped because of an error; the same number in every family so far."""
@@ -24,6 +25,7 @@ PROTECTION_STOP = 2
 _FOREVER = 1 << 62  # nanoseconds; more than a century
 
 StreamT = TypeVar("StreamT")
+DeviceT = TypeVar("DeviceT", covariant=True)
 
 
 class Chassis(ABC, Generic[StreamT]):
@@ -197,3 +199,26 @@ class Chassis(ABC, Generic[StreamT]):
     @abstractmethod
     def _restart(self, now: int, up: int) -> None:
         """Restart at `now`, and obey nothing until `up`, when the device has booted."""
+
+
+class Maker(Protocol[DeviceT]):
+    """Builds the simulated devices of a family by their names."""
+
+    def __call__(self, model: str, *, world: WorldLike | None = None, serial: Any = None, seed: int = 0) -> DeviceT:
+        """Build one; the arguments are those of the family's device.
+
+        Raises:
+            ValueError: No model has that name, or the serial number is none of this family.
+        """
+        ...
+
+
+def maker(build: Callable[..., DeviceT], profiles: Mapping[str, Any]) -> Maker[DeviceT]:
+    """What builds the devices of a family: `build` is called with one of its `profiles`, by name."""
+
+    def make_simulated(model: str, *, world: WorldLike | None = None, serial: Any = None, seed: int = 0) -> DeviceT:
+        if model not in profiles:
+            raise ValueError(f"no simulated device is called {model!r}; there are {', '.join(profiles)}")
+        return build(profiles[model], world=world, serial=serial, seed=seed)
+
+    return make_simulated

@@ -82,6 +82,15 @@ class HasControlLine(Protocol):
         ...
 
 
+@runtime_checkable
+class HasSpeed(Protocol):
+    """A device that notices at which speed the host's port runs."""
+
+    def set_host_baudrate(self, baudrate: int, now: int) -> None:
+        """The host sets the speed of its port."""
+        ...
+
+
 def is_network(device: SimulatedDevice) -> bool:
     """Whether the device has no serial line but is reached by UDP: it says so by an attribute `is_network`."""
     return bool(getattr(device, "is_network", False))

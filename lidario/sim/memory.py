@@ -6,7 +6,7 @@ faults change the bytes on their way to the host.
 
 from __future__ import annotations
 
-from lidario.sim.device import HasControlLine, SimulatedDevice
+from lidario.sim.device import HasControlLine, HasSpeed, SimulatedDevice
 from lidario.sim.faults import Faults
 
 __all__ = ["MemoryLine"]
@@ -45,6 +45,11 @@ class MemoryLine:
         """The host sets DTR; it means something to few devices."""
         if isinstance(self.device, HasControlLine):
             self.device.set_dtr(asserted, now)
+
+    def set_baudrate(self, baudrate: int, now: int) -> None:
+        """The host sets the speed of its port; few devices notice."""
+        if isinstance(self.device, HasSpeed):
+            self.device.set_host_baudrate(baudrate, now)
 
     def read(self, now: int) -> bytes:
         """What has arrived at the host since the last call."""

@@ -113,7 +113,29 @@ class PtyServer(Server):
             self._master = self._slave = -1
 
 
-class TcpServer(Server):
+class _AddressServer(Server):
+    """One that is reached at an address of this machine; `opened` is the socket that clients find there."""
+
+    def __init__(
+        self,
+        opened: socket.socket,
+        device: SimulatedDevice,
+        tick: float,
+        faults: Faults | None,
+        chunk: int | None,
+    ) -> None:
+        try:
+            super().__init__(device, tick, faults, chunk)
+        except BaseException:
+            opened.close()
+            raise
+        opened.setblocking(False)
+        bound = opened.getsockname()
+        self.address: tuple[str, int] = (bound[0], bound[1])
+        self._thread.start()
+
+
+class TcpServer(_AddressServer):
     """A simulated device behind a TCP port, as a serial-to-network bridge offers it: one client at a time.
 
     Args:
@@ -141,18 +163,9 @@ class TcpServer(Server):
         faults: Faults | None = None,
         chunk: int | None = None,
     ) -> None:
-        listener = socket.create_server((host, port), backlog=1)
-        try:
-            super().__init__(device, tick, faults, chunk)
-        except BaseException:
-            listener.close()
-            raise
-        listener.setblocking(False)
-        self._listener = listener
+        self._listener = socket.create_server((host, port), backlog=1)
         self._client: socket.socket | None = None
-        bound = listener.getsockname()
-        self.address: tuple[str, int] = (bound[0], bound[1])
-        self._thread.start()
+        super().__init__(self._listener, device, tick, faults, chunk)
 
     def _sources(self) -> list[int | socket.socket]:
         return [self._listener] if self._client is None else [self._listener, self._client]
@@ -218,7 +231,7 @@ class TcpServer(Server):
         self._listener.close()
 
 
-class UdpServer(Server):
+class UdpServer(_AddressServer):
     """A simulated Ethernet device: it responds to whoever wrote last, by UDP.
 
     Args:
@@ -247,15 +260,8 @@ class UdpServer(Server):
         chunk: int = 1024,
     ) -> None:
         self._socket = _datagram_socket((host, port))
-        try:
-            super().__init__(device, tick, faults, chunk)
-        except BaseException:
-            self._socket.close()
-            raise
         self._peer: tuple[str, int] | None = None
-        bound = self._socket.getsockname()
-        self.address: tuple[str, int] = (bound[0], bound[1])
-        self._thread.start()
+        super().__init__(self._socket, device, tick, faults, chunk)
 
     def _sources(self) -> list[int | socket.socket]:
         return [self._socket]

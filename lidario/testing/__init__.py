@@ -10,8 +10,8 @@
         assert simulated_lidar.is_still
 
 pytest finds the fixtures by itself: `simulated_lidar`, `lidar_source` and `lidar_recording`. They work in the tests
-of pytest-asyncio and of anyio, and without both. `SimulatedLidar`, `Body`, `room` and `make_scan` work without
-pytest, too.
+of pytest-asyncio and of anyio, and without both. `SimulatedLidar`, `Body`, `room`, `make_scan` and `make_sector`
+work without pytest, too.
 
 A name is loaded when it is first used, so that a run of pytest that uses none of them does not wait for numpy.
 """
@@ -23,17 +23,18 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from lidario.testing.device import SimulatedLidar
-    from lidario.testing.made import make_scan
+    from lidario.testing.made import make_scan, make_sector
     from lidario.testing.recorded import RecordedLidar
     from lidario.testing.surroundings import Body, room
 
-__all__ = ["Body", "RecordedLidar", "SimulatedLidar", "make_scan", "room"]
+__all__ = ["Body", "RecordedLidar", "SimulatedLidar", "make_scan", "make_sector", "room"]
 
 _HOMES = {
     "Body": "surroundings",
     "RecordedLidar": "recorded",
     "SimulatedLidar": "device",
     "make_scan": "made",
+    "make_sector": "made",
     "room": "surroundings",
 }
 

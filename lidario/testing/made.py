@@ -1,4 +1,4 @@
-"""Scans made by hand: for tests of what a program does with a scan, without any lidar."""
+"""Scans and sectors made by hand: for tests of what a program does with them, without any lidar."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lidario import InvalidValue, Scan
+from lidario import InvalidValue, Scan, Sector
 
-__all__ = ["make_scan"]
+__all__ = ["make_scan", "make_sector"]
 
 ArrayT = TypeVar("ArrayT", bound=NDArray[np.generic])
 
+SMALLEST_DEGREES = 5.0
+ROUNDING_DEG = 1e-3
 _STAMP_NS = 1_000_000_000
 _WALL_STAMP_NS = 1_700_000_000_000_000_000
 
@@ -62,6 +64,125 @@ def make_scan(
         InvalidValue: The shapes do not fit together, an angle is not finite, a range is negative, an intensity is
             not from 0 to 255, or `rpm` is not positive.
     """
+    clockwise, millimetres, strengths = _samples(angles, ranges, intensities, rpm)
+    order = np.argsort(clockwise, kind="stable")
+    duration_ns = round(60e9 / rpm)
+    return Scan(
+        device_angles=_read_only(clockwise[order]),
+        device_distances=_read_only(millimetres[order]),
+        intensities=None if strengths is None else _read_only(strengths[order]),
+        stamp_ns=stamp_ns,
+        wall_stamp_ns=wall_stamp_ns,
+        time_increment_ns=duration_ns // max(1, len(clockwise)),
+        duration_ns=duration_ns,
+        rpm=rpm,
+        seq=seq,
+        dropped_before=dropped_before,
+        lost_packets=lost_packets,
+        mode=mode,
+        max_range=max_range,
+    )
+
+
+def make_sector(
+    angles: ArrayLike,
+    ranges: ArrayLike,
+    *,
+    degrees: float = 45.0,
+    index: int | None = None,
+    intensities: ArrayLike | None = None,
+    rpm: float = 600.0,
+    stamp_ns: int | None = None,
+    wall_stamp_ns: int | None = None,
+    seq: int = 0,
+    dropped_before: int = 0,
+    lost_packets: int = 0,
+    mode: str = "made",
+    max_range: float = 0.0,
+) -> Sector:
+    """A sector with these samples.
+
+    ::
+
+        sector = make_sector([-0.1, -0.2, -0.3], [1.2, 0.4, 1.3])
+        assert sector.index == 0
+        assert sector.nearest().range == pytest.approx(0.4)
+
+    The samples are put into the order in which a lidar measures them: clockwise, from the first one behind the
+    widest gap. They need not end where the sector does: samples that stand on both sides of straight ahead make a
+    sector too.
+
+    Args:
+        angles: Radians counter-clockwise, 0 ahead; shape (n,). The samples may not spread over more than `degrees`.
+        ranges: As for `make_scan`.
+        degrees: Size of the sector: 360 degrees must be a multiple of it, and it must not be less than 5.
+        index: Which part of the revolution it is, from 0; None for the one that the middle of the samples is in,
+            where a revolution begins ahead.
+        intensities: As for `make_scan`.
+        rpm: Revolutions a minute; the samples divide the time of the sector evenly.
+        stamp_ns: When the first sample was measured; None for the time at which sector `index` of revolution `seq`
+            begins, one second after the clock began.
+        wall_stamp_ns: The same since the Unix epoch.
+        seq: Number of the revolution.
+        dropped_before: Sectors that the reader missed before.
+        lost_packets: How many packets are missing.
+        mode: Name of the scan mode.
+        max_range: Metres; 0 for a device that does not say.
+
+    Raises:
+        InvalidValue: As for `make_scan`; or the samples spread over more than `degrees`, `degrees` is no such size,
+            or the revolution has no sector `index`.
+    """
+    clockwise, millimetres, strengths = _samples(angles, ranges, intensities, rpm)
+    parts = round(360.0 / degrees) if degrees >= SMALLEST_DEGREES else 0
+    if not parts or not math.isclose(360.0 / degrees, parts):
+        raise InvalidValue(f"a sector has at least 5 degrees, and 360 is a multiple of it; not so {degrees!r}")
+    order = np.argsort(clockwise, kind="stable")
+    middle = 0.0
+    if order.size:
+        ordered = clockwise[order].astype(np.float64)
+        gaps = (ordered - np.roll(ordered, 1)) % 360.0
+        # One sample has a gap of the whole circle to itself.
+        first = int(np.argmax(gaps)) if order.size > 1 else 0
+        order = np.roll(order, -first)
+        spread = (float(clockwise[order[-1]]) - float(clockwise[order[0]])) % 360.0
+        if spread > degrees + ROUNDING_DEG:
+            raise InvalidValue(f"the samples of a sector of {degrees:g} degrees spread over {spread:.1f}")
+        middle = (float(clockwise[order[0]]) + spread / 2) % 360.0
+    index = min(int(middle / degrees), parts - 1) if index is None else index
+    if not 0 <= index < parts:
+        raise InvalidValue(
+            f"a revolution has sectors 0 to {parts - 1} of {degrees:g} degrees, and no sector {index}"
+        )
+    duration_ns = round(60e9 / rpm / parts)
+    since_ns = (seq * parts + index) * duration_ns
+    return Sector(
+        device_angles=_read_only(clockwise[order]),
+        device_distances=_read_only(millimetres[order]),
+        intensities=None if strengths is None else _read_only(strengths[order]),
+        stamp_ns=_STAMP_NS + since_ns if stamp_ns is None else stamp_ns,
+        wall_stamp_ns=_WALL_STAMP_NS + since_ns if wall_stamp_ns is None else wall_stamp_ns,
+        time_increment_ns=duration_ns // max(1, len(clockwise)),
+        duration_ns=duration_ns,
+        rpm=rpm,
+        seq=seq,
+        index=index,
+        degrees=degrees,
+        dropped_before=dropped_before,
+        lost_packets=lost_packets,
+        mode=mode,
+        max_range=max_range,
+    )
+
+
+def _samples(
+    angles: ArrayLike, ranges: ArrayLike, intensities: ArrayLike | None, rpm: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8] | None]:
+    """Clockwise degrees, millimetres and intensities of samples, as the device tells them.
+
+    Raises:
+        InvalidValue: They cannot be so.
+    """
     given = np.atleast_1d(np.asarray(angles, np.float64))
     try:
         metres = np.broadcast_to(np.asarray(ranges, np.float64), given.shape)
@@ -81,24 +202,8 @@ def make_scan(
     degrees = (-np.degrees(given)) % 360.0
     clockwise = degrees.astype(np.float32)
     clockwise[clockwise >= 360.0] = 0.0  # a hair below 360 becomes 360 in float32
-    order = np.argsort(clockwise, kind="stable")
     millimetres = np.where(np.isfinite(metres), metres * 1000.0, 0.0).astype(np.float32)
-    duration_ns = round(60e9 / rpm)
-    return Scan(
-        device_angles=_read_only(clockwise[order]),
-        device_distances=_read_only(millimetres[order]),
-        intensities=None if strengths is None else _read_only(strengths[order].astype(np.uint8)),
-        stamp_ns=stamp_ns,
-        wall_stamp_ns=wall_stamp_ns,
-        time_increment_ns=duration_ns // max(1, given.size),
-        duration_ns=duration_ns,
-        rpm=rpm,
-        seq=seq,
-        dropped_before=dropped_before,
-        lost_packets=lost_packets,
-        mode=mode,
-        max_range=max_range,
-    )
+    return clockwise, millimetres, None if strengths is None else strengths.astype(np.uint8)
 
 
 def _read_only(array: ArrayT) -> ArrayT:

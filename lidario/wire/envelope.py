@@ -88,6 +88,7 @@ class Request:
         packets: How many packets of `stream` in a row are the response, from a device that streams unasked and
             announces nothing; 0 where there is another response, or none.
         dtr: State in which the control line DTR is put before the bytes are written; None to leave it as it is.
+        baudrate: Speed to which the port is set before the bytes are written; None to leave it as it is.
 
     A request with a `stream`, but without `expects`, begins a stream that is not announced: what comes next
     belongs to it. A request without bytes that ends a stream only has the host not listen any more: nobody is told,
@@ -106,6 +107,7 @@ class Request:
     others: tuple[StreamFormat, ...] = ()
     packets: int = 0
     dtr: bool | None = None
+    baudrate: int | None = None
 
     def admits(self, descriptor: Descriptor) -> bool:
         """Whether `descriptor` announces the response to this request."""

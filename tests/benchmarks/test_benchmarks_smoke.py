@@ -12,6 +12,7 @@ import pytest
 import lidario
 from benchmarks import damage, decode, export, garbage, stages, vendor, view
 from benchmarks.contest import late_by, lost_scans
+from benchmarks.models import FORMATS
 from benchmarks.report import Result, Setting, spread
 from benchmarks.streams import KINDS, RATES, capture, recording
 from lidario.families.rplidar.simulated.device import make_simulated
@@ -39,6 +40,17 @@ def test_every_format_is_decoded_in_every_size_of_chunks(decoded: Result) -> Non
             assert rounds[0]["scans"] >= 3, f"{name} in chunks of {chunk}"
 
 
+def test_the_formats_of_the_relatives_are_decoded_in_chunks_and_as_files(decoded: Result) -> None:
+    found = decoded.data["relatives"]
+    assert set(found) == set(FORMATS)
+    for name, by_chunk in found.items():
+        for chunk in ("4096", "file"):
+            got = by_chunk[chunk][0]
+            assert got["scans"] >= 10, f"{name}, {chunk}"
+            # A whole revolution: of 4000 samples a second at seven turns there are 571.
+            assert 400 < got["points"] / got["scans"] < 3000
+
+
 @pytest.mark.parametrize("name", KINDS)
 def test_the_size_of_the_chunks_does_not_change_what_is_delivered(decoded: Result, name: str) -> None:
     by_chunk = decoded.data["lidario"][name]
@@ -48,7 +60,7 @@ def test_the_size_of_the_chunks_does_not_change_what_is_delivered(decoded: Resul
 
 
 def test_tables_are_markdown(decoded: Result) -> None:
-    for table, rows in zip(decoded.tables, (3 * len(KINDS), len(KINDS)), strict=True):
+    for table, rows in zip(decoded.tables, (3 * len(KINDS), len(KINDS), len(FORMATS)), strict=True):
         lines = [line for line in table.markdown().splitlines() if line.startswith("|")]
         assert len(lines) == 2 + rows
         assert len({line.count("|") for line in lines}) == 1

@@ -27,7 +27,9 @@ from lidario.sim.serve import PtyServer
 from tests.support.loop import DrivenLoop
 from tests.support.speeds import SpeedPtyServer
 
-__all__ = ["BOUND", "ROOT", "in_memory", "invoke", "invoke_driven", "line_of", "run", "served", "started"]
+__all__ = [
+    "BOUND", "ROOT", "in_memory", "invoke", "invoke_driven", "line_of", "run", "served", "started", "write_at_once",
+]  # fmt: skip
 
 BOUND = 60.0
 ROOT = Path(__file__).parents[2]
@@ -43,7 +45,7 @@ def invoke_driven(*arguments: str) -> Result:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("asyncio.events.new_event_loop", DrivenLoop)
         # A driven clock does not wait for the thread that usually writes.
-        patch.setattr(Writer, "write", _write_at_once)
+        patch.setattr(Writer, "write", write_at_once)
         return invoke(*arguments)
 
 
@@ -95,7 +97,7 @@ def line_of(stream: IO[str] | None) -> str:
     return stream.readline()
 
 
-async def _write_at_once(writer: Writer, text: str) -> None:
+async def write_at_once(writer: Writer, text: str) -> None:
     emit(text)
 
 

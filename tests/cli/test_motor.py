@@ -46,11 +46,22 @@ def test_where_the_motor_stops_with_the_laser() -> None:
         assert not server.device.motor_on
 
 
-def test_a_motor_that_cannot_be_stopped_is_never_called_stopped() -> None:
-    for words in (["stop"], ["speed", "7"]):
-        ended = invoke_driven("motor", *words, "sim://ldrobot-ld06?via=memory")
+@pytest.mark.parametrize("model", ["ldrobot-ld06", "ydlidar-x3"])
+def test_a_motor_that_cannot_be_stopped_is_never_called_stopped(
+    model: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    for words, says in ((["stop"], "error: nothing was stopped"), (["speed", "7"], "cannot be set from here")):
+        caplog.clear()
+        ended = invoke_driven("motor", *words, f"sim://{model}?via=memory")
         assert (ended.exit_code, ended.stdout) == (2, ""), words
-        assert "cannot be" in ended.stderr
+        assert says in ended.stderr
+        # What is logged stands on the same screen.
+        assert (caplog.text + ended.stderr).count("cannot be stopped from here") == 1
+
+
+def test_the_motor_of_a_model_that_only_talks_is_stopped_by_dtr_where_that_is_its_switch() -> None:
+    ended = invoke_driven("motor", "stop", "sim://ydlidar-x2?via=memory")
+    assert (ended.exit_code, ended.stdout, ended.stderr) == (0, "laser and motor are off\n", "")
 
 
 @pytest.mark.parametrize("words", [["start"], ["stop"], ["speed", "7"]])

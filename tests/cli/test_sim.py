@@ -5,12 +5,19 @@ from __future__ import annotations
 import json
 import signal
 import socket
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, cast
 
 import pytest
 
+from lidario import simulate
+from lidario.cli.sim import _sum_up
 from lidario.families.registry import FAMILIES
 from lidario.sim.faults import FAULTS, Faults, parse_faults
 from tests.cli.processes import BOUND, invoke, line_of, run, started
+
+if TYPE_CHECKING:
+    from lidario.sim.serve import PtyServer
 
 
 def test_the_models_are_listed() -> None:
@@ -59,6 +66,20 @@ def test_one_process_serves_and_another_scans() -> None:
     assert "get_info" in summary
     assert "stop" in summary
     assert "left it scanning" not in summary
+
+
+@pytest.mark.parametrize(
+    ("model", "request_bytes", "left"), [("ldrobot-ld06", b"", False), ("rplidar-s2", b"\xa5\x20", True)]
+)
+def test_only_a_client_can_have_left_it_scanning(
+    model: str, request_bytes: bytes, left: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    device = simulate(model)
+    device.receive(request_bytes, 1)
+    device.transmit(2)
+    assert device.scanning
+    _sum_up(cast("PtyServer", SimpleNamespace(device=device, lost=0)), 1.0)
+    assert ("left it scanning" in capsys.readouterr().err) is left
 
 
 @pytest.mark.exhaustive("number", sample=[signal.SIGTERM], full=[signal.SIGINT, signal.SIGTERM])

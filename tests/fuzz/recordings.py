@@ -20,7 +20,7 @@ import lidario
 from lidario.families.registry import family_named
 from lidario.model import DeviceInfo, ScanMode
 from lidario.recording.about import About
-from lidario.recording.chronicle import Responded, StreamBegan, StreamEnded, text_of
+from lidario.recording.chronicle import Responded, StreamBegan, StreamEnded, ZeroOffsetSet, text_of
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.export import export_mcap, export_npz
 from lidario.recording.mcap_records import MAGIC
@@ -162,6 +162,7 @@ def _mcap(case: Case) -> bytes:
             at_ns += _CHUNK_NS
             writer.add_chunk(at_ns, False, chunk)
             if at <= half < at + _CHUNK:
+                writer.add_event(at_ns, text_of(ZeroOffsetSet(half - 100, 10.5)))
                 writer.add_event(at_ns, text_of(StreamEnded(half)))
                 writer.add_event(at_ns, text_of(Responded(request, 6, bytes(3))))
                 writer.add_event(at_ns, text_of(replace(began, at=half)))

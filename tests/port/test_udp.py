@@ -90,7 +90,7 @@ def test_a_session(library: ModuleType) -> None:
         with UdpServer(rig.device) as server:
             source = "udp://{}:{}".format(*server.address)
             async with asyncio.timeout(PATIENCE_S), open_lidar(source) as lidar:
-                assert lidar.info.model == "RPLIDAR S2M1"
+                assert lidar.info.model == "RPLIDAR S2E"
                 scan = await lidar.scan()
                 assert len(scan) == pytest.approx(3200, abs=3)
                 assert scan.ranges[scan.ranges > 0] == pytest.approx(2.0, abs=0.01)

@@ -6,13 +6,17 @@ import asyncio
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import lidario
 from lidario.families.registry import family_named
+from lidario.families.ydlidar.simulated.device import Simulated4Ros as Simulated4Ros
 from lidario.recording import files
+from lidario.recording.decode_file import FileDecoder
+from lidario.recording.export import export_mcap
 from lidario.recording.read import StoredStreams
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
@@ -94,6 +98,83 @@ def test_interruptions_and_changes_of_the_mode_are_replayed(tmp_path: Path, sour
     scans = replayed(live.path)
     assert len({scan.mode for scan in live.scans}) == (2 if "s2" in source else 1)
     assert_same_scans(live.scans, scans)
+
+
+@pytest.fixture
+def calibrated(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Simulated devices of the other family tell a zero-angle offset of 10.5 degrees."""
+    make = Simulated4Ros.__init__
+
+    def with_offset(device: Simulated4Ros, *arguments: Any, **more: Any) -> None:
+        make(device, *arguments, **more)
+        device.zero_offset = 42
+
+    monkeypatch.setattr(Simulated4Ros, "__init__", with_offset)
+
+
+async def change_the_offset(lidar: Lidar, live: Live) -> None:
+    """Asked for, then left out, added again and left out again, in the midst of revolutions and of packets."""
+    async with lidar.scans(depth=64) as stream:
+        for wait_s, on in ((0.0, True), (0.03, False), (0.05, True), (0.011, False), (0.0, False)):
+            live.scans += [await anext(stream) for _ in range(3)]
+            await asyncio.sleep(wait_s)
+            await lidar.set_zero_offset(on)
+        live.scans += [await anext(stream) for _ in range(3)]
+
+
+@pytest.mark.usefixtures("calibrated")
+@pytest.mark.parametrize("sectors", [False, True], ids=["", "divided"])
+@pytest.mark.parametrize("source", [SOURCES["other family"], SOURCES["other family, damaged"]])
+def test_another_zero_offset_in_mid_stream_is_replayed(tmp_path: Path, source: str, *, sectors: bool) -> None:
+    async def act(lidar: Lidar, live: Live) -> None:
+        if not sectors:
+            await change_the_offset(lidar, live)
+            return
+        async with lidar.sectors(degrees=45):
+            await change_the_offset(lidar, live)
+
+    live = record(tmp_path / "a.mcap", source, act=act)
+    assert len({scan.seam for scan in live.scans}) == 2
+    assert_same_scans(live.scans, replayed(live.path))
+    assert_same_scans(live.scans, list(lidario.decode_file(live.path)))
+    copy = tmp_path / "b.mcap"
+    export_mcap(FileDecoder(live.path), copy)
+    assert_same_scans(live.scans, list(lidario.decode_file(copy)))
+
+
+@pytest.mark.usefixtures("calibrated")
+def test_the_zero_offset_that_a_user_of_the_replay_chooses_stays(tmp_path: Path) -> None:
+    live = record(tmp_path / "a.mcap", SOURCES["other family"], act=change_the_offset)
+
+    async def main() -> list[Scan]:
+        async with lidario.open_lidar(f"{live.path}?rate=0") as lidar:
+            await lidar.set_zero_offset(True)
+            return [scan async for scan in lidar.scans()]
+
+    (seam,) = {scan.seam for scan in run_driven(main)}
+    assert seam == 10.5 == max(scan.seam for scan in live.scans)
+
+
+@pytest.mark.usefixtures("calibrated")
+def test_a_recording_that_begins_behind_another_zero_offset(tmp_path: Path) -> None:
+    async def main() -> tuple[list[Scan], list[Scan]]:
+        async with (
+            lidario.open_lidar("sim://ydlidar-4ros?via=memory") as lidar,
+            lidar.scans(depth=64) as stream,
+        ):
+            await lidar.set_zero_offset(True)
+            before = await anext(stream)
+            await lidar.set_zero_offset(False)
+            async with lidar.record(tmp_path / "a.mcap"):
+                return [before], [await anext(stream) for _ in range(4)]
+
+    before, live = run_driven(main)
+    assert before[0].seam != live[-1].seam
+    stored = list(lidario.decode_file(tmp_path / "a.mcap"))
+    assert {scan.seam for scan in stored} == {live[-1].seam}
+    assert all(
+        np.array_equal(one.device_angles, live[-1 - at].device_angles) for at, one in enumerate(stored[::-1])
+    )
 
 
 def test_a_recording_that_begins_in_mid_stream(tmp_path: Path) -> None:

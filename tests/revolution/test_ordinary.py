@@ -47,14 +47,17 @@ def ended(packets: int, last_ns: int, **changes: Any) -> PartialRevolution:
 def glance(revolution: PartialRevolution, samples: Samples, start_ns: int, ordinary_ns: float) -> object:
     packets = revolution.runs[0]
     return ordinary_beginning(
+        DenseFormat(),
         revolution,
-        packets.count,
+        packets,
         samples,
         start_ns=start_ns,
         elapsed_ns=revolution.last_ns - start_ns,
         spanned_ns=samples.ends[-1] * SAMPLE_NS,
         ordinary_ns=ordinary_ns,
         sample_ns=SAMPLE_NS,
+        number=7,
+        packets_before=500,
     )
 
 
@@ -88,8 +91,10 @@ def test_what_is_told_is_what_the_judges_find(share: float, late: float, before:
         sample_ns=SAMPLE_NS,
         gap_behind=False,
         broken=broken,
+        number=7,
+        packets_before=500,
     )
-    unusual = broken or least_of(DenseFormat(), revolution, samples, 0, SAMPLE_NS, spanned_ns) > 0
+    unusual = broken or least_of(DenseFormat(), revolution, samples, 0, SAMPLE_NS, spanned_ns, 0.0) > 0
     # Where a read came too late for its stamp, the beginning is told by the end.
     unusual |= found.start_ns != start_ns
     assert told is None if unusual else told == found or elapsed_too_long(late)

@@ -178,6 +178,24 @@ def test_sectors_are_the_scan_where_packets_are_lost(case: Case, data: st.DataOb
         assert_sum(found, 8, stamps_ns=5e9)
 
 
+@most_or_all(CASES)
+def test_samples_around_lost_packets_have_the_times_of_the_scan(case: Case) -> None:
+    """From the first of the sector on, within a sample, whatever corrections have moved their angles by."""
+    left = [number for number in range(len(case.packets)) if number % 40 != 20]
+    raw = b"".join(case.packets[number] for number in left)
+    found = divided(case, raw, (8,), [len(case.packets[number]) for number in left], arrivals(case, left))
+    checked = 0
+    for scan in found.scans:
+        begin = 0
+        for sector in (each for each in found.sectors[8] if each.seq == scan.seq):
+            since_ns = scan.times_ns[begin : begin + len(sector)] - scan.times_ns[begin]
+            begin += len(sector)
+            off_ns = np.abs(sector.times_ns - sector.stamp_ns - since_ns)
+            assert off_ns.max() <= case.sample_us * 1e3
+            checked += sector.lost_packets
+    assert checked > 1
+
+
 @one_a_parser(KINDS)
 @pytest.mark.parametrize("seed", range(3))
 def test_what_is_counted_is_the_same(case: Case, seed: int) -> None:

@@ -37,9 +37,7 @@ def test_a_missing_extra_is_one_sentence(arguments: tuple[str, ...], monkeypatch
     )
 
 
-@pytest.mark.parametrize(
-    "arguments", [("devices", "--zenoh"), ("info", "zenoh:a"), ("publish", SIM, "--zenoh", "a")]
-)
+@pytest.mark.parametrize("arguments", [("devices", "--zenoh"), ("info", "zenoh:a")])
 def test_no_router_is_told_with_its_cure(arguments: tuple[str, ...]) -> None:
     address = "tcp/127.0.0.1:1"
     if arguments[0] == "info":

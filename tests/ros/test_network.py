@@ -7,6 +7,7 @@ defect reaches.
 from __future__ import annotations
 
 import asyncio
+import socket
 from collections.abc import Callable
 from contextlib import AsyncExitStack
 from dataclasses import replace
@@ -22,7 +23,7 @@ from lidario.errors import ConnectFailed, InvalidValue, Unsupported
 from lidario.laserscan import LaserScan
 from lidario.network.bus import Bus, Sample
 from lidario.network.keys import parse_attachment
-from lidario.ros import Fleet, Publisher, Share, list_remote_lidars
+from lidario.ros import Fleet, FleetScan, Publisher, Share, list_remote_lidars
 from lidario.ros.names import DIAGNOSTICS, LASERSCAN, Node, gid_of
 from lidario.scan import Scan
 from tests.support.router import Router
@@ -221,21 +222,23 @@ async def test_many_lidars_are_one_fleet_or_have_to_be_named(router: Router) -> 
         ) as caught:
             await lidario.open_lidar(f"zenoh:many/*/scan?router={router.address}")
         assert caught.value.reason == "ambiguous"
-        for number in (1, 2):
-            for share in shares:
-                share.publish(replace(FOUR, seq=number))
-        outlets = [share._outlet for share in shares]
-        assert outlets[0] is not None
-        assert outlets[1] is not None
-        await until(lambda: len(fleet._scans) == 4)
-        outlets[0].sent += 2
-        shares[0].publish(replace(FOUR, seq=5))
-        await until(lambda: fleet.dropped == 1)
-        seen = [await anext(fleet) for _ in range(4)]
-        assert (seen[-1].key, seen[-1].scan.seq, seen[-1].lost) == ("many/a/scan", 5, 2)
+        first, second = (share._outlet for share in shares)
+        assert first is not None
+        assert second is not None
+        # The reader does nothing meanwhile. The busier lidar pushes out no scan of the other one.
+        for number in range(6):
+            if number == 3:
+                first.sent += 2
+            shares[0].publish(replace(FOUR, seq=number))
+        shares[1].publish(FOUR)
+        await until(lambda: len(fleet._scans) == 5)
+        seen = [await anext(fleet) for _ in range(5)]
+        assert [(each.scan.seq, each.lost) for each in seen if each.key == "many/a/scan"] == [
+            (2, 2), (3, 2), (4, 0), (5, 0),
+        ]  # fmt: skip
         assert {each.key for each in seen} == {"many/a/scan", "many/b/scan"}
-        assert (fleet.lost, fleet.bad_messages) == (2, 0)
-        outlets[1].send(b"junk")
+        assert (fleet.lost, fleet.dropped, fleet.bad_messages) == (2, 2, 0)
+        second.send(b"junk")
         await until(lambda: fleet.bad_messages)
         reading = asyncio.ensure_future(anext(fleet))
         await asyncio.sleep(0)
@@ -273,6 +276,29 @@ async def test_nobody_and_no_router(router: Router, monkeypatch: pytest.MonkeyPa
     assert caught.value.reason == "refused"
     with pytest.raises(InvalidValue, match="is not the address of a router"):
         await Bus.open("7447")
+
+
+async def test_a_router_that_says_nothing_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidario.network.bus.OPEN_S", 0.05)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        async with asyncio.timeout(BOUND_S):
+            with pytest.raises(ConnectFailed, match="no zenoh router responds") as caught:
+                await Bus.open(f"tcp/127.0.0.1:{server.getsockname()[1]}")
+    assert caught.value.reason == "refused"
+
+
+async def test_a_publisher_that_does_not_respond_is_not_waited_for(router: Router) -> None:
+    """It takes the request and keeps it."""
+    silent, asking = await Bus.open(router.address), await Bus.open(router.address)
+    kept: list[Any] = []
+    silent._session.declare_queryable("silent/key", kept.append)
+    async with asyncio.timeout(BOUND_S):
+        while not kept:
+            assert await asking.query("silent/key", 0.05) == []
+    for query in kept:
+        query.drop()
+    await silent.close()
+    await asking.close()
 
 
 async def test_a_configuration_of_zenoh_is_taken(
@@ -317,3 +343,114 @@ async def test_cancelling_an_opening_leaves_nothing(router: Router) -> None:
     opening.cancel()
     with pytest.raises(asyncio.CancelledError):
         await opening
+
+
+async def test_a_reader_may_come_before_the_first_scan(router: Router) -> None:
+    """The publisher's lidar does not scan yet, so its mode is not known."""
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        share = await stack.enter_async_context(Share(await rig.open(), "early/scan", router=router.address))
+        remote = await stack.enter_async_context(lidario.open_lidar(f"zenoh:early/scan?router={router.address}"))
+        scans = await stack.enter_async_context(remote.scans())
+        reading = asyncio.ensure_future(anext(scans))
+        rig.run(share)
+        async with asyncio.timeout(BOUND_S):
+            assert (await reading).mode == "DenseBoost"
+
+
+async def test_a_fleet_decodes_raw_bytes(router: Router) -> None:
+    """Beside whole scans, of two families; a raw message that is lost is told."""
+    async with AsyncExitStack() as stack:
+        fleet = await stack.enter_async_context(Fleet("bytes/*/scan", router=router.address))
+        sent: dict[str, dict[int, Scan]] = {}
+        for name, family, raw in (("a", "rplidar", True), ("b", "ydlidar", True), ("c", "rplidar", False)):
+            rig = Rig(stack, router)
+            key = f"bytes/{name}/scan"
+            share = Share(await rig.open(family), key, raw=raw, router=router.address)
+            rig.run(await stack.enter_async_context(share))
+            sent[key] = {}
+            rig.sent = _ByTime(sent[key])  # type: ignore[assignment]
+        got: dict[str, list[FleetScan]] = {key: [] for key in sent}
+        async with asyncio.timeout(BOUND_S):
+            while min(map(len, got.values())) < 4:
+                each = await anext(fleet)
+                got[each.key].append(each)
+        for key, scans in got.items():
+            for each in scans:
+                at = round(each.scan.wall_stamp_ns, -5)
+                await until(lambda key=key, at=at: at in sent[key])  # type: ignore[misc]
+                before = sent[key][at]
+                np.testing.assert_array_equal(each.scan.device_angles, before.device_angles)
+                np.testing.assert_array_equal(each.scan.device_distances, before.device_distances)
+                assert each.scan.mode == before.mode
+                assert each.lost == 0
+        assert (fleet.lost, fleet.bad_messages) == (0, 0)
+
+
+class _ByTime:
+    """Takes scans as a list does, and keeps them by their stamps."""
+
+    def __init__(self, scans: dict[int, Scan]) -> None:
+        self._scans = scans
+
+    def append(self, scan: Scan) -> None:
+        self._scans[round(scan.wall_stamp_ns, -5)] = scan
+
+
+@pytest.mark.parametrize("form", ["scan", "ros"])
+async def test_scans_that_were_lost_are_a_jump_in_the_numbers(router: Router, form: str) -> None:
+    """They were dropped by zenoh, as it does where a line is busy."""
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        lidar = await rig.open()
+        if form == "ros":
+            publisher: Publisher | Share = Publisher(lidar, topic="lossy", router=router.address)
+        else:
+            publisher = Share(lidar, "lossy/scan", router=router.address)
+        await stack.enter_async_context(publisher)
+        source = f"zenoh:{publisher.key}?router={router.address}"
+        remote = await stack.enter_async_context(lidario.open_lidar(source))
+        scans = await stack.enter_async_context(remote.scans(depth=8))
+        outlet = publisher._scans if isinstance(publisher, Publisher) else publisher._outlet
+        assert outlet is not None
+        reading = asyncio.ensure_future(anext(scans))
+        while not reading.done():  # until its stream runs
+            publisher.publish(replace(FOUR, seq=7))
+            await asyncio.sleep(0.02)
+        publisher.publish(replace(FOUR, seq=8))
+        outlet.sent += 3
+        publisher.publish(replace(FOUR, seq=12))
+        async with asyncio.timeout(BOUND_S):
+            last = (await reading).seq
+            while (after := (await anext(scans)).seq) == last + 1:
+                last = after
+        assert after == last + 4
+        assert remote.stats.missed_scans == 3
+
+
+async def test_two_publishers_under_one_key(router: Router, caplog: pytest.LogCaptureFixture) -> None:
+    """The second one is told, and a reader that is there goes on with the first one."""
+    async with AsyncExitStack() as stack:
+        rig, other = Rig(stack, router), Rig(stack, router)
+        key = "rival/scan"
+        share = await stack.enter_async_context(
+            Share(await rig.open(), key, raw=True, router=router.address, robot="a")
+        )
+        rig.run(share)
+        remote = await stack.enter_async_context(lidario.open_lidar(f"zenoh:{key}?router={router.address}"))
+        scans = await stack.enter_async_context(remote.scans(depth=8))
+        async with asyncio.timeout(BOUND_S):
+            await anext(scans)
+            # The reader may have come in the midst of a packet.
+            skipped = remote.stats.skipped_bytes
+            second = Share(await other.open("ydlidar"), key, raw=True, router=router.address, robot="b")
+            other.run(await stack.enter_async_context(second))
+            await until(lambda: len(other.sent) >= 3)
+            for _ in range(4):
+                assert (await anext(scans)).mode == "DenseBoost"
+        assert remote.stats.skipped_bytes == skipped
+        assert [text for text in caplog.messages if "the second one is ignored" in text]
+        with pytest.raises(
+            ConnectFailed, match=r"two publishers send under zenoh:rival/scan \(a and b\): give each"
+        ):
+            await lidario.open_lidar(f"zenoh:{key}?router={router.address}")

@@ -8,9 +8,10 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
+import numpy as np
 import pytest
 
-from lidario import list_lidars, open_lidar
+from lidario import ConnectFailed, list_lidars, open_lidar
 from lidario.session import remembered
 from lidario.session.connect import connect
 from lidario.session.discovery import PortInfo
@@ -27,9 +28,9 @@ ONE_OF_EACH: dict[str, tuple[float, int]] = {
     "ydlidar-4ros": (0.3, 10),
     "ydlidar-g2": (0.5, 24),
     "ydlidar-tmini-pro": (0.5, 24),
-    "ydlidar-x4": (4.5, 100),
+    "ydlidar-x4": (1.5, 60),
     "ydlidar-f4": (0.7, 36),
-    "ydlidar-x2": (5.5, 100),
+    "ydlidar-x2": (2.4, 60),
     "ldrobot-ld06": (0.4, 0),
     "ldrobot-stl27l": (0.9, 0),
     "ldrobot-ld14": (0.75, 0),
@@ -122,7 +123,7 @@ def test_ten_of_them_together(monkeypatch: pytest.MonkeyPatch) -> None:
             model.partition("-")[0] for model in models
         ]
         # As long as the slowest of them alone.
-        assert loop.time() - began < 5.5
+        assert loop.time() - began < 2.4
 
     main()
 
@@ -157,3 +158,29 @@ def test_nothing_is_remembered_of_a_port_without_a_lasting_name(
     assert remembered.adapter_of("/dev/ttyUSB0") is None
     monkeypatch.setattr(remembered, "BY_ID", tmp_path)
     assert remembered.adapter_of("/dev/ttyUSB0") is None
+
+
+@pytest.mark.parametrize(("noise", "longest"), [(False, 8.5), (True, 15.0)])
+def test_a_port_where_nothing_responds_is_given_up_in_time(
+    noise: bool, longest: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = made("rplidar-s2")
+    device.mute = True
+    if noise:
+        random = np.random.default_rng(1)
+        device.transmit = lambda now: random.bytes(20)
+        device.wakeup = lambda now: now + 5_000_000
+    serial_in_memory(monkeypatch, only=device)
+
+    @driven
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        began = loop.time()
+        with pytest.raises(ConnectFailed) as caught:
+            await open_lidar("serial://only")
+        took = loop.time() - began
+        # Half a request keeps an RPLIDAR from hearing for five seconds.
+        assert 5.0 < took < longest
+        assert caught.value.reason == "silent"
+
+    main()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import re
+import signal
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -11,13 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidario import Lidar, LidarError, NetworkAddress
+from lidario import Lidar, LidarError, NetworkAddress, run
 from lidario.session.delivery import Delivery
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
 from lidario.wire.stats import LinkStats
 from tests.support.devices import FAMILIES, Rig, make_rig
-from tests.support.loop import driven, run_driven
+from tests.support.loop import DrivenLoop, driven, run_driven
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "docs" / "bounds.md").read_text(encoding="utf-8")
@@ -30,6 +32,7 @@ ARGUMENTS: dict[str, tuple[object, ...]] = {
     "set_motor_speed": (540.0,),
     "set_zero_offset": (True,),
     "set_network_address": (NetworkAddress("192.168.11.2"),),
+    "set_baudrate": (256_000,),
     "set_power_down_protection": (True,),
 }
 
@@ -95,7 +98,39 @@ def test_the_table_has_every_call() -> None:
 
 @pytest.mark.parametrize(("file", "name"), NAMED)
 def test_the_tests_that_are_named_exist(file: str, name: str) -> None:
-    assert re.search(rf"^(async )?def {name}\(", (ROOT / file).read_text(encoding="utf-8"), re.MULTILINE)
+    assert re.search(rf"^ *(async )?def {name}\(", (ROOT / file).read_text(encoding="utf-8"), re.MULTILINE)
+
+
+def test_each_row_names_a_test() -> None:
+    """But for the tables of calls and verbs, which a test reads as a whole."""
+    tables = re.findall(r"^\|[^\n]*\| test \|\n\|[-|]+\|\n((?:\|.*\n)+)", TEXT, re.MULTILINE)
+    rows = [row for table in tables for row in table.splitlines()]
+    assert len(rows) > 25
+    assert [row for row in rows if not re.search(r"`tests/[\w/]+\.py::\w+`", row)] == []
+
+
+def test_run_ends_as_soon_as_its_sessions_are_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a signal, also with a device that has fallen silent."""
+    monkeypatch.setattr("asyncio.events.new_event_loop", DrivenLoop)
+    rig = make_rig("rplidar")
+    times: list[float] = []
+
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        try:
+            async with rig.open() as lidar, lidar.scans() as scans:
+                await anext(scans)
+                harm(rig, "silent")
+                times.append(loop.time())
+                os.kill(os.getpid(), signal.SIGTERM)
+                await asyncio.sleep(3600)
+        finally:
+            times.append(loop.time())
+
+    with pytest.raises(SystemExit) as ended:
+        run(main())
+    assert ended.value.code == 128 + signal.SIGTERM
+    assert times[1] - times[0] <= BOUNDS["close"]["rplidar"]
 
 
 def test_early_packets_are_bounded() -> None:

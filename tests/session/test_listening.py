@@ -105,7 +105,7 @@ def test_so_is_one_whose_speed_does_not_tell_its_family(model: str, boot_s: floa
 
 
 def found_while_it_boots(device: Any, boot_s: float, source: Any) -> None:
-    """It is found a round and a half after the boot at the latest."""
+    """It is found a round after the boot at the latest, or a round after the models that need DTR were asked."""
     family = device.profile.name.partition("-")[0]
     device.boot_s = boot_s
 
@@ -116,7 +116,7 @@ def found_while_it_boots(device: Any, boot_s: float, source: Any) -> None:
         began = loop.time()
         async with open_lidar(source) as lidar:
             assert lidar.info.family == family
-            assert loop.time() - began < boot_s + 2.2
+            assert loop.time() - began < boot_s + 4.0
 
     main()
 

@@ -12,18 +12,24 @@ __all__ = ["Router"]
 
 
 class Router:
-    """A router on a port of its own, that can go away and come back."""
+    """A router on a port of its own, that can go away and come back.
 
-    def __init__(self) -> None:
+    Args:
+        protocol: What is spoken at its port.
+        config: Its configuration; where it listens is replaced.
+    """
+
+    def __init__(self, protocol: str = "tcp", config: str = "{}") -> None:
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
-            self.address = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+            self.address = f"{protocol}/127.0.0.1:{probe.getsockname()[1]}"
+        self._config = config
         self._session: Any = None
         self.start()
 
     def start(self) -> None:
         """Listen; connections of before come back by themselves."""
-        config = zenoh.Config()
+        config = zenoh.Config.from_json5(self._config)
         for name, value in {
             "mode": "router",
             "listen/endpoints": [self.address],

@@ -14,7 +14,7 @@ import pytest
 
 import lidario
 from lidario.families.registry import FAMILIES
-from lidario.testing import Body, SimulatedLidar, make_scan, room
+from lidario.testing import Body, SimulatedLidar, make_scan, make_sector, room
 from lidario.testing.clock import clock_of
 
 MODELS = [family.simulated[0] for family in FAMILIES if family.make(None).can_be_stopped]
@@ -252,6 +252,41 @@ def test_a_made_scan_without_returns() -> None:
     assert scan.nearest() is None
     assert len(make_scan([], [])) == 0
     assert (scan.device_angles < 360).all()
+
+
+def test_made_sectors_are_those_of_a_made_scan() -> None:
+    scan = make_scan(np.linspace(-np.pi, np.pi, 360, endpoint=False) - 1e-3, 2.0, intensities=40, rpm=300)
+    at = 0
+    for index in range(8):
+        inside = (scan.device_angles >= 45 * index) & (scan.device_angles < 45 * (index + 1))
+        sector = make_sector(scan.angles[inside][::-1], 2.0, intensities=40, rpm=300)
+        assert (sector.index, sector.degrees, sector.is_last) == (index, 45, index == 7)
+        np.testing.assert_allclose(sector.device_angles, scan.device_angles[inside], atol=1e-4)
+        assert sector.stamp_ns == scan.stamp_ns + index * 25_000_000
+        assert abs(int(sector.times_ns[-1]) - int(scan.times_ns[at + len(sector) - 1])) < 1000
+        assert (sector.intensities == 40).all()  # type: ignore[union-attr]
+        assert not sector.device_distances.flags.writeable
+        at += len(sector)
+    assert at == len(scan)
+
+
+def test_a_made_sector_on_both_sides_of_straight_ahead() -> None:
+    sector = make_sector([-0.2, 0.0, 0.1], [1.0, 0.5, 2.0])
+    assert sector.ranges.tolist() == [2.0, 0.5, 1.0]
+    assert sector.index == 0
+    assert make_sector([-0.1, 0.2], 1.0, seq=3).index == 7
+    assert make_sector([0.5], 1.0, index=2, degrees=30.0).index == 2
+    assert len(make_sector([], [])) == 0
+
+
+@pytest.mark.parametrize(
+    ("more", "why"),
+    [({"degrees": 50}, "multiple"), ({"degrees": 4}, "at least 5"), ({"index": 8}, "0 to 7"), ({"rpm": 0}, "rpm"),
+     ({"degrees": 10}, "spread over 28.6")],
+)  # fmt: skip
+def test_a_sector_that_cannot_be(more: dict[str, Any], why: str) -> None:
+    with pytest.raises(lidario.InvalidValue, match=why):
+        make_sector([0.0, 0.5], 1.0, **more)
 
 
 @pytest.mark.parametrize(

@@ -34,6 +34,10 @@ UNITS: Final = 100.0 * STEPS
 """In a degree, where every sample of a packet stands at a whole number."""
 BACKWARD: Final = 200
 """Hundredths of a degree by which a packet may begin before the end of the one before, with nothing missing."""
+UNSTEADY: Final = 0.5
+"""Part of the usual way by which the way of a packet may differ: a real LD06 differs by 0.17 at most."""
+REPEATED: Final = 1.5 * SAMPLES
+"""Steps by which a packet that came twice goes back, and half as many again."""
 _ORDER: Final = np.arange(SAMPLES, dtype=np.float32)
 
 
@@ -74,8 +78,24 @@ class _Arcs(NamedTuple):
         step = int(self.way.sum()) / (STEPS * len(self.way))
         if not step or int(self.jumps.max()) < step * SAMPLES / 2:
             return np.zeros(0, np.int32)
+        step = self._correct()
         missing = np.rint((self.jumps / step - 1) / SAMPLES).astype(np.int32)
         return missing if missing.any() else missing[:0]
+
+    def _correct(self) -> float:
+        """Correct what cannot be, in place; return the step of a sample.
+
+        The CRC finds 255 of 256 damaged packets. In the other one the last angle may be wrong: then the packet
+        seems to cover far more or far less than the others. And a line may deliver a packet twice.
+        """
+        usual = float(np.median(self.way))
+        wrong = np.abs(self.way - usual) > usual * UNSTEADY
+        self.jumps[wrong] += self.way[wrong] - round(usual)
+        self.jumps[wrong] %= FULL_TURN
+        self.way[wrong] = round(usual)
+        step = usual / STEPS
+        self.jumps[self.jumps > FULL_TURN - REPEATED * step] = 0
+        return step
 
     def samples_a_turn(self, *, whole: bool) -> float:
         """By the mean step: from packet to packet where nothing is missing (`whole`), else within packets."""
@@ -104,9 +124,11 @@ class PacketDecoder:
         """As `Decoder.decode`."""
         rows = np.frombuffer(packets.data, PACKET)
         arcs = _Arcs.of(rows, following)
+        # First: it corrects angles.
+        missing = arcs.missing()
         angle, distance, intensity, last = self._samples(rows, arcs, room)
         self._remember(last)
-        missing = arcs.missing()
+        gaps = missing.nonzero()[0]
         count = len(rows)
         a_turn = arcs.samples_a_turn(whole=following is not None and not len(missing))
         return Samples(
@@ -116,12 +138,13 @@ class PacketDecoder:
             before_seam=(count - 1) * SAMPLES + arcs.before_seam(seam),
             ends=range(SAMPLES, count * SAMPLES + 1, SAMPLES),
             lost=int(missing.sum()),
-            unbroken=int(missing.nonzero()[0][0]) + 1 if len(missing) else count,
+            unbroken=int(gaps[0]) + 1 if len(gaps) else count,
             lost_behind=int(missing[-1]) if len(missing) else 0,
             revolution_packets=a_turn / SAMPLES,
             revolution_samples=a_turn,
             certain=a_turn > 0,
             reported_rpm=arcs.rpm(),
+            gaps=list(zip(((gaps + 1) * SAMPLES).tolist(), (missing[gaps] * SAMPLES).tolist(), strict=True)),
         )
 
     def fork(self) -> Self:
@@ -135,8 +158,10 @@ class PacketDecoder:
         rows = np.frombuffer(packets.data, PACKET)
         arcs = _Arcs.of(rows, following)
         parts = [arcs.part(begin, end) for begin, end in pairwise((0, *ends))]
+        if any(len(part.missing()) for part in parts):
+            return None
         a_turn = [part.samples_a_turn(whole=True) for part in parts]
-        if not all(a_turn) or any(len(part.missing()) for part in parts):
+        if not all(a_turn):
             return None
         angle, distance, intensity, last = self._samples(rows, arcs, room)
         return SteadySamples(

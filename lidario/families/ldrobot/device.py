@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from statistics import median
 from typing import Final
 
 from lidario.errors import InvalidValue, ResponseTimeout, Unsupported
@@ -19,7 +20,7 @@ from lidario.families.base import NamedModel, Script, Stream
 from lidario.families.ldrobot import commands
 from lidario.families.ldrobot.decode import PacketDecoder, TriangleDecoder, samples_a_second
 from lidario.families.ldrobot.formats import PacketFormat, TriangleFormat
-from lidario.families.unasked import UnaskedDevice, begin, hear
+from lidario.families.unasked import UnaskedDevice, begin, hear_runs
 from lidario.model import DeviceInfo, ScanMode
 from lidario.wire.envelope import Request
 
@@ -121,12 +122,13 @@ class LdrobotDevice(UnaskedDevice):
     def identify(self) -> Script[DeviceInfo]:
         """As `Device.identify`: by the rate of its packets. An LD14P that was stopped is started for that."""
         try:
-            heard = yield hear(self.wire(), HEARD, HEAR_S)
+            runs = yield from hear_runs(self.wire, HEARD, HEAR_S)
         except ResponseTimeout:
             if self._named is not None and not self._named.commands:
                 raise
-            heard = yield hear(self.wire(), HEARD, SPIN_UP_S, commands.START)
-        self._rate = samples_a_second(heard) or self._rate
+            runs = yield from hear_runs(self.wire, HEARD, SPIN_UP_S, commands.START)
+        # The median, for a run with a damaged packet that its CRC does not find has any rate.
+        self._rate = median(samples_a_second(run) for run in runs) or self._rate
         self._be(self._named or model_of_rate(self._rate))
         return DeviceInfo("ldrobot", f"LDROBOT {self._model.title}", 0, "", 0, "")
 

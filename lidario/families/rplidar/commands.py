@@ -63,7 +63,7 @@ class ResponseType(IntEnum):
 
 
 class Conf(IntEnum):
-    """Configuration types of GET_LIDAR_CONF; those from 0x71 to 0x7F, but for 0x7C, take a mode id."""
+    """Configuration types of GET_LIDAR_CONF; those from 0x71 to 0x7F, but for 0x79 and 0x7C, take a mode id."""
 
     DESIRED_ROTATION = 0x01
     MIN_ROTATION = 0x04
@@ -72,6 +72,7 @@ class Conf(IntEnum):
     SAMPLE_DURATION = 0x71
     MAX_DISTANCE = 0x74
     RESPONSE_TYPE = 0x75
+    MAC_ADDRESS = 0x79
     TYPICAL_MODE = 0x7C
     MODE_NAME = 0x7F
     NETWORK_ADDRESS = 0x0001CCC0

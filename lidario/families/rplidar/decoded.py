@@ -48,6 +48,10 @@ def decoded_samples(arrays: Decoded, arcs: Arcs, full_turn: int, each: int, befo
         before_seam: As in `Samples`.
     """
     packets = full_turn / arcs.typical if arcs.typical else 0.0
+    gaps: list[tuple[int, int]] = []
+    if arcs.missing is not None:
+        behind = arcs.missing.nonzero()[0]
+        gaps = list(zip(((behind + 1) * each).tolist(), (arcs.missing[behind] * each).tolist(), strict=True))
     count, broken = len(arcs.arc), arcs.missing is not None
     return Samples(
         arrays.angle,
@@ -61,6 +65,7 @@ def decoded_samples(arrays: Decoded, arcs: Arcs, full_turn: int, each: int, befo
         revolution_packets=packets,
         revolution_samples=packets * each,
         certain=arcs.certain,
+        gaps=gaps,
     )
 
 

@@ -20,6 +20,7 @@ from lidario.families.rplidar.commands import Conf
 from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.formats import FORMATS
 from lidario.families.rplidar.motor import MotorControl
+from lidario.families.rplidar.speed import change_speed
 from lidario.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
 from lidario.wire.envelope import Request
 
@@ -28,7 +29,9 @@ __all__ = ["RplidarDevice"]
 SERIES: Final = ((12, "M"), (9, "T"), (6, "S"), (4, "C"), (1, "A"))
 """(first major number, letter), highest first."""
 FIRST_DIRECT_TOF: Final = 4
+S2_MAJOR: Final = 7
 CONF_FIRMWARE: Final = (1, 24)
+SPEED_FIRMWARE: Final = (1, 30)
 SAMPLERATE_FIRMWARE: Final = (1, 17)
 LEGACY_SAMPLE_US: Final = 476.0
 """Of firmware too old to be asked (SDK)."""
@@ -55,6 +58,7 @@ class RplidarDevice(Device):
         self._major = 0
         self._firmware: tuple[int, int] = (0, 0)
         self._silences = 0
+        self._is_ethernet: bool | None = None
         self._motor = MotorControl(lambda kind: self._ask_bytes(kind, None))
 
     @property
@@ -78,9 +82,11 @@ class RplidarDevice(Device):
         model, minor, major, hardware, serial = struct.unpack("<BBBB16s", (yield from agreed(commands.GET_INFO)))
         self._major, self._firmware = model >> 4, (major, minor)
         self._motor.identified(self._major)
+        if self.by_network and self._major == S2_MAJOR and self._is_ethernet is None:
+            self._is_ethernet = yield from self._has_mac()
         return DeviceInfo(
             family="rplidar",
-            model=_model_name(model),
+            model="RPLIDAR S2E" if self._is_ethernet else _model_name(model),
             model_id=model,
             firmware=f"{major}.{minor:02d}",
             hardware=hardware,
@@ -212,6 +218,16 @@ class RplidarDevice(Device):
         """As `Device.set_network_address`."""
         yield from set_address(address)
 
+    def set_baudrate(self, baudrate: int, present: int) -> Script[None]:
+        """As `Device.set_baudrate`.
+
+        Raises:
+            Unsupported: The firmware cannot do it, or the device did not follow.
+        """
+        if self._major < FIRST_DIRECT_TOF and self._firmware < SPEED_FIRMWARE:
+            raise Unsupported("the firmware of this device is too old to change the speed of its line")
+        return change_speed(baudrate, present)
+
     def _ask(self, layout: str, kind: Conf, mode: int | None = None) -> Script[int | None]:
         """One configuration value, or None when the device does not have or tell it."""
         value = yield from self._ask_bytes(kind, mode)
@@ -227,6 +243,13 @@ class RplidarDevice(Device):
         except ResponseTimeout:
             self._silences += 1
             return b""
+
+    def _has_mac(self) -> Script[bool]:
+        """Whether it has an Ethernet address: nothing else tells an S2E from an S2 (SDK 2.1.0)."""
+        try:
+            return len((yield _GET_MAC)) > 4
+        except ResponseTimeout:
+            return False
 
     def _mode(self, mode: int) -> Script[ScanMode]:
         response_type = yield from self._ask("<B", Conf.RESPONSE_TYPE, mode)
@@ -265,6 +288,10 @@ class RplidarDevice(Device):
         except ResponseTimeout:
             return 0.0
         return rate.standard_us if mode.response_type == NODE_TYPE else rate.express_us
+
+
+_GET_MAC: Final = replace(commands.get_lidar_conf(Conf.MAC_ADDRESS), timeout=0.25, attempts=1)
+"""An S2 behind a serial-to-network bridge is silent."""
 
 
 def _model_name(model: int) -> str:

@@ -78,7 +78,7 @@ class PointCloudDecoder:
             # A damaged angle must not look like packets lost behind it.
             usual = step * (counts - 1)
             way = np.where(way > _STEADY * usual, np.rint(usual), way).astype(np.int32)
-        missing = self._missing(first, way, counts, starts, following, step)
+        missing, skipped = self._missing(first, way, counts, starts, following, step)
         gaps = missing.nonzero()[0]
         samples_a_turn = FULL_TURN_Q6 / step if step else 0.0
         return Samples(
@@ -94,6 +94,7 @@ class PointCloudDecoder:
             revolution_samples=samples_a_turn,
             certain=step > 0,
             reported_rpm=_reported_rpm(heads, 0, len(counts), self.speed_base),
+            gaps=[(ends[at], samples) for at, samples in skipped],
         )
 
     def fork(self) -> Self:
@@ -167,8 +168,8 @@ class PointCloudDecoder:
         starts: NDArray[np.bool_],
         following: bytes | None,
         step: float,
-    ) -> NDArray[np.intp]:
-        """Packets missing behind each packet, shape (packets,); empty where none is."""
+    ) -> tuple[NDArray[np.intp], list[tuple[int, int]]]:
+        """Packets missing behind each packet, shape (packets,), empty where none is; and the samples of those."""
         marked = starts.nonzero()[0]
         if len(marked):
             self._seam = int(first[marked[0]])
@@ -179,14 +180,17 @@ class PointCloudDecoder:
         jumps = _jumps(first, tails, following)
         gaps = (jumps > _ONE_STEP * step).nonzero()[0].tolist() if step else ()
         missing = np.zeros(len(first) if gaps else 0, np.intp)
+        skipped: list[tuple[int, int]] = []
         if gaps:
             self._usual = float(np.median(counts[counts > 1]))
             marks = [*starts[1:].tolist(), following is not None and bool(following[2] & START_BIT)]
             for at in gaps:
                 missing[at] = self._lost_in(int(tails[at]), int(jumps[at]), marks[at], step)
+                if missing[at]:
+                    skipped.append((at, max(0, round(int(jumps[at]) / step) - 1)))
         if len(marked):
             self._seam = int(first[marked[-1]])
-        return missing
+        return missing, skipped
 
     def _lost_in(self, tail: int, jump: int, marked: bool, step: float) -> int:
         """Packets lost between two: `jump` beyond the angle `tail`, the second one a start packet or not."""

@@ -29,7 +29,7 @@ from typing import Final
 from lidario.errors import InvalidValue, ResponseTimeout, Unsupported
 from lidario.families.arguments import finite
 from lidario.families.base import Device, Keepalive, NamedModel, Script, Stream, agreed, health_of
-from lidario.families.unasked import NOT_STOPPED, begin, hear
+from lidario.families.unasked import NOT_STOPPED, begin, hear, hear_runs
 from lidario.families.ydlidar import commands
 from lidario.families.ydlidar.formats import PointCloud, samples_a_turn
 from lidario.families.ydlidar.models import FOUR_ROS, MODELS, ONE_WAY, Model, model_of
@@ -52,7 +52,12 @@ later."""
 HEAR_S: Final = 0.5
 BY_DTR_S: Final = 1.0
 """How long a motor that DTR has switched on may take until packets come, besides the 0.5 s that `DTR_TURNS` waits.
-No document says it; the first 1.0 to 1.5 s of points are what the vendor's SDK discards."""
+An assumption: no data sheet tells it. The vendor's SDK discards the points of the first 1.0 to 1.5 s after a start,
+so points do come by then."""
+UNNAMED: Final = (
+    "this model cannot tell what it is. It is read as an X2, which is right for an X3 and S2 Pro, too. The "
+    "distances of a TX8 are four times as far: name the model, as in ?model=tx8, or ?model=x2"
+)
 OVERHEARD: Final = 8
 MOST_A_TURN: Final = 1300
 """Samples a revolution above which no model only talks: the fastest of those has 1250 at 4 Hz."""
@@ -163,8 +168,8 @@ class YdlidarDevice(Device):
 
     def _hear(self) -> Script[DeviceInfo]:
         model = self._named or ONE_WAY
-        packets = yield hear(model.kind.wire(), OVERHEARD, BY_DTR_S if model.dtr else HEAR_S)
-        if self._named is None and samples_a_turn(packets) > MOST_A_TURN:
+        runs = yield from hear_runs(model.kind.wire, OVERHEARD, BY_DTR_S if model.dtr else HEAR_S)
+        if self._named is None and samples_a_turn(b"".join(runs)) > MOST_A_TURN:
             raise ResponseTimeout(commands.GET_INFO.name, HEAR_S)
         self._be(model)
         return DeviceInfo("ydlidar", f"YDLIDAR {model.title}", model.code, "", 0, "")
@@ -179,7 +184,7 @@ class YdlidarDevice(Device):
             if self._model.dtr:
                 yield commands.DTR_TURNS
             yield hear(self._model.kind.wire(), timeout=BY_DTR_S if self._model.dtr else HEAR_S)
-            return Health(HealthStatus.OK, 0)
+            return Health(HealthStatus.OK, 0, UNNAMED if self._named is None else "")
         status, code = struct.unpack("<BH", (yield from self._ask_health()))
         return health_of(status, code)
 

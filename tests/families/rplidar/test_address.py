@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 
-from lidario import InvalidValue, NetworkAddress, RemoteProtocolError, Unsupported
+from benchmarks.relayed import Relayed
+from lidario import InvalidValue, NetworkAddress, RemoteProtocolError, Unsupported, open_lidar
 from lidario.families.rplidar.commands import Conf, get_lidar_conf, set_lidar_conf
 from tests.families.rplidar.test_device import S2, identified
 from tests.support.devices import make_rig, names
@@ -77,3 +78,40 @@ async def test_a_serial_device_has_none() -> None:
         for request in (lidar.get_network_address(), lidar.set_network_address(ADDRESS)):
             with pytest.raises(Unsupported, match="Ethernet"):
                 await request
+
+
+@pytest.mark.parametrize(("model", "name"), [("rplidar-s2e", "RPLIDAR S2E"), ("rplidar-s2", "RPLIDAR S2M1")])
+def test_an_s2_with_an_ethernet_address_is_an_s2e(model: str, name: str) -> None:
+    """It is asked for that only where the line has no speed: a serial S2 would not respond."""
+    rig = make_rig("rplidar", model)
+
+    @driven
+    async def main() -> None:
+        async with open_lidar(Bridged(rig.device), family="rplidar") as lidar:
+            asked = names(rig).count("get_lidar_conf")
+            assert lidar.info.model == name
+            assert (await lidar.get_info()).model == name
+            assert names(rig).count("get_lidar_conf") == asked
+
+    main()
+
+
+def test_a_serial_s2_is_not_asked_for_an_ethernet_address() -> None:
+    rig = make_rig("rplidar", "rplidar-s2")
+
+    @driven
+    async def main() -> None:
+        async with rig.open() as lidar:
+            assert lidar.info.model == "RPLIDAR S2M1"
+            assert "get_lidar_conf" not in names(rig)
+
+    main()
+
+
+class Bridged(Relayed):
+    """A device behind a network: its line has no speed."""
+
+    @property
+    def baudrate(self) -> int:
+        """None."""
+        return 0

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidario.families.ldrobot.simulated.packers import check_of, pack_points, pack_response
-from lidario.sim.chassis import Chassis
+from lidario.sim.chassis import Chassis, maker
 from lidario.sim.motor import Motor
 from lidario.sim.world import WorldLike
 
@@ -245,17 +245,8 @@ class SimulatedLdrobot(Chassis[_Stream]):
         self._deaf_until, self._deaf_why, self._up = up, "still booting", up
 
 
-def make_simulated(
-    model: str, *, world: WorldLike | None = None, serial: bytes | str | None = None, seed: int = 0
-) -> SimulatedLdrobot:
-    """Build a simulated device by the name of its profile, such as ``"ldrobot-ld06"``.
-
-    Raises:
-        ValueError: No profile has that name.
-    """
-    if model not in PROFILES:
-        raise ValueError(f"no simulated device is called {model!r}; there are {', '.join(PROFILES)}")
-    return SimulatedLdrobot(PROFILES[model], world=world, serial=serial, seed=seed)
+make_simulated = maker(SimulatedLdrobot, PROFILES)
+"""Builds a simulated device by the name of its profile, such as ``"ldrobot-ld06"``."""
 
 
 def describe(model: str) -> str:

@@ -16,9 +16,9 @@ It discards what a real device discards:
 * where the motor is driven by an accessory board or by DTR, a scan does not start it: the descriptor comes, and no
   packet before the motor turns.
 
-What turns the motor is told in `drive`. STOP leaves it running. Section numbers are not given: the manual's
-editions number them differently. An address that SET_LIDAR_CONF has set is in force after the next RESET, as with
-the vendor's tool.
+What turns the motor is told in `drive`, how the speed of the line is changed in `speed`. STOP leaves the motor
+running. Section numbers are not given: the manual's editions number them differently. An address that
+SET_LIDAR_CONF has set is in force after the next RESET, as with the vendor's tool.
 
 `SimulatedRplidar.log` tells of every request, with the reason where it was discarded. To put the device
 into a state that occurs in practice, use its documented attributes, `begin_streaming` and `protection_stop`; a
@@ -37,8 +37,9 @@ from lidario.families.rplidar.simulated.profile import Mode, Profile
 from lidario.families.rplidar.simulated.profiles import PROFILES
 from lidario.families.rplidar.simulated.requests import IGNORED_IN_PROTECTION_STOP, PAYLOADS, Request, RequestReader
 from lidario.families.rplidar.simulated.responses import pack_announcement, pack_response
+from lidario.families.rplidar.simulated.speed import LineSpeed
 from lidario.families.rplidar.simulated.stream import MeasurementStream
-from lidario.sim.chassis import PROTECTION_STOP, Chassis
+from lidario.sim.chassis import PROTECTION_STOP, Chassis, maker
 from lidario.sim.motor import Motor
 from lidario.sim.world import WorldLike
 
@@ -87,6 +88,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         self._motor = Motor(turns=float(self._random.random()))
         self._drive = Drive(profile, self._motor)
         self._reader = RequestReader()
+        self._speed = LineSpeed(profile.baudrate)
         self._waiting: Mode | None = None  # a stream that was announced, while the motor is off
         self.address: bytes = _DHCP
         self._next_address = _DHCP
@@ -118,10 +120,35 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
     def receive(self, data: bytes, now: int) -> None:
         """Take bytes that the host sent and that arrived at `now`."""
         self._advance(now)
+        if self.profile.measures_speed and self._stream is None and now >= self._deaf_until:
+            self._queue.push(self._speed.hear(data, now), self._response_at(now))
+            self._queue.baudrate = self._speed.now
+        if self._speed.is_garbled:
+            return
         for byte in data:
             request = self._reader.feed(byte, now)
             if request is not None:
                 self._consider(request)
+
+    def transmit(self, now: int) -> bytes:
+        """As `Chassis.transmit`; at another speed than the device's, a host receives garbage."""
+        data = super().transmit(now)
+        return self._random.bytes(len(data)) if self._speed.is_garbled else data
+
+    def set_host_baudrate(self, baudrate: int, now: int) -> None:
+        """The host sets the speed of its port; one that is never told of runs at the device's speed."""
+        self._advance(now)
+        self._speed.host = baudrate
+
+    @property
+    def baudrate(self) -> int:
+        """Speed of the device's end of the line in bits a second."""
+        return self._speed.now
+
+    def reboot(self, now: int, *, off_s: float = 0.0) -> None:
+        """As `Chassis.reboot`; the speed of the line is that of the model again."""
+        super().reboot(now, off_s=off_s)
+        self._speed.lose_power()
 
     def wakeup(self, now: int) -> int | None:
         """When the next response or packet will have left; None while the device is idle."""
@@ -160,6 +187,8 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         if stream is not None:
             for data, made in stream.until(now):
                 self._queue.push(data, made, size=stream.size, period=stream.period)
+        self._speed.advance(now)
+        self._queue.baudrate = self._speed.now
         late = self._reader.overdue(now)
         if late is not None:
             self._log.add(late.ended, late.name, late.data, late.fault)
@@ -183,6 +212,8 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
             return request.fault
         if request.name not in self._HANDLERS or request.name in self.profile.unknown:
             return "unknown to this device"
+        if request.name == "new_baudrate_confirm" and not request.payload:
+            return "unknown to this device"  # the question of another family, completed
         if self.health[0] == PROTECTION_STOP and request.name in IGNORED_IN_PROTECTION_STOP:
             return "in protection stop"
         if request.name == "get_lidar_conf" and not self.profile.has_conf:
@@ -301,6 +332,9 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         self._next_address = value
         return self._respond(responses.CONF_SET, struct.pack("<II", kind, 0), request)
 
+    def _new_baudrate_confirm(self, request: Request) -> str:
+        return self._speed.confirm(request.payload)
+
     def _respond(self, kind: int, data: bytes, request: Request) -> str:
         """Send a single response, or noise of the same length when it is to be garbled."""
         response = self._garbled(pack_response(kind, data))
@@ -322,20 +356,12 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         "set_motor_pwm": _set_motor_pwm,
         "get_acc_board_flag": _get_acc_board_flag,
         "set_lidar_conf": _set_lidar_conf,
+        "new_baudrate_confirm": _new_baudrate_confirm,
     }
 
 
-def make_simulated(
-    model: str, *, world: WorldLike | None = None, serial: bytes | None = None, seed: int = 0
-) -> SimulatedRplidar:
-    """Build a simulated device by the name of its profile, such as ``"rplidar-s2"``.
-
-    Raises:
-        ValueError: No profile has that name.
-    """
-    if model not in PROFILES:
-        raise ValueError(f"no simulated device is called {model!r}; there are {', '.join(PROFILES)}")
-    return SimulatedRplidar(PROFILES[model], world=world, serial=serial, seed=seed)
+make_simulated = maker(SimulatedRplidar, PROFILES)
+"""Builds a simulated device by the name of its profile, such as ``"rplidar-s2"``."""
 
 
 def describe(model: str) -> str:

@@ -146,8 +146,14 @@ class Profile:
             "get_acc_board_flag": self.motor == "pwm",
             "hq_scan": self.hq_scan,
             "set_lidar_conf": self.is_network,
+            "new_baudrate_confirm": self.measures_speed,
         }
         return {name for name, is_known in known.items() if not is_known}
+
+    @property
+    def measures_speed(self) -> bool:
+        """Whether the speed of its line can be changed: firmware 1.30, and newer series (assumed)."""
+        return not self.is_network and (self.model >= 0x40 or self.firmware >= (1, 30))
 
     @property
     def express(self) -> Mode | None:

@@ -46,6 +46,7 @@ PAYLOADS = {
     "set_motor_pwm": 2,
     "get_acc_board_flag": 4,
     "set_lidar_conf": 16,
+    "new_baudrate_confirm": 8,
 }
 # S-series interface manual, states of the device; it names STOP and SCAN, and the other scans have the same states.
 IGNORED_IN_PROTECTION_STOP = {"stop", "scan", "force_scan", "express_scan", "hq_scan"}

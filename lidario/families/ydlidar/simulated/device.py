@@ -31,7 +31,7 @@ import struct
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_response
 from lidario.families.ydlidar.simulated.profiles import PROFILES, Profile
 from lidario.families.ydlidar.simulated.stream import PointStream
-from lidario.sim.chassis import PROTECTION_STOP, Chassis
+from lidario.sim.chassis import PROTECTION_STOP, Chassis, maker
 from lidario.sim.motor import Motor
 from lidario.sim.world import WorldLike
 
@@ -41,6 +41,8 @@ _MS = 1_000_000
 _SETTLE_AFTER_STOP = 5 * _MS  # vendor SDK 1.2.20
 _AFTER_STOP = "within 5 ms of stop"
 _ALIVE_FOR = 3000 * _MS  # manual 3.8
+_MOST_OUTSTANDING = 1000 * _MS
+"""Time in which all responses that wait must leave; a client that asks without end would fill the memory."""
 _SETTING, _HEALTH = 0x04, 0x06  # response types
 _FIRMWARE = (1, 3)  # minor, major, in the order in which they are sent
 _HARDWARE = 2
@@ -213,6 +215,8 @@ class Simulated4Ros(Chassis[PointStream]):
             return "scanning"
         if command == 0x60 and self.health[0] == PROTECTION_STOP:
             return "in protection stop"
+        if self._outstanding_until - now > _MOST_OUTSTANDING:
+            return "too many responses are outstanding"
         return ""
 
     def _obey(self, command: int, now: int) -> None:
@@ -271,17 +275,8 @@ class Simulated4Ros(Chassis[PointStream]):
             self._queue.push(pack_response(_SETTING, self._info()), up)
 
 
-def make_simulated(
-    model: str, *, world: WorldLike | None = None, serial: bytes | str | None = None, seed: int = 0
-) -> Simulated4Ros:
-    """Build a simulated device by the name of its profile, such as ``"ydlidar-4ros"``.
-
-    Raises:
-        ValueError: No profile has that name.
-    """
-    if model not in PROFILES:
-        raise ValueError(f"no simulated device is called {model!r}; there are {', '.join(PROFILES)}")
-    return Simulated4Ros(PROFILES[model], world=world, serial=serial, seed=seed)
+make_simulated = maker(Simulated4Ros, PROFILES)
+"""Builds a simulated device by the name of its profile, such as ``"ydlidar-4ros"``."""
 
 
 def describe(model: str) -> str:

@@ -1,0 +1,93 @@
+"""Streams of more models, each as it is sold: their formats, and what a fault table of them needs.
+
+`benchmarks.streams` has the seven formats that all benchmarks run over. Here stand the relatives: models that are
+slower, that have other samples, whose motor is switched by the control line DTR, or that only talk. A revolution of
+theirs is short, so they reach fewer megabytes a second than the seven.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Final
+
+from benchmarks.streams import RATES, Kind, rplidar_kind
+from lidario.families.ldrobot.decode import PacketDecoder, TriangleDecoder
+from lidario.families.ldrobot.formats import PacketFormat, TriangleFormat
+from lidario.families.registry import family_of_simulated
+from lidario.families.rplidar.simulated.device import PROFILES
+from lidario.families.unasked import begin
+from lidario.families.ydlidar import commands as ydlidar_commands
+from lidario.families.ydlidar.models import MODELS as YDLIDARS
+from lidario.model import ScanMode
+from lidario.wire.envelope import Request
+from lidario.wire.formats import StreamFormat
+
+__all__ = ["FORMATS", "SUFFERERS", "Sufferer"]
+
+
+@dataclass(frozen=True, slots=True)
+class Sufferer:
+    """A device in the fault table.
+
+    Attributes:
+        kind: What it sends.
+        mode: The scan mode that is asked for; None for the one that it recommends.
+    """
+
+    kind: Kind
+    mode: str | None = None
+
+
+def _device(model: str) -> Any:
+    return family_of_simulated(model).simulate(model, spin_up=0.0)
+
+
+def _rplidar(model: str, mode_id: int) -> Kind:
+    profile = PROFILES[model]
+    mode = next(each for each in profile.modes if each.id == mode_id)
+    return rplidar_kind(f"{model} {mode.name}", profile, mode)
+
+
+def _ydlidar(model: str) -> Kind:
+    about = YDLIDARS[model]
+    mode = ScanMode(0, "Standard", about.sample_us, about.reach, about.kind.response_type, typical=True)
+    request: Callable[[StreamFormat], Request] = begin if about.one_way else ydlidar_commands.scan
+    device = partial(_device, f"ydlidar-{model}")
+    return Kind(f"{about.title} points", "ydlidar", mode, device, about.kind.wire, about.kind.decoder, request)
+
+
+def _ldrobot(model: str, title: str, rate: float, *, triangle: bool = False) -> Kind:
+    wire = TriangleFormat if triangle else PacketFormat
+    mode = ScanMode(0, "Standard", 1e6 / rate, 12.0, wire.response_type, typical=True)
+    decoder = TriangleDecoder if triangle else PacketDecoder
+    return Kind(f"{title} packets", "ldrobot", mode, partial(_device, model), wire, decoder, begin)
+
+
+FORMATS: Final = {
+    kind.name: kind
+    for kind in (
+        _ydlidar("x4"),
+        _ydlidar("g6"),
+        _ydlidar("g2"),
+        _ydlidar("tmini"),
+        _ydlidar("tmini-plus-sh"),
+        _ldrobot("ldrobot-ld19", "LD19", 4500.0),
+        _ldrobot("ldrobot-ld14p", "LD14P", 4000.0, triangle=True),
+    )
+}
+"""One stream of each format that is not among the seven of `benchmarks.streams`."""
+
+SUFFERERS: Final = {
+    "rplidar-s2": Sufferer(RATES["S2 DenseBoost"].kind),
+    "ydlidar-4ros": Sufferer(RATES["4ROS"].kind),
+    "rplidar-a1": Sufferer(_rplidar("rplidar-a1", 0), "Standard"),
+    "rplidar-c1": Sufferer(_rplidar("rplidar-c1", 1)),
+    "ldrobot-ld06": Sufferer(_ldrobot("ldrobot-ld06", "LD06", 4546.0)),
+    "ydlidar-x4": Sufferer(FORMATS["X4 points"]),
+    "ydlidar-g2": Sufferer(FORMATS["G2 points"]),
+    "ydlidar-tmini": Sufferer(FORMATS["Tmini points"]),
+    "ydlidar-x2": Sufferer(_ydlidar("x2")),
+}
+"""The devices of the fault table, by the name of the simulated model."""

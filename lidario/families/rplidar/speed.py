@@ -1,0 +1,103 @@
+"""Another speed of the serial line, by measuring: the device listens how fast the host writes.
+
+The host writes ``41`` at the new speed, more than 100 bytes a second and for 1.5 s at most. Its bits alternate, so
+the device can measure their length. It responds with the speed that it has measured, in four bytes without a
+descriptor. Then the host confirms; a device that hears no confirmation goes back (vendor's SDK 2.1.0,
+`negotiateSerialBaudRate`). Firmware has it from 1.30 on; it is assumed that the C and S series have it too, whose
+firmware counts from 1.01. No document says whether the speed outlasts a restart.
+
+It is never used while a port is probed: other families' devices would take the bytes for a request that never ends.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from typing import Final
+
+from lidario.errors import ResponseTimeout, Unsupported
+from lidario.families.base import Script
+from lidario.families.rplidar import commands
+from lidario.wire.envelope import Expected, Request, encode_request
+from lidario.wire.events import Packets
+from lidario.wire.formats import Headings, StreamFormat
+
+__all__ = ["change_speed", "confirm", "measure"]
+
+PIECE: Final = b"A" * 16
+PIECE_S: Final = 0.05
+PIECES: Final = 30
+"""So many pieces take 1.5 s. They are 320 bytes a second; more than 100 are demanded."""
+CONFIRMED: Final = 0x5F5F
+SETTLE_S: Final = 0.01
+"""As after a motor request; no document demands a pause."""
+TOLERANCE: Final = 0.05
+"""What is measured is not exact. A serial line bears an error of 5 % at most."""
+
+
+class MeasuredSpeed(StreamFormat):
+    """The response to `measure`: one word, which is near the speed that was asked for."""
+
+    name = "measured speed"
+    response_type = 0x41
+    header: re.Pattern[bytes] = re.compile(b".", re.DOTALL)
+    shortest = 4
+    longest = 4
+    samples = 0
+    full_turn = 1
+    self_evident = True
+
+    def __init__(self, baudrate: int) -> None:
+        super().__init__()
+        self._baudrate = baudrate
+
+    def measure(self, data: bytearray, at: int) -> int:
+        """As `StreamFormat.measure`."""
+        return 4 if len(data) - at >= 4 else 0
+
+    def intact(self, data: bytearray, at: int, size: int) -> bool:
+        """As `StreamFormat.intact`."""
+        told = int.from_bytes(data[at : at + size], "little")
+        return abs(told - self._baudrate) <= TOLERANCE * self._baudrate
+
+    def headings(self, packets: Packets) -> Headings:
+        """As `StreamFormat.headings`; there are none."""
+        return [0] * sum(count for _, count in packets.blocks)
+
+
+def measure(baudrate: int) -> Request:
+    """Let the port run at that speed, and the device measure it."""
+    wire = MeasuredSpeed(baudrate)
+    return Request(
+        "speed to be measured",
+        PIECE,
+        expects=Expected(wire.response_type, wire.shortest),
+        timeout=PIECE_S,
+        attempts=PIECES,
+        stream=wire,
+        packets=1,
+        baudrate=baudrate,
+    )
+
+
+def confirm(baudrate: int) -> Request:
+    """NEW_BAUDRATE_CONFIRM: the device keeps the speed. It has no response."""
+    payload = struct.pack("<HIH", CONFIRMED, baudrate, 0)
+    return Request("NEW_BAUDRATE_CONFIRM", encode_request(0x90, payload), settle=SETTLE_S)
+
+
+def change_speed(baudrate: int, present: int) -> Script[None]:
+    """As `Device.set_baudrate`.
+
+    Raises:
+        Unsupported: The device does not follow; the port is at its present speed again.
+    """
+    yield commands.STOP
+    try:
+        yield measure(baudrate)
+    except ResponseTimeout as error:
+        yield Request("the speed before", b"", baudrate=present)
+        raise Unsupported(
+            f"this device did not respond at {baudrate} baud: its speed cannot be changed, and stays {present}"
+        ) from error
+    yield confirm(baudrate)

@@ -1,0 +1,46 @@
+"""Waiting for another thread in a way that Ctrl-C may end anywhere.
+
+`threading.Event`, `Condition` and `concurrent.futures.Future` are made of locks that Python code takes and gives
+back. Ctrl-C raises `KeyboardInterrupt` in the midst of that code: the lock stays taken, or is given back twice, and
+the other thread waits for ever or fails. Here each waiter has a plain lock of its own, which the interpreter waits
+for in one piece, and what threads share is changed in one piece too.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections import deque
+
+__all__ = ["Latch"]
+
+_WAIT_S = 0.2 if sys.platform == "win32" else -1.0
+"""On Windows Ctrl-C does not end a wait that has no limit, so the wait is divided."""
+
+
+class Latch:
+    """Something that happens once, for which any number of threads may wait."""
+
+    def __init__(self) -> None:
+        self._is_set = False
+        self._waiters: deque[threading.Lock] = deque()
+
+    @property
+    def is_set(self) -> bool:
+        """Whether it has happened."""
+        return self._is_set
+
+    def set(self) -> None:
+        """It has happened: every wait ends. To be called once, and not where Ctrl-C may come."""
+        self._is_set = True
+        while self._waiters:
+            self._waiters.popleft().release()
+
+    def wait(self) -> None:
+        """Wait until it has happened."""
+        waiter = threading.Lock()
+        waiter.acquire()
+        self._waiters.append(waiter)
+        # Looked at behind the line above: `set` finds the waiter, or the waiter finds that it is set.
+        while not (self._is_set or waiter.acquire(timeout=_WAIT_S)):
+            pass

@@ -1,0 +1,57 @@
+"""No verb waits for ever: the table of verbs in ``docs/bounds.md``, in driven time."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from click.testing import Result
+
+from lidario.cli.output import Writer
+from tests.cli.processes import ROOT, in_memory, invoke, write_at_once
+from tests.support.loop import DrivenLoop
+
+TEXT = (ROOT / "docs" / "bounds.md").read_text(encoding="utf-8")
+VERBS = re.findall(r"^\| `lidario ([^`]+)` \| ([\d.]+) \| ([\d.]+) \|", TEXT, re.MULTILINE)
+MODELS = ("rplidar-s2", "ydlidar-4ros")
+HARM = ("silent:0s", "silent:1s", "babble:2000", "garbage")
+
+pytestmark = pytest.mark.discards("noise on the line, and devices that do not respond, are asked again and again")
+
+
+def invoked(words: list[str]) -> tuple[Result, float]:
+    """Run the command on a driven clock; also tells how many seconds of it have passed."""
+    loops: list[tuple[DrivenLoop, float]] = []
+
+    def make() -> DrivenLoop:
+        loop = DrivenLoop()
+        loops.append((loop, loop.time()))
+        return loop
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("asyncio.events.new_event_loop", make)
+        patch.setattr(Writer, "write", write_at_once)
+        ended = invoke(*words)
+    return ended, sum(loop.time() - began for loop, began in loops)
+
+
+def test_the_table_has_the_verbs_that_ask_a_device() -> None:
+    assert {words.split()[0] for words, _, _ in VERBS} == {
+        "info", "scan", "plot", "stats", "doctor", "motor", "record"
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("number", [0, 1], ids=MODELS)
+@pytest.mark.parametrize("row", VERBS, ids=lambda row: row[0])
+def test_no_verb_takes_longer_than_the_table_says(
+    row: tuple[str, str, str], number: int, monkeypatch: pytest.MonkeyPatch, tmp_path: object
+) -> None:
+    monkeypatch.chdir(str(tmp_path))
+    taken = {}
+    for fault in HARM:
+        words = row[0].replace("SOURCE", in_memory(MODELS[number], f"fault={fault}"))
+        ended, taken[fault] = invoked(words.split())
+        assert ended.exit_code in (0, 2, 5), ended.stderr
+    bound = float(row[1 + number])
+    # The table is no guess: what it says is nearly reached.
+    assert bound / 2 <= max(taken.values()) <= bound, taken

@@ -1,0 +1,128 @@
+"""A terminal that takes no output (Ctrl-S, a line that is dead) holds up neither the lidar nor a signal."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import signal
+import subprocess
+import sys
+import termios
+import tty
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from lidario.sim.device import SimulatedDevice
+from tests.cli.processes import BOUND, ROOT, served
+from tests.cli.test_watch import Screen, resize
+from tests.support.children import until
+
+STOP, GO, INTERRUPT = b"\x13", b"\x11", b"\x03"
+LEFT = "\x1b[?1049l"
+FRAMES = 2 * 3200 * 4
+"""Bytes of about two revolutions; a program that waits for its terminal has waited for long after those."""
+
+
+@contextlib.contextmanager
+def on_terminal(
+    *arguments: str, stdout: int | None = None
+) -> Iterator[tuple[subprocess.Popen[bytes], Screen, int]]:
+    """The command on a terminal of its own, which it is controlled by; stdout may be something else."""
+    environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
+    environment |= {"TERM": "xterm-256color", "PYTHONIOENCODING": "utf-8"}
+    ours, theirs = os.openpty()
+    resize(theirs, 24, 80)
+    with os.fdopen(ours, "rb", buffering=0):
+        process = subprocess.Popen(
+            [sys.executable, "-W", "error", "-m", "lidario", *arguments],
+            cwd=ROOT, stdin=theirs, stdout=theirs if stdout is None else stdout, stderr=theirs, env=environment,
+            start_new_session=True, preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+        )  # fmt: skip
+        os.close(theirs)
+        try:
+            with process:
+                try:
+                    yield process, Screen(ours), ours
+                finally:
+                    process.kill()
+        finally:
+            process.wait(BOUND)
+
+
+def goes_on(device: SimulatedDevice) -> None:
+    """Wait until the device has sent some revolutions more."""
+    sent, transmit = [0], device.transmit
+
+    def counted(now: int) -> bytes:
+        data = transmit(now)
+        sent.append(sent[-1] + len(data))
+        return data
+
+    device.transmit = counted  # type: ignore[method-assign]
+    until(lambda: sent[-1] > FRAMES)
+
+
+def begins(device: SimulatedDevice) -> Callable[[], bool]:
+    """Tells whether the device has been scanning since."""
+    seen: list[bool] = []
+
+    def told() -> bool:
+        seen.append(device.scanning)
+        return any(seen)
+
+    return told
+
+
+def test_watch_is_ended_while_its_terminal_takes_nothing() -> None:
+    with served("rplidar-s2") as server, on_terminal("watch", server.path) as (process, screen, terminal):
+        screen.until("\x1b[H", lambda text: "forward is up" in text)
+        os.write(terminal, STOP)
+        goes_on(server.device)
+        process.send_signal(signal.SIGINT)
+        until(lambda: not server.device.scanning)
+        assert process.wait(BOUND) == 0
+
+
+def test_ctrl_c_on_a_stopped_terminal_restores_it() -> None:
+    """A typed Ctrl-C makes a terminal take output again."""
+    with served("rplidar-s2") as server, on_terminal("watch", server.path) as (process, screen, terminal):
+        screen.until("\x1b[H", lambda text: "forward is up" in text)
+        os.write(terminal, STOP)
+        goes_on(server.device)
+        os.write(terminal, INTERRUPT)
+        screen.until(LEFT)
+        screen.until("\n", lambda text: "scans of" in text)
+        assert process.wait(BOUND) == 0
+        until(lambda: not server.device.scanning)
+
+
+def test_what_shows_that_work_goes_on_does_not_hold_it_up(tmp_path: Path) -> None:
+    with (
+        served("rplidar-s2") as server,
+        open(tmp_path / "scans", "w") as out,
+        on_terminal("scan", server.path, "-n", "3", "--json", stdout=out.fileno()) as (process, _, terminal),
+    ):
+        os.write(terminal, STOP)
+        seen = begins(server.device)
+        until(lambda: seen() and not server.device.scanning)
+        os.write(terminal, GO)
+        assert process.wait(BOUND) == 0
+    assert len((tmp_path / "scans").read_text().splitlines()) == 3
+
+
+def test_a_signal_ends_what_waits_for_a_device() -> None:
+    """Nothing at the port responds, so the command waits, and says so on a terminal that is stopped."""
+    ours, theirs = os.openpty()
+    silent = os.ttyname(theirs)
+    with (
+        os.fdopen(ours, "rb", buffering=0),
+        os.fdopen(theirs, "rb", buffering=0),
+        on_terminal("scan", silent, stdout=subprocess.DEVNULL) as (process, screen, terminal),
+    ):
+        screen.until("waiting for")
+        os.write(terminal, STOP)
+        tty.setraw(theirs)
+        assert os.read(ours, 1)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(BOUND) == 128 + signal.SIGTERM

@@ -1,0 +1,74 @@
+"""Packets that a line delivers twice, and the one of 256 damaged packets that the CRC does not find."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lidario.families.ldrobot.decode import PacketDecoder
+from lidario.families.ldrobot.formats import SIZE, crc8
+from lidario.families.registry import family_of_simulated
+from lidario.families.samples import Samples
+from lidario.wire.blocks import Block
+from lidario.wire.events import Packets
+
+COUNT = 20
+
+
+def packets_of(model: str = "ldrobot-ld19") -> list[bytes]:
+    """Some packets of a clean stream, none of which lies across 0."""
+    device = family_of_simulated(model).simulate(model, spin_up=0.0, seed=3)
+    now, raw = 0, b""
+    for _ in range(40):
+        now += 10_000_000
+        raw += device.transmit(now)
+    begin = raw.index(b"\x54\x2c")
+    found = [raw[at : at + SIZE] for at in range(begin, len(raw) - SIZE, SIZE)]
+    starts = [int.from_bytes(each[4:6], "little") for each in found]
+    first = next(at for at, start in enumerate(starts) if start < 1000)
+    return found[first + 2 : first + 3 + COUNT]
+
+
+def decoded(packets: list[bytes]) -> Samples:
+    """All but the last, which is the one that follows."""
+    data = b"".join(packets[:-1])
+    blocks = (Block(SIZE, len(packets) - 1),)
+    return PacketDecoder().decode(Packets(data, blocks, ()), packets[-1])
+
+
+def with_end(packet: bytes, end: int) -> bytes:
+    """The packet with another last angle, and a check value that holds."""
+    body = packet[:42] + end.to_bytes(2, "little") + packet[44:46]
+    return body + bytes((crc8(body),))
+
+
+def test_a_packet_that_came_twice_is_no_lost_revolution() -> None:
+    packets = packets_of()
+    found = decoded([*packets[:8], packets[7], *packets[8:]])
+    assert (found.lost, found.unbroken) == (0, COUNT + 1)
+    assert found.certain
+
+
+@pytest.mark.parametrize("turned", [1265, 13_627, 30_000, -500])
+def test_a_wrong_last_angle_neither_loses_packets_nor_spreads_the_samples(turned: int) -> None:
+    packets = packets_of()
+    clean = decoded(packets)
+    end = (int.from_bytes(packets[8][42:44], "little") + turned) % 36_000
+    found = decoded([*packets[:8], with_end(packets[8], end), *packets[9:]])
+    assert (found.lost, found.lost_behind, found.unbroken) == (0, 0, COUNT)
+    np.testing.assert_allclose(found.angle_deg, clean.angle_deg, atol=0.02)
+    assert found.revolution_samples == pytest.approx(clean.revolution_samples, rel=0.001)
+
+
+@pytest.mark.parametrize("missing", [1, 5])
+def test_packets_that_are_missing_are_told_as_before(missing: int) -> None:
+    packets = packets_of()
+    found = decoded(packets[:8] + packets[8 + missing :])
+    assert (found.lost, found.unbroken) == (missing, 8)
+
+
+def test_of_packets_that_are_missing_beside_a_wrong_angle_none_is_told_twice() -> None:
+    packets = packets_of()
+    end = (int.from_bytes(packets[4][42:44], "little") + 9000) % 36_000
+    found = decoded([*packets[:4], with_end(packets[4], end), *packets[5:8], *packets[10:]])
+    assert (found.lost, found.unbroken) == (2, 8)

@@ -1,0 +1,76 @@
+"""The connection to a zenoh router: what is asked of the package, with a session of ours in its place."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from lidario.network import bus as under_test
+from lidario.network.bus import MOST_WAITING, Bus, Sample
+
+ROUTER = "tcp/192.0.2.7:7447"
+
+
+class Session:
+    """What `Bus` uses of a session of zenoh."""
+
+    def __init__(self) -> None:
+        self.receive: Callable[[Any], None] = lambda _: None
+        self.released = threading.Event()
+        self.info = SimpleNamespace(declare_transport_events_listener=lambda _: None)
+
+    def declare_subscriber(self, _: str, receive: Callable[[Any], None]) -> SimpleNamespace:
+        self.receive = receive
+        return SimpleNamespace(undeclare=lambda: None)
+
+    def close(self) -> None:
+        self.released.wait()
+
+
+def sample(number: int) -> SimpleNamespace:
+    data = SimpleNamespace(to_bytes=lambda: bytes((number % 256,)))
+    return SimpleNamespace(key_expr="a/key", payload=data, attachment=None)
+
+
+async def test_what_the_loop_does_not_take_is_bounded() -> None:
+    session, taken = Session(), list[Sample]()
+    bus = Bus(session, ROUTER)
+    bus.subscribe("a/key", taken.append)
+    for number in range(MOST_WAITING + 50):
+        session.receive(sample(number))
+    assert bus.dropped == 50
+    await asyncio.sleep(0)
+    assert len(taken) == MOST_WAITING
+    # The oldest were dropped.
+    assert taken[0].payload == bytes((50,))
+
+
+async def test_leaving_a_router_that_does_not_respond_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(under_test, "CLOSE_S", 0.02)
+    session = Session()
+    try:
+        async with asyncio.timeout(30):
+            await Bus(session, ROUTER).close()
+    finally:
+        session.released.set()
+
+
+@pytest.mark.parametrize("file", ["", '{mode: "peer", scouting: {multicast: {enabled: true}}}'], ids=["", "a file"])
+def test_only_the_router_that_was_named_is_connected_to(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, file: str
+) -> None:
+    """Whatever the environment names as configuration."""
+    monkeypatch.delenv("ZENOH_CONFIG", raising=False)
+    if file:
+        (tmp_path / "zenoh.json5").write_text(file)
+        monkeypatch.setenv("ZENOH_CONFIG", str(tmp_path / "zenoh.json5"))
+    config: Any = under_test._config(__import__("zenoh"), ROUTER)
+    assert config.get_json("mode") == '"client"'
+    assert config.get_json("connect/endpoints") == f'["{ROUTER}"]'
+    assert config.get_json("scouting/multicast/enabled") == "false"

@@ -1,0 +1,149 @@
+"""Raw messages to scans without a session, and what becomes of messages that are missing, late or bad."""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+import pytest
+
+import lidario
+from lidario.network.bus import Sample
+from lidario.network.keys import Attachment, parse_attachment
+from lidario.network.messages import Entry, encode_raw_message
+from lidario.network.raw import RawDecoder
+from lidario.network.senders import Known, Senders
+from lidario.network.status import Status
+from lidario.recording.chronicle import StreamEnded, text_of
+from lidario.ros.broadcast import Outlet
+from lidario.ros.share import Share
+from lidario.ros.waiting import FleetScan, WaitingScans
+from lidario.scan import Scan
+from tests.support.loop import run_driven
+from tests.test_model import FOUR
+
+MODELS = ("rplidar-s2", "ydlidar-4ros", "ldrobot-ld06")
+
+
+class Sent:
+    """What a publisher of raw bytes sends, and the scans that its own session made of them."""
+
+    def __init__(self, model: str, count: int = 6) -> None:
+        self.messages: list[bytes] = []
+        self.scans: list[Scan] = []
+        self.status: Status | None = None
+        run_driven(lambda: self._run(model, count))
+
+    async def _run(self, model: str, count: int) -> None:
+        async with lidario.open_lidar(lidario.simulate(model, spin_up=0)) as lidar:
+            share = Share(lidar, "a", raw=True)
+            share._outlet = Outlet(self, bytes(16))  # type: ignore[arg-type]
+            assert share._raw is not None
+            share._raw.begin()
+            async with lidar.scans() as scans:
+                async for scan in scans:
+                    self.scans.append(scan)
+                    self.status = Status.of(share.status().to_bytes(whole=False))
+                    if len(self.scans) == count:
+                        break
+            share._raw.end()
+            self.offset_ns = round(self.scans[0].wall_stamp_ns - self.scans[0].stamp_ns)
+
+    def put(self, payload: bytes, attachment: bytes) -> bool:
+        assert parse_attachment(attachment) is not None
+        self.messages.append(payload)
+        return True
+
+    def decoder(self) -> RawDecoder:
+        """One that has heard the status."""
+        decoder = RawDecoder(self.offset_ns)
+        assert self.status is not None
+        decoder.learn(self.status)
+        return decoder
+
+
+@pytest.fixture(scope="module", params=MODELS)
+def sent(request: pytest.FixtureRequest) -> Sent:
+    return Sent(request.param)
+
+
+def test_scans_are_those_of_the_publisher(sent: Sent) -> None:
+    decoder = sent.decoder()
+    scans = [scan for message in sent.messages for scan in decoder.add(message) or ()]
+    assert len(scans) == len(sent.scans)
+    for own, other in zip(scans, sent.scans, strict=True):
+        np.testing.assert_array_equal(own.device_angles, other.device_angles)
+        np.testing.assert_array_equal(own.device_distances, other.device_distances)
+        assert (own.seq, own.stamp_ns, own.mode) == (other.seq, other.stamp_ns, other.mode)
+
+
+def test_a_message_that_is_missing_costs_a_part_of_one_revolution(sent: Sent) -> None:
+    decoder = sent.decoder()
+    missing = len(sent.messages) // 2
+    scans = [
+        scan
+        for number, message in enumerate(sent.messages)
+        if number != missing
+        for scan in decoder.add(message) or ()
+    ]
+    assert decoder.stats.lost_packets
+    assert len(scans) + decoder.stats.missed_scans >= len(sent.scans) - 1
+    whole = {scan.stamp_ns // 1000: scan for scan in sent.scans}
+    same = [scan for scan in scans if scan.stamp_ns // 1000 in whole and not scan.lost_packets]
+    assert len(same) >= len(sent.scans) - 3
+
+
+def test_until_the_status_is_known_bytes_are_left_out(sent: Sent) -> None:
+    """And behind the end of a stream; an unknown family stays unknown."""
+    decoder = RawDecoder(0)
+    strange = sent.status
+    assert strange is not None
+    data = [message for message in sent.messages if b'"began"' not in message]
+    assert [decoder.add(message) for message in data] == [[]] * len(data)
+    unknown = Status.of(strange.to_bytes(whole=True).replace(strange.about.info.family.encode(), b"nobody"))
+    assert unknown is not None
+    decoder.learn(unknown)
+    assert [decoder.add(message) for message in sent.messages] == [[]] * len(sent.messages)
+    decoder = sent.decoder()
+    assert decoder.add(encode_raw_message([Entry(True, 0, text_of(StreamEnded(9)).encode())])) == []
+    assert [decoder.add(message) for message in data] == [[]] * len(data)
+    assert decoder.add(b"LDR1") is None
+
+
+def test_damaged_messages_raise_nothing(sent: Sent) -> None:
+    chance = random.Random(7)
+    decoder = sent.decoder()
+    for message in sent.messages:
+        damaged = bytearray(message)
+        for _ in range(chance.randrange(4)):
+            damaged[chance.randrange(len(damaged))] = chance.randrange(256)
+        for scan in decoder.add(bytes(damaged)) or ():
+            assert len(scan)
+
+
+def test_gaps_are_counted_for_each_publisher() -> None:
+    senders = Senders()
+    one, two = bytes(16), bytes(range(16))
+    numbers = [(one, 1, 0), (two, 40, 0), (one, 4, 2), (two, 41, 0), (one, 2, 0), (one, 3, 0)]
+    for gid, number, gap in numbers:
+        attachment, found = senders.follow(Sample("a", b"", Attachment(number, 0, gid).to_bytes()))
+        assert attachment is not None
+        assert found == gap
+    assert senders.follow(Sample("a", b"", b"")) == (None, 0)
+
+
+def test_the_publishers_that_were_not_heard_for_longest_are_forgotten() -> None:
+    known: Known[int] = Known(2)
+    for key in ("a", "b", "a", "c"):
+        known.put(key, b"", 1)
+    assert [key for key, _ in known] == ["a", "c"]
+
+
+def test_a_slow_reader_sees_the_latest_of_every_lidar_and_what_is_missing() -> None:
+    waiting = WaitingScans(2)
+    for number, (key, lost) in enumerate([("a", 0), ("a", 3), ("b", 0), ("a", 0), ("a", 0)]):
+        waiting.put(FleetScan(key, FOUR, number, lost))
+    assert len(waiting) == 3
+    taken = [waiting.take() for _ in range(3)]
+    assert [(each.key, each.sent_ns, each.lost) for each in taken] == [("a", 3, 5), ("a", 4, 0), ("b", 2, 0)]
+    assert (len(waiting), waiting.dropped, waiting._scans) == (0, 2, {})

@@ -1,0 +1,95 @@
+"""Addresses of routers that cannot be right, and what is said where no router lets us in."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+
+import pytest
+
+from lidario.errors import InvalidValue
+from lidario.network.router import check_router, why_no_router
+
+
+@pytest.mark.parametrize(
+    ("router", "words"),
+    [
+        ("7447", "is not the address of a router, such as tcp/localhost:7447"),
+        ("localhost:7447", "is not the address of a router"),
+        ("tcp/", "is not the address of a router"),
+        ("tcp/a\x00b:7447", "is not the address of a router"),
+        ("tpc/localhost:7447", "zenoh speaks tcp, tls, udp, .* not 'tpc'"),
+        ("tcp/localhost", "it needs a host and a port"),
+        ("tcp/:7447", "it needs a host and a port"),
+        ("tls/localhost:x", "it needs a host and a port"),
+        ("tcp/localhost:0", "0 is not the number of a port"),
+        ("tcp/localhost:99999", "99999 is not the number of a port"),
+    ],
+)
+def test_an_address_that_cannot_be_right(router: str, words: str) -> None:
+    with pytest.raises(InvalidValue, match=words):
+        check_router(router)
+
+
+@pytest.mark.parametrize(
+    "router",
+    [
+        "tcp/localhost:7447",
+        "tcp/[::1]:7447",
+        "tls/fleet.example:7447?prio=1-3#so_sndbuf=65000",
+        "quic/10.0.0.1:65535",
+        "unixsock-stream//run/zenoh.sock",
+        "serial//dev/ttyACM0#baudrate=115200",
+    ],
+)
+def test_an_address_that_may_be_right(router: str) -> None:
+    check_router(router)
+
+
+@pytest.fixture
+def listening() -> Iterator[int]:
+    """A port at which something listens that is not a router."""
+    with socket.socket() as server:
+        server.bind(("127.0.0.1", 0))
+        server.listen()
+        yield server.getsockname()[1]
+
+
+@pytest.mark.parametrize(
+    ("protocol", "words"),
+    [("tcp", "not as a zenoh router. Is the port right"), ("tls", "the TLS connection failed")],
+)
+def test_somebody_else_listens(listening: int, protocol: str, words: str) -> None:
+    error = why_no_router(f"{protocol}/127.0.0.1:{listening}")
+    assert error.reason == "refused"
+    assert words in str(error)
+
+
+@pytest.mark.parametrize("router", ["tcp/127.0.0.1:1", "udp/127.0.0.1:1", "unixsock-stream//nowhere"])
+def test_nobody_listens(router: str) -> None:
+    error = why_no_router(router)
+    assert error.reason == "refused"
+    assert str(error).startswith(f"no zenoh router responds at {router}. Start one: zenohd")
+
+
+@pytest.mark.parametrize(
+    ("host", "code", "reason"),
+    [
+        ("typo.example", socket.EAI_NONAME, "missing"),
+        ("typo.example", socket.EAI_AGAIN, "refused"),  # the network is not up yet
+        ("base.local", socket.EAI_NONAME, "refused"),  # known only while that machine is there
+    ],
+)
+def test_an_unknown_host(host: str, code: int, reason: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def unknown(*_: object, **__: object) -> None:
+        raise socket.gaierror(code, "Name or service not known")
+
+    monkeypatch.setattr(socket, "getaddrinfo", unknown)
+    error = why_no_router(f"tcp/{host}:7447")
+    assert error.reason == reason
+    assert str(error) == f"tcp/{host}:7447: Name or service not known. Is the name of the router's host right?"
+
+
+def test_a_name_that_no_host_can_have() -> None:
+    error = why_no_router(f"tcp/{'a' * 64}:7447")
+    assert error.reason == "missing"

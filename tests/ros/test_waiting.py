@@ -1,0 +1,147 @@
+"""Robots and routers are started in any order: a publisher waits for a router that is not there yet."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import re
+import signal
+from collections.abc import Callable, Iterator
+
+import pytest
+
+import lidario
+from lidario.errors import ConnectFailed, InvalidValue, LocalProtocolError
+from lidario.network.bus import Bus
+from lidario.ros import Publisher, Share
+from tests.cli.processes import BOUND, invoke, line_of, served, started
+from tests.support.children import until as soon
+from tests.support.router import Router
+from tests.test_model import FOUR
+
+SIM = "sim://rplidar-s2?via=memory"
+UNKNOWN = f"tcp/{'a' * 64}:7447"
+"""No name has a part as long as this one, so that no network is asked."""
+
+
+async def until(condition: Callable[[], object]) -> None:
+    async with asyncio.timeout(BOUND):
+        while not condition():
+            await asyncio.sleep(0.002)
+
+
+@pytest.fixture
+def absent() -> Iterator[Router]:
+    """A router that is not there yet; the test starts it."""
+    made = Router()
+    made.stop()
+    yield made
+    made.stop()
+
+
+@pytest.mark.parametrize("form", ["ros", "scan", "raw"])
+async def test_a_publisher_waits_for_its_router(absent: Router, form: str) -> None:
+    device = lidario.simulate("rplidar-s2", spin_up=0)
+    changes: list[tuple[bool, str]] = []
+    async with lidario.open_lidar(device) as lidar:
+        if form == "ros":
+            publisher: Publisher | Share = Publisher(lidar, router=absent.address)
+        else:
+            publisher = Share(lidar, "late/scan", raw=form == "raw", router=absent.address)
+        publisher.on_change = lambda connected: changes.append((connected, publisher.news))
+        async with publisher:
+            assert changes == [
+                (
+                    False,
+                    f"no zenoh router responds at {absent.address}. Start one: zenohd, or ros2 run rmw_zenoh_cpp "
+                    "rmw_zenohd\nScans are not sent until it is there.",
+                )
+            ]
+            assert not publisher.is_connected
+            running = asyncio.create_task(publisher.run())
+            await until(lambda: publisher.unsent >= 2)
+            assert publisher.scans == 0
+            absent.start()
+            await until(lambda: publisher.scans)
+            assert changes[1:] == [(True, f"the zenoh router at {absent.address} is there")]
+            remote = await lidario.open_lidar(f"zenoh:{publisher.key}?router={absent.address}")
+            async with remote, remote.scans() as scans, asyncio.timeout(BOUND):
+                assert len(await anext(scans)) > 1000
+            with pytest.raises(LocalProtocolError, match="can be started once"):
+                await publisher.start()
+            running.cancel()
+            await asyncio.wait([running])
+
+
+async def test_nobody_listens_to_the_news(absent: Router, caplog: pytest.LogCaptureFixture) -> None:
+    """Closing ends the waiting; a scan that was not sent is counted."""
+    async with lidario.open_lidar(SIM) as lidar:
+        before = asyncio.all_tasks()
+        with caplog.at_level(logging.WARNING, "lidario"):
+            async with Share(lidar, "late/scan", router=absent.address) as share:
+                share.publish(FOUR)
+        assert (share.scans, share.unsent) == (0, 1)
+        (told,) = caplog.messages
+        assert told.startswith("no zenoh router responds at")
+        assert told.endswith("rmw_zenohd Scans are not sent until it is there.")
+        assert asyncio.all_tasks() == before
+        await share.close()
+
+
+async def test_what_cannot_be_declared_leaves_no_connection(
+    absent: Router, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The router went away between the two steps: it is waited for, and nothing stays open of the first attempt."""
+    absent.start()
+    closed: list[Bus] = []
+    close_soon, token = Bus.close_soon, Bus.token
+
+    def close(bus: Bus) -> None:
+        closed.append(bus)
+        close_soon(bus)
+
+    monkeypatch.setattr(Bus, "close_soon", close)
+    attempts = iter([False])
+
+    def fail(bus: Bus, key: str) -> None:
+        if next(attempts, True):
+            token(bus, key)
+        else:
+            raise ConnectFailed("the zenoh session failed", reason="refused")
+
+    monkeypatch.setattr(Bus, "token", fail)
+    async with lidario.open_lidar(SIM) as lidar:
+        async with Share(lidar, "late/again", raw=True, router=absent.address) as share:
+            assert not share.is_connected
+            assert len(closed) == 1
+            await until(lambda: share.is_connected)
+        assert len(closed) == 1
+
+
+@pytest.mark.parametrize("address", ["tcp/localhost", UNKNOWN])
+async def test_a_wrong_address_is_not_waited_for(address: str) -> None:
+    async with lidario.open_lidar(SIM) as lidar:
+        with pytest.raises((InvalidValue, ConnectFailed), match=r"is not the address|host"):
+            await Share(lidar, "late/scan", router=address).start()
+
+
+@pytest.mark.parametrize(("address", "code"), [("tpc/localhost:7447", 2), ("tcp/localhost", 2), (UNKNOWN, 3)])
+def test_the_command_ends_where_the_address_is_wrong(address: str, code: int) -> None:
+    done = invoke("publish", SIM, "--ros", "--router", address)
+    assert done.exit_code == code
+    assert done.stderr.startswith("error: ")
+    assert "host" in done.stderr
+
+
+def test_ctrl_c_while_it_waits_leaves_laser_and_motor_off(absent: Router) -> None:
+    with served("rplidar-s2") as server:
+        with started("publish", server.path, "--zenoh", "late/scan", "--router", absent.address) as process:
+            assert line_of(process.stdout) == "late/scan\n"
+            soon(lambda: server.device.scanning)
+            process.send_signal(signal.SIGINT)
+            _, said = process.communicate(timeout=BOUND)
+            assert process.returncode == 0
+            assert said.startswith(f"no zenoh router responds at {absent.address}. Start one")
+            assert "\nScans are not sent until it is there.\npublishing RPLIDAR" in said
+            assert re.search(r"\n0 scans published(; \d+ not sent, because there was no router)?\n$", said)
+        soon(lambda: not server.device.scanning and not server.device.motor_on)

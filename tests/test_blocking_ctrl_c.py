@@ -1,0 +1,77 @@
+"""Ctrl-C is raised at every line that the program's thread executes while it waits for the session's own thread.
+
+What both threads share must survive that. The locks of `threading.Condition` do not: Ctrl-C in the midst of
+`Condition.wait` leaves the lock so that the other thread fails or waits for ever.
+"""
+
+from __future__ import annotations
+
+import gc
+import sys
+import threading
+from collections.abc import Callable
+from types import FrameType
+from typing import Any
+
+import pytest
+
+from lidario.blocking import open_sync
+from tests.support.devices import Rig, make_rig
+from tests.test_blocking import wait_for_threads
+
+pytestmark = pytest.mark.usefixtures("quick_collection")
+
+
+@pytest.mark.exhaustive("stride", sample=[23], full=[4])
+@pytest.mark.parametrize("at", ["asking", "closing"])
+def test_ctrl_c_at_every_line_of_a_wait(at: str, stride: int) -> None:
+    line, places = stride // 2, 0
+    while True:
+        rig = make_rig("rplidar")
+        threads = set(threading.enumerate())
+        place = ask_and_close(rig, at, line)
+        gc.collect()
+        wait_for_threads(threads)
+        assert not rig.device.scanning, place
+        assert not rig.device.motor_on, place
+        if not place:
+            break
+        places += 1
+        line += stride
+    assert places * stride >= 12
+
+
+def ask_and_close(rig: Rig, at: str, line: int) -> str:
+    """Raise KeyboardInterrupt at the n-th line of asking or closing; where that was, or "" when it has fewer."""
+    try:
+        with open_sync(rig.device) as lidar:
+            scans = lidar.scans()
+            next(scans)
+            if at == "asking":
+                interrupted(line, lambda: lidar.stats)
+            else:
+                interrupted(line, lidar.close)
+    except KeyboardInterrupt as error:
+        return str(error)
+    return ""
+
+
+def interrupted(line: int, function: Callable[[], object]) -> None:
+    left = line
+
+    def trace(frame: FrameType, event: str, _: object) -> Any:
+        nonlocal left
+        # Python ignores what is raised in the callback of a weak reference.
+        if event == "line" and "_weakrefset" not in frame.f_code.co_filename:
+            left -= 1
+            if left < 0:
+                sys.settrace(None)
+                raise KeyboardInterrupt(f"{frame.f_code.co_qualname}:{frame.f_lineno}")
+        return trace
+
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        function()
+    finally:
+        sys.settrace(before)
