@@ -155,7 +155,7 @@ class PointCloud(StreamFormat):
 
     def samples_in(self, blocks: Iterable[Block]) -> int:
         """As `StreamFormat.samples_in`: each packet has as many as its size has room for."""
-        return sum((size - HEADER_SIZE) // self.sample_size * count for size, count in blocks)
+        return sum([(size - HEADER_SIZE) // self.sample_size * count for size, count in blocks])
 
     def headings(self, packets: Packets) -> Headings:
         """As `StreamFormat.headings`, in 1/64 degrees."""
