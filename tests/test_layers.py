@@ -15,6 +15,7 @@ VENDORS = sorted(path.name for path in (PACKAGE / "families").iterdir() if (path
 LAYERS = (
     {
         "cdr",
+        "entered",
         "errors",
         "laserscan",
         "measured",

@@ -81,14 +81,16 @@ def _facts(told: _Told) -> Table:
     table.add_column(overflow="fold")
     for name, value in (
         ("source", told.source),
-        ("model", f"{device.model} (number {device.model_id})"),
+        ("model", f"{device.model} (number {device.model_id})" if device.model_id else device.model),
         ("firmware", device.firmware),
-        ("hardware", str(device.hardware)),
+        ("hardware", str(device.hardware) if device.firmware else ""),
         ("serial number", device.serial),
         ("health", health.status.value + code),
         ("scan frequency", _frequency(told.frequency, told.limits)),
     ):
-        table.add_row(name, value)
+        # A device that only talks tells little of itself.
+        if value:
+            table.add_row(name, value)
     return table
 
 

@@ -142,8 +142,9 @@ def dump(value: object) -> None:
 
 
 def message(text: str) -> None:
-    """Write a line to stderr."""
-    click.echo(text, err=True)
+    """Write a line to stderr; where it cannot be written, as on a full disk, the work goes on without it."""
+    with suppress(OSError):
+        click.echo(text, err=True)
 
 
 def introduced(model: str, serial: str, firmware: str = "") -> str:

@@ -6,12 +6,13 @@ Nothing of ROS is needed on this machine: a zenoh router (``zenohd``, or the ``r
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 from click.core import ParameterSource
 
-from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.errors import ExitCode, ReaderGone, Stopped
 from lidario.cli.output import emit, message
 from lidario.cli.parameters import complete_source
 
@@ -112,7 +113,9 @@ def publish(
             publisher.on_change = lambda _: message(publisher.news)
             async with publisher:
                 told.append(publisher)
-                emit(f"{publisher.key}\n")
+                # Robots need the scans, whether or not somebody reads the key here.
+                with suppress(ReaderGone, OSError):
+                    emit(f"{publisher.key}\n")
                 message(f"publishing {lidar.info.model} {lidar.info.serial} through {router}; Ctrl-C ends it")
                 await publisher.run(by_id)
 

@@ -7,7 +7,7 @@ from numbers import Real
 
 from lidario.errors import InvalidValue
 
-__all__ = ["finite"]
+__all__ = ["finite", "frequency_within"]
 
 
 def finite(value: object, what: str) -> float:
@@ -25,3 +25,16 @@ def finite(value: object, what: str) -> float:
     if not math.isfinite(number):
         raise InvalidValue(f"{what} is a finite number, not {value!r}")
     return number
+
+
+def frequency_within(hertz: object, limits: tuple[float, float], whose: str) -> float:
+    """The scan frequency in Hz, if the device takes it.
+
+    Raises:
+        InvalidValue: Not a finite number, or outside of the `limits` of the model `whose`.
+    """
+    lowest, highest = limits
+    wanted = finite(hertz, "a scan frequency")
+    if not lowest <= wanted <= highest:
+        raise InvalidValue(f"{wanted:g} Hz is outside of the {whose}'s {lowest:g} to {highest:g} Hz")
+    return wanted

@@ -42,6 +42,7 @@ __all__ = [
     "agreed",
     "health_of",
     "raw_stream",
+    "told",
 ]
 
 T = TypeVar("T")
@@ -67,6 +68,12 @@ def agreed(request: Request) -> Script[bytes]:
     raise RemoteProtocolError(
         f"{MOST_DIFFERENT} responses to {request.name} were all different: the line damages what it carries"
     )
+
+
+def told(value: T) -> Script[T]:
+    """A script that asks nothing: the value is known."""
+    yield from ()
+    return value
 
 
 def health_of(status: int, code: int) -> Health:

@@ -38,6 +38,8 @@ CLOSE_S: Final = 2.0
 MOST_WAITING_BYTES: Final = 64 << 20
 """What waits for the event loop, of one subscription: 200 ms of a thousand lidars. How many messages that are says
 little: those of a fleet of 32 come 320 times a second."""
+OVERHEAD: Final = 256
+"""What a message takes beside its bytes, so that empty ones are bounded too."""
 MISSING: Final = "zenoh needs eclipse-zenoh, which is not installed: pip install 'lidario-asyncio[zenoh]'"
 
 
@@ -294,19 +296,26 @@ class _Inbox:
         """Add a sample, in zenoh's thread; returns how many were dropped for it."""
         dropped = 0
         self._waiting.append(sample)
-        self._put += len(sample.payload)
+        self._put += _size(sample)
         while self._put - self._taken > MOST_WAITING_BYTES and len(self._waiting) > 1:
             with suppress(IndexError):  # the loop was faster
-                self._put -= len(self._waiting.popleft().payload)
+                self._put -= _size(self._waiting.popleft())
                 dropped += 1
         return dropped
 
     def hand_over(self) -> None:
         """Have all samples taken, in the event loop's thread."""
-        while self._waiting:
-            sample = self._waiting.popleft()
-            self._taken += len(sample.payload)
+        while True:
+            try:
+                sample = self._waiting.popleft()
+            except IndexError:  # none was left, or zenoh's thread has dropped it
+                return
+            self._taken += _size(sample)
             self._take(sample)
+
+
+def _size(sample: Sample) -> int:
+    return len(sample.payload) + OVERHEAD
 
 
 def _discard(session: Any) -> None:

@@ -19,7 +19,7 @@ from lidario.laserscan import LaserScan
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.network.bus import DEFAULT_ROUTER, Bus, Sample
 from lidario.network.device import RemoteDevice, RemoteStreams
-from lidario.network.keys import LASERSCAN_IN_KEY, check_key, status_key
+from lidario.network.keys import LASERSCAN_IN_KEY, check_key, parse_attachment, parse_token, status_key, tokens_of
 from lidario.network.messages import parse_scan
 from lidario.network.port import RemotePort
 from lidario.network.status import Status
@@ -33,6 +33,8 @@ ASK_S: Final = 2.0
 """How long publishers have to respond. Where there is none, the router says so at once."""
 WAIT_S: Final = 5.0
 """How long to wait for the first message of a publisher that does not respond, or for a lidar that is away."""
+TOKENS_S: Final = 1.0
+"""How long the router has to list tokens."""
 ASK_AGAIN_S: Final = 0.5
 """How often publishers are asked meanwhile."""
 _STATUS: Final = status_key("")
@@ -93,11 +95,7 @@ async def _meet(bus: Bus, key: str) -> Remote:
             if first is not None:
                 return _of_message(bus, first)
             if left <= 0:
-                raise ConnectFailed(
-                    f"nobody publishes a lidar under {key} at {bus.router}; "
-                    "lidario devices --zenoh lists those there are",
-                    reason="silent",
-                )
+                raise await _nobody(bus, key)
             # A publisher may have come that has sent no message yet.
             continue
         ((place, status),) = found.items()
@@ -110,12 +108,27 @@ async def _meet(bus: Bus, key: str) -> Remote:
         await asyncio.sleep(0.1)
 
 
+async def _nobody(bus: Bus, key: str) -> ConnectFailed:
+    """Why no lidar was found: a publisher that hangs still holds its token."""
+    tokens = [token for text in await bus.tokens(tokens_of(key), TOKENS_S) if (token := parse_token(text))]
+    if tokens:
+        one = tokens[0]
+        text = f"zenoh:{one.key} is published by {one.robot}, which does not respond: does its program hang?"
+    else:
+        text = (
+            f"nobody publishes a lidar under {key} at {bus.router}; lidario devices --zenoh lists those there are"
+        )
+    return ConnectFailed(text, reason="silent")
+
+
 def _of_message(bus: Bus, first: Sample) -> Remote:
     """A publisher of which nothing is known but its first message."""
     is_scan = parse_scan(first.payload, 0) is not None
     topic = first.key.partition(LASERSCAN_IN_KEY)[0]
     info = DeviceInfo("unknown" if is_scan else "ros2", "unknown" if is_scan else "LaserScan", 0, "", 0, topic)
-    status = Status("scan" if is_scan else "ros", "", About(info, _UNKNOWN))
+    attachment = parse_attachment(first.attachment)
+    sender = "" if attachment is None else attachment.gid.hex()
+    status = Status("scan" if is_scan else "ros", "", About(info, _UNKNOWN), sender=sender)
     return _remote(bus, first.key, status, _whole_scans(None))
 
 
@@ -182,8 +195,16 @@ def _remote(bus: Bus, key: str, status: Status, began: StreamBegan) -> Remote:
             f"zenoh:{key} sends packets of an unknown type, 0x{began.mode.response_type:02X}", reason="source"
         )
     streams = RemoteStreams(family, status.about, status.modes, began)
-    port = RemotePort(bus, key, status.form, streams)
+    port = RemotePort(bus, key, status.form, streams, _gid_of(status))
     bus.subscribe(status_key(key), port.learn)
-    bus.watch_tokens(f"{key}/@lidario/alive/*/*/*/*", port.token_changed)
+    bus.watch_tokens(tokens_of(key), port.token_changed)
     bus.subscribe(key, port.receive)
     return Remote(port, RemoteDevice(streams, raw=status.form == "raw"), family)
+
+
+def _gid_of(status: Status) -> bytes:
+    """What tells the publisher of a status; it may write anything there."""
+    try:
+        return bytes.fromhex(status.sender)
+    except ValueError:
+        return b""

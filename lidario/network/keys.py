@@ -33,6 +33,7 @@ __all__ = [
     "parse_token",
     "status_key",
     "token_key",
+    "tokens_of",
 ]
 
 ALL_TOKENS: Final = "**/@lidario/alive/*/*/*/*"
@@ -117,6 +118,11 @@ def token_key(token: Token) -> str:
     """The token itself; characters that could mean something in a key become ``_``."""
     parts = (_NOT_IN_TOKEN.sub("_", part[:60]) or "-" for part in token[1:])
     return f"{token.key}/@lidario/alive/{'/'.join(parts)}"
+
+
+def tokens_of(key: str) -> str:
+    """The tokens of all who publish under a key, which may have wildcards."""
+    return f"{key}/@lidario/alive/*/*/*/*"
 
 
 def parse_token(text: str) -> Token | None:

@@ -29,7 +29,8 @@ from lidario.network.device import SCAN_TYPE, RemoteStreams
 from lidario.network.foreign import scan_of_laserscan
 from lidario.network.keys import parse_attachment
 from lidario.network.messages import Entry, parse_raw_message, parse_scan
-from lidario.network.senders import Senders
+from lidario.network.raw import time_here
+from lidario.network.senders import OneSender, Senders
 from lidario.network.status import Status
 from lidario.port.line import Line, Schedule
 from lidario.port.port import Port
@@ -47,9 +48,6 @@ GONE_S: Final = 0.5
 """From the end of a token to the loss: the news that the router is gone may come after it."""
 SETTLE_S: Final = 5.0
 """From the return of the router to the loss of who has no token by then; a publisher tries every four seconds."""
-RIVAL_S: Final = 2.0
-"""Longest pause of a publisher before another one under its key takes its place; four revolutions of the slowest
-devices."""
 SILENCE_S: Final = 5.0
 """Longest pause of a publisher that shows no token: a node that is not ours."""
 
@@ -74,12 +72,13 @@ class RemotePort(Port):
         key: The key of the lidar.
         form: ``raw``, ``scan`` or ``ros``.
         streams: What is known of it.
+        sender: The 16 bytes that tell its publisher from others; empty where they are not known.
     """
 
-    def __init__(self, bus: Bus, key: str, form: str, streams: RemoteStreams) -> None:
+    def __init__(self, bus: Bus, key: str, form: str, streams: RemoteStreams, sender: bytes) -> None:
         super().__init__(f"zenoh:{key}", streams.stream.began.baudrate if form == "raw" else 0)
         self._fixed_offset_ns = time.time_ns() - round(self._loop.time() * 1e9)
-        self._remote = _RemoteLine(self, bus, form, streams)
+        self._remote = _RemoteLine(self, bus, form, streams, sender)
         self.connection_made(self._remote)
 
     @property
@@ -117,7 +116,7 @@ class RemotePort(Port):
 class _RemoteLine(Line):
     """Receives for the port."""
 
-    def __init__(self, port: RemotePort, bus: Bus, form: str, streams: RemoteStreams) -> None:
+    def __init__(self, port: RemotePort, bus: Bus, form: str, streams: RemoteStreams, sender: bytes) -> None:
         self.audience: Audience | None = None
         self.bad = 0
         self._loop = asyncio.get_running_loop()
@@ -132,9 +131,9 @@ class _RemoteLine(Line):
         self._wanted = False
         self._flows = True
         self._senders = Senders()
-        self._sender: tuple[str, bytes] | None = None
-        self._sender_heard = 0.0
-        self._told_of_rival = False
+        self._sender = OneSender(sender, self._loop.time())
+        self._told_of_rival = self._told_of_silence = False
+        self._away = ""
         self._gap = 0
         self._seq: int | None = None
         self._tokens: set[str] = set()
@@ -182,37 +181,28 @@ class _RemoteLine(Line):
         if self._closing or self._port.is_forked:
             return
         attachment, gap = self._senders.follow(sample)
-        if self._is_rival(sample.key, b"" if attachment is None else attachment.gid):
+        gid = b"" if attachment is None else attachment.gid
+        who = self._sender.follow(gid, self._loop.time(), lambda: _is_ours(sample, self._raw))
+        if who == "rival":
             self.bad += 1
+            if attachment is not None and not self._told_of_rival:
+                self._told_of_rival = True
+                text = "%s: two publishers send under this key; the second one is ignored. Give each its own key"
+                _log.warning(text, self._port.name)
             return
+        if who == "new":
+            # What its bytes mean it tells itself.
+            self._flows, self._gap, self._seq = not self._raw, 0, None
         self._gap += gap
         self._take(sample)
 
-    def _is_rival(self, key: str, gid: bytes) -> bool:
-        """Whether a second publisher sends, while the first one still does."""
-        who, now = (key, gid), self._loop.time()
-        if who != self._sender:
-            if self._sender is not None and now - self._sender_heard < RIVAL_S:
-                if not self._told_of_rival:
-                    self._told_of_rival = True
-                    text = (
-                        "%s: two publishers send under this key; the second one is ignored. Give each its own key"
-                    )
-                    _log.warning(text, self._port.name)
-                return True
-            if self._sender is not None:
-                # Another one has taken its place; what its bytes mean it tells itself.
-                self._flows, self._gap, self._seq = not self._raw, 0, None
-            self._sender = who
-        self._sender_heard = now
-        return False
-
     def learn(self, sample: Sample) -> None:
         status, attachment = Status.of(sample.payload), parse_attachment(sample.attachment)
-        if status is None or self._closing:
+        if status is None or self._closing or self._sender.is_other(b"" if attachment is None else attachment.gid):
             return
-        if self._sender is not None and attachment is not None and attachment.gid != self._sender[1]:
-            return
+        if status.lost != self._away:
+            self._away = status.lost
+            _log.warning("%s: %s", self._port.name, status.lost or "the lidar is back at its publisher")
         self._streams.about = status.about
         for event in status.about.events:
             if self._raw and isinstance(event, StreamBegan):
@@ -250,8 +240,10 @@ class _RemoteLine(Line):
             if entry.is_event:
                 self._take_event(entry)
             elif self._wanted and self._flows:
-                # Both clocks agree about the wall clock, as far as the machines do.
-                at_ns = entry.at_ns + self._streams.stream.began.wall_offset_ns - self._port.wall_offset_ns
+                at_ns = time_here(entry.at_ns, self._streams.stream.began, self._port.wall_offset_ns)
+                if at_ns is None:
+                    self.bad += 1
+                    return
                 self._port.show("in", entry.data, at_ns)
                 self._port.hand_over(entry.data, at_ns)
 
@@ -311,6 +303,11 @@ class _RemoteLine(Line):
         elif not self._has_token and silent_s >= SILENCE_S:
             self._end(DeviceLost(f"{self._port.name} is gone: nothing was published for {silent_s:.0f} s"))
         else:
+            silent = self._wanted and silent_s >= SILENCE_S
+            if silent and not self._told_of_silence and not self._away:
+                text = "%s: nothing has come for %.0f s, although its publisher is there. Does its lidar scan?"
+                _log.warning(text, self._port.name, silent_s)
+            self._told_of_silence = silent
             self._watch_in(SILENCE_S)
 
     def _end(self, error: DeviceLost | None) -> None:
@@ -331,3 +328,9 @@ class _RemoteLine(Line):
             await self._bus.close()
             if error is None:
                 self._port.connection_lost(None)
+
+
+def _is_ours(sample: Sample, raw: bool) -> bool:
+    if raw:
+        return parse_raw_message(sample.payload) is not None
+    return parse_scan(sample.payload, 0) is not None or LaserScan.from_cdr(sample.payload) is not None

@@ -10,14 +10,29 @@ from lidario.families.base import Family
 from lidario.families.registry import FAMILIES
 from lidario.network.messages import parse_raw_message
 from lidario.network.status import Status
-from lidario.recording.chronicle import StreamBegan, StreamEnded, event_of
+from lidario.recording.chronicle import MOST_NS, StreamBegan, StreamEnded, event_of
 from lidario.recording.read import StoredStream
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.scan import Scan
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
 
-__all__ = ["RawDecoder"]
+__all__ = ["RawDecoder", "time_here"]
+
+
+def time_here(at_ns: int, began: StreamBegan, wall_offset_ns: int) -> int | None:
+    """From the clock of the publisher of a stream to ours; both agree about the wall clock, as far as machines do.
+
+    Args:
+        at_ns: A time of the publisher.
+        began: Its stream.
+        wall_offset_ns: Wall clock minus monotonic clock of this machine.
+
+    Returns:
+        None for a time that cannot be: the sums of a scan's times would not fit in 64 bits.
+    """
+    here_ns = at_ns + began.wall_offset_ns - wall_offset_ns
+    return here_ns if abs(here_ns) < MOST_NS else None
 
 
 class RawDecoder:
@@ -72,8 +87,11 @@ class RawDecoder:
         began, assembler = self._began, self._assembler
         if began is None or assembler is None:
             return []
-        # From the publisher's clock to ours. Time never goes back, whatever a message says.
-        self._last_ns = max(self._last_ns, at_ns + began.wall_offset_ns - self._wall_offset_ns)
+        here_ns = time_here(at_ns, began, self._wall_offset_ns)
+        if here_ns is None:
+            return []
+        # Time never goes back, whatever a message says.
+        self._last_ns = max(self._last_ns, here_ns)
         self._link.receive_data(data, self._last_ns)
         return [
             scan

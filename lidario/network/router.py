@@ -69,7 +69,7 @@ def why_no_router(router: str) -> ConnectFailed:
         socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
         if protocol in _CONNECTED:
             socket.create_connection((host, port), _TRY_S).close()
-            return ConnectFailed(f"{router}: {_unwelcome(protocol)}", reason="refused")
+            return ConnectFailed(_unwelcome(router, protocol), reason="refused")
     except socket.gaierror as error:
         # A name that cannot be looked up at the moment may be right: the network may not be up yet.
         comes = error.errno == socket.EAI_AGAIN or host.lower().endswith(_COMES_AND_GOES)
@@ -87,10 +87,13 @@ def _place_of(rest: str) -> str:
     return re.split(r"[?#]", rest, maxsplit=1)[0]
 
 
-def _unwelcome(protocol: str) -> str:
+def _unwelcome(router: str, protocol: str) -> str:
     if protocol == "tls":
         return (
-            "somebody listens there, but the TLS connection failed. Does ZENOH_CONFIG name a file with this "
+            f"{router}: somebody listens there, but the TLS connection failed. Does ZENOH_CONFIG name a file with this "
             "network's certificates, and is the router's made for that name?"
         )
-    return "somebody listens there, but not as a zenoh router. Is the port right, or does it want tls/?"
+    return (
+        f"no zenoh router responds at {router}, although somebody listens there. Is the port right, or does it want "
+        "tls/?"
+    )

@@ -8,17 +8,21 @@ tells nobody.
 from __future__ import annotations
 
 from collections import OrderedDict
-from typing import Final, Generic, TypeVar
+from collections.abc import Callable
+from typing import Final, Generic, Literal, TypeVar
 
 from lidario.network.bus import Sample
 from lidario.network.keys import Attachment, parse_attachment
 
-__all__ = ["Known", "Senders"]
+__all__ = ["Known", "OneSender", "Senders"]
 
 T = TypeVar("T")
 
 MOST: Final = 65536
 """Publishers that are remembered. Each one that restarts is another one."""
+RIVAL_S: Final = 2.0
+"""Longest pause of a publisher before another one under its key takes its place; four revolutions of the slowest
+devices."""
 
 
 class Known(OrderedDict[tuple[str, bytes], T], Generic[T]):
@@ -55,3 +59,39 @@ class Senders:
         self._numbers.put(sample.key, attachment.gid, attachment.number)
         # Whoever sends may write any number: one that goes back is a beginning.
         return attachment, 0 if before is None else max(0, attachment.number - before - 1)
+
+
+class OneSender:
+    """The one that is listened to, of all who send under a key: the first one, as long as it sends.
+
+    Args:
+        gid: What tells it; empty where that is not known yet.
+        now: The time in seconds.
+    """
+
+    def __init__(self, gid: bytes, now: float) -> None:
+        self._gid: bytes | None = gid or None
+        self._heard = now
+
+    def is_other(self, gid: bytes) -> bool:
+        """Whether it is known, and is not this one."""
+        return self._gid is not None and gid != self._gid
+
+    def follow(self, gid: bytes, now: float, is_ours: Callable[[], bool]) -> Literal["same", "new", "rival"]:
+        """Who has sent a message: the one that is listened to, a new one that is from now on, or a rival of it.
+
+        Args:
+            gid: What tells who has sent it; empty where it does not say.
+            now: The time in seconds.
+            is_ours: Whether the message is one that a publisher may send; nobody becomes the one by noise.
+        """
+        if gid != self._gid:
+            if self._gid is not None and now - self._heard < RIVAL_S:
+                return "rival"
+            if not is_ours():
+                return "rival"
+            found: Literal["same", "new"] = "same" if self._gid is None else "new"
+            self._gid, self._heard = gid, now
+            return found
+        self._heard = now
+        return "same"

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import errno
 import os
 import socket
-from typing import Any, cast
+from typing import cast
 
-from lidario.errors import ConnectFailed
 from lidario.port.line import Line
 from lidario.port.port import Port
+from lidario.port.sockets import SocketLine, connected
 
 __all__ = ["open_tcp"]
 
@@ -38,36 +37,18 @@ async def open_tcp(name: str, host: str, number: int, baudrate: int = 0) -> Port
         ConnectFailed: Unknown host, refused, impossible address, or no response within five seconds. Cancelling
             leaves nothing open.
     """
-    if not 0 < number < 65536 or "\0" in host:
-        # uvloop would take the number modulo 65536 and the name up to the zero byte.
-        raise ConnectFailed(f"{name}: not an address that can be connected to", reason="refused")
     loop = asyncio.get_running_loop()
     port = _TcpPort(name, baudrate)
-    try:
-        async with asyncio.timeout(CONNECT_TIMEOUT_S):
-            await loop.create_connection(lambda: port, host, number)
-    except TimeoutError as error:
-        text = f"{name}: no response within {CONNECT_TIMEOUT_S:g} s. Is it switched on, and in this network?"
-        raise ConnectFailed(text, reason="refused") from error
-    except (OSError, ValueError) as error:
-        # ValueError: among others the UnicodeError of a name that cannot be a host's.
-        raise ConnectFailed(f"{name}: {_why(error)}", reason="refused") from error
+    await connected(
+        name,
+        host,
+        number,
+        lambda: loop.create_connection(lambda: port, host, number),
+        seconds=CONNECT_TIMEOUT_S,
+        late=f"no response within {CONNECT_TIMEOUT_S:g} s. Is it switched on, and in this network?",
+        unreachable="Is it switched on, and in this network?",
+    )
     return port
-
-
-def _why(error: Exception) -> str:
-    """What the system said, and what can be done about it."""
-    if not isinstance(error, OSError):
-        return f"not an address that can be connected to ({error})"
-    if isinstance(error, socket.gaierror):
-        return f"{error.strerror}. Is the name of the host right?"
-    code = error.errno or 0
-    text = os.strerror(code) if code > 0 else error.strerror or str(error)
-    if code == errno.ECONNREFUSED:
-        return f"{text}. Is the server running, and is the port number right?"
-    if code in (errno.EHOSTUNREACH, errno.ENETUNREACH):
-        return f"{text}. Is it switched on, and in this network?"
-    return text
 
 
 class _TcpPort(Port):
@@ -78,12 +59,11 @@ class _TcpPort(Port):
         super().connection_made(_TcpLine(cast("asyncio.Transport", transport)))
 
 
-class _TcpLine(Line):
+class _TcpLine(SocketLine[asyncio.Transport]):
     """asyncio's transport of a TCP connection."""
 
     def __init__(self, transport: asyncio.Transport) -> None:
-        self._transport = transport
-        self._socket: Any = transport.get_extra_info("socket")
+        super().__init__(transport)
         # A connection that is already dead refuses options; its end is told by the transport.
         with contextlib.suppress(OSError):
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -92,9 +72,6 @@ class _TcpLine(Line):
                 if hasattr(socket, option):
                     self._socket.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
 
-    def is_closing(self) -> bool:
-        return self._transport.is_closing()
-
     def write(self, data: bytes) -> None:
         if os.name == "posix" and not self._transport.get_write_buffer_size():
             # An error is left to the transport, which meets it too and ends the connection.
@@ -102,17 +79,6 @@ class _TcpLine(Line):
                 data = data[os.write(self._socket.fileno(), data) :]
         if data:
             self._transport.write(data)
-
-    def close(self) -> None:
-        self._transport.close()
-
-    def abort(self) -> None:
-        self._transport.abort()
-
-    def write_without_loop(self, data: bytes) -> None:
-        # Has no effect under uvloop once its loop is closed, since that closes the socket.
-        with contextlib.suppress(OSError, ValueError):
-            os.write(self._socket.fileno(), data)
 
     def close_without_loop(self) -> None:
         # asyncio closes the socket with its loop, or the garbage collector does. Only the other end is still to be

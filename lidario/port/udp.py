@@ -13,14 +13,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import errno
 import os
 import socket
 from typing import Any, cast
 
-from lidario.errors import ConnectFailed
-from lidario.port.line import Line
+from lidario.errors import DeviceLost
 from lidario.port.port import Port
+from lidario.port.sockets import SocketLine, connected
 
 __all__ = ["open_udp"]
 
@@ -40,30 +39,18 @@ async def open_udp(name: str, host: str, number: int) -> Port:
     Raises:
         ConnectFailed: Unknown host, impossible address, or no way to it. Cancelling leaves nothing open.
     """
-    if not 0 < number < 65536 or "\0" in host:
-        raise ConnectFailed(f"{name}: not an address that can be connected to", reason="refused")
     loop = asyncio.get_running_loop()
     port = Port(name)
-    events = _Events(port)
-    try:
-        async with asyncio.timeout(RESOLVE_TIMEOUT_S):
-            await loop.create_datagram_endpoint(lambda: events, remote_addr=(host, number))
-    except TimeoutError as error:
-        text = f"{name}: the name was not resolved within {RESOLVE_TIMEOUT_S:g} s. Is the name of the host right?"
-        raise ConnectFailed(text, reason="refused") from error
-    except (OSError, ValueError) as error:
-        # ValueError: among others the UnicodeError of a name that cannot be a host's.
-        raise ConnectFailed(f"{name}: {_why(error)}", reason="refused") from error
+    await connected(
+        name,
+        host,
+        number,
+        lambda: loop.create_datagram_endpoint(lambda: _Events(port), remote_addr=(host, number)),
+        seconds=RESOLVE_TIMEOUT_S,
+        late=f"the name was not resolved within {RESOLVE_TIMEOUT_S:g} s. Is the name of the host right?",
+        unreachable="Is this computer in the network of the lidar?",
+    )
     return port
-
-
-def _why(error: Exception) -> str:
-    """What the system said, and what can be done about it."""
-    if isinstance(error, socket.gaierror):
-        return f"{error.strerror}. Is the name of the host right?"
-    if isinstance(error, OSError) and error.errno in (errno.EHOSTUNREACH, errno.ENETUNREACH):
-        return f"{os.strerror(error.errno)}. Is this computer in the network of the lidar?"
-    return f"not an address that can be connected to ({error})"
 
 
 class _Events(asyncio.DatagramProtocol):
@@ -90,7 +77,7 @@ class _Events(asyncio.DatagramProtocol):
         self._port.connection_lost(error)
 
 
-class _UdpLine(Line):
+class _UdpLine(SocketLine[asyncio.DatagramTransport]):
     """asyncio's transport of a connected UDP socket.
 
     Attributes:
@@ -98,21 +85,19 @@ class _UdpLine(Line):
     """
 
     def __init__(self, transport: asyncio.DatagramTransport, port: Port) -> None:
+        super().__init__(transport)
         self.error: Exception | None = None
-        self._transport = transport
         self._port = port
-        self._socket: Any = transport.get_extra_info("socket")
         with contextlib.suppress(OSError):
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
-
-    def is_closing(self) -> bool:
-        return self._transport.is_closing()
 
     def failed(self, error: Exception) -> None:
         """The system reports an error of an earlier datagram."""
         # Windows calls a refusal a reset.
         if isinstance(error, ConnectionError) and not self._transport.is_closing():
-            why = OSError("nothing listens at this UDP port. Are address and port right?")
+            why = DeviceLost(
+                f"{self._port.name} is gone: nothing listens at this UDP port. Are address and port right?"
+            )
             why.__cause__ = error
             self.error = why
             self._transport.abort()
@@ -127,17 +112,6 @@ class _UdpLine(Line):
             self._transport.sendto(data)
         except OSError as error:
             self.failed(error)
-
-    def close(self) -> None:
-        self._transport.close()
-
-    def abort(self) -> None:
-        self._transport.abort()
-
-    def write_without_loop(self, data: bytes) -> None:
-        # Has no effect under uvloop once its loop is closed, since that closes the socket.
-        with contextlib.suppress(OSError, ValueError):
-            os.write(self._socket.fileno(), data)
 
     def close_without_loop(self) -> None:
         """Nobody has to be told; the socket is closed with the loop, or by the garbage collector."""

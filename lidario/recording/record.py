@@ -17,9 +17,9 @@ import time
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
-from typing import NoReturn, Protocol, Self
+from typing import Protocol
 
+from lidario.entered import Entered
 from lidario.errors import CannotRecord, LocalProtocolError
 from lidario.recording.about import About
 from lidario.recording.write import FileWriter
@@ -57,7 +57,7 @@ class Recorded(Protocol):
         ...
 
 
-class Recording:
+class Recording(Entered):
     """A recording under way; made by `Lidar.record`, and used as an asynchronous context manager.
 
     Attributes:
@@ -66,6 +66,8 @@ class Recording:
         chunks: Chunks of bytes recorded so far, in both directions.
         scans: Full revolutions that were decoded meanwhile.
     """
+
+    how = "a recording is made asynchronously: write `async with lidar.record(path):`"
 
     def __init__(self, path: Path, session: Recorded, *, scans: bool, overwrite: bool) -> None:
         self.path: Path = path
@@ -138,21 +140,6 @@ class Recording:
             await _until(lambda: not thread.is_alive(), CLOSE_TIMEOUT_S)
             if thread.is_alive():
                 self._fail(CannotRecord(f"{self.path}: the disk has not taken the rest for {CLOSE_TIMEOUT_S:g} s"))
-
-    async def __aenter__(self) -> Self:
-        await self.start()
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        await self.close()
-
-    def __enter__(self) -> NoReturn:
-        raise LocalProtocolError("a recording is made asynchronously: write `async with lidar.record(path):`")
-
-    def __exit__(self, *_: object) -> None:
-        """Never reached; `with` looks for it before `__enter__` can say what to write."""
 
     # ---------------------------------------------------------------------------- what the session calls
 

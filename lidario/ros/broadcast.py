@@ -13,17 +13,18 @@ import asyncio
 import logging
 import platform
 import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from types import TracebackType
-from typing import Final, NoReturn, Self
+from functools import partial
+from typing import Final
 
+from lidario.entered import Entered
 from lidario.errors import ConnectFailed, LidarError, LocalProtocolError
 from lidario.model import ScanMode
 from lidario.network.bus import DEFAULT_ROUTER, Bus, Sender
-from lidario.network.keys import Attachment, Token, status_key, token_key
+from lidario.network.keys import Attachment, Token, parse_token, status_key, token_key, tokens_of
 from lidario.network.status import Status
 from lidario.recording.about import About
 from lidario.scan import Scan
@@ -64,7 +65,7 @@ class Outlet:
         return self._sender.put(payload, Attachment(self.sent, time.time_ns(), self.gid).to_bytes())
 
 
-class Broadcast(ABC):
+class Broadcast(Entered):
     """One lidar on the network; the base of `Publisher` and `Share`.
 
     Args:
@@ -84,6 +85,8 @@ class Broadcast(ABC):
     """
 
     form: str
+
+    how = "a publisher is entered asynchronously: write `async with`"
 
     def __init__(self, lidar: Lidar, router: str = DEFAULT_ROUTER, robot: str | None = None) -> None:
         self.lidar = lidar
@@ -176,21 +179,6 @@ class Broadcast(ABC):
         elif connecting is not None:
             await asyncio.wait([connecting])
 
-    async def __aenter__(self) -> Self:
-        await self.start()
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        await self.close()
-
-    def __enter__(self) -> NoReturn:
-        raise LocalProtocolError("a publisher is entered asynchronously: write `async with`")
-
-    def __exit__(self, *_: object) -> None:  # noqa: B027 - never reached
-        """Never reached; `with` looks for it before `__enter__` can say what to write."""
-
     def status(self) -> Status:
         """How the lidar is, as the network is told."""
         lidar = self.lidar
@@ -211,10 +199,10 @@ class Broadcast(ABC):
     def _declare(self, bus: Bus) -> bytes:
         """Declare what is published; returns what tells this publisher from others under its key."""
 
-    def _leave(self) -> None:  # noqa: B027 - most have nothing to end
+    def _leave(self) -> None:
         """End what `_declare` began."""
 
-    def _each_second(self, status: Status) -> None:  # noqa: B027 - most have nothing more to tell
+    def _each_second(self, status: Status) -> None:
         """The status has been published."""
 
     def _about(self) -> About:
@@ -240,7 +228,9 @@ class Broadcast(ABC):
             self._status = Outlet(bus.sender(status_key(self.key)), gid)
             bus.respond(status_key(self.key), lambda: self.status().to_bytes(whole=True))
             info = self.lidar.info
-            bus.token(token_key(Token(self.key, self.form, self.robot, info.model, info.serial)))
+            token = token_key(Token(self.key, self.form, self.robot, info.model, info.serial))
+            bus.token(token)
+            bus.watch_tokens(tokens_of(self.key), partial(self._token_changed, token))
         except BaseException:
             self._leave()
             bus.close_soon()
@@ -257,7 +247,8 @@ class Broadcast(ABC):
             wait_s = min(2 * wait_s, LAST_AGAIN_S)
             try:
                 await self._connect()
-            except ConnectFailed as error:
+            except LidarError as error:
+                # Whatever it is, a file of certificates that is being replaced too, it may be over next time.
                 _log.debug("%s", error)
             else:
                 self._tell(True, f"the zenoh router at {self.router} is there")
@@ -270,6 +261,13 @@ class Broadcast(ABC):
                 self._status.send(status.to_bytes(whole=False))
             self._each_second(status)
             await asyncio.sleep(STATUS_S)
+
+    def _token_changed(self, own: str, token: str, alive: bool) -> None:
+        """Tell of another lidar under the same key: readers could not tell the two apart."""
+        other = parse_token(token)
+        if alive and token != own and other is not None:
+            text = "%s %s of %s is published under %s, too: give each lidar a key of its own"
+            _log.warning(text, other.model, other.serial, other.robot, self.key)
 
     def _router_changed(self, connected: bool) -> None:
         what = "is back" if connected else "is lost; scans are not sent until it is back"

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import asyncio
 import time
-from types import TracebackType
-from typing import Final, NoReturn, Self
+from typing import Final, Self
 
+from lidario.entered import Entered
 from lidario.errors import Busy, InvalidValue, LocalProtocolError, SessionClosed
 from lidario.laserscan import LaserScan
 from lidario.network.bus import DEFAULT_ROUTER, Bus, Sample
@@ -30,7 +30,7 @@ MOST_DECODERS: Final = 4096
 _STATUS: Final = status_key("")
 
 
-class Fleet:
+class Fleet(Entered):
     """Reads the scans of many lidars; an asynchronous context manager and iterator.
 
     ::
@@ -53,6 +53,8 @@ class Fleet:
     Raises:
         InvalidValue: `keys` cannot be one, or `depth` is below 1.
     """
+
+    how = "a fleet is entered asynchronously: write `async with`"
 
     def __init__(self, keys: str, *, router: str = DEFAULT_ROUTER, depth: int = 8) -> None:
         if depth < 1:
@@ -109,21 +111,6 @@ class Fleet:
         self._wake()
         if self._bus is not None:
             await self._bus.close()
-
-    async def __aenter__(self) -> Self:
-        await self.start()
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        await self.close()
-
-    def __enter__(self) -> NoReturn:
-        raise LocalProtocolError("a fleet is entered asynchronously: write `async with`")
-
-    def __exit__(self, *_: object) -> None:
-        """Never reached; `with` looks for it before `__enter__` can say what to write."""
 
     def __aiter__(self) -> Self:
         if self._bus is None:

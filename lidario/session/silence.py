@@ -31,8 +31,8 @@ class ReceivedInSilence:
             self.total += len(data)
             self._kept += data[: KEPT - len(self._kept)]
 
-    def describe(self) -> str:
-        """In words: nothing, zeros, packets of some family, or garbage."""
+    def describe(self, *, has_speed: bool = True) -> str:
+        """In words: nothing, zeros, packets of some family, or garbage; a network has no wrong baud rate."""
         if not self.total:
             return "nothing came back"
         if self._kept.count(0) >= _MOSTLY * len(self._kept):
@@ -40,7 +40,8 @@ class ReceivedInSilence:
         family = family_of_stream(self._kept)
         if family is not None:
             return f"{self.total} bytes came back, {family.title} packets among them: it streams, but does not obey"
-        return f"{self.total} bytes of garbage came back, as at a wrong baud rate"
+        why = "at a wrong baud rate" if has_speed else "from no lidar"
+        return f"{self.total} bytes of garbage came back, as {why}"
 
     def nothing_responds(self, source: Source, asked: Sequence[Family], speeds: Sequence[int]) -> ConnectFailed:
         """The error that says who was asked, at which speeds in baud, and what came back; and a cure."""
@@ -50,8 +51,10 @@ class ReceivedInSilence:
         cure = "Is the lidar powered (5 V, 1.5 A)"
         cure += ", and is this computer in its network" if source.kind == "udp" else ""
         cure += " and the adapter's speed switch right?" if source.kind == "serial" else "?"
+        # Behind a serial line that is served over TCP there may be a wrong baud rate, too.
+        said = self.describe(has_speed=source.kind != "udp")
         return ConnectFailed(
-            f"{source.address} opened, but nothing responds{at} (asked as {titles}): {self.describe()}. {cure}",
+            f"{source.address} opened, but nothing responds{at} (asked as {titles}): {said}. {cure}",
             reason="silent",
         )
 

@@ -31,6 +31,14 @@ def test_for_people() -> None:
     assert max(map(len, ended.stdout.splitlines())) <= 80
 
 
+def test_what_a_device_does_not_tell_has_no_line() -> None:
+    ended = invoke_driven("info", "sim://ldrobot-ld06?via=memory")
+    words = [line.split()[0] for line in ended.stdout.splitlines() if line.strip()]
+    assert words[:3] == ["source", "model", "health"]
+    assert "number" not in ended.stdout
+    assert all(word not in words for word in ("firmware", "hardware", "serial"))
+
+
 @every_model()
 def test_every_model(model: str) -> None:
     ended = invoke_driven("info", in_memory(model), "--json")

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from lidario.network import bus as under_test
-from lidario.network.bus import MOST_WAITING, Bus, Sample
+from lidario.network.bus import Bus
 
 ROUTER = "tcp/192.0.2.7:7447"
 
@@ -31,24 +31,6 @@ class Session:
 
     def close(self) -> None:
         self.released.wait()
-
-
-def sample(number: int) -> SimpleNamespace:
-    data = SimpleNamespace(to_bytes=lambda: bytes((number % 256,)))
-    return SimpleNamespace(key_expr="a/key", payload=data, attachment=None)
-
-
-async def test_what_the_loop_does_not_take_is_bounded() -> None:
-    session, taken = Session(), list[Sample]()
-    bus = Bus(session, ROUTER)
-    bus.subscribe("a/key", taken.append)
-    for number in range(MOST_WAITING + 50):
-        session.receive(sample(number))
-    assert bus.dropped == 50
-    await asyncio.sleep(0)
-    assert len(taken) == MOST_WAITING
-    # The oldest were dropped.
-    assert taken[0].payload == bytes((50,))
 
 
 async def test_leaving_a_router_that_does_not_respond_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,11 +11,11 @@ import pytest
 import lidario
 from lidario.network.bus import Sample
 from lidario.network.keys import Attachment, parse_attachment
-from lidario.network.messages import Entry, encode_raw_message
+from lidario.network.messages import Entry, encode_raw_message, parse_raw_message
 from lidario.network.raw import RawDecoder
-from lidario.network.senders import Known, Senders
+from lidario.network.senders import RIVAL_S, Known, OneSender, Senders
 from lidario.network.status import Status
-from lidario.recording.chronicle import StreamEnded, text_of
+from lidario.recording.chronicle import MOST_NS, StreamBegan, StreamEnded, text_of
 from lidario.ros.broadcast import Outlet
 from lidario.ros.share import Share
 from lidario.ros.waiting import FleetScan, WaitingScans
@@ -121,6 +122,22 @@ def test_damaged_messages_raise_nothing(sent: Sent) -> None:
             assert len(scan)
 
 
+@pytest.mark.parametrize("at_ns", [MOST_NS - 1, -MOST_NS + 1])
+def test_a_time_that_cannot_be_brings_no_scan(sent: Sent, at_ns: int) -> None:
+    """Its sums would not fit in the 64 bits of an array."""
+    assert sent.status is not None
+    (began,) = sent.status.about.events
+    assert isinstance(began, StreamBegan)
+    far = replace(began, wall_offset_ns=at_ns)
+    decoder = sent.decoder()
+    decoder.learn(replace(sent.status, about=replace(sent.status.about, events=(far,))))
+    for message in sent.messages:
+        entries = parse_raw_message(message) or []
+        late = [each._replace(at_ns=at_ns) for each in entries if not each.is_event]
+        for scan in decoder.add(encode_raw_message(late)) or ():
+            assert len(scan.times_ns) == len(scan)
+
+
 def test_gaps_are_counted_for_each_publisher() -> None:
     senders = Senders()
     one, two = bytes(16), bytes(range(16))
@@ -147,3 +164,16 @@ def test_a_slow_reader_sees_the_latest_of_every_lidar_and_what_is_missing() -> N
     taken = [waiting.take() for _ in range(3)]
     assert [(each.key, each.sent_ns, each.lost) for each in taken] == [("a", 3, 5), ("a", 4, 0), ("b", 2, 0)]
     assert (len(waiting), waiting.dropped, waiting._scans) == (0, 2, {})
+
+
+def test_the_first_one_is_listened_to_as_long_as_it_sends() -> None:
+    one = OneSender(b"", 0.0)
+    assert one.follow(b"x", 0.0, lambda: False) == "rival"
+    assert not one.is_other(b"a")
+    assert one.follow(b"a", 0.0, lambda: True) == "same"
+    assert one.follow(b"b", RIVAL_S - 0.1, lambda: True) == "rival"
+    assert one.is_other(b"b")
+    assert one.follow(b"a", RIVAL_S, lambda: False) == "same"
+    assert one.follow(b"b", 2 * RIVAL_S, lambda: False) == "rival"
+    assert one.follow(b"b", 2 * RIVAL_S, lambda: True) == "new"
+    assert one.follow(b"a", 2 * RIVAL_S, lambda: True) == "rival"

@@ -57,7 +57,7 @@ def listening() -> Iterator[int]:
 
 @pytest.mark.parametrize(
     ("protocol", "words"),
-    [("tcp", "not as a zenoh router. Is the port right"), ("tls", "the TLS connection failed")],
+    [("tcp", "although somebody listens there. Is the port right"), ("tls", "the TLS connection failed")],
 )
 def test_somebody_else_listens(listening: int, protocol: str, words: str) -> None:
     error = why_no_router(f"{protocol}/127.0.0.1:{listening}")

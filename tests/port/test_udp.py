@@ -12,9 +12,12 @@ import pytest
 import uvloop
 
 from lidario import ConnectFailed, DeviceLost, open_lidar
+from lidario.families.registry import FAMILIES
 from lidario.port.udp import open_udp
+from lidario.session.silence import ReceivedInSilence
 from lidario.sim.rooms import make_world
 from lidario.sim.serve import UdpServer
+from lidario.source import as_source
 from tests.support.devices import left_still, make_rig, names
 from tests.support.ports import PATIENCE_S, Sink, impatient, open_files
 
@@ -108,10 +111,22 @@ def test_where_nothing_listens(library: ModuleType, peer: socket.socket) -> None
     peer.close()
 
     async def main() -> None:
-        with pytest.raises(DeviceLost, match="nothing listens at this UDP port"):
+        with pytest.raises(
+            DeviceLost, match=r"gone: nothing listens at this UDP port\. Are address and port right\?$"
+        ):
             await open_lidar(f"udp://{host}:{number}")
 
     run(library, main)
+
+
+@pytest.mark.parametrize(("kind", "words"), [("udp", "from no lidar"), ("serial", "at a wrong baud rate")])
+def test_garbage_of_a_network_is_not_explained_by_a_speed(kind: str, words: str) -> None:
+    heard = ReceivedInSilence()
+    heard.see("in", bytes(range(1, 200)), 0)
+    source = as_source("udp://127.0.0.1:8089" if kind == "udp" else "/dev/ttyUSB0")
+    assert f"199 bytes of garbage came back, as {words}. Is the" in str(
+        heard.nothing_responds(source, FAMILIES, ())
+    )
 
 
 async def test_a_host_that_is_silent(peer: socket.socket, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,8 +21,10 @@ from rosbags.typesys import Stores, get_typestore
 import lidario
 from lidario.errors import ConnectFailed, InvalidValue, Unsupported
 from lidario.laserscan import LaserScan
+from lidario.model import Health, HealthStatus
 from lidario.network.bus import Bus, Sample
-from lidario.network.keys import parse_attachment
+from lidario.network.keys import Token, parse_attachment, token_key
+from lidario.network.status import Status
 from lidario.ros import Fleet, FleetScan, Publisher, Share, list_remote_lidars
 from lidario.ros.names import DIAGNOSTICS, LASERSCAN, Node, gid_of
 from lidario.scan import Scan
@@ -450,7 +452,91 @@ async def test_two_publishers_under_one_key(router: Router, caplog: pytest.LogCa
                 assert (await anext(scans)).mode == "DenseBoost"
         assert remote.stats.skipped_bytes == skipped
         assert [text for text in caplog.messages if "the second one is ignored" in text]
+        serial = second.lidar.info.serial
+        told = f"YDLIDAR_4ROS {serial} of b is published under {key}, too: give each lidar a key of its own"
+        await until(lambda: told in caplog.messages)
         with pytest.raises(
             ConnectFailed, match=r"two publishers send under zenoh:rival/scan \(a and b\): give each"
         ):
             await lidario.open_lidar(f"zenoh:{key}?router={router.address}")
+
+
+async def test_a_reader_is_told_that_the_lidar_is_away(router: Router, caplog: pytest.LogCaptureFixture) -> None:
+    """Its publisher is there, so the session goes on."""
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        share = await stack.enter_async_context(Share(await rig.open(), "away/scan", router=router.address))
+        source = f"zenoh:away/scan?router={router.address}"
+        remote = await stack.enter_async_context(lidario.open_lidar(source))
+        status = share.status()
+        assert share._status is not None
+        for lost in ("the lidar is away from its publisher", "the lidar is away from its publisher", ""):
+            share._status.send(replace(status, lost=lost).to_bytes(whole=False))
+        await until(lambda: "zenoh:away/scan: the lidar is back at its publisher" in caplog.messages)
+        assert caplog.messages.count("zenoh:away/scan: the lidar is away from its publisher") == 1
+        assert remote.is_connected
+
+
+async def test_a_publisher_that_sends_nothing_is_told(
+    router: Router, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its process is there, so nothing is lost; it may hang, or its lidar may stand still."""
+    monkeypatch.setattr("lidario.network.port.SILENCE_S", 0.05)
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        share = await stack.enter_async_context(Share(await rig.open(), "mute/scan", router=router.address))
+        remote = await stack.enter_async_context(lidario.open_lidar(f"zenoh:mute/scan?router={router.address}"))
+        scans = await stack.enter_async_context(remote.scans())
+        reading = asyncio.ensure_future(anext(scans))
+        said = "although its publisher is there. Does its lidar scan?"
+        await until(lambda: any(said in text for text in caplog.messages))
+        while not reading.done():
+            share.publish(FOUR)
+            await asyncio.sleep(0.01)
+        assert len(await reading) == len(FOUR)
+
+
+async def test_a_publisher_that_hangs_is_not_nobody(router: Router, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidario.network.connect.WAIT_S", 0.05)
+    bus = await Bus.open(router.address)
+    bus.token(token_key(Token("hung/scan", "scan", "r9", "S2", "1")))
+    with pytest.raises(
+        ConnectFailed, match=r"zenoh:hung/scan is published by r9, which does not respond"
+    ) as caught:
+        await lidario.open_lidar(f"zenoh:hung/scan?router={router.address}")
+    assert caught.value.reason == "silent"
+    await bus.close()
+
+
+@pytest.mark.parametrize("raw", [True, False])
+async def test_noise_under_a_key_keeps_nobody_from_reading(router: Router, raw: bool) -> None:
+    """Neither as messages nor as a status, before the first message of the publisher and after it."""
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        key = f"noise/{raw}"
+        share = await stack.enter_async_context(Share(await rig.open(), key, raw=raw, router=router.address))
+        noise = await Bus.open(router.address)
+        stack.push_async_callback(noise.close)
+        senders = [noise.sender(key), noise.sender(f"{key}/@lidario/status")]
+        unwell = replace(share.status().about, health=Health(HealthStatus.ERROR, 1, "evil"), events=())
+        evil = Status("raw", "evil", unwell).to_bytes(whole=True)
+
+        async def disturb() -> None:
+            while True:
+                for sender in senders:
+                    for payload in (b"", b"LDS1" + bytes(90), b"LDR1" + bytes(9), evil):
+                        sender.put(payload, b"")
+                        sender.put(payload, bytes(33))
+                await asyncio.sleep(0.02)
+
+        disturbing = asyncio.create_task(disturb())
+        stack.callback(disturbing.cancel)
+        rig.run(share)
+        await until(lambda: rig.sent)
+        remote = await stack.enter_async_context(lidario.open_lidar(f"zenoh:{key}?router={router.address}"))
+        scans = await stack.enter_async_context(remote.scans(depth=8))
+        async with asyncio.timeout(BOUND_S):
+            for _ in range(3):
+                assert (await anext(scans)).mode == "DenseBoost"
+        assert await remote.get_health() == share.lidar.health
+        assert remote.info == share.lidar.info

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
 import re
 import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -14,7 +17,7 @@ import lidario
 from lidario.errors import ConnectFailed, InvalidValue, LocalProtocolError
 from lidario.network.bus import Bus
 from lidario.ros import Publisher, Share
-from tests.cli.processes import BOUND, invoke, line_of, served, started
+from tests.cli.processes import BOUND, ROOT, invoke, line_of, served, started
 from tests.support.children import until as soon
 from tests.support.router import Router
 from tests.test_model import FOUR
@@ -131,6 +134,29 @@ def test_the_command_ends_where_the_address_is_wrong(address: str, code: int) ->
     assert done.exit_code == code
     assert done.stderr.startswith("error: ")
     assert "host" in done.stderr
+
+
+@pytest.mark.parametrize(("closed", "words"), [("stdout", "publishing"), ("stderr", "")])
+def test_publishing_goes_on_where_nobody_reads_what_is_said(absent: Router, closed: str, words: str) -> None:
+    """A pipe whose reader is gone, as of a start script; a log on a full disk."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    with served("rplidar-s2") as server, open("/dev/full", "wb", buffering=0) as full:
+        command = [sys.executable, "-m", "lidario", "publish", server.path, "--zenoh", "late/deaf"]
+        with subprocess.Popen(
+            [*command, "--router", absent.address],
+            stdout=writer if closed == "stdout" else subprocess.PIPE,
+            stderr=full if closed == "stderr" else subprocess.PIPE,
+            cwd=ROOT,
+            text=True,
+        ) as process:
+            os.close(writer)
+            soon(lambda: server.device.scanning)
+            process.send_signal(signal.SIGINT)
+            _, said = process.communicate(timeout=BOUND)
+            assert process.returncode == 0
+            assert words in (said or "")
+        soon(lambda: not server.device.scanning)
 
 
 def test_ctrl_c_while_it_waits_leaves_laser_and_motor_off(absent: Router) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from lidario.families.ldrobot.formats import HEAD, crc8
+from lidario.families.ldrobot.formats import CRC, HEAD
 from lidario.wire.envelope import Request
 
 __all__ = ["START", "STOP", "encode", "speed"]
@@ -20,7 +20,7 @@ SETTLE_S: Final = 0.02
 def encode(command: int, parameter: int = 0) -> bytes:
     """The bytes of a request."""
     body = bytes((HEAD, command, 4)) + parameter.to_bytes(4, "little")
-    return body + bytes((crc8(body),))
+    return body + bytes((CRC.of(body),))
 
 
 START: Final = encode(0xA0)

@@ -14,9 +14,9 @@ from functools import partial
 from statistics import median
 from typing import Final
 
-from lidario.errors import InvalidValue, ResponseTimeout, Unsupported
-from lidario.families.arguments import finite
-from lidario.families.base import NamedModel, Script, Stream
+from lidario.errors import ResponseTimeout, Unsupported
+from lidario.families.arguments import frequency_within
+from lidario.families.base import NamedModel, Script, Stream, told
 from lidario.families.ldrobot import commands
 from lidario.families.ldrobot.decode import PacketDecoder, TriangleDecoder, samples_a_second
 from lidario.families.ldrobot.formats import PacketFormat, TriangleFormat
@@ -134,9 +134,8 @@ class LdrobotDevice(UnaskedDevice):
 
     def modes(self) -> Script[tuple[ScanMode, ...]]:
         """As `Device.modes`: there is one."""
-        yield from ()
-        wire = self.wire()
-        return (ScanMode(0, "Standard", 1e6 / self._rate, self._model.reach, wire.response_type, typical=True),)
+        kind = self.wire().response_type
+        return told((ScanMode(0, "Standard", 1e6 / self._rate, self._model.reach, kind, typical=True),))
 
     def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
         """As `Device.start`.
@@ -161,9 +160,7 @@ class LdrobotDevice(UnaskedDevice):
 
     def scan_frequency_range(self) -> Script[tuple[float, float]]:
         """As `Device.scan_frequency_range`; only of the LD14P."""
-        if not self._model.commands:
-            return super().scan_frequency_range()
-        return _told(SPEED_RANGE)
+        return told(SPEED_RANGE) if self._model.commands else super().scan_frequency_range()
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:
         """As `Device.set_scan_frequency`: the next start sets it; only of the LD14P. It cannot be read back.
@@ -172,23 +169,14 @@ class LdrobotDevice(UnaskedDevice):
             Unsupported: Another model: its speed is set by a pin that is not in the cable.
             InvalidValue: Not a finite number, or outside of 2 to 8 Hz.
         """
-        lowest, highest = SPEED_RANGE
-        wanted = finite(hertz, "a scan frequency")
         if not self._model.commands:
             raise Unsupported("the scan frequency of this device cannot be set from here")
-        if not lowest <= wanted <= highest:
-            raise InvalidValue(f"{wanted:g} Hz is outside of {lowest:g} to {highest:g} Hz")
-        return self._set_speed(round(wanted * 360))
+        return self._set_speed(round(frequency_within(hertz, SPEED_RANGE, self._model.title) * 360))
 
     def _set_speed(self, degrees_per_second: int) -> Script[float]:
         yield commands.speed(degrees_per_second)
         self._wanted_speed = degrees_per_second
         return degrees_per_second / 360
-
-
-def _told(speeds: tuple[float, float]) -> Script[tuple[float, float]]:
-    yield from ()
-    return speeds
 
 
 NAMED: Final = {name: NamedModel(model.baudrate, partial(LdrobotDevice, model)) for name, model in MODELS.items()}

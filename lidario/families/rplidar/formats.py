@@ -22,6 +22,7 @@ from lidario.families.rplidar.nodes import NodeFormat
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, RESTARTS, Headings, StreamFormat, Stretch
+from lidario.wire.rows import RowFormat
 
 __all__ = [
     "FORMATS",
@@ -37,9 +38,6 @@ FULL_TURN_Q6: Final = 360 << 6
 FULL_TURN_Q14: Final = 65536
 ANGLE_MASK: Final = 0x7FFF
 STREAM_START_BIT: Final = 0x8000
-WORTH_AN_ARRAY: Final = 4
-"""Packets from which they are checked as one array. Measured: 2 to 4 us a packet one by one, 5 to 8 us for up to 32
-as an array. Live, a poll brings about 10; a port that is not polled brings one or two at a time."""
 
 CAPSULES_WORTH_AN_ARRAY: Final = 80
 """Capsules from which their headings are an array. Measured: to make a list and follow it takes 4 us and 0.04 us a
@@ -59,7 +57,7 @@ _FOLDED = np.bitwise_xor(np.arange(1 << 16, dtype=np.uint16), np.arange(1 << 16,
 """By two bytes: their XOR."""
 
 
-class CapsuleFormat(StreamFormat):
+class CapsuleFormat(RowFormat):
     """What the four capsule formats have in common.
 
     Attributes:
@@ -86,16 +84,6 @@ class CapsuleFormat(StreamFormat):
             word ^= word >> shift
         return word & 0xFF == (data[at] & 0xF) | (data[at + 1] & 0xF) << 4
 
-    def run(self, data: bytearray, at: int) -> Stretch:
-        """As `StreamFormat.run`; many packets are checked as one array."""
-        count = (len(data) - at) // self.shortest
-        if count < WORTH_AN_ARRAY:
-            return super().run(data, at)
-        intact = self._intact_rows(data, at, count)
-        whole = count if np.count_nonzero(intact) == count else int(intact.argmin())
-        end = at + whole * self.shortest
-        return Stretch((Block(self.shortest, whole),) if whole else (), end, end)
-
     def headings(self, packets: Packets) -> Headings:
         """As `StreamFormat.headings`, in 1/64 degrees."""
         data = packets.data
@@ -105,7 +93,7 @@ class CapsuleFormat(StreamFormat):
             if words.max() < FULL_TURN_Q6:
                 return words
             return (words & ANGLE_MASK) % FULL_TURN_Q6 | (words & STREAM_START_BIT) * (RESTARTS // STREAM_START_BIT)
-        if len(data) >= WORTH_AN_ARRAY * self.shortest:
+        if len(data) >= self.worth_an_array * self.shortest:
             starts: list[int] = np.frombuffer(data, "<u2")[self.start_at // 2 :: self.shortest // 2].tolist()
             if max(starts) < FULL_TURN_Q6:
                 return starts

@@ -67,7 +67,8 @@ FAMILY: Final = Family(
     find_stream=find_stream,
     stream_of=stream_of,
     models=NAMED,
-    # The most sold of those that respond, and of those that only talk. The S4 and S4B must be named.
-    by_dtr={"x4": 0.15, "x2": BY_DTR_S},
+    # The most sold of those that respond, and of those that only talk, and the only one at 153600 baud.
+    # The S4 must be named.
+    by_dtr={"x4": 0.15, "x2": BY_DTR_S, "s4b": 0.15},
 )
 """The family's row of the registry."""

@@ -26,9 +26,9 @@ from dataclasses import replace
 from functools import partial
 from typing import Final
 
-from lidario.errors import InvalidValue, ResponseTimeout, Unsupported
-from lidario.families.arguments import finite
-from lidario.families.base import Device, Keepalive, NamedModel, Script, Stream, agreed, health_of
+from lidario.errors import ResponseTimeout, Unsupported
+from lidario.families.arguments import frequency_within
+from lidario.families.base import Device, Keepalive, NamedModel, Script, Stream, agreed, health_of, told
 from lidario.families.unasked import NOT_STOPPED, begin, hear, hear_runs
 from lidario.families.ydlidar import commands
 from lidario.families.ydlidar.formats import PointCloud, samples_a_turn
@@ -93,7 +93,7 @@ class YdlidarDevice(Device):
         """As `Device.scan_frequency_range`: the data sheet's, since the device cannot be asked."""
         if self._model.speeds is None:
             return super().scan_frequency_range()
-        return _told(self._model.speeds)
+        return told(self._model.speeds)
 
     def stop(self) -> Request:
         """As `Device.stop`; the motor stops too."""
@@ -257,12 +257,7 @@ class YdlidarDevice(Device):
         """
         if self._model.speeds is None:
             raise Unsupported("the scan frequency of this device cannot be set from here")
-        lowest, highest = self._model.speeds
-        wanted = finite(hertz, "a scan frequency")
-        if not lowest <= wanted <= highest:
-            raise InvalidValue(
-                f"{wanted:g} Hz is outside of the {self._model.title}'s {lowest:g} to {highest:g} Hz"
-            )
+        wanted = frequency_within(hertz, self._model.speeds, self._model.title)
         return self._set_speed(round(wanted * 100))
 
     def zero_offset(self) -> Script[float]:
@@ -334,11 +329,6 @@ class YdlidarDevice(Device):
 
 
 _SHORT_INFO: Final = replace(commands.GET_INFO, timeout=0.25, attempts=1)
-
-
-def _told(speeds: tuple[float, float]) -> Script[tuple[float, float]]:
-    yield from ()
-    return speeds
 
 
 NAMED: Final = {name: NamedModel(model.baudrate, partial(YdlidarDevice, model)) for name, model in MODELS.items()}

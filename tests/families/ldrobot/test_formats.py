@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lidario.families.ldrobot.decode import PacketDecoder, TriangleDecoder, samples_a_second
-from lidario.families.ldrobot.formats import PacketFormat, TriangleFormat, crc8
+from lidario.families.ldrobot.formats import CRC, PacketFormat, TriangleFormat
 from lidario.families.ldrobot.raw import find_stream
 from lidario.families.ldrobot.simulated.packers import pack_health, pack_points, pack_response
 from lidario.families.unasked import begin, hear
@@ -45,7 +45,7 @@ def received(raw: bytes, chunk: int | None = None) -> tuple[bytes, LinkStats]:
 
 
 def test_the_manuals_example_and_its_check_value() -> None:
-    assert crc8(MANUAL) == crc8(b"") == 0
+    assert CRC.of(MANUAL) == CRC.of(b"") == 0
     assert ldrobot.crc8(MANUAL[:-1]) == MANUAL[-1] == 0x50
     samples = PacketDecoder().decode(in_one_run(PacketFormat(), MANUAL), None)
     assert samples.distance_mm.tolist()[:3] == [224.0, 220.0, 217.0]
@@ -102,7 +102,7 @@ def test_a_packet_that_is_not_due_needs_another_behind_it(seed: int) -> None:
     """Noise with packets in it by chance: a mark, and a check value that holds."""
     random = Random(seed)
     false = MANUAL[:2] + random.randbytes(44)
-    false += bytes((crc8(false),))
+    false += bytes((CRC.of(false),))
     packets, _ = received(
         b"".join(CLEAN[:5]) + random.randbytes(5) + false + random.randbytes(60) + b"".join(CLEAN)
     )

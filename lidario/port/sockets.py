@@ -1,0 +1,98 @@
+"""What the lines over a network have in common: how they are opened, and a socket that is written to directly."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import os
+import socket
+from collections.abc import Awaitable, Callable
+from typing import Any, Generic, TypeVar
+
+from lidario.errors import ConnectFailed
+from lidario.port.line import Line
+
+__all__ = ["SocketLine", "connected"]
+
+T = TypeVar("T", bound=asyncio.Transport | asyncio.DatagramTransport)
+_UNREACHABLE = (errno.EHOSTUNREACH, errno.ENETUNREACH)
+
+
+async def connected(
+    name: str,
+    host: str,
+    number: int,
+    connect: Callable[[], Awaitable[object]],
+    *,
+    seconds: float,
+    late: str,
+    unreachable: str,
+) -> None:
+    """Await `connect`, and translate what the system says.
+
+    Args:
+        name: What is opened, for messages.
+        host: Name or address.
+        number: Number of the port.
+        connect: Connects to them.
+        seconds: How long it may take.
+        late: What to say when it takes longer.
+        unreachable: What to ask where there is no way to the host.
+
+    Raises:
+        ConnectFailed: It could not be done; the reason is ``refused``. Cancelling leaves nothing open.
+    """
+    if not 0 < number < 65536 or "\0" in host:
+        # uvloop would take the number modulo 65536 and the name up to the zero byte.
+        raise ConnectFailed(f"{name}: not an address that can be connected to", reason="refused")
+    try:
+        async with asyncio.timeout(seconds):
+            await connect()
+    except TimeoutError as error:
+        raise ConnectFailed(f"{name}: {late}", reason="refused") from error
+    except (OSError, ValueError) as error:
+        # ValueError: among others the UnicodeError of a name that cannot be a host's.
+        raise ConnectFailed(f"{name}: {_why(error, unreachable)}", reason="refused") from error
+
+
+def _why(error: Exception, unreachable: str) -> str:
+    """What the system said, and what can be done about it."""
+    if not isinstance(error, OSError):
+        return f"not an address that can be connected to ({error})"
+    if isinstance(error, socket.gaierror):
+        return f"{error.strerror}. Is the name of the host right?"
+    code = error.errno or 0
+    text = os.strerror(code) if code > 0 else error.strerror or str(error)
+    if code == errno.ECONNREFUSED:
+        return f"{text}. Is the server running, and is the port number right?"
+    return f"{text}. {unreachable}" if code in _UNREACHABLE else text
+
+
+class SocketLine(Line, Generic[T]):
+    """asyncio's transport of a socket.
+
+    Args:
+        transport: The transport.
+    """
+
+    def __init__(self, transport: T) -> None:
+        self._transport: T = transport
+        self._socket: Any = transport.get_extra_info("socket")
+
+    def is_closing(self) -> bool:
+        """As `Line.is_closing`."""
+        return self._transport.is_closing()
+
+    def close(self) -> None:
+        """As `Line.close`."""
+        self._transport.close()
+
+    def abort(self) -> None:
+        """As `Line.abort`."""
+        self._transport.abort()
+
+    def write_without_loop(self, data: bytes) -> None:
+        """As `Line.write_without_loop`; no effect under uvloop, which closes the socket with its loop."""
+        with contextlib.suppress(OSError, ValueError):
+            os.write(self._socket.fileno(), data)

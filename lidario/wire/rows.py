@@ -1,0 +1,79 @@
+"""Packets of one size: many of them are checked as one array, and a CRC of eight bits by one look-up.
+
+A poll brings some ten packets, a file thousands. One by one, each costs some microseconds in Python; as rows of an
+array, a few more cost nothing. A CRC is linear: each byte adds to it what its value and its place say, so a table
+of that (`Crc8.of_rows`) replaces the loop over the bytes.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.wire.blocks import Block
+from lidario.wire.formats import StreamFormat, Stretch
+
+__all__ = ["Crc8", "RowFormat"]
+
+
+class RowFormat(StreamFormat):
+    """A format whose packets all have the size `shortest`.
+
+    Attributes:
+        worth_an_array: Packets from which they are checked as one array. Measured: 2 to 4 us a packet one by one, 5
+            to 12 us for up to 12 as an array. Live, a poll brings about 10; a port that is not polled one or two.
+    """
+
+    worth_an_array: int = 4
+
+    def run(self, data: bytearray, at: int) -> Stretch:
+        """As `StreamFormat.run`; many packets are checked as one array."""
+        count = (len(data) - at) // self.shortest
+        if count < self.worth_an_array:
+            return super().run(data, at)
+        intact = self._intact_rows(data, at, count)
+        whole = count if np.count_nonzero(intact) == count else int(intact.argmin())
+        end = at + whole * self.shortest
+        return Stretch((Block(self.shortest, whole),) if whole else (), end, end)
+
+    @abstractmethod
+    def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
+        """Which of the `count` packets from `at` on are intact; they are all there."""
+
+
+class Crc8:
+    """A CRC of eight bits that begins at 0 and is not reflected.
+
+    Args:
+        polynomial: Its lower eight bits.
+        size: Bytes that are checked by `of_rows`.
+    """
+
+    def __init__(self, polynomial: int, size: int) -> None:
+        self._table = bytes(_shifted(byte, polynomial) for byte in range(256))
+        rows = [np.frombuffer(self._table, np.uint8)]
+        while len(rows) < size:
+            rows.append(rows[0][rows[-1]])
+        # What each byte adds to the CRC, by its place: shape (size, 256).
+        self._by_place = np.stack(rows[::-1])
+        self._places = np.arange(size)
+
+    def of(self, data: bytes | bytearray) -> int:
+        """The check value of any bytes; 0 for bytes with their check value behind them."""
+        table, value = self._table, 0
+        for byte in data:
+            value = table[value ^ byte]
+        return value
+
+    def of_rows(self, rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The check value of each row; `rows` has the shape (n, size)."""
+        values: NDArray[np.uint8] = np.bitwise_xor.reduce(self._by_place[self._places, rows], axis=1)
+        return values
+
+
+def _shifted(byte: int, polynomial: int) -> int:
+    for _ in range(8):
+        byte = (byte << 1 ^ polynomial) & 0xFF if byte & 0x80 else byte << 1
+    return byte
