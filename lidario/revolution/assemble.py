@@ -17,14 +17,7 @@ from dataclasses import replace
 from lidario.families.base import Samples, Stream
 from lidario.revolution.build import DatedRevolution, build_scan, turned_by
 from lidario.revolution.count import RevolutionCount
-from lidario.revolution.judge import (
-    FALSE_PART,
-    beginning_of,
-    is_broken,
-    is_complete,
-    least_of,
-    share_before,
-)
+from lidario.revolution.judge import FALSE_PART, beginning_of, is_broken, is_complete, least_of, share_before
 from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
 from lidario.revolution.seam import Seam, Split
 from lidario.revolution.stats import AssemblerStats
@@ -39,8 +32,9 @@ __all__ = ["Assembler", "AssemblerStats"]
 
 _WORTH_A_BLOCK = 2
 """Revolutions that end together from which they are decoded at once. Live there is one, rarely more."""
-_HEARD = 16
-"""Packets of a revolution from which the speed is learned where nothing else tells it."""
+_HEARD = 2
+"""Packets of a revolution from which the speed is learned where nothing else tells it. More would be too near each
+other."""
 _ENDLESS_REVOLUTIONS = 2
 """Slowest revolutions' time after which a revolution that has not ended is given up."""
 
@@ -72,8 +66,7 @@ class Assembler:
         self._by_blocks = True
         self._next_offset_deg: float | None = None
         self._ended_at: tuple[Packets, int] | None = None
-        # Revolutions counted as missing before the one that ends, when its number was told.
-        self._told_unseen = 0
+        self._told_unseen = 0  # revolutions counted as missing before the one that ends, when its number was told
 
     @property
     def keeps_offset(self) -> bool:
@@ -145,7 +138,10 @@ class Assembler:
         if block is None:
             return []
         block.samples.settle()
-        self._count.settle(block.beginning)
+        last, stats = block.beginning, self.stats
+        last.number = stats.scans + stats.missed_scans + len(block.revolutions) - 1
+        last.packets_before = stats.all_packets + block.packets - last.packets
+        self._count.settle(last)
         self._partial = block.next
         self._last_spanned_ns = block.revolutions[-1].spanned_ns
         self.stats.unfinished_packets += block.packets
@@ -185,7 +181,7 @@ class Assembler:
         gaps: list[tuple[int, int]] | None = []
         packets = ended.packets()
         if packets is not None:
-            if not self._count.usual_ns:
+            if self._count.listens:
                 self._hear(packets)
             room = 0 if arrays is None else len(arrays)
             samples = self._decode(ended, packets, split, following, room)
@@ -205,8 +201,9 @@ class Assembler:
                 self._partial.lost_behind_carried = samples.lost_behind
                 self._partial.carried_packets = 0.0 if samples.certain else samples.revolution_packets
                 lost -= samples.lost_behind
-            self._partial.skipped_behind_carried = samples.skipped_behind
-            gaps = ended.gaps(samples, room, crossed, revoked=bool(unknown))
+            if samples.gaps or lost:
+                self._partial.skipped_behind_carried = samples.skipped_behind
+                gaps = ended.gaps(samples, room, crossed, revoked=bool(unknown))
             arrays = here.part(room if unknown else 0, crossed)
         if arrays is None or not len(arrays):
             return None
@@ -226,7 +223,7 @@ class Assembler:
         headings = wire.headings(packets)
         self._count.hear(
             ((int(headings[count - 1]) & HEADING_MASK) / wire.full_turn, at_ns)
-            for count, at_ns in packets.arrivals[-_HEARD:]
+            for count, at_ns in packets.arrivals[:: -(-len(packets.arrivals) // _HEARD)]
         )
 
     def _decode(

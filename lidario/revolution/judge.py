@@ -142,8 +142,8 @@ def beginning_of(
     over: float,
     gap_behind: bool,
     broken: bool,
-    number: int | None = None,
-    packets_before: int = 0,
+    number: int,
+    packets_before: int,
 ) -> Beginning:
     """What a revolution that has ended tells for counting.
 

@@ -256,6 +256,7 @@ class SectorAssembler(Assembler):
                         lost=0,
                         broken=False,
                         number=stats.scans + stats.missed_scans,
+                        packets_before=stats.all_packets - here.packets,
                     )
                 )
                 .unseen

@@ -27,6 +27,8 @@ _AGREEING: Final = 0.8
 """Share of the packets that must agree. Some are none: a few bytes whose check value is right by chance."""
 _ALIKE: Final = 0.01
 """Share by which two findings may differ."""
+_LEAST_TURNS: Final = 6.0
+"""Revolutions that the packets must be apart, for their angles to tell a speed within 1 %."""
 _FASTEST_HZ: Final = 30.0
 _LONGEST_NS: Final = 20e9
 """Packets farther apart are not compared: no rotor is so even, and more speeds would have to be tried."""
@@ -74,7 +76,7 @@ class Tempo:
         for at in (strength >= 2 * _AGREEING - 1).nonzero()[0].tolist():
             found = _fitted(angles, seconds, float(speeds[at]))
             if found:
-                return 1e9 / found
+                return 1e9 / found if found * lasted >= _LEAST_TURNS else 0.0
         return 0.0
 
 
