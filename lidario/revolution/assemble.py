@@ -93,8 +93,9 @@ class Assembler:
         begin = done = 0
         while done < len(splits):
             left = len(splits) - done if self._by_blocks else 1
-            learns = not is_ready(self._stream, self._partial, self._count)
-            if left >= _WORTH_A_BLOCK and (learns or self._next_offset_deg is not None):
+            if left >= _WORTH_A_BLOCK and (
+                self._next_offset_deg is not None or not is_ready(self._stream, self._partial, self._count)
+            ):
                 # The first revolutions of a stream, and those behind a gap, teach what the others are measured by.
                 # All revolutions of a block have the same zero-angle offset.
                 left = 1
