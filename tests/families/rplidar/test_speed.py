@@ -224,3 +224,37 @@ def test_nothing_is_measured_while_a_device_is_looked_for(monkeypatch: pytest.Mo
     assert written
     assert b"AA" not in written
     assert b"\xa5\x90\x08" not in written
+
+
+@pytest.mark.discards("a confirmation that nobody waits for, and one of another speed")
+@pytest.mark.parametrize(
+    ("measured", "confirmed", "why"),
+    [(False, 256_000, "no speed was measured"), (True, 115_200, "not the speed that was measured")],
+)
+def test_a_confirmation_of_something_else_is_discarded(measured: bool, confirmed: int, why: str) -> None:
+    rig = rig_of()
+    if measured:
+        rig.device.set_host_baudrate(256_000, 1)
+        for at in range(10):
+            rig.device.receive(b"A" * 16, 1 + at * 50_000_000)
+    rig.device.transmit(600_000_000)
+    rig.device.receive(confirm(confirmed).data, 700_000_000)
+    assert rig.device.log[-1].why == why
+    rig.device.transmit(3_000_000_000)
+    assert rig.device.baudrate == 1_000_000
+
+
+def test_a_loss_of_power_undoes_it_and_at_another_speed_nothing_is_understood() -> None:
+    rig = rig_of()
+
+    @driven
+    async def main() -> None:
+        async with rig.open() as lidar:
+            await lidar.set_baudrate(256_000)
+            rig.device.reboot(round(asyncio.get_running_loop().time() * 1e9))
+            assert rig.device.baudrate == 1_000_000
+            await asyncio.sleep(1.0)
+            with pytest.raises(ResponseTimeout):
+                await lidar.get_info()
+
+    main()
