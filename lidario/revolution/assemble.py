@@ -32,7 +32,7 @@ __all__ = ["Assembler", "AssemblerStats"]
 
 _WORTH_A_BLOCK = 2
 """Revolutions that end together from which they are decoded at once. Live there is one, rarely more."""
-_HEARD = 2
+_SPEED_PACKETS = 2
 """Packets of a revolution from which the speed is learned where nothing else tells it. More would be too near each
 other."""
 _ENDLESS_REVOLUTIONS = 2
@@ -168,8 +168,8 @@ class Assembler:
         gaps: list[tuple[int, int]] | None = []
         packets = ended.packets()
         if packets is not None:
-            if self._count.listens:
-                self._hear(packets)
+            if self._count.needs_speed:
+                self._learn_speed(packets)
             room = 0 if arrays is None else len(arrays)
             samples = self._decode(ended, packets, split, following, room)
             self.stats.lost_packets += samples.lost
@@ -204,13 +204,13 @@ class Assembler:
             return None
         return self._scan(arrays, ended, packets, samples, lost, gaps)
 
-    def _hear(self, packets: Packets) -> None:
+    def _learn_speed(self, packets: Packets) -> None:
         """Tell what counts revolutions where packets began and when they came, while no speed is known."""
         wire = self._stream.format
         headings = wire.headings(packets)
-        self._count.hear(
+        self._count.learn_speed(
             ((int(headings[count - 1]) & HEADING_MASK) / wire.full_turn, at_ns)
-            for count, at_ns in packets.arrivals[:: -(-len(packets.arrivals) // _HEARD)]
+            for count, at_ns in packets.arrivals[:: -(-len(packets.arrivals) // _SPEED_PACKETS)]
         )
 
     def _decode(

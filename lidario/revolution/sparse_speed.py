@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Tempo"]
+__all__ = ["SparseSpeed"]
 
 _MOST: Final = 16
 _FEWEST: Final = 12
@@ -34,7 +34,7 @@ _LONGEST_NS: Final = 20e9
 """Packets farther apart are not compared: no rotor is so even, and more speeds would have to be tried."""
 
 
-class Tempo:
+class SparseSpeed:
     """Finds the speed of one rotor.
 
     Args:
