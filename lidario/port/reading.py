@@ -212,7 +212,7 @@ class Reader:
             if self._guard is None:
                 pause = min(pause, self._schedule.interval)
             else:
-                self._guard.interval, self._guard.expected = self._schedule.interval, now + pause
+                self._guard.interval = self._schedule.interval
         if pause <= 0:
             pause = max(self._latency - _TIMER_S, self._latency / 2)
         if pause <= 0:

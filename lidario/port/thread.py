@@ -7,6 +7,9 @@ event loop takes them from there when it needs them, at the end of a revolution,
 loop that is free no thread wakes the other one; a loop that is late finds everything in the inbox. What must be
 written again and again to keep a device going it writes likewise, when the loop is late with it.
 
+The thread goes its own steps, of one interval each, and does not look whether the loop was in time: at 10 Hz and an
+interval of 43 ms it would be woken three times a revolution for that, and so it is woken 2.3 times.
+
 One thread reads all ports of the process. It starts with the first stream and ends with the last. It is a daemon
 thread, so it never keeps a program from ending. A forked child has no such thread and starts its own when it opens
 a port of its own.
@@ -16,7 +19,6 @@ C code that keeps the interpreter lock for longer stops this thread too.
 
 from __future__ import annotations
 
-import math
 import os
 import threading
 import time
@@ -28,20 +30,22 @@ from lidario.port.repeat import Repeat
 
 __all__ = ["ReadingThread", "Watched", "reading_thread"]
 
-RECENT_SHARE = 0.5
-"""Share of the interval: a port that the loop has read that recently is not read again now."""
+RECENT_SHARE = 0.15
+"""Share of the interval: a port that the loop has read that recently is not read again now. The next step counts
+from the loop's read then, and that share is lost: with 0.5 the thread is woken 2.5 times a revolution."""
 TOGETHER_SHARE = 0.15
 """Share of the interval by which a port is read early, to read several at one wake-up."""
 LATENESS_FACTOR = 2.0
-"""Safety factor on the observed lateness of the thread: as long as it is late, ports are read more often."""
+"""Safety factor on the observed lateness of the thread: as long as it is very late, ports are read more often."""
+RESERVE_SHARE = 0.3
+"""Share of the interval by which a read may be late at any time: the kernel's buffer is full after 1.43 of it
+(`BUFFER_SHARE` in `lidario.session.pace`)."""
 LEAST_SHARE = 0.25
 """Share of the interval below which ports are not read closer, however late the thread is."""
 JOIN_S = 0.1
 """Longest time for which ending the thread is waited for. It takes less than a tenth of a millisecond."""
 _FORGET = 0.95
 """Share of the greatest lateness that is remembered after another wake-up."""
-_ON_TIME_S = 0.002
-"""Lateness that is normal."""
 
 
 class Watched:
@@ -54,24 +58,22 @@ class Watched:
 
     Attributes:
         interval: May be changed at any time, from any thread.
-        expected: When the loop will read the port, in seconds of the monotonic clock; 0 when that is not known.
         repeat: A request to write where the loop is late with it; None for none.
     """
 
     def __init__(self, inbox: Inbox, interval: float, on_error: Callable[[], None]) -> None:
         self.interval: float = interval
-        self.expected: float = 0.0
         self.repeat: Repeat | None = None
         self.inbox: Inbox = inbox
         self._on_error = on_error
         self._next_at = 0.0
 
-    def serve(self, now: float, margin: float) -> float:
+    def serve(self, now: float, late: float) -> float:
         """Read the port if it is due; return when to come back, in seconds of the monotonic clock.
 
         Args:
             now: The time.
-            margin: Seconds by which to be earlier than the interval allows.
+            late: Seconds by which the next read may be late.
         """
         repeat = self.repeat
         if repeat is not None:
@@ -79,7 +81,8 @@ class Watched:
         interval = self.interval
         if now >= self._next_at - TOGETHER_SHARE * interval:
             last = self.inbox.last_ns * 1e-9
-            unread = max(interval - margin, LEAST_SHARE * interval)
+            unread = interval - max(0.0, late - RESERVE_SHARE * interval)
+            unread = max(unread, LEAST_SHARE * interval)
             if now - last >= RECENT_SHARE * unread:
                 try:
                     self.inbox.read(from_thread=True)
@@ -89,10 +92,7 @@ class Watched:
                     self._next_at = now + interval
                     return self._next_at
                 last = self.inbox.last_ns * 1e-9
-            ahead = self.expected - last
-            # Even steps up to the loop's own read: stamps then have the same small error in each revolution. Behind
-            # the last step it is seen whether the loop was in time.
-            self._next_at = last + (ahead / math.ceil(ahead / unread) if ahead > unread else unread)
+            self._next_at = last + unread
         return self._next_at
 
 
@@ -177,9 +177,9 @@ class ReadingThread:
 
         Then the thread must end: the next `add` starts another one.
         """
-        margin = LATENESS_FACTOR * self._late if self._late > _ON_TIME_S else 0.0
+        late = LATENESS_FACTOR * self._late
         now = self._clock()
-        dues = [watched.serve(now, margin) for watched in self._ports.copy()]
+        dues = [watched.serve(now, late) for watched in self._ports.copy()]
         if dues:
             return min(dues)
         with self._lock:

@@ -16,25 +16,23 @@ from dataclasses import replace
 
 from lidario.families.base import Samples, Stream
 from lidario.revolution.build import DatedRevolution, build_scan, turned_by
-from lidario.revolution.count import RevolutionCount
-from lidario.revolution.judge import FALSE_PART, beginning_of, is_broken, is_complete, least_of, share_before
+from lidario.revolution.count import Beginning, RevolutionCount
+from lidario.revolution.judge import FALSE_PART, beginning_of, is_broken, is_complete, least_of
+from lidario.revolution.ordinary import ordinary_beginning
 from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
 from lidario.revolution.seam import Seam, Split
+from lidario.revolution.sparse_speed import dated_angles
 from lidario.revolution.stats import AssemblerStats
 from lidario.revolution.steady import decode_block, is_ready
 from lidario.revolution.timing import byte_ns_at, first_sample_ns
 from lidario.scan import Scan
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
-from lidario.wire.formats import HEADING_MASK
 
 __all__ = ["Assembler", "AssemblerStats"]
 
 _WORTH_A_BLOCK = 2
 """Revolutions that end together from which they are decoded at once. Live there is one, rarely more."""
-_SPEED_PACKETS = 2
-"""Packets of a revolution from which the speed is learned where nothing else tells it. More would be too near each
-other."""
 _ENDLESS_REVOLUTIONS = 2
 """Slowest revolutions' time after which a revolution that has not ended is given up."""
 
@@ -64,12 +62,20 @@ class Assembler:
         self._measured_sample_ns = 0.0
         # Several revolutions that end together are decoded at once, unless somebody wants parts of each.
         self._by_blocks = True
-        self._ended_at: tuple[Packets, int] | None = None
+        self._next_offset_deg: float | None = None
+        self._ended_at: tuple[Packets, int, int] | None = None
         self._told_unseen = 0  # revolutions counted as missing before the one that ends, when its number was told
 
-    def set_zero_offset(self, degrees: float) -> None:
-        """Add another zero-angle offset, clockwise degrees, from the next scan on."""
-        self._stream = replace(self._stream, zero_offset_deg=degrees)
+    @property
+    def keeps_offset(self) -> bool:
+        """Whether the revolution in the making keeps its zero-angle offset, whatever is set."""
+        return False
+
+    def set_zero_offset(self, degrees: float, *, behind: bool = False) -> None:
+        """Add another zero-angle offset, clockwise degrees, from the next scan on, or the one `behind` that."""
+        self._next_offset_deg = degrees if behind else None
+        if not behind:
+            self._stream = replace(self._stream, zero_offset_deg=degrees)
 
     def add(self, event: Packets) -> list[Scan]:
         """Take the next packets of the stream; return the revolutions they completed, usually none."""
@@ -77,13 +83,20 @@ class Assembler:
         if not splits:
             self._keep(event)
             return []
-        scans: list[Scan] = []
         offsets = packet_offsets(event.blocks)
+        if len(splits) == 1:
+            # Live it is always so.
+            scan = self._end_at(event, splits[0], 0, offsets)
+            self._keep(self._part(event, splits[0].packet, event.count, offsets))
+            return [] if scan is None else [scan]
+        scans: list[Scan] = []
         begin = done = 0
         while done < len(splits):
             left = len(splits) - done if self._by_blocks else 1
-            if left >= _WORTH_A_BLOCK and not is_ready(self._stream, self._partial, self._count):
+            learns = not is_ready(self._stream, self._partial, self._count)
+            if left >= _WORTH_A_BLOCK and (learns or self._next_offset_deg is not None):
                 # The first revolutions of a stream, and those behind a gap, teach what the others are measured by.
+                # All revolutions of a block have the same zero-angle offset.
                 left = 1
             elif left >= _WORTH_A_BLOCK:
                 block = self._add_block(event, offsets, splits[done:], begin)
@@ -94,19 +107,27 @@ class Assembler:
                 # Something is not as it should be, somewhere. Behind it all may be well again.
                 left = max(1, left // 2)
             for split in splits[done : done + left]:
-                if split.packet > begin:
-                    self._keep(self._part(event, begin, split.packet, offsets))
-                held = self.stats.unfinished_packets
-                self._ended_at = event, split.packet
-                scan = self._end(split, event.data[offsets[split.packet] : offsets[split.packet + 1]])
-                self._ended_at = None
-                self.stats.finish(held, delivered=scan is not None)
+                scan = self._end_at(event, split, begin, offsets)
                 if scan is not None:
                     scans.append(scan)
                 begin = split.packet
             done += left
         self._keep(self._part(event, begin, event.count, offsets))
         return scans
+
+    def _end_at(self, event: Packets, split: Split, begin: int, offsets: Sequence[int]) -> Scan | None:
+        """Keep the packets of an event from number `begin` up to a split, and end the revolution there."""
+        number = split.packet
+        if number > begin:
+            self._keep(self._part(event, begin, number, offsets))
+        held = self.stats.unfinished_packets
+        self._ended_at = event, number, number + 1
+        scan = self._end(split, event.data[offsets[number] : offsets[number + 1]])
+        self._ended_at = None
+        if self._next_offset_deg is not None:
+            self.set_zero_offset(self._next_offset_deg)
+        self.stats.finish(held, delivered=scan is not None)
+        return scan
 
     def _add_block(self, event: Packets, offsets: Sequence[int], splits: Sequence[Split], begin: int) -> list[Scan]:
         """All revolutions up to the last split, decoded at once; none where something may be missing."""
@@ -140,12 +161,8 @@ class Assembler:
         self.stats.finish(self.stats.unfinished_packets, delivered=False)
         self._partial = PartialRevolution(whole=False)
 
-    def _part(self, packets: Packets, begin: int, end: int, offsets: Sequence[int]) -> Packets:
+    def _part(self, packets: Packets, begin: int, end: int, offsets: Sequence[int] | None = None) -> Packets:
         return part_of(packets, begin, end, offsets, self._stream.format, self._stream.sample_ns)
-
-    def _came_behind(self, event: Packets, number: int) -> int:
-        """When the packet behind the end of a revolution came."""
-        return self._part(event, number, number + 1, packet_offsets(event.blocks)).received_ns
 
     def _keep(self, packets: Packets) -> None:
         """Add packets to the revolution in the making."""
@@ -169,7 +186,7 @@ class Assembler:
         packets = ended.packets()
         if packets is not None:
             if self._count.needs_speed:
-                self._learn_speed(packets)
+                self._count.learn_speed(dated_angles(self._stream.format, packets))
             room = 0 if arrays is None else len(arrays)
             samples = self._decode(ended, packets, split, following, room)
             self.stats.lost_packets += samples.lost
@@ -178,9 +195,11 @@ class Assembler:
             here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
             if arrays is not None:
                 here.begin_with(arrays)
-            unknown = ended.revoke_carried(samples.revolution_packets) if samples.certain else 0
-            self.stats.lost_packets += unknown
-            lost += unknown
+            unknown = 0
+            if ended.carried_packets and samples.certain:
+                unknown = ended.revoke_carried(samples.revolution_packets)
+                self.stats.lost_packets += unknown
+                lost += unknown
             crossed = room + samples.before_seam
             if crossed < len(here):
                 self._partial.carried = here.part(crossed)
@@ -204,15 +223,6 @@ class Assembler:
             return None
         return self._scan(arrays, ended, packets, samples, lost, gaps)
 
-    def _learn_speed(self, packets: Packets) -> None:
-        """Tell what counts revolutions where packets began and when they came, while no speed is known."""
-        wire = self._stream.format
-        headings = wire.headings(packets)
-        self._count.learn_speed(
-            ((int(headings[count - 1]) & HEADING_MASK) / wire.full_turn, at_ns)
-            for count, at_ns in packets.arrivals[:: -(-len(packets.arrivals) // _SPEED_PACKETS)]
-        )
-
     def _decode(
         self,
         ended: PartialRevolution,  # noqa: ARG002 - for those who decode parts of it before
@@ -222,12 +232,11 @@ class Assembler:
         room: int,
     ) -> Samples:
         """Decode all packets of a revolution, with so many free elements before their samples."""
-        ends_inside = not (split.marked or split.broken)
         return self._stream.decoder.decode(
             packets,
             None if split.broken else following,
             room,
-            self._seam.angle if ends_inside else None,
+            None if split.marked or split.broken else self._seam.angle,
         )
 
     def _scan(
@@ -251,35 +260,71 @@ class Assembler:
         elapsed_ns = ended.last_ns - start_ns
         sample_ns = self._sample_ns(len(arrays), elapsed_ns, lost)
         spanned_ns = len(arrays) * sample_ns
-        if samples is not None:
-            spanned_ns += lost * sample_ns * samples.ends[-1] / len(samples.ends)
-        broken = is_broken(
-            packets,
-            samples,
-            len(arrays),
-            elapsed_ns=elapsed_ns,
-            spanned_ns=spanned_ns,
-            ordinary_ns=self._last_spanned_ns or spanned_ns,
-            sample_ns=sample_ns,
-        )
-        if ended.whole and not self._is_numbered and self._ended_at is not None:
-            seam, usual_ns = self._seam.angle or 0, self._count.usual_ns
-            least_ns = least_of(self._stream.format, ended, samples, seam, sample_ns, spanned_ns, usual_ns)
-            # Angles hide whole revolutions; so it counts when the packet behind it came.
-            if least_ns and self._came_behind(*self._ended_at) - start_ns < least_ns:
+        wire, stats, beginning = self._stream.format, self.stats, None
+        number = stats.scans + stats.missed_scans - self._told_unseen - (not ended.whole)
+        if packets is not None and samples is not None and not lost:
+            beginning = ordinary_beginning(
+                wire,
+                ended,
+                packets,
+                samples,
+                start_ns=start_ns,
+                elapsed_ns=elapsed_ns,
+                spanned_ns=spanned_ns,
+                ordinary_ns=self._last_spanned_ns or spanned_ns,
+                sample_ns=sample_ns,
+                number=number,
+                packets_before=stats.all_packets - packets.count,
+            )
+        if beginning is not None:
+            revolution_ns = self._reckon(beginning)
+        else:
+            if samples is not None:
+                spanned_ns += lost * sample_ns * samples.ends[-1] / len(samples.ends)
+            broken = is_broken(
+                packets,
+                samples,
+                len(arrays),
+                elapsed_ns=elapsed_ns,
+                spanned_ns=spanned_ns,
+                ordinary_ns=self._last_spanned_ns or spanned_ns,
+                sample_ns=sample_ns,
+            )
+            seam = self._seam.angle or 0
+            if ended.whole and not self._is_numbered and self._ended_at is not None:
+                least_ns = least_of(wire, ended, samples, seam, sample_ns, spanned_ns, self._count.usual_ns)
+                # Angles hide whole revolutions; so it counts when the packet behind it came.
+                if least_ns and self._part(*self._ended_at).received_ns - start_ns < least_ns:
+                    return None
+            if packets is None or samples is None or not (ended.whole or wire.first_seam is not None):
+                # Where only marks tell where revolutions begin, the first part may be longer than one.
+                self._count.restart()
+                revolution_ns = math.nan
+            else:
+                beginning = beginning_of(
+                    wire,
+                    ended,
+                    packets,
+                    samples,
+                    seam=seam,
+                    start_ns=start_ns,
+                    spanned_ns=spanned_ns,
+                    sample_ns=sample_ns,
+                    gap_behind=self._partial.carried is None,
+                    broken=broken,
+                    number=number,
+                    packets_before=stats.all_packets - packets.count - samples.lost,
+                )
+                revolution_ns = self._reckon(beginning)
+            if not ended.whole:
                 return None
-        revolution_ns = self._passed(ended, packets, samples, start_ns, sample_ns, spanned_ns, broken)
-        if not ended.whole:
-            return None
-        if broken:
-            self.stats.break_scan()
-            return None
+            if broken:
+                stats.break_scan()
+                return None
         self._last_spanned_ns = spanned_ns
         if math.isnan(revolution_ns) and not lost:
             # The revolution before was not seen: what this one holds tells its speed.
-            turn_ns = (
-                samples.revolution_samples * sample_ns if samples is not None and samples.certain else math.inf
-            )
+            turn_ns = samples.revolution_samples * sample_ns if samples and samples.certain else math.inf
             if is_complete(spanned_ns, turn_ns):
                 revolution_ns = spanned_ns
         arrays.angle = turned_by(arrays.angle, self._stream.zero_offset_deg)
@@ -303,38 +348,9 @@ class Assembler:
     def _next_seq(self) -> int:
         return self.stats.scans + self.stats.missed_scans
 
-    def _passed(
-        self,
-        ended: PartialRevolution,
-        packets: Packets | None,
-        samples: Samples | None,
-        start_ns: int,
-        sample_ns: float,
-        spanned_ns: float,
-        broken: bool,
-    ) -> float:
+    def _reckon(self, beginning: Beginning) -> float:
         """Count what is missing since the revolution before; return what one takes, NaN when it was not seen."""
-        wire, stats = self._stream.format, self.stats
-        if packets is None or samples is None or not (ended.whole or wire.first_seam is not None):
-            # Where only marks tell where revolutions begin, the first part may be longer than one.
-            self._count.restart()
-            return math.nan
-        passed = self._count.follow(
-            beginning_of(
-                wire,
-                packets,
-                samples,
-                start_ns=start_ns,
-                last_ns=ended.last_ns,
-                spanned_ns=spanned_ns,
-                sample_ns=sample_ns,
-                over=share_before(wire, ended, samples, self._seam.angle or 0),
-                gap_behind=self._partial.carried is None,
-                broken=broken,
-                number=stats.scans + stats.missed_scans - self._told_unseen - (not ended.whole),
-                packets_before=stats.all_packets - packets.count - samples.lost,
-            )
-        )
+        passed = self._count.follow(beginning)
         self.stats.lost_packets += passed.lost
         self.stats.missed_scans += passed.unseen - min(passed.unseen, self._told_unseen)
         return passed.revolution_ns

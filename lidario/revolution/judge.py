@@ -19,6 +19,7 @@ __all__ = [
     "is_broken",
     "is_complete",
     "least_of",
+    "packet_time",
     "share_before",
 ]
 
@@ -132,14 +133,14 @@ def least_of(
 
 def beginning_of(
     wire: StreamFormat,
+    ended: PartialRevolution,
     packets: Packets,
     samples: Samples,
     *,
+    seam: int,
     start_ns: int,
-    last_ns: int,
     spanned_ns: float,
     sample_ns: float,
-    over: float,
     gap_behind: bool,
     broken: bool,
     number: int,
@@ -149,40 +150,27 @@ def beginning_of(
 
     Args:
         wire: The format.
+        ended: The revolution.
         packets: Its packets.
         samples: What they were decoded to.
+        seam: Heading at which revolutions begin.
         start_ns: When its first sample was measured.
-        last_ns: Arrival of its last packet.
         spanned_ns: Time that its samples take, and those that are known to be missing.
         sample_ns: Nanoseconds a sample.
-        over: Share of the revolution before its first packet (`share_before`).
         gap_behind: Whether what is missing behind its last packet belongs to it.
         broken: Whether it is broken, though its beginning was seen.
         number: As in `Beginning`.
         packets_before: As in `Beginning`.
     """
     revolution_ns = samples.revolution_samples * sample_ns if samples.certain else 0.0
-    revolution_packets = samples.revolution_packets
-    packet_ns = revolution_ns / revolution_packets if samples.certain else 0.0
-    ordinary = True
-    if wire.shortest != wire.longest or not samples.certain:
-        most = wire.samples_in((Block(wire.longest, 1),))
-        longest = wire.samples_in((Block(max(size for size, _ in packets.blocks), 1),))
-        ordinary = longest >= most * _ORDINARY
-        if not ordinary:
-            # Damage spares the short packets: of those alone nobody knows what an ordinary one takes, but not more
-            # than the longest one. So never more packets are told as lost than were sent.
-            packet_ns = most * sample_ns
-            revolution_packets = revolution_ns / packet_ns
-        elif not samples.certain:
-            packet_ns = longest * sample_ns
+    packet_ns, revolution_packets, ordinary = packet_time(wire, packets, samples, sample_ns)
     # A read that was completed only behind a gap dates what came before it too late. What follows is on time.
     behind_ns = samples.lost_behind * packet_ns if gap_behind else 0.0
-    from_end_ns = round(last_ns - spanned_ns + behind_ns)
+    from_end_ns = round(ended.last_ns - spanned_ns + behind_ns)
     late = samples.certain and start_ns - from_end_ns > NOISE * revolution_ns
     return Beginning(
         from_end_ns if late else start_ns,
-        over=over,
+        over=share_before(wire, ended, samples, seam),
         revolution_ns=revolution_ns,
         revolution_packets=revolution_packets,
         packet_ns=packet_ns,
@@ -193,6 +181,25 @@ def beginning_of(
         packets_before=packets_before,
         ordinary=ordinary,
     )
+
+
+def packet_time(
+    wire: StreamFormat, packets: Packets, samples: Samples, sample_ns: float
+) -> tuple[float, float, bool]:
+    """What a packet takes, how many a revolution has, and whether an ordinary one came: as in `Beginning`."""
+    revolution_ns = samples.revolution_samples * sample_ns if samples.certain else 0.0
+    revolution_packets = samples.revolution_packets
+    packet_ns = revolution_ns / revolution_packets if samples.certain else 0.0
+    if samples.certain and wire.shortest == wire.longest:
+        return packet_ns, revolution_packets, True
+    most = wire.samples_in((Block(wire.longest, 1),))
+    longest = wire.samples_in((Block(max([size for size, _ in packets.blocks]), 1),))
+    if longest < most * _ORDINARY:
+        # Damage spares the short packets: of those alone nobody knows what an ordinary one takes, but not more than
+        # the longest one. So never more packets are told as lost than were sent.
+        packet_ns = most * sample_ns
+        return packet_ns, revolution_ns / packet_ns, False
+    return packet_ns if samples.certain else longest * sample_ns, revolution_packets, True
 
 
 def share_before(wire: StreamFormat, revolution: PartialRevolution, samples: Samples, seam: int) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.base import Samples
-from lidario.wire.blocks import Block, join_blocks, some_blocks
+from lidario.wire.blocks import Block, join_blocks, packet_offsets, some_blocks
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.formats import StreamFormat
 
@@ -138,7 +138,7 @@ class PartialRevolution:
 
 
 def part_of(
-    packets: Packets, begin: int, end: int, offsets: Sequence[int], wire: StreamFormat, sample_ns: float
+    packets: Packets, begin: int, end: int, offsets: Sequence[int] | None, wire: StreamFormat, sample_ns: float
 ) -> Packets:
     """The packets from number `begin` to before number `end`, dated.
 
@@ -146,18 +146,11 @@ def part_of(
         packets: What was reported together.
         begin: The first of them.
         end: The one behind the last.
-        offsets: Where each begins (`packet_offsets`).
+        offsets: Where each begins, if that is known already (`packet_offsets`).
         wire: Their format.
         sample_ns: Nanoseconds a sample; 0 where the device does not say.
     """
-    data = packets.data[offsets[begin] : offsets[end]]
-    if len(packets.arrivals) == len(packets.blocks) == 1:
-        # The usual case: one read, and packets of one size. What follows would find the same.
-        ((size, count),), ((_, at_ns),) = packets.blocks, packets.arrivals
-        if end < count:
-            behind = wire.samples_in((Block(size, count - end),))
-            at_ns -= round(behind * sample_ns)
-        return Packets(data, (Block(size, end - begin),), ((end - begin, at_ns),))
+    offsets = offsets or packet_offsets(packets.blocks)
     blocks = some_blocks(packets.blocks, begin, end)
     arrivals: list[Arrival] = []
     complete, at_ns = packets.arrivals[-1]  # bound for type checkers too: there is always one
@@ -168,7 +161,10 @@ def part_of(
             arrivals.append((complete - begin, at_ns))
     if complete > end:
         # What stands behind them was measured after them and was there already: they were late by that much.
-        behind = wire.samples_in(some_blocks(packets.blocks, end, complete))
+        if wire.shortest == wire.longest:
+            behind = wire.samples * (complete - end)
+        else:
+            behind = wire.samples_in(some_blocks(packets.blocks, end, complete))
         at_ns -= round(behind * sample_ns)
     arrivals.append((end - begin, at_ns))
-    return Packets(data, blocks, tuple(arrivals))
+    return Packets(packets.data[offsets[begin] : offsets[end]], blocks, tuple(arrivals))

@@ -14,9 +14,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["SparseSpeed"]
+from lidario.wire.events import Packets
+from lidario.wire.formats import HEADING_MASK, StreamFormat
+
+__all__ = ["SparseSpeed", "dated_angles"]
 
 _MOST: Final = 16
+_OF_ONE: Final = 2
+"""Packets of one revolution. More would be too near each other."""
 _FEWEST: Final = 12
 """Packets that a finding rests on. Random ones would agree once in a million tries."""
 _AGAIN: Final = 4
@@ -32,6 +37,15 @@ _LEAST_TURNS: Final = 6.0
 _FASTEST_HZ: Final = 30.0
 _LONGEST_NS: Final = 20e9
 """Packets farther apart are not compared: no rotor is so even, and more speeds would have to be tried."""
+
+
+def dated_angles(wire: StreamFormat, packets: Packets) -> list[tuple[float, int]]:
+    """Where a few of these packets began, in revolutions, and when they came, as far as that is known."""
+    headings = wire.headings(packets)
+    return [
+        ((int(headings[count - 1]) & HEADING_MASK) / wire.full_turn, at_ns)
+        for count, at_ns in packets.arrivals[:: -(-len(packets.arrivals) // _OF_ONE)]
+    ]
 
 
 class SparseSpeed:

@@ -48,6 +48,13 @@ def first_sample_ns(
     if packets is None or samples is None:
         return earliest_ns([earliest], sample_ns, packet_bytes * byte_ns)
     ends, before = samples.ends, carried - 1
+    if samples.certain and not samples.gaps and not revolution.lost_behind_carried:
+        # Mostly. What follows would find the same.
+        for count, at_ns in packets.arrivals:
+            estimate = at_ns - (before + ends[count - 1]) * sample_ns
+            if estimate < earliest:
+                earliest = estimate
+        return round(earliest - DEVICE_DELAY_SAMPLES * sample_ns - packet_bytes * byte_ns)
     gaps = list(samples.gaps)
     if carried and revolution.lost_behind_carried:
         gaps.insert(0, (0, revolution.skipped_behind_carried))

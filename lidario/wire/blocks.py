@@ -46,11 +46,13 @@ def some_blocks(blocks: Sequence[Block], begin: int, end: int) -> tuple[Block, .
         return (Block(blocks[0].size, end - begin),) if begin < end else ()
     found: list[Block] = []
     first = 0
-    for size, count in blocks:
-        inside = min(end, first + count) - max(begin, first)
-        if inside > 0:
-            found.append(Block(size, inside))
-        first += count
+    for block in blocks:
+        last = first + block.packets
+        if begin <= first and last <= end:
+            found.append(block)
+        elif begin < last and first < end and begin < end:
+            found.append(Block(block.size, min(end, last) - max(begin, first)))
+        first = last
     return tuple(found)
 
 

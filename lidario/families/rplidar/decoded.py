@@ -52,15 +52,16 @@ def decoded_samples(arrays: Decoded, arcs: Arcs, full_turn: int, each: int, befo
     if arcs.missing is not None:
         behind = arcs.missing.nonzero()[0]
         gaps = list(zip(((behind + 1) * each).tolist(), (arcs.missing[behind] * each).tolist(), strict=True))
+    count, broken = len(arcs.arc), arcs.missing is not None
     return Samples(
-        angle_deg=arrays.angle,
-        distance_mm=arrays.distance,
-        intensity=arrays.intensity,
-        before_seam=before_seam,
-        ends=range(each, len(arcs.arc) * each + 1, each),
-        lost=arcs.lost,
-        unbroken=arcs.unbroken,
-        lost_behind=arcs.lost_behind,
+        arrays.angle,
+        arrays.distance,
+        arrays.intensity,
+        before_seam,
+        ends=range(each, count * each + 1, each),
+        lost=arcs.lost if broken else 0,
+        unbroken=arcs.unbroken if broken else count,
+        lost_behind=arcs.lost_behind if broken else 0,
         revolution_packets=packets,
         revolution_samples=packets * each,
         certain=arcs.certain,

@@ -39,6 +39,10 @@ FULL_TURN_Q14: Final = 65536
 ANGLE_MASK: Final = 0x7FFF
 STREAM_START_BIT: Final = 0x8000
 
+CAPSULES_WORTH_AN_ARRAY: Final = 80
+"""Capsules from which their headings are an array. Measured: to make a list and follow it takes 4 us and 0.04 us a
+capsule, an array 8 us."""
+
 
 def _whole_xor() -> NDArray[np.uint16]:
     heads = np.arange(1 << 16)
@@ -83,7 +87,7 @@ class CapsuleFormat(RowFormat):
     def headings(self, packets: Packets) -> Headings:
         """As `StreamFormat.headings`, in 1/64 degrees."""
         data = packets.data
-        if len(data) >= HEADINGS_WORTH_AN_ARRAY * self.shortest:
+        if len(data) >= CAPSULES_WORTH_AN_ARRAY * self.shortest:
             words = np.frombuffer(data, "<u2")[self.start_at // 2 :: self.shortest // 2].astype(np.int32)
             # The flag is the highest bit, so where every word is below 360 degrees there is none.
             if words.max() < FULL_TURN_Q6:
@@ -197,8 +201,12 @@ class HqFormat(StreamFormat):
     def run(self, data: bytearray, at: int) -> Stretch:
         """As `StreamFormat.run`; a packet with one flipped bit is repaired in `data`."""
         size, begin = self.shortest, at
-        while len(data) - at >= size and data[at] == 0xA5:
-            if not self.intact(data, at, size) and not self.mend(data, at, size):
+        last = len(data) - size
+        crc_at, stated, crc32, padding = size - self._crc.size, self._crc.unpack_from, zlib.crc32, self._padding
+        while at <= last and data[at] == 0xA5:
+            # As `intact`: calling it would cost a fifth of the check, 33 times a revolution.
+            end = at + crc_at
+            if crc32(padding, crc32(data[at:end])) != stated(data, end)[0] and not self.mend(data, at, size):
                 break
             at += size
         return Stretch((Block(size, (at - begin) // size),) if at > begin else (), at, at)

@@ -20,6 +20,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Sequence
+from functools import cache
 from typing import Final, NamedTuple, Self
 
 import numpy as np
@@ -67,20 +68,24 @@ class PointCloudDecoder:
 
     def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         """As `Decoder.decode`."""
-        heads = Heads.of(packets, self.speed_base)
+        heads = Heads.of(packets)
         first, way, counts, starts, _ = heads
         ends = np.add.accumulate(counts).tolist()
         angle, distance, intensity = self._samples_of(packets, heads, ends, room)
-        most = int(counts.max())
-        step = _step(way, counts, most, ends[-1])
-        missing, skipped = self._missing(first, way, counts, starts, following, step, most)
+        most, farthest = int(np.maximum.reduce(counts)), int(np.maximum.reduce(way))
+        step = _step(way, counts, most, farthest, ends[-1])
+        if farthest > _STEADY * step * (most - 1):
+            # A damaged angle must not look like packets lost behind it.
+            usual = step * (counts - 1)
+            way = np.where(way > _STEADY * usual, np.rint(usual), way).astype(np.int32)
+        missing, skipped = self._missing(first, way, counts, starts, following, step)
         gaps = missing.nonzero()[0]
         samples_a_turn = FULL_TURN_Q6 / step if step else 0.0
         return Samples(
             angle_deg=angle,
             distance_mm=distance,
             intensity=intensity,
-            before_seam=ends[-1] - _behind_seam(int(first[-1]), int(way[-1]), int(counts[-1]), seam),
+            before_seam=ends[-1] - _behind_seam(int(first[-1]), int(heads.way[-1]), int(counts[-1]), seam),
             ends=ends,
             lost=int(missing.sum()),
             unbroken=int(gaps[0]) + 1 if len(gaps) else len(counts),
@@ -88,7 +93,7 @@ class PointCloudDecoder:
             revolution_packets=_revolution_packets(samples_a_turn, most) if step else 0.0,
             revolution_samples=samples_a_turn,
             certain=step > 0,
-            reported_rpm=_reported_rpm(heads, 0, len(counts)),
+            reported_rpm=_reported_rpm(heads, 0, len(counts), self.speed_base),
             gaps=[(ends[at], samples) for at, samples in skipped],
         )
 
@@ -100,7 +105,7 @@ class PointCloudDecoder:
         self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None
     ) -> SteadySamples | None:
         """As `Decoder.decode_steady`."""
-        heads = Heads.of(packets, self.speed_base)
+        heads = Heads.of(packets)
         first, way, counts, starts, _ = heads
         sample_ends = np.add.accumulate(counts).tolist()
         begins = [0, *ends[:-1]]
@@ -139,7 +144,7 @@ class PointCloudDecoder:
             ],
             revolution_samples=a_turn,
             settle=settle,
-            reported_rpm=[_reported_rpm(heads, *each) for each in zip(begins, ends, strict=True)],
+            reported_rpm=[_reported_rpm(heads, *each, self.speed_base) for each in zip(begins, ends, strict=True)],
         )
 
     def _samples_of(
@@ -163,7 +168,6 @@ class PointCloudDecoder:
         starts: NDArray[np.bool_],
         following: bytes | None,
         step: float,
-        most: int,
     ) -> tuple[NDArray[np.intp], list[tuple[int, int]]]:
         """Packets missing behind each packet, shape (packets,), empty where none is; and the samples of those."""
         marked = starts.nonzero()[0]
@@ -172,10 +176,6 @@ class PointCloudDecoder:
         elif self._seam is None and following is not None and following[2] & START_BIT:
             # The first start packet may be among those that are missing: the place where it stood is told behind.
             self._seam = _heading(following)
-        if int(way.max()) > _STEADY * step * (most - 1):
-            # A damaged angle must not look like packets lost behind it.
-            usual = step * (counts - 1)
-            way = np.where(way > _STEADY * usual, np.rint(usual), way).astype(np.int32)
         tails = first + way
         jumps = _jumps(first, tails, following)
         gaps = (jumps > _ONE_STEP * step).nonzero()[0].tolist() if step else ()
@@ -218,17 +218,17 @@ class Heads(NamedTuple):
         way: From there to the last sample.
         counts: Samples.
         starts: Whether it is a start packet.
-        speeds: What it says of the rotor's speed, tenths of Hz; only start packets do.
+        control: The word that holds the number of samples, the mark of a start packet, and there the speed.
     """
 
     first: Ints
     way: Ints
     counts: Ints
     starts: NDArray[np.bool_]
-    speeds: Ints
+    control: NDArray[np.uint16]
 
     @classmethod
-    def of(cls, packets: Packets, speed_base: int) -> Heads:
+    def of(cls, packets: Packets) -> Heads:
         """Those of so many packets."""
         heads = packet_heads(packets)
         control = heads[:, 1]
@@ -236,14 +236,15 @@ class Heads(NamedTuple):
         first = (heads[:, 2] >> 1).astype(np.int32) % FULL_TURN_Q6
         way = ((heads[:, 3] >> 1) - first) % FULL_TURN_Q6
         way[counts == 1] = 0
-        speeds = (control >> 1 & SPEED_CODE).astype(np.int32) + speed_base
-        return cls(first, way, counts, (control & START_BIT).astype(np.bool_), speeds)
+        return cls(first, way, counts, (control & START_BIT).astype(np.bool_), control)
 
 
-def _reported_rpm(heads: Heads, begin: int, end: int) -> float:
+def _reported_rpm(heads: Heads, begin: int, end: int, speed_base: int) -> float:
     """What the first start packet among these says of the rotor's speed; NaN where none is there."""
     mark = begin + int(heads.starts[begin:end].argmax())
-    return 6.0 * int(heads.speeds[mark]) if heads.starts[mark] else math.nan
+    if not heads.starts[mark]:
+        return math.nan
+    return 6.0 * ((int(heads.control[mark]) >> 1 & SPEED_CODE) + speed_base)
 
 
 def _jumps(first: Ints, tails: Ints, following: bytes | None) -> Ints:
@@ -266,29 +267,39 @@ def _fill(angle: NDArray[np.float32], distance: NDArray[np.float32], packets: Pa
     """Write degrees, counted on past 360, and millimetres of all samples."""
     first, way, counts, _, _ = heads
     words = np.frombuffer(packets.data, "<u2")
-    at = place = 0
+    # Whole numbers until the last division, so that it alone rounds; single precision holds them exactly.
+    each = np.empty((len(first), 2), np.float32)
+    np.multiply(first, np.maximum(counts - 1, 1), out=each[:, 0], casting="unsafe")
+    each[:, 1] = way
+    at = place = packet = 0
     for size, count in packets.blocks:
         samples = (size - HEADER_SIZE) // 2
-        until, behind = at + count * samples, place + (count * size >> 1)
-        rows = words[place:behind].reshape(count, size >> 1)
-        distance[at:until].reshape(count, samples)[...] = rows[:, HEADER_WORDS:]
-        at, place = until, behind
-    # Whole numbers until the last division, so that it alone rounds.
-    steps = np.maximum(counts - 1, 1)
-    before = np.add.accumulate(counts) - counts
-    order = np.arange(len(angle)) - np.repeat(before, counts)
-    np.multiply(np.repeat(way, counts), order, out=angle, casting="unsafe")
-    angle += np.repeat((first * steps).astype(np.float32), counts)
-    angle /= np.repeat((64.0 * steps).astype(np.float32), counts)
+        until, behind, end = at + count * samples, place + (count * size >> 1), packet + count
+        if count == samples == 1:
+            # Nearly always a start packet; two numbers are not worth an array.
+            angle[at], distance[at] = first[packet] / 64.0, words[place + HEADER_WORDS]
+            at, place, packet = until, behind, end
+            continue
+        distance[at:until].reshape(count, samples)[...] = words[place:behind].reshape(count, -1)[:, HEADER_WORDS:]
+        grid = angle[at:until].reshape(count, samples)
+        np.matmul(each[packet:end], _weights(samples), out=grid)
+        grid /= 64.0 * max(samples - 1, 1)
+        at, place, packet = until, behind, end
 
 
-def _step(way: Ints, counts: Ints, most: int, samples: int) -> float:
+@cache
+def _weights(samples: int) -> NDArray[np.float32]:
+    """What the first angle of a packet, times its steps, and its way contribute to each of its samples."""
+    return np.stack((np.ones(samples, np.float32), np.arange(samples, dtype=np.float32)))
+
+
+def _step(way: Ints, counts: Ints, most: int, farthest: int, samples: int) -> float:
     """The angle from one sample to the next; 0 when no packet has two of them."""
     steps = samples - len(counts)
     if not steps:
         return 0.0
-    mean = int(way.sum()) / steps
-    if int(way.max()) <= _STEADY * mean * (most - 1):
+    mean = int(np.add.reduce(way)) / steps
+    if farthest <= _STEADY * mean * (most - 1):
         return mean
     # A damaged angle that the check value let pass; the others tell the truth.
     several = counts > 1

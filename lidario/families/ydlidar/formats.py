@@ -71,12 +71,12 @@ def _equal_sizes(data: bytes | bytearray, at: int, size: int) -> int:
 
 def packet_heads(packets: Packets) -> NDArray[np.uint16]:
     """The words before the samples, shape (packets, 5)."""
-    if any(size & 1 for size, _ in packets.blocks):
-        return _odd_heads(packets)
-    words = np.frombuffer(packets.data, "<u2")
+    words = np.frombuffer(packets.data, "<u2", len(packets.data) >> 1)
     heads: list[NDArray[np.uint16]] = []
     at = 0
     for size, count in packets.blocks:
+        if size & 1:
+            return _odd_heads(packets)
         end = at + (size * count >> 1)
         heads.append(words[at:end].reshape(count, size >> 1)[:, : HEADER_SIZE // 2])
         at = end
@@ -155,7 +155,7 @@ class PointCloud(StreamFormat):
 
     def samples_in(self, blocks: Iterable[Block]) -> int:
         """As `StreamFormat.samples_in`: each packet has as many as its size has room for."""
-        return sum((size - HEADER_SIZE) // self.sample_size * count for size, count in blocks)
+        return sum([(size - HEADER_SIZE) // self.sample_size * count for size, count in blocks])
 
     def headings(self, packets: Packets) -> Headings:
         """As `StreamFormat.headings`, in 1/64 degrees."""

@@ -1,0 +1,54 @@
+"""A scan that is built of a revolution is like one that was made by its class."""
+
+import copy
+import pickle
+from dataclasses import FrozenInstanceError, fields, replace
+
+import numpy as np
+import pytest
+
+from lidario.revolution.build import DatedRevolution, build_scan
+from lidario.revolution.partial import SampleArrays
+from lidario.scan import Scan
+from tests.support.cases import CASES
+from tests.support.streams import stream_of
+
+
+def built(lost: int = 0) -> Scan:
+    arrays = SampleArrays(np.array([1, 2], np.float32), np.array([30, 0], np.float32), np.array([7, 8], np.uint8))
+    revolution = DatedRevolution(arrays, 5, 1e8, 2e8, 306.0, [(1, 40)])
+    stream = stream_of(CASES[0], zero_offset_deg=-90.0)
+    return build_scan(stream, revolution, wall_ns=10, sample_ns=31250.4, seq=3, lost=lost)
+
+
+def test_every_field_is_set_as_the_class_sets_it() -> None:
+    scan = built()
+    public = {each.name: getattr(scan, each.name) for each in fields(Scan) if each.init}
+    made = Scan(**public)
+    assert type(scan) is Scan
+    for each in fields(Scan):
+        assert getattr(scan, each.name) is getattr(made, each.name), each.name
+    assert (scan.stamp_ns, scan.wall_stamp_ns, scan.time_increment_ns, scan.duration_ns) == (5, 10, 31250, 10**8)
+    assert (scan.rpm, scan.reported_rpm, scan.seam, scan.seq, scan.lost_packets) == (300.0, 306.0, 270.0, 3, 0)
+    assert repr(scan) == repr(made)
+
+
+def test_where_samples_are_missing_is_told_where_packets_were_lost() -> None:
+    assert (built(lost=2).lost_packets, built(lost=2)._gaps) == (2, [(1, 40)])
+
+
+def test_it_cannot_be_changed() -> None:
+    scan = built()
+    with pytest.raises(FrozenInstanceError):
+        scan.seq = 4  # type: ignore[misc]
+    for array in (scan.device_angles, scan.device_distances, scan.intensities, scan.angles, scan.ranges):
+        assert array is not None
+        assert not array.flags.writeable
+
+
+@pytest.mark.parametrize("way", [copy.copy, copy.deepcopy, replace, lambda scan: pickle.loads(pickle.dumps(scan))])
+def test_it_can_be_copied(way: object) -> None:
+    assert callable(way)
+    again = way(built())
+    assert type(again) is Scan
+    assert again.ranges[0] == np.float32(0.03)
