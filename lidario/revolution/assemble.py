@@ -21,9 +21,9 @@ from lidario.revolution.judge import FALSE_PART, beginning_of, is_broken, is_com
 from lidario.revolution.ordinary import ordinary_beginning
 from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
 from lidario.revolution.seam import Seam, Split
+from lidario.revolution.sparse_speed import dated_angles
 from lidario.revolution.stats import AssemblerStats
 from lidario.revolution.steady import decode_block, is_ready
-from lidario.revolution.tempo import heard_of
 from lidario.revolution.timing import byte_ns_at, first_sample_ns
 from lidario.scan import Scan
 from lidario.wire.blocks import packet_offsets
@@ -186,8 +186,8 @@ class Assembler:
         gaps: list[tuple[int, int]] | None = []
         packets = ended.packets()
         if packets is not None:
-            if self._count.listens:
-                self._count.hear(heard_of(self._stream.format, packets))
+            if self._count.needs_speed:
+                self._count.learn_speed(dated_angles(self._stream.format, packets))
             room = 0 if arrays is None else len(arrays)
             samples = self._decode(ended, packets, split, following, room)
             self.stats.lost_packets += samples.lost

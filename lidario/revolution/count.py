@@ -15,7 +15,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from lidario.revolution.tempo import Tempo
+from lidario.revolution.sparse_speed import SparseSpeed
 
 __all__ = ["NOISE", "Beginning", "Passed", "RevolutionCount"]
 
@@ -101,10 +101,10 @@ class RevolutionCount:
     """
 
     def __init__(self, slowest_ns: float = 1e9) -> None:
-        self._tempo = Tempo(slowest_ns)
+        self._search = SparseSpeed(slowest_ns)
         # The last beginning up to which all was counted, and whether there was one since from where it was not.
-        self._anchor: Beginning | None = None
-        self._adrift = False
+        self._counted: Beginning | None = None
+        self._uncounted = False
         self._last: Beginning | None = None
         self._sure: Beginning | None = None
         self._late = 0.0
@@ -118,15 +118,15 @@ class RevolutionCount:
         return 0.0 if self._sure is None else self._sure.revolution_ns
 
     @property
-    def listens(self) -> bool:
-        """Whether no speed was ever sure by the angles of packets that follow each other, so that `hear` helps."""
+    def needs_speed(self) -> bool:
+        """Whether no speed was ever sure by packets that follow each other, so that `learn_speed` helps."""
         return self._sure is None or self._sure.borrowed
 
-    def hear(self, packets: Iterable[tuple[float, int]]) -> None:
+    def learn_speed(self, packets: Iterable[tuple[float, int]]) -> None:
         """Packets came: where each begins, in revolutions, and when it came."""
         for angle, at_ns in packets:
-            self._tempo.add(angle, at_ns)
-        revolution_ns = self._tempo.revolution_ns()
+            self._search.add(angle, at_ns)
+        revolution_ns = self._search.revolution_ns()
         if revolution_ns:
             each = revolution_ns / self._packet_ns if self._packet_ns else 0.0
             self._sure = Beginning(
@@ -168,7 +168,7 @@ class RevolutionCount:
 
     def settle(self, last: Beginning) -> None:
         """Remember revolutions that `intervals` has told, by the last of them."""
-        self._last = self._sure = self._anchor = last
+        self._last = self._sure = self._counted = last
 
     def follow(self, here: Beginning) -> Passed:
         """Tell what passed since the beginning before; it is one revolution on by the angles."""
@@ -180,13 +180,13 @@ class RevolutionCount:
             alike = 1 / ALIKE < here.revolution_ns / last.revolution_ns < ALIKE
             ordinary = alike and not here.broken and elapsed > 0 and share >= LEAST_SHARE
             if ordinary and abs(elapsed / last.revolution_ns - share) < NOISE:
-                self._sure = self._anchor = here
+                self._sure = self._counted = here
                 return Passed(0, 0, elapsed / share)
         self._correct_packet(here)
         self._correct_speed(here, last)
-        if last is None or not last.revolution_ns or self.listens or self._adrift:
+        if last is None or not last.revolution_ns or self.needs_speed or self._uncounted:
             # Too little came of it to know its speed, and so how much the angles hide.
-            unseen, lost = self._since_anchor(here)
+            unseen, lost = self._since_counted(here)
             return Passed(unseen, lost, math.nan if unseen else self._interval(here, last))
         elapsed = here.start_ns - last.start_ns
         extra = elapsed / last.revolution_ns - (1 + here.over - last.over)
@@ -197,12 +197,12 @@ class RevolutionCount:
         if unseen and last.broken:
             lost = self._lost_by_time(last, elapsed)
         if not self._late and here.revolution_ns:
-            self._anchor_at(here, unseen, lost)
+            self._count_to(here, unseen, lost)
         return Passed(unseen, lost, math.nan if unseen else self._interval(here, last))
 
     def _interval(self, here: Beginning, last: Beginning | None) -> float:
         """What the revolution between two beginnings took by the time; NaN where that is not well known."""
-        if last is None or not last.revolution_ns or self.listens:
+        if last is None or not last.revolution_ns or self.needs_speed:
             return math.nan
         elapsed, share = here.start_ns - last.start_ns, 1 + here.over - last.over
         if elapsed <= 0 or share < LEAST_SHARE or abs(elapsed / last.revolution_ns - share) >= NOISE:
@@ -211,37 +211,37 @@ class RevolutionCount:
             return math.nan
         return elapsed / share
 
-    def _since_anchor(self, here: Beginning) -> tuple[int, int]:
+    def _since_counted(self, here: Beginning) -> tuple[int, int]:
         """Revolutions and packets that are missing since the last beginning from where they were known."""
-        anchor = self._anchor
-        if anchor is None:
-            self._anchor = here
+        counted = self._counted
+        if counted is None:
+            self._counted = here
             return 0, 0
-        elapsed = here.start_ns - anchor.start_ns
+        elapsed = here.start_ns - counted.start_ns
         sure, unseen, lost, untold = self._sure, 0, 0, 0
         if self._packet_ns:
             expected = int(elapsed / self._packet_ns * (1 - UNEVEN_SPEED))
-            missing = expected - (here.packets_before - anchor.packets_before)
+            missing = expected - (here.packets_before - counted.packets_before)
             if missing > FEWEST_PACKETS:
                 lost, untold = missing, int(elapsed / self._packet_ns) - expected
         if sure is None:
             # One without a gap whose speed is told already follows the one before; nothing passed in between.
-            self._adrift |= not here.revolution_ns or here.lost > 0
+            self._uncounted |= not here.revolution_ns or here.lost > 0
         else:
-            turns = elapsed / here.revolution_ns + anchor.over - here.over
+            turns = elapsed / here.revolution_ns + counted.over - here.over
             passed = int(turns * (1 - UNEVEN_SPEED) + NOISE)
-            unseen = passed - (here.number - anchor.number)
+            unseen = passed - (here.number - counted.number)
             # Counting goes on from here, unless it is too vague when this one began.
-            self._adrift = sure is not here and abs(turns - round(turns)) >= EXACT
-            if not self._adrift:
+            self._uncounted = sure is not here and abs(turns - round(turns)) >= EXACT
+            if not self._uncounted:
                 # Where too many were counted, that many are left out later.
-                self._anchor_at(here, unseen, lost + untold)
+                self._count_to(here, unseen, lost + untold)
         return max(0, unseen), lost
 
-    def _anchor_at(self, here: Beginning, unseen: int, lost: int) -> None:
+    def _count_to(self, here: Beginning, unseen: int, lost: int) -> None:
         here.number += unseen
         here.packets_before += lost
-        self._anchor = here
+        self._counted = here
 
     def _correct_packet(self, here: Beginning) -> None:
         """Where only short packets came, take what an ordinary one took before."""

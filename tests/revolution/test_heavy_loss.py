@@ -44,8 +44,8 @@ ENOUGH_PACKETS = 50
 
 
 @pytest.mark.parametrize("name", KINDS)
-@pytest.mark.exhaustive("share", sample=[0.05], full=[0.002, 0.01, 0.02, 0.05, 0.1])
-@pytest.mark.exhaustive("seed", sample=[1], full=[1, 2, 3, 4, 5])
+@pytest.mark.exhaustive("share", sample=[0.05], full=[0.02, 0.05, 0.1])
+@pytest.mark.exhaustive("seed", sample=[1], full=[1, 2])
 def test_revolutions_are_told_although_no_speed_was_ever_seen(name: str, share: float, seed: int) -> None:
     """Never more than there were; and nearly all, where enough packets came to tell how fast the rotor turned."""
     clean, _, _ = thinned(name, 0.0, 1)
@@ -58,8 +58,8 @@ def test_revolutions_are_told_although_no_speed_was_ever_seen(name: str, share: 
 
 
 @pytest.mark.parametrize("name", KINDS)
-@pytest.mark.exhaustive("share", sample=[0.002, 0.02], full=[0.0005, 0.002, 0.01, 0.02, 0.05, 0.1])
-@pytest.mark.exhaustive("seed", sample=[1], full=[1, 2, 3])
+@pytest.mark.exhaustive("share", sample=[0.002, 0.05], full=[0.002, 0.02, 0.05])
+@pytest.mark.exhaustive("seed", sample=[1], full=[1, 2])
 def test_a_speed_is_right_or_unknown(name: str, share: float, seed: int) -> None:
     clean, _, _ = thinned(name, 0.0, 1)
     rpm = np.median([scan.rpm for scan in clean])

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK, StreamFormat
 
-__all__ = ["Tempo", "heard_of"]
+__all__ = ["SparseSpeed", "dated_angles"]
 
 _MOST: Final = 16
 _OF_ONE: Final = 2
@@ -39,7 +39,7 @@ _LONGEST_NS: Final = 20e9
 """Packets farther apart are not compared: no rotor is so even, and more speeds would have to be tried."""
 
 
-def heard_of(wire: StreamFormat, packets: Packets) -> list[tuple[float, int]]:
+def dated_angles(wire: StreamFormat, packets: Packets) -> list[tuple[float, int]]:
     """Where a few of these packets began, in revolutions, and when they came, as far as that is known."""
     headings = wire.headings(packets)
     return [
@@ -48,7 +48,7 @@ def heard_of(wire: StreamFormat, packets: Packets) -> list[tuple[float, int]]:
     ]
 
 
-class Tempo:
+class SparseSpeed:
     """Finds the speed of one rotor.
 
     Args:

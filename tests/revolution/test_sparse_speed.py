@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from lidario.revolution.tempo import Tempo
+from lidario.revolution.sparse_speed import SparseSpeed
 
 MS = 1e6
 
 
 def found(angles: np.ndarray, times_ns: np.ndarray) -> list[float]:
     """What it takes the rotor to turn, after each packet; 0 where that is not known."""
-    tempo, told = Tempo(1e9), list[float]()
+    search, told = SparseSpeed(1e9), list[float]()
     for angle, at_ns in zip(angles.tolist(), times_ns.tolist(), strict=True):
-        tempo.add(angle % 1.0, round(at_ns))
-        told.append(tempo.revolution_ns())
+        search.add(angle % 1.0, round(at_ns))
+        told.append(search.revolution_ns())
     return told
 
 
