@@ -12,9 +12,9 @@ do not wait for numpy and asyncio.
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
 
+from lidario.loading import load
 from lidario.version import __version__
 
 if TYPE_CHECKING:
@@ -164,7 +164,7 @@ def __getattr__(name: str) -> object:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     home = next((module for module, names in _HOMES.items() if name in names), "errors")
-    value: object = getattr(import_module(f"{__name__}.{home}"), name)
+    value: object = getattr(load(f"{__name__}.{home}"), name)
     globals()[name] = value
     return value
 

@@ -56,7 +56,8 @@ class Scan(MeasuredSamples):
         time_increment_ns: Time from one sample to the next.
         duration_ns: Time from the first sample to the end of the revolution.
         rpm: Measured speed: revolutions a minute, from the time between the beginnings of this revolution and the
-            one before. Where that one was not seen, from the samples of this one; NaN where some are missing too.
+            one before. Where that one was not seen, from the samples of this one. NaN where some are missing too,
+            and where losses make the time vague.
         seq: Number of the revolution since the session was opened, 0 for the first. It jumps by the revolutions
             that are missing in between. Those that pass while a query interrupts the stream have no number.
         dropped_before: Scans this reader missed since the one before, because it was slow.

@@ -36,6 +36,7 @@ LAYERS = (
     {"network"},
     {"session"},
     {"blocking", "blocking_recording", "blocking_sectors", "ros"},
+    {"loading"},
     {"__init__"},
     {"web", "testing"},
     {"cli", "__main__"},

@@ -111,11 +111,14 @@ class Device(ABC):
         can_keep_spinning: Whether the motor can go on when the laser is stopped.
         can_be_stopped: Whether laser and motor can be switched off from here.
         by_network: Whether it may be reached by a network: its line has no speed of its own.
+        is_guess: Whether its model was not named by a user, but is one that is looked for: what the device says of
+            itself counts more.
     """
 
     can_keep_spinning: bool = True
     can_be_stopped: bool = True
     by_network: bool = False
+    is_guess: bool = False
 
     @abstractmethod
     def stop(self) -> Request:

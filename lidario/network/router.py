@@ -90,10 +90,10 @@ def _place_of(rest: str) -> str:
 def _unwelcome(router: str, protocol: str) -> str:
     if protocol == "tls":
         return (
-            f"{router}: somebody listens there, but the TLS connection failed. Does ZENOH_CONFIG name a file with this "
-            "network's certificates, and is the router's made for that name?"
+            f"{router}: somebody listens there, but the TLS connection failed. Does ZENOH_CONFIG name a file with "
+            "this network's certificates, and is the router's made for that name?"
         )
     return (
-        f"no zenoh router responds at {router}, although somebody listens there. Is the port right, or does it want "
-        "tls/?"
+        f"no zenoh router responds at {router}, although somebody listens there. Is the port right, or does it "
+        "want tls/?"
     )

@@ -82,12 +82,14 @@ class ZeroOffsetSet:
 
     Attributes:
         at: Place behind the last byte that had been parsed. The first revolution that ends behind it has the new
-            offset; where sectors of it were handed out, the one behind it.
+            offset.
         zero_offset_deg: Degrees that are added to every device angle from then on.
+        behind: Whether only the revolution behind that one has it, because sectors of it were handed out.
     """
 
     at: int
     zero_offset_deg: float
+    behind: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,11 +168,11 @@ class Chronicle:
         )
         self._tell(self.running)
 
-    def zero_offset_set(self, at: int, degrees: float) -> None:
+    def zero_offset_set(self, at: int, degrees: float, *, behind: bool) -> None:
         """The stream that runs gets another zero-angle offset; the arguments are those of `ZeroOffsetSet`."""
         if self.running is not None and degrees != self.running.zero_offset_deg:
             self.running = replace(self.running, zero_offset_deg=degrees)
-            self._tell(ZeroOffsetSet(at, degrees))
+            self._tell(ZeroOffsetSet(at, degrees, behind))
 
     def ended(self, at: int) -> None:
         """The stream is not delivered any more."""
@@ -206,7 +208,7 @@ def event_of(text: str) -> StreamEvent | None:
         if kind == "ended":
             return StreamEnded(_whole(record["at"]))
         if kind == "zero offset":
-            return ZeroOffsetSet(_whole(record["at"]), _offset(record))
+            return ZeroOffsetSet(_whole(record["at"]), _offset(record), record.get("behind") is True)
         if kind == "responded":
             return Responded(
                 bytes.fromhex(record["request"]), _whole(record["kind"]) & 0xFF, bytes.fromhex(record["payload"])

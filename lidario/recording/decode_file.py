@@ -67,7 +67,7 @@ class FileDecoder:
 
     def _timed(self) -> Iterator[Scan]:
         number, link, assembler, offset_deg = -1, Link(), None, 0.0
-        for begun, data, arrivals, block_deg in self._blocks():
+        for begun, data, arrivals, block_deg, behind in self._blocks():
             if begun != number or assembler is None:
                 if assembler is not None:
                     assembler.end()
@@ -81,7 +81,7 @@ class FileDecoder:
                 offset_deg = stored.began.zero_offset_deg
             if block_deg != offset_deg:
                 offset_deg = block_deg
-                assembler.set_zero_offset(offset_deg)
+                assembler.set_zero_offset(offset_deg, behind=behind)
             last_ns = arrivals.pop()[1]
             link.receive_data(data, last_ns, arrivals)
             for event in link.events_received():
@@ -91,23 +91,23 @@ class FileDecoder:
             assembler.end()
             self._count(link.stats.skipped_bytes, link.stats.packets)
 
-    def _blocks(self) -> Iterator[tuple[int, bytes, list[tuple[int, int]], float]]:
+    def _blocks(self) -> Iterator[tuple[int, bytes, list[tuple[int, int]], float, bool]]:
         """Pieces of one stream and zero-angle offset, joined; where in the block each one ends, and its time."""
-        number, size, last_ns, offset_deg = -1, 0, 0, 0.0
+        number, size, last_ns, offset_deg, behind = -1, 0, 0, 0.0, False
         parts: list[bytes] = []
         arrivals: list[tuple[int, int]] = []
         for piece in self.recording.pieces():
             if parts and (piece.stream != number or piece.zero_offset_deg != offset_deg or size >= _BLOCK):
-                yield number, b"".join(parts), arrivals, offset_deg
+                yield number, b"".join(parts), arrivals, offset_deg, behind
                 size, parts, arrivals = 0, [], []
-            number, offset_deg = piece.stream, piece.zero_offset_deg
+            number, offset_deg, behind = piece.stream, piece.zero_offset_deg, piece.behind
             # Time never goes back, whatever a file says.
             last_ns = max(last_ns, piece.at_ns) if arrivals or size or last_ns else piece.at_ns
             parts.append(piece.data)
             size += len(piece.data)
             arrivals.append((size, last_ns))
         if parts:
-            yield number, b"".join(parts), arrivals, offset_deg
+            yield number, b"".join(parts), arrivals, offset_deg, behind
 
     def _count(self, skipped: int, packets: int) -> None:
         self.skipped_bytes += skipped

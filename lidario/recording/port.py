@@ -43,8 +43,8 @@ class Audience(Protocol):
         """The stream was interrupted here: start it again."""
         ...
 
-    def set_zero_offset(self, degrees: float) -> None:
-        """Here another zero-angle offset was chosen, clockwise degrees."""
+    def set_zero_offset(self, degrees: float, *, behind: bool) -> None:
+        """Here another zero-angle offset was chosen, clockwise degrees; it holds as in `Piece`."""
         ...
 
     def finish(self) -> None:
@@ -221,7 +221,7 @@ class _ReplayLine(Line):
             if piece.zero_offset_deg != self._offset_deg:
                 self._offset_deg = piece.zero_offset_deg
                 if self._audience is not None:
-                    self._audience.set_zero_offset(self._port.offset_of(self._offset_deg))
+                    self._audience.set_zero_offset(self._port.offset_of(self._offset_deg), behind=piece.behind)
             self._port.play(piece.data, self._last_ns)
         self._arm()
 

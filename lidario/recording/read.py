@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -47,13 +47,15 @@ class Piece(NamedTuple):
         stream: Number of the stream that they belong to.
         at_ns: When they were read, on the clock of the recording.
         data: The bytes.
-        zero_offset_deg: The zero-angle offset that holds from the first revolution on that begins in them or later.
+        zero_offset_deg: The zero-angle offset that holds from the first revolution on that ends in them or later.
+        behind: Whether it holds only from the revolution behind that one.
     """
 
     stream: int
     at_ns: int
     data: bytes
     zero_offset_deg: float
+    behind: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,6 +205,7 @@ class McapRecording:
         place, number = self.about.received_before, 0
         offset_ns = self.about.clock_offset_ns
         offsets, offset_deg = _offsets(self.streams[0])
+        behind = False
         for record in self._records():
             if not isinstance(record, Message):
                 continue
@@ -218,9 +221,9 @@ class McapRecording:
                     at_ns = min(max(record.at_ns - offset_ns, -MOST_NS // 2), MOST_NS // 2)
                     while low < high:
                         while offsets and offsets[0].at <= low:
-                            offset_deg = offsets.popleft().zero_offset_deg
+                            _, offset_deg, behind = astuple(offsets.popleft())
                         until = min(high, offsets[0].at) if offsets else high
-                        yield Piece(number, at_ns, raw[1][low - begin : until - begin], offset_deg)
+                        yield Piece(number, at_ns, raw[1][low - begin : until - begin], offset_deg, behind)
                         low = until
                 if place < end or stream.end is None:
                     break

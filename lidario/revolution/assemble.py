@@ -62,13 +62,20 @@ class Assembler:
         self._measured_sample_ns = 0.0
         # Several revolutions that end together are decoded at once, unless somebody wants parts of each.
         self._by_blocks = True
+        self._next_offset_deg: float | None = None
         self._ended_at: tuple[Packets, int, int] | None = None
-        # Revolutions counted as missing before the one that ends, when its number was told.
-        self._told_unseen = 0
+        self._told_unseen = 0  # revolutions counted as missing before the one that ends, when its number was told
 
-    def set_zero_offset(self, degrees: float) -> None:
-        """Add another zero-angle offset, clockwise degrees, from the next scan on."""
-        self._stream = replace(self._stream, zero_offset_deg=degrees)
+    @property
+    def keeps_offset(self) -> bool:
+        """Whether the revolution in the making keeps its zero-angle offset, whatever is set."""
+        return False
+
+    def set_zero_offset(self, degrees: float, *, behind: bool = False) -> None:
+        """Add another zero-angle offset, clockwise degrees, from the next scan on, or the one `behind` that."""
+        self._next_offset_deg = degrees if behind else None
+        if not behind:
+            self._stream = replace(self._stream, zero_offset_deg=degrees)
 
     def add(self, event: Packets) -> list[Scan]:
         """Take the next packets of the stream; return the revolutions they completed, usually none."""
@@ -86,8 +93,10 @@ class Assembler:
         begin = done = 0
         while done < len(splits):
             left = len(splits) - done if self._by_blocks else 1
-            if left >= _WORTH_A_BLOCK and not is_ready(self._stream, self._partial, self._count):
+            learns = not is_ready(self._stream, self._partial, self._count)
+            if left >= _WORTH_A_BLOCK and (learns or self._next_offset_deg is not None):
                 # The first revolutions of a stream, and those behind a gap, teach what the others are measured by.
+                # All revolutions of a block have the same zero-angle offset.
                 left = 1
             elif left >= _WORTH_A_BLOCK:
                 block = self._add_block(event, offsets, splits[done:], begin)
@@ -115,6 +124,8 @@ class Assembler:
         self._ended_at = event, number, number + 1
         scan = self._end(split, event.data[offsets[number] : offsets[number + 1]])
         self._ended_at = None
+        if self._next_offset_deg is not None:
+            self.set_zero_offset(self._next_offset_deg)
         self.stats.finish(held, delivered=scan is not None)
         return scan
 
@@ -135,7 +146,10 @@ class Assembler:
         if block is None:
             return []
         block.samples.settle()
-        self._count.settle(block.beginning)
+        last, stats = block.beginning, self.stats
+        last.number = stats.scans + stats.missed_scans + len(block.revolutions) - 1
+        last.packets_before = stats.all_packets + block.packets - last.packets
+        self._count.settle(last)
         self._partial = block.next
         self._last_spanned_ns = block.revolutions[-1].spanned_ns
         self.stats.unfinished_packets += block.packets
@@ -171,7 +185,7 @@ class Assembler:
         gaps: list[tuple[int, int]] | None = []
         packets = ended.packets()
         if packets is not None:
-            if not self._count.usual_ns:
+            if self._count.listens:
                 self._count.hear(heard_of(self._stream.format, packets))
             room = 0 if arrays is None else len(arrays)
             samples = self._decode(ended, packets, split, following, room)
@@ -193,7 +207,7 @@ class Assembler:
                 self._partial.lost_behind_carried = samples.lost_behind
                 self._partial.carried_packets = 0.0 if samples.certain else samples.revolution_packets
                 lost -= samples.lost_behind
-            if samples.gaps or ended.skipped_behind_carried or not samples.certain:
+            if samples.gaps or lost:
                 self._partial.skipped_behind_carried = samples.skipped_behind
                 gaps = ended.gaps(samples, room, crossed, revoked=bool(unknown))
             arrays = here.part(room if unknown else 0, crossed)

@@ -34,7 +34,7 @@ UNEVEN_SPEED: Final = 0.005
 """Part of the revolutions of a long time that are not counted, since the speed may have been lower for a while."""
 EXACT: Final = 0.15
 """Revolutions by which a time may miss a whole number, to be where counting goes on from."""
-AGREEMENT: Final = 0.015
+AGREEMENT: Final = 0.0125
 """Part by which the speed by the time may differ from that by the angles, where packets are missing: what stood
 before a gap is dated by a read that was completed behind it."""
 LEAST_SHARE: Final = 0.9
@@ -57,7 +57,7 @@ class Beginning:
         lost: How many are known to be missing in it or right behind it.
         broken: Whether parts of several revolutions may have met in it, so that `lost` is not all.
         number: Its number, by what was counted until then; that of the one before, where it is only a part and has
-            none. None for one more than the one before.
+            none.
         packets_before: Packets that came, or are counted as lost, before it.
         ordinary: Whether `packet_ns` is that of an ordinary packet. If not, only short ones came, and it is that of
             the longest packet of the format.
@@ -72,7 +72,7 @@ class Beginning:
     packets: int
     lost: int
     broken: bool
-    number: int | None = None
+    number: int = 0
     packets_before: int = 0
     ordinary: bool = True
     borrowed: bool = False
@@ -102,8 +102,9 @@ class RevolutionCount:
 
     def __init__(self, slowest_ns: float = 1e9) -> None:
         self._tempo = Tempo(slowest_ns)
-        # From where the time is counted when it was not known for a while.
+        # The last beginning up to which all was counted, and whether there was one since from where it was not.
         self._anchor: Beginning | None = None
+        self._adrift = False
         self._last: Beginning | None = None
         self._sure: Beginning | None = None
         self._late = 0.0
@@ -116,12 +117,17 @@ class RevolutionCount:
         """What a revolution takes at the latest speed that was sure; 0 while none was."""
         return 0.0 if self._sure is None else self._sure.revolution_ns
 
+    @property
+    def listens(self) -> bool:
+        """Whether no speed was ever sure by the angles of packets that follow each other, so that `hear` helps."""
+        return self._sure is None or self._sure.borrowed
+
     def hear(self, packets: Iterable[tuple[float, int]]) -> None:
-        """Packets came while the speed was not known: where each begins, in revolutions, and when it came."""
+        """Packets came: where each begins, in revolutions, and when it came."""
         for angle, at_ns in packets:
             self._tempo.add(angle, at_ns)
         revolution_ns = self._tempo.revolution_ns()
-        if revolution_ns and self._sure is None:
+        if revolution_ns:
             each = revolution_ns / self._packet_ns if self._packet_ns else 0.0
             self._sure = Beginning(
                 0, 0.0, revolution_ns, each, self._packet_ns, packets=0, lost=0, broken=False, borrowed=True
@@ -178,47 +184,64 @@ class RevolutionCount:
                 return Passed(0, 0, elapsed / share)
         self._correct_packet(here)
         self._correct_speed(here, last)
-        never_seen = self._sure is not None and self._sure.borrowed
-        if last is None or not last.revolution_ns or never_seen:
+        if last is None or not last.revolution_ns or self.listens or self._adrift:
             # Too little came of it to know its speed, and so how much the angles hide.
-            return self._since_anchor(here)
+            unseen, lost = self._since_anchor(here)
+            return Passed(unseen, lost, math.nan if unseen else self._interval(here, last))
         elapsed = here.start_ns - last.start_ns
-        share = 1 + here.over - last.over
-        extra = elapsed / last.revolution_ns - share
+        extra = elapsed / last.revolution_ns - (1 + here.over - last.over)
         # More than one revolution has: an outage of almost one lies in it, and its angles fell back by little.
         met = last.broken and last.packets > MORE_THAN_ONE * last.revolution_packets
         unseen = self._unseen(extra, met or last.lost > 0)
         lost = round(unseen * last.revolution_packets)
         if unseen and last.broken:
             lost = self._lost_by_time(last, elapsed)
-        near = not unseen and abs(extra) < NOISE and elapsed > 0 and share >= LEAST_SHARE
-        if here.lost or last.lost:
-            near = near and abs(elapsed / share / last.revolution_ns - 1) < AGREEMENT
         if not self._late and here.revolution_ns:
-            self._anchor = here
-        return Passed(unseen, lost, elapsed / share if near else math.nan)
+            self._anchor_at(here, unseen, lost)
+        return Passed(unseen, lost, math.nan if unseen else self._interval(here, last))
 
-    def _since_anchor(self, here: Beginning) -> Passed:
-        """Count what passed since the last beginning from which that was known, less what was counted since."""
+    def _interval(self, here: Beginning, last: Beginning | None) -> float:
+        """What the revolution between two beginnings took by the time; NaN where that is not well known."""
+        if last is None or not last.revolution_ns or self.listens:
+            return math.nan
+        elapsed, share = here.start_ns - last.start_ns, 1 + here.over - last.over
+        if elapsed <= 0 or share < LEAST_SHARE or abs(elapsed / last.revolution_ns - share) >= NOISE:
+            return math.nan
+        if (here.lost or last.lost) and abs(elapsed / share / last.revolution_ns - 1) >= AGREEMENT:
+            return math.nan
+        return elapsed / share
+
+    def _since_anchor(self, here: Beginning) -> tuple[int, int]:
+        """Revolutions and packets that are missing since the last beginning from where they were known."""
         anchor = self._anchor
         if anchor is None:
             self._anchor = here
-            return Passed(0, 0, math.nan)
+            return 0, 0
         elapsed = here.start_ns - anchor.start_ns
-        sure, unseen, lost = self._sure, 0, 0
-        if sure is not None and anchor.number is not None and here.number is not None:
-            turns = elapsed / here.revolution_ns + anchor.over - here.over
-            passed = int(turns * (1 - UNEVEN_SPEED) + NOISE)
-            unseen = max(0, passed - (here.number - anchor.number))
+        sure, unseen, lost, untold = self._sure, 0, 0, 0
         if self._packet_ns:
             expected = int(elapsed / self._packet_ns * (1 - UNEVEN_SPEED))
             missing = expected - (here.packets_before - anchor.packets_before)
-            lost = missing if missing > FEWEST_PACKETS else 0
-        if sure is not None and anchor.number is not None and abs(turns - round(turns)) < EXACT:
-            here.number = anchor.number + round(turns)
-            here.packets_before += lost
-            self._anchor = here
-        return Passed(unseen, lost, math.nan)
+            if missing > FEWEST_PACKETS:
+                lost, untold = missing, int(elapsed / self._packet_ns) - expected
+        if sure is None:
+            # One without a gap whose speed is told already follows the one before; nothing passed in between.
+            self._adrift |= not here.revolution_ns or here.lost > 0
+        else:
+            turns = elapsed / here.revolution_ns + anchor.over - here.over
+            passed = int(turns * (1 - UNEVEN_SPEED) + NOISE)
+            unseen = passed - (here.number - anchor.number)
+            # Counting goes on from here, unless it is too vague when this one began.
+            self._adrift = sure is not here and abs(turns - round(turns)) >= EXACT
+            if not self._adrift:
+                # Where too many were counted, that many are left out later.
+                self._anchor_at(here, unseen, lost + untold)
+        return max(0, unseen), lost
+
+    def _anchor_at(self, here: Beginning, unseen: int, lost: int) -> None:
+        here.number += unseen
+        here.packets_before += lost
+        self._anchor = here
 
     def _correct_packet(self, here: Beginning) -> None:
         """Where only short packets came, take what an ordinary one took before."""

@@ -143,8 +143,8 @@ def beginning_of(
     sample_ns: float,
     gap_behind: bool,
     broken: bool,
-    number: int | None = None,
-    packets_before: int = 0,
+    number: int,
+    packets_before: int,
 ) -> Beginning:
     """What a revolution that has ended tells for counting.
 

@@ -69,7 +69,6 @@ class SectorAssembler(Assembler):
         self._publish_sector = publish
         self._parts: tuple[int, ...] = ()
         self._divided: DividedRevolution | None = None
-        self._next_offset_deg: float | None = None
         self._usual_samples = 0.0
         self._told: int | None = None
         self._ending: tuple[DividedRevolution, int] | None = None
@@ -97,12 +96,14 @@ class SectorAssembler(Assembler):
             return here.partial.last_ns + more * sample_ns
         return here.first_ns + (here.samples + more - 1) * sample_ns
 
-    def set_zero_offset(self, degrees: float) -> None:
+    @property
+    def keeps_offset(self) -> bool:
+        """As `Assembler.keeps_offset`: where sectors of it may have been handed out."""
+        return self._divided is not None and self._divided.partial is self._partial
+
+    def set_zero_offset(self, degrees: float, *, behind: bool = False) -> None:
         """As `Assembler.set_zero_offset`; a revolution of which sectors were handed out keeps the one before."""
-        if self._divided is None:
-            super().set_zero_offset(degrees)
-        else:
-            self._next_offset_deg = degrees
+        super().set_zero_offset(degrees, behind=behind or self.keeps_offset)
 
     def end(self) -> None:
         """As `Assembler.end`."""
@@ -120,9 +121,6 @@ class SectorAssembler(Assembler):
 
     def _begin(self, packets: Packets) -> DividedRevolution | None:
         """A revolution may begin with these packets; None where it does not, or is not to be divided."""
-        if self._next_offset_deg is not None:
-            offset, self._next_offset_deg = self._next_offset_deg, None
-            super().set_zero_offset(offset)
         partial, wire = self._partial, self._stream.format
         # Where the angles are not certain, samples that were carried over may still be dropped.
         sure = partial.whole and not partial.moved and not partial.carried_packets and len(partial.runs) == 1
@@ -258,6 +256,7 @@ class SectorAssembler(Assembler):
                         lost=0,
                         broken=False,
                         number=stats.scans + stats.missed_scans,
+                        packets_before=stats.all_packets - here.packets,
                     )
                 )
                 .unseen

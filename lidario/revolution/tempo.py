@@ -20,6 +20,8 @@ from lidario.wire.formats import HEADING_MASK, StreamFormat
 __all__ = ["Tempo", "heard_of"]
 
 _MOST: Final = 16
+_OF_ONE: Final = 2
+"""Packets of one revolution. More would be too near each other."""
 _FEWEST: Final = 12
 """Packets that a finding rests on. Random ones would agree once in a million tries."""
 _AGAIN: Final = 4
@@ -30,17 +32,19 @@ _AGREEING: Final = 0.8
 """Share of the packets that must agree. Some are none: a few bytes whose check value is right by chance."""
 _ALIKE: Final = 0.01
 """Share by which two findings may differ."""
+_LEAST_TURNS: Final = 6.0
+"""Revolutions that the packets must be apart, for their angles to tell a speed within 1 %."""
 _FASTEST_HZ: Final = 30.0
 _LONGEST_NS: Final = 20e9
 """Packets farther apart are not compared: no rotor is so even, and more speeds would have to be tried."""
 
 
 def heard_of(wire: StreamFormat, packets: Packets) -> list[tuple[float, int]]:
-    """Where the latest of these packets began, in revolutions, and when they came, as far as that is known."""
+    """Where a few of these packets began, in revolutions, and when they came, as far as that is known."""
     headings = wire.headings(packets)
     return [
         ((int(headings[count - 1]) & HEADING_MASK) / wire.full_turn, at_ns)
-        for count, at_ns in packets.arrivals[-_MOST:]
+        for count, at_ns in packets.arrivals[:: -(-len(packets.arrivals) // _OF_ONE)]
     ]
 
 
@@ -86,7 +90,7 @@ class Tempo:
         for at in (strength >= 2 * _AGREEING - 1).nonzero()[0].tolist():
             found = _fitted(angles, seconds, float(speeds[at]))
             if found:
-                return 1e9 / found
+                return 1e9 / found if found * lasted >= _LEAST_TURNS else 0.0
         return 0.0
 
 

@@ -45,29 +45,33 @@ def first_sample_ns(
     """
     carried = 0 if revolution.carried is None else len(revolution.carried)
     earliest = revolution.carried_ns - (carried - 1) * sample_ns if carried else math.inf
-    if packets is not None and samples is not None:
-        ends, before = samples.ends, carried - 1
-        if samples.certain and not samples.gaps and not revolution.lost_behind_carried:
-            # Mostly. What follows would find the same.
-            for count, at_ns in packets.arrivals:
-                estimate = at_ns - (before + ends[count - 1]) * sample_ns
-                if estimate < earliest:
-                    earliest = estimate
-            return round(earliest - DEVICE_DELAY_SAMPLES * sample_ns - packet_bytes * byte_ns)
-        gaps = list(samples.gaps) if samples.certain else []
-        if carried and revolution.lost_behind_carried:
-            gaps.insert(0, (0, revolution.skipped_behind_carried))
-        passed = 0
+    if packets is None or samples is None:
+        return earliest_ns([earliest], sample_ns, packet_bytes * byte_ns)
+    ends, before = samples.ends, carried - 1
+    if samples.certain and not samples.gaps and not revolution.lost_behind_carried:
+        # Mostly. What follows would find the same.
         for count, at_ns in packets.arrivals:
-            end = ends[count - 1]
+            estimate = at_ns - (before + ends[count - 1]) * sample_ns
+            if estimate < earliest:
+                earliest = estimate
+        return round(earliest - DEVICE_DELAY_SAMPLES * sample_ns - packet_bytes * byte_ns)
+    gaps = list(samples.gaps)
+    if carried and revolution.lost_behind_carried:
+        gaps.insert(0, (0, revolution.skipped_behind_carried))
+    unbroken = math.inf
+    if gaps or not samples.certain:
+        unbroken = -1 if gaps and not gaps[0][0] else samples.unbroken
+    passed = 0
+    for count, at_ns in packets.arrivals:
+        end = ends[count - 1]
+        if count > unbroken:
             while passed < len(gaps) and gaps[passed][0] < end:
-                before += gaps[passed][1]
+                before += gaps[passed][1] if samples.certain else 0
                 passed += 1
-            known = count <= samples.unbroken if not samples.certain else passed <= _KNOWN_GAPS
-            if not known and earliest < math.inf:
+            if earliest < math.inf and (passed > _KNOWN_GAPS or not samples.certain):
                 # Behind many gaps the number of samples since the beginning is not known exactly.
                 break
-            earliest = min(at_ns - (before + end) * sample_ns, earliest)
+        earliest = min(at_ns - (before + end) * sample_ns, earliest)
     return round(earliest - DEVICE_DELAY_SAMPLES * sample_ns - packet_bytes * byte_ns)
 
 

@@ -11,7 +11,7 @@ import asyncio
 from pathlib import Path
 from typing import Any, Final, cast
 
-from lidario.errors import LidarError
+from lidario.errors import LidarError, Unsupported
 from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.keys import check_key
 from lidario.network.messages import Entry, encode_raw_message, encode_scan
@@ -90,6 +90,10 @@ class Share(Broadcast):
     def _about(self) -> About:
         return super()._about() if self._raw is None else self._raw.about
 
+    def _check(self) -> None:
+        if self._raw is not None and self._raw.is_without_bytes:
+            raise Unsupported("this lidar arrives as whole scans, so there are no raw bytes to publish: send scans")
+
     def send_raw(self, entries: list[Entry]) -> None:
         """Send what was collected."""
         if self._outlet is not None:
@@ -113,7 +117,13 @@ class _RawFeed:
         self._running: StreamBegan | None = None
         self._entries: list[Entry] = []
         self._size = 0
+        self._scans = self._chunks = 0
         self._timer: asyncio.TimerHandle | None = None
+
+    @property
+    def is_without_bytes(self) -> bool:
+        """Whether scans come that were not made of bytes."""
+        return self._scans > 0 and not self._chunks
 
     @property
     def about(self) -> About:
@@ -154,6 +164,7 @@ class _RawFeed:
     def see_chunk(self, direction: str, data: bytes, now: int) -> None:
         """As `Tap`."""
         if direction == "in":
+            self._chunks += 1
             self._add(Entry(False, now, data))
 
     def see_event(self, text: str, now: int) -> None:
@@ -163,6 +174,7 @@ class _RawFeed:
 
     def see_scan(self, scan: Scan) -> None:  # noqa: ARG002
         """A scan is complete, with what was seen last: readers shall have it at once."""
+        self._scans += 1
         self._share.count_scan()
         self._flush()
 

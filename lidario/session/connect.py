@@ -74,6 +74,7 @@ class _Try(NamedTuple):
     family: Family
     baudrate: int
     model: str | None = None
+    is_guess: bool = False
 
 
 _NO_TIME_S = 0.001
@@ -98,7 +99,7 @@ async def connect(
         source: A serial port, network address or simulator; not ``auto`` or ``id``.
         family: Name of the family, if it is known; it need not be probed then.
         baudrate: Speed of the line, if it is known; likewise.
-        patient: Whether to go on asking a device that may be booting, or may hold half a request: for 5 to 7 s.
+        patient: Whether to go on asking a device that may be booting, or may hold half a request: for 5 to 8 s.
             Where it is not, and family and speed are known, it is asked for about a second.
         simulation: The device of a ``sim://`` source, where it outlives its ports.
         on_dialogue: Called with the dialogue before anything is written, where family and speed are known.
@@ -223,6 +224,7 @@ async def _connect_remote(source: Source) -> Connection:
 def _made(port: Port, attempt: _Try) -> Device:
     device = attempt.family.make(attempt.model)
     device.by_network = not port.baudrate
+    device.is_guess = attempt.is_guess
     return device
 
 
@@ -286,14 +288,17 @@ async def _ask_in_turns(
 async def _find_by_dtr(port: Port, tries: list[_Try]) -> Connection | None:
     """One of the models that are dark while DTR is cleared, each asked once; None when none responds."""
     speeds = {each.baudrate for each in tries}
+    asked: set[tuple[Family, int, float]] = set()
     for family in dict.fromkeys(each.family for each in tries):
         for name, patience_s in family.by_dtr.items():
-            baudrate = family.models[name].baudrate
-            if 0 in speeds:
-                baudrate = 0
-            elif baudrate not in speeds:
+            baudrate = 0 if 0 in speeds else family.models[name].baudrate
+            # Where no speed tells them apart, one question is for all that respond, and one for all that talk.
+            question = (family, baudrate, patience_s)
+            if question in asked or baudrate not in speeds:
                 continue
-            connection = await _try(port, _Try(family, baudrate, name), quick=False, patience_s=patience_s)
+            asked.add(question)
+            guess = _Try(family, baudrate, name, is_guess=True)
+            connection = await _try(port, guess, quick=False, patience_s=patience_s)
             if connection is not None:
                 return connection
     port.set_dtr(False)

@@ -112,10 +112,10 @@ class StreamControl:
         if before is not self.state:
             _log.debug("%s: %s -> %s", event.value, before.value, self.state.value)
 
-    def set_zero_offset(self, degrees: float) -> None:
-        """Have the stream that runs add another zero-angle offset, clockwise degrees."""
+    def set_zero_offset(self, degrees: float, *, behind: bool) -> None:
+        """Have the stream that runs add another zero-angle offset, as `Assembler.set_zero_offset`."""
         if self._running is not None:
-            self._running.set_zero_offset(degrees)
+            self._running.set_zero_offset(degrees, behind=behind)
 
     def divide(self, parts: frozenset[int]) -> None:
         """Have the stream that runs, and each later one, publish so many sectors of each revolution."""

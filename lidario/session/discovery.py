@@ -91,7 +91,7 @@ def list_serial_ports() -> list[PortInfo]:
 async def list_lidars(paths: tuple[str, ...] = ()) -> list[Found]:
     """Ask which device is at each port, at all ports at the same time.
 
-    A device that streams is stopped by this. Where no port has a lidar, all are asked again for 9 s, which is
+    A device that streams is stopped by this. Where no port has a lidar, all are asked again for 8 s, which is
     enough for a lidar that boots. Cancelling leaves every port closed.
 
     Args:

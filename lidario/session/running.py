@@ -180,12 +180,14 @@ class Running:
         if not self._loop.is_closed():
             self._dialogue.set_polling(0.0, None)
 
-    def set_zero_offset(self, degrees: float) -> None:
-        """Add another zero-angle offset from the next revolution on, clockwise degrees."""
+    def set_zero_offset(self, degrees: float, *, behind: bool) -> None:
+        """Add another zero-angle offset, as `Assembler.set_zero_offset`."""
         # Recordings hold the place. What was read before is parsed first, as a replay does.
         self._dialogue.poll()
-        self._dialogue.chronicle.zero_offset_set(self._dialogue.bytes_fed, degrees)
-        self._assembler.set_zero_offset(degrees)
+        self._dialogue.chronicle.zero_offset_set(
+            self._dialogue.bytes_fed, degrees, behind=behind or self._assembler.keeps_offset
+        )
+        self._assembler.set_zero_offset(degrees, behind=behind)
 
     def divide(self, parts: frozenset[int]) -> None:
         """Publish sectors from the next revolution on, so many of each revolution; none for no more."""

@@ -252,9 +252,9 @@ class Scanner:
                     raise
                 # It is told to stop as soon as it is back.
 
-    def set_zero_offset(self, degrees: float) -> None:
-        """Have the stream that runs add another zero-angle offset, clockwise degrees."""
-        self._control.set_zero_offset(degrees)
+    def set_zero_offset(self, degrees: float, *, behind: bool = False) -> None:
+        """Have the stream that runs add another zero-angle offset, as `Assembler.set_zero_offset`."""
+        self._control.set_zero_offset(degrees, behind=behind)
 
     # ------------------------------------------------------------------------------------------------ the session
 

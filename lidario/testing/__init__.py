@@ -21,6 +21,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+import lidario
+
 if TYPE_CHECKING:
     from lidario.testing.device import SimulatedLidar
     from lidario.testing.made import make_scan, make_sector
@@ -42,6 +44,8 @@ _HOMES = {
 def __getattr__(name: str) -> object:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    # First, since this loads numpy, and lets no Ctrl-C interrupt that.
+    _ = lidario.Scan
     value: object = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
     globals()[name] = value
     return value

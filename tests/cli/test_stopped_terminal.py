@@ -26,11 +26,11 @@ FRAMES = 2 * 3200 * 4
 
 @contextlib.contextmanager
 def on_terminal(
-    *arguments: str, stdout: int | None = None
+    *arguments: str, stdout: int | None = None, kind: str = "xterm-256color"
 ) -> Iterator[tuple[subprocess.Popen[bytes], Screen, int]]:
     """The command on a terminal of its own, which it is controlled by; stdout may be something else."""
     environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
-    environment |= {"TERM": "xterm-256color", "PYTHONIOENCODING": "utf-8"}
+    environment |= {"TERM": kind, "PYTHONIOENCODING": "utf-8"}
     ours, theirs = os.openpty()
     resize(theirs, 24, 80)
     with os.fdopen(ours, "rb", buffering=0):
@@ -95,6 +95,13 @@ def test_ctrl_c_on_a_stopped_terminal_restores_it() -> None:
         screen.until("\n", lambda text: "scans of" in text)
         assert process.wait(BOUND) == 0
         until(lambda: not server.device.scanning)
+
+
+def test_watch_says_that_a_terminal_cannot_draw() -> None:
+    with on_terminal("watch", "sim://rplidar-s2", kind="dumb") as (process, screen, _):
+        screen.until("needs a terminal whose cursor moves")
+        screen.until("\n", lambda text: "lidario watch --help" in text)
+        assert process.wait(BOUND) == 2
 
 
 def test_what_shows_that_work_goes_on_does_not_hold_it_up(tmp_path: Path) -> None:

@@ -162,7 +162,7 @@ def _mcap(case: Case) -> bytes:
             at_ns += _CHUNK_NS
             writer.add_chunk(at_ns, False, chunk)
             if at <= half < at + _CHUNK:
-                writer.add_event(at_ns, text_of(ZeroOffsetSet(half - 100, 10.5)))
+                writer.add_event(at_ns, text_of(ZeroOffsetSet(half - 100, 10.5, behind=True)))
                 writer.add_event(at_ns, text_of(StreamEnded(half)))
                 writer.add_event(at_ns, text_of(Responded(request, 6, bytes(3))))
                 writer.add_event(at_ns, text_of(replace(began, at=half)))

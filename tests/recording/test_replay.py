@@ -126,12 +126,21 @@ async def change_the_offset(lidar: Lidar, live: Live) -> None:
 @pytest.mark.parametrize("sectors", [False, True], ids=["", "divided"])
 @pytest.mark.parametrize("source", [SOURCES["other family"], SOURCES["other family, damaged"]])
 def test_another_zero_offset_in_mid_stream_is_replayed(tmp_path: Path, source: str, *, sectors: bool) -> None:
+    seen: list[lidario.Sector] = []
+
+    async def count(parts: lidario.SectorStream) -> None:
+        async for part in parts:
+            seen.append(part)
+
     async def act(lidar: Lidar, live: Live) -> None:
         if not sectors:
             await change_the_offset(lidar, live)
             return
-        async with lidar.sectors(degrees=45):
+        async with lidar.sectors(degrees=45) as parts:
+            reading = asyncio.create_task(count(parts))
             await change_the_offset(lidar, live)
+            reading.cancel()
+        assert seen
 
     live = record(tmp_path / "a.mcap", source, act=act)
     assert len({scan.seam for scan in live.scans}) == 2

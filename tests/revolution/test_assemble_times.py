@@ -8,8 +8,8 @@ from lidario.revolution.assemble import Assembler
 from lidario.scan import Scan
 from lidario.wire.events import Packets
 from tests.support.cases import CASES, KINDS, Case, named
-from tests.support.numbered import BAUD, SAMPLE_NS, TURN, WIRE_NS, assemble, numbered, on_time
-from tests.support.streams import cut_up, open_stream, stream_of
+from tests.support.numbered import BAUD, DENSE, SAMPLE_NS, TURN, WIRE_NS, assemble, numbered, on_time
+from tests.support.streams import arrived, cut_up, open_stream, stream_of
 
 
 def test_stamps_are_exact_on_a_line_that_delays_nothing() -> None:
@@ -42,6 +42,22 @@ def test_the_least_delayed_packet_tells_the_time(run: int, seed: int) -> None:
             least = min(arrival[n] - on_time(n) for n in range(first, first + len(scan) // 40))
             assert error <= least + 1
     assert np.median(late) < 300_000
+
+
+@pytest.mark.parametrize("run", [1, 5, 9])
+def test_gaps_in_a_read_do_not_delay_the_stamps(run: int) -> None:
+    """The read that brings the first packets ends behind the gap: what is missing was measured before, too."""
+    left = [number for number in range(24 * 12) if number % 24 not in (2, 3, 13)]
+    packets = numbered(24 * 12, 960)
+    assembler, scans = Assembler(stream_of(DENSE, sample_ns=float(SAMPLE_NS)), BAUD), list[Scan]()
+    for begin in range(0, len(left), run):
+        some = left[begin : begin + run]
+        data = b"".join(packets[number] for number in some)
+        scans += assembler.add(arrived(data, len(some), round(on_time(some[-1]))))
+    assert sum(scan.lost_packets for scan in scans) > 20
+    for scan in scans:
+        assert abs(scan.stamp_ns - (round(float(scan.device_distances[0])) - 1) * SAMPLE_NS) <= 1
+        assert scan.rpm == pytest.approx(2000, rel=1e-3)
 
 
 @pytest.mark.parametrize("hertz", [5.0, 10.0, 13.7])

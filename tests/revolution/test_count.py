@@ -4,6 +4,7 @@ import math
 from asyncio import timeout
 from collections.abc import Iterable
 from contextlib import suppress
+from dataclasses import replace
 from functools import cache
 from itertools import accumulate, pairwise
 
@@ -143,6 +144,7 @@ def test_a_late_first_arrival_bends_no_speed(name: str, share: float, together: 
 
 
 def beginning(start: float, lost: int = 0, over: float = 0.0) -> Beginning:
+    """The next revolution begins, `start` revolutions after the stream; in its packets are such figures."""
     return Beginning(round(start * 100 * MS), over, 100.0 * MS, 80.0, 1.25 * MS, 80 - lost, lost, broken=False)
 
 
@@ -164,6 +166,46 @@ def test_an_outage_with_a_gap_is_told_at_once_and_one_without_when_it_lasts() ->
     # Late, and back: nothing was missing.
     count = RevolutionCount()
     assert [count.follow(beginning(n)).unseen for n in (0, 1, 3.9, 4, 4.2, 5)] == [0] * 6
+
+
+def numbered(start: float, number: int, **changes: float) -> Beginning:
+    """As `beginning`, with the number that was counted up to it."""
+    return replace(beginning(start), number=number, packets_before=number * 80, **changes)  # type: ignore[arg-type]
+
+
+def test_what_passes_while_nothing_is_known_is_told_afterwards() -> None:
+    """Behind a restart, and before a speed was ever sure."""
+    count = RevolutionCount()
+    assert [count.follow(numbered(n, n)).unseen for n in (0, 1, 2)] == [0, 0, 0]
+    count.restart()
+    # The fifth one begins, and only three have a number.
+    passed = count.follow(numbered(5, 3))
+    assert passed.unseen == 2
+    assert passed.lost == pytest.approx(160, abs=3)
+    assert count.follow(numbered(6, 6)).unseen == 0
+    # Counted too many meanwhile: not told again until as many have passed.
+    count.restart()
+    assert count.follow(numbered(8, 9)).unseen == 0
+    count.restart()
+    assert count.follow(numbered(12, 11)).unseen == 1
+
+
+def test_backward_too() -> None:
+    count = RevolutionCount()
+    first = numbered(0.4, -1, over=0.4, revolution_ns=0.0, broken=True, packets=1)
+    unknown = numbered(4, 0, revolution_ns=0.0, broken=True, packets=1)
+    assert [count.follow(each).unseen for each in (first, unknown)] == [0, 0]
+    # Only the next one confirms a speed. Behind the first, which was not whole, 12 passed; three were counted.
+    assert [count.follow(numbered(n, n - 10)).unseen for n in (11, 12)] == [0, 9]
+
+
+def test_a_speed_that_is_not_that_of_the_angles_is_unknown_behind_losses() -> None:
+    """What stood before a gap may be dated by a read behind it."""
+    for lost, known in ((0, True), (3, False)):
+        count = RevolutionCount()
+        speeds = [count.follow(beginning(start, lost)).revolution_ns for start in (0, 1, 2, 3.05)]
+        assert speeds[1:3] == [100 * MS, 100 * MS]
+        assert math.isnan(speeds[3]) is not known
 
 
 def test_what_is_over_of_a_revolution_counts() -> None:

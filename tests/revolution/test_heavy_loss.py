@@ -37,3 +37,48 @@ def test_no_more_is_told_than_there_was(name: str, share: float, seed: int) -> N
     assert stats.lost_packets <= 1.05 * (sent - packets) + 10
     numbers = [scan.seq for scan in scans]
     assert numbers == sorted(set(numbers))
+
+
+ENOUGH_PACKETS = 50
+"""Of fewer, in six seconds, nothing tells the speed for long enough."""
+
+
+@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.exhaustive("share", sample=[0.05], full=[0.002, 0.01, 0.02, 0.05, 0.1])
+@pytest.mark.exhaustive("seed", sample=[1], full=[1, 2, 3, 4, 5])
+def test_revolutions_are_told_although_no_speed_was_ever_seen(name: str, share: float, seed: int) -> None:
+    """Never more than there were; and nearly all, where enough packets came to tell how fast the rotor turned."""
+    clean, _, _ = thinned(name, 0.0, 1)
+    scans, stats, packets = thinned(name, share, seed)
+    told = len(scans) + stats.missed_scans
+    assert told <= len(clean) + 1
+    if packets >= ENOUGH_PACKETS:
+        # Without a check value, bytes of any kind pass for angles.
+        assert told >= (0.6 if name == "0x81 nodes" else 0.8) * len(clean)
+
+
+@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.exhaustive("share", sample=[0.002, 0.02], full=[0.0005, 0.002, 0.01, 0.02, 0.05, 0.1])
+@pytest.mark.exhaustive("seed", sample=[1], full=[1, 2, 3])
+def test_a_speed_is_right_or_unknown(name: str, share: float, seed: int) -> None:
+    clean, _, _ = thinned(name, 0.0, 1)
+    rpm = np.median([scan.rpm for scan in clean])
+    speeds = np.array([scan.rpm for scan in thinned(name, share, seed)[0]])
+    known = speeds[~np.isnan(speeds)]
+    assert np.abs(known / rpm - 1).max(initial=0.0) < 0.02
+    if share <= 0.002 and name != "0x83 HQ":
+        # Of a packet of 96 samples a fifth comes.
+        assert len(known) > 0.6 * len(speeds)
+
+
+@pytest.mark.exhaustive("seed", sample=[2, 4], full=range(1, 9))
+def test_start_packets_alone_tell_how_many_revolutions_passed(seed: int) -> None:
+    """All of them begin at the same angle; nothing but the time between them tells the speed."""
+    clean, _, sent = thinned("4ROS points", 0.0, 1)
+    scans, stats, packets = thinned("4ROS points", 0.1, seed)
+    told = len(scans) + stats.missed_scans
+    # Where most of them are lost too, six seconds bring too few.
+    assert told <= len(clean) + 1
+    assert told >= (0.8 * len(clean) if packets > 17 else 10)
+    # What an ordinary packet holds is not known. As many as the longest ones make, are told.
+    assert 0.3 * (sent - packets) < stats.lost_packets < sent - packets

@@ -540,3 +540,17 @@ async def test_noise_under_a_key_keeps_nobody_from_reading(router: Router, raw: 
                 assert (await anext(scans)).mode == "DenseBoost"
         assert await remote.get_health() == share.lidar.health
         assert remote.info == share.lidar.info
+
+
+async def test_whole_scans_have_no_raw_bytes_to_pass_on(router: Router) -> None:
+    """A relay that sends nothing would look like a lidar that stands still."""
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        rig.run(await stack.enter_async_context(Share(await rig.open(), "relayed/scan", router=router.address)))
+        await until(lambda: rig.sent)
+        source = f"zenoh:relayed/scan?router={router.address}"
+        remote = await stack.enter_async_context(lidario.open_lidar(source))
+        relay = await stack.enter_async_context(Share(remote, "relay/scan", raw=True, router=router.address))
+        async with asyncio.timeout(BOUND_S):
+            with pytest.raises(Unsupported, match="arrives as whole scans, so there are no raw bytes to publish"):
+                await relay.run()

@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 
 from lidario import ConnectFailed, list_lidars, open_lidar
+from lidario.families.registry import family_named
+from lidario.port.simulated import connect_in_memory
 from lidario.session import remembered
-from lidario.session.connect import connect
+from lidario.session.connect import _find_by_dtr, _Try, connect
 from lidario.session.discovery import PortInfo
 from lidario.source import parse_source
 from tests.support.devices import make_rig
@@ -186,5 +188,24 @@ def test_a_port_where_nothing_responds_is_given_up_in_time(
         # Half a request keeps an RPLIDAR from hearing for five seconds.
         assert 5.0 < took < longest
         assert caught.value.reason == "silent"
+
+    main()
+
+
+def test_one_that_responds_while_others_are_looked_for_by_dtr_is_what_it_says() -> None:
+    """A model that needs DTR is only a guess: what responds meanwhile may be another one of its family."""
+    device = made("ydlidar-4ros")
+    device.response_delay_s = 0.12
+
+    @driven
+    async def main() -> None:
+        port = connect_in_memory(device)
+        port.baudrate = 0
+        connection = await _find_by_dtr(port, [_Try(family_named("ydlidar"), 0)])
+        assert connection is not None
+        assert connection.info.model == "YDLIDAR 4ROS"
+        (mode,) = await connection.dialogue.run(connection.device.modes())
+        assert mode.response_type == 0x81
+        await connection.dialogue.close()
 
     main()

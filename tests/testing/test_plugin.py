@@ -176,6 +176,7 @@ def test_a_run_that_does_not_use_it_imports_nothing_of_it() -> None:
         "lidario",
         "lidario.testing",
         "lidario.testing.plugin",
+        "lidario.loading",
         "lidario.version",
     }
     assert not found & {"numpy", "asyncio", "anyio"}

@@ -226,15 +226,34 @@ def test_two_lidars_stand_where_they_are_mounted(opened: Open) -> None:
         page.complaints.clear()
 
 
+ROW = "[...document.querySelectorAll('dt')].find(each => each.textContent === '%s').nextSibling.textContent"
+STRONGEST = (
+    "(d => { let most = 0; for (let i = 0; i < d.length; i += 4) {"
+    " const x = i / 4 % canvas.width - place(0, 0)[0], y = Math.floor(i / 4 / canvas.width) - place(0, 0)[1],"
+    " all = [d[i], d[i + 1], d[i + 2]];"
+    # Without the arrow, which is never pale.
+    " if (x * x + y * y > 400) most = Math.max(most, Math.max(...all) - Math.min(...all));"
+    " } return most; })(pen.getImageData(0, 0, canvas.width, canvas.height).data)"
+)
+"""The strongest colour of the picture."""
+
+
 def test_after_unplugging_it_says_so_and_comes_back(opened: Open) -> None:
     with started("view", S2 + "&fault=replug:3s", "--port", "0") as process:
         page = opened(line_of(process.stdout).strip())
         page.until("document.body.innerText.includes('lost, reconnecting')")
-        # The last scan is still there.
+        # The last scan is still there, paler, with its time; what is no more so is not told.
         last = page.ask("scans[0].at(-1).seq")
+        came = page.ask("scans[0].at(-1).came.toLocaleTimeString()")
+        page.until(f"document.body.innerText.includes('shows the last scan, of {came}.')")
+        assert [page.ask(ROW % name) for name in ("state", "rate", "latency")] == ["lost", "not known", "not known"]
+        page.until("!dirty")
         assert ink(page) > 300
+        pale = page.ask(STRONGEST)
         page.until(f"lidars[0].state === 'scanning' && scans[0].at(-1).seq !== {last}")
         page.until("!document.body.innerText.includes('lost, reconnecting')")
+        page.until(f"{STRONGEST} > {pale + 60}")
+        assert page.ask(ROW % "rate").endswith(" Hz")
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=BOUND)
         assert process.returncode == 0

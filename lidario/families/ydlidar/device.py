@@ -141,6 +141,8 @@ class YdlidarDevice(Device):
             return (yield from self._hear())
         model, minor, major, hardware, serial = struct.unpack("<BBBB16s", (yield from agreed(commands.GET_INFO)))
         self._code = model
+        if self.is_guess and self._named is not None and self._named.code != model:
+            self._named = None
         found = self._named or model_of(model)
         if found is not None:
             self._be(found)

@@ -1,0 +1,47 @@
+"""Loading a module at its first use, so that a Ctrl-C meanwhile does no harm.
+
+numpy cannot be imported again in a process where its first import was interrupted. Python raises KeyboardInterrupt
+in the main thread alone, so there another thread imports it. A Ctrl-C then ends only the waiting, and the import is
+completed. This matters to programs that go on after a Ctrl-C: notebooks, and interactive interpreters.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+__all__ = ["load"]
+
+
+def load(name: str) -> ModuleType:
+    """Import a module by its full name. A Ctrl-C meanwhile is raised here, and the import goes on.
+
+    Raises:
+        Exception: What the import raises.
+    """
+    if "numpy" in sys.modules:
+        return import_module(name)
+    import threading  # only here: `import lidario` does without it
+
+    if threading.current_thread() is not threading.main_thread():
+        return import_module(name)
+    found: list[ModuleType | BaseException] = []
+
+    def run() -> None:
+        try:
+            found.append(import_module(name))
+        except BaseException as error:
+            found.append(error)
+
+    # No daemon: the interpreter must not end in the midst of an import.
+    thread = threading.Thread(target=run, name="lidario: import")
+    thread.start()
+    thread.join()
+    (result,) = found
+    if isinstance(result, BaseException):
+        raise result
+    return result

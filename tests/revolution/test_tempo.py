@@ -1,0 +1,59 @@
+"""The speed of a rotor from a few packets, each of which tells an angle and a time."""
+
+import numpy as np
+import pytest
+
+from lidario.revolution.tempo import Tempo
+
+MS = 1e6
+
+
+def found(angles: np.ndarray, times_ns: np.ndarray) -> list[float]:
+    """What it takes the rotor to turn, after each packet; 0 where that is not known."""
+    tempo, told = Tempo(1e9), list[float]()
+    for angle, at_ns in zip(angles.tolist(), times_ns.tolist(), strict=True):
+        tempo.add(angle % 1.0, round(at_ns))
+        told.append(tempo.revolution_ns())
+    return told
+
+
+@pytest.mark.parametrize("hertz", [2.0, 5.9, 10.0, 13.7, 21.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_scarce_packets_tell_the_speed(hertz: float, seed: int) -> None:
+    """One packet in a revolution or less, late by some milliseconds, and one in ten is none."""
+    random = np.random.default_rng(seed)
+    times_ns = np.cumsum(random.exponential(1.3 / hertz * 1e9, 60))
+    angles = times_ns * 1e-9 * hertz + random.random()
+    angles[random.random(60) < 0.1] = random.random()
+    told = found(angles, times_ns + random.uniform(0, 0.02 / hertz * 1e9, 60))
+    known = [ns for ns in told if ns]
+    assert len(known) > 5
+    assert known == pytest.approx([1e9 / hertz] * len(known), rel=0.005)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_packets_of_one_angle_tell_it_too(seed: int) -> None:
+    """They fit twice the speed as well, and three times it: the slowest is taken."""
+    random = np.random.default_rng(seed)
+    turns = np.cumsum(random.integers(1, 5, 60)).astype(float)
+    known = [ns for ns in found(turns, turns * 140 * MS) if ns]
+    assert len(known) > 5
+    assert known == pytest.approx([140 * MS] * len(known), rel=1e-3)
+
+
+@pytest.mark.parametrize("hertz", [1, 3, 10])
+def test_packets_of_any_angle_tell_nothing(hertz: int) -> None:
+    random = np.random.default_rng(hertz)
+    times_ns = np.cumsum(random.exponential(1e9 / hertz, 500))
+    assert not any(found(random.random(500), times_ns))
+
+
+def test_packets_of_few_revolutions_tell_nothing() -> None:
+    """Not twice the speed either, at which they would be of enough revolutions."""
+    turns = np.arange(14) // 3 * 1.0
+    assert not any(found(turns, turns * 100 * MS + np.arange(14)))
+
+
+def test_packets_that_come_together_or_far_apart_tell_nothing() -> None:
+    assert not any(found(np.linspace(0, 1, 40), np.zeros(40)))
+    assert not any(found(np.zeros(40), np.arange(40) * 30e9))

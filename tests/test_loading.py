@@ -1,0 +1,54 @@
+"""A Ctrl-C while the library loads numpy, at the first use of a name: the program can go on."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from lidario.loading import load
+
+ROOT = Path(__file__).parent.parent
+PROGRAM = """
+import os, signal, sys, threading
+import lidario
+
+interrupted = threading.Event()
+
+def interrupt(event, arguments):
+    if event == "import" and arguments[0] == "numpy.exceptions" and not interrupted.is_set():
+        interrupted.set()
+        os.kill(os.getpid(), signal.SIGINT)
+
+sys.addaudithook(interrupt)
+try:
+    {use}
+    raise SystemExit("it was not interrupted")
+except KeyboardInterrupt:
+    pass
+import numpy
+assert lidario.Scan and lidario.open_lidar and lidario.open_sync
+from lidario.testing import make_scan
+assert make_scan([0.0], [0.5]).nearest().range == 0.5
+print("it goes on")
+"""
+
+
+@pytest.mark.parametrize("use", ["lidario.Scan", "from lidario.testing import make_scan"])
+def test_a_program_that_was_interrupted_goes_on(use: str) -> None:
+    ended = subprocess.run(
+        [sys.executable, "-W", "error", "-c", PROGRAM.format(use=use)],
+        cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, timeout=60,
+        check=False,
+    )  # fmt: skip
+    assert (ended.returncode, ended.stdout) == (0, "it goes on\n"), ended.stderr
+
+
+def test_an_import_that_fails_fails_as_always(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "numpy")
+    with pytest.raises(ModuleNotFoundError, match=r"lidario\.nothing"):
+        load("lidario.nothing")
+    assert load("lidario.errors").Busy
