@@ -37,9 +37,10 @@ TOGETHER_SHARE = 0.15
 """Share of the interval by which a port is read early, to read several at one wake-up."""
 LATENESS_FACTOR = 2.0
 """Safety factor on the observed lateness of the thread: as long as it is very late, ports are read more often."""
-RESERVE_SHARE = 0.3
-"""Share of the interval by which a read may be late at any time: the kernel's buffer is full after 1.43 of it
-(`BUFFER_SHARE` in `lidario.session.pace`)."""
+RESERVE_SHARE = 0.1
+"""Share of the interval by which a read may be late without ports being read more often. The kernel's buffer is
+full after 1.43 intervals (`BUFFER_SHARE` in `lidario.session.pace`). With 0.3 more was lost while a program
+computed in Python and the machine was busy: the thread waits 5 ms for the interpreter then, and for a core."""
 LEAST_SHARE = 0.25
 """Share of the interval below which ports are not read closer, however late the thread is."""
 JOIN_S = 0.1

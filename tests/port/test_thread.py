@@ -71,9 +71,9 @@ def test_a_late_thread_reads_more_often() -> None:
     watched = clock.watched(0.04)
     clock.run(watched, 0.1)
     # The kernel's buffer is full after 57 ms.
-    reads = clock.run(watched, 0.2, late=0.012)
+    reads = clock.run(watched, 0.2, late=0.004)
     assert reads[-1] - reads[-2] == pytest.approx(0.04)
-    reads = clock.run(watched, 0.2, late=0.027)
+    reads = clock.run(watched, 0.2, late=0.019)
     assert reads[-1] - reads[-2] == pytest.approx(0.025)
     # But not all the time.
     reads = clock.run(watched, 0.2, late=1.0)
@@ -157,7 +157,7 @@ def test_lateness_is_remembered_for_a_while() -> None:
     thread._ports += [watched]  # without starting it
     thread.serve()
     clock.now += 0.05
-    thread.note_lateness(0.016)
+    thread.note_lateness(0.012)
     assert thread.serve() == pytest.approx(clock.now + 0.02)
     for _ in range(200):
         thread.note_lateness(0.0001)
