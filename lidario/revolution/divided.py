@@ -109,17 +109,20 @@ class DividedRevolution:
         self.rest: SampleArrays | None = partial.carried
         self.decoded: list[Samples] = []
         self.arrays: list[SampleArrays] = [] if partial.carried is None else [partial.carried]
-        self.passed = self.last = 0
+        self.passed: int = 0
+        self.last: int = 0
         self.samples: int = 0 if partial.carried is None else len(partial.carried)
         self.last_samples: int = self.samples
         self.last_arc: float = 0.0
-        self.given = 0
+        self.given: int = 0
         self.lost: int = partial.lost_behind_carried
-        self.lost_behind = 0
+        self.lost_behind: int = 0
         self.gaps: list[tuple[int, int]] = []
         if partial.skipped_behind_carried:
             self.gaps.append((self.samples, partial.skipped_behind_carried))
-        self.bytes = self.packets = self.most_samples = 0
+        self.bytes: int = 0
+        self.packets: int = 0
+        self.most_samples: int = 0
         self.first_ns: float = math.inf
         self.gap: bool = partial.carried is not None and partial.lost_behind_carried > 0
         self.seq: int | None = None

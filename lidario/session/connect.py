@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 from itertools import count, pairwise, zip_longest
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -29,12 +28,11 @@ import anyio
 from lidario.errors import ConnectFailed, ResponseTimeout
 from lidario.families.base import Device, Family
 from lidario.families.registry import FAMILIES, families_of_model, family_named, family_of_simulated
-from lidario.model import DeviceInfo
-from lidario.port.background import run_in_thread
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.tcp import open_tcp
 from lidario.port.udp import open_udp
+from lidario.session.connection import Connection, connect_recording, connect_remote
 from lidario.session.dialogue import Dialogue
 from lidario.session.guard import Guard
 from lidario.session.handshake import introduce
@@ -46,28 +44,7 @@ from lidario.source import Source
 if TYPE_CHECKING:
     from lidario.port.simulated import Simulation
 
-__all__ = ["Connection", "connect"]
-
-
-@dataclass(frozen=True, slots=True)
-class Connection:
-    """A device that responds.
-
-    Attributes:
-        port: The line.
-        family: Whose dialect it speaks.
-        device: The device as that family sees it.
-        dialogue: The conversation with it.
-        info: What it says it is.
-        guard: Leaves it still, until a session takes care of it.
-    """
-
-    port: Port
-    family: Family
-    device: Device
-    dialogue: Dialogue
-    info: DeviceInfo
-    guard: Guard
+__all__ = ["connect"]
 
 
 class _Try(NamedTuple):
@@ -77,7 +54,6 @@ class _Try(NamedTuple):
     is_guess: bool = False
 
 
-_NO_TIME_S = 0.001
 QUICK_S = 0.05
 """How long the first round waits for a response: a healthy device needs a few milliseconds, an adapter up to 16."""
 
@@ -109,9 +85,9 @@ async def connect(
         DeviceLost: The port died meanwhile.
     """
     if source.kind == "file":
-        return await _connect_recording(source, family)
+        return await connect_recording(source, family)
     if source.kind == "zenoh":
-        return await _connect_remote(source)
+        return await connect_remote(source)
     named = family or source.family
     families = (family_named(named),) if named else FAMILIES
     speed = baudrate or source.baudrate
@@ -179,46 +155,6 @@ async def connect(
                 await port.wait_closed()
     asked_at = [each.baudrate for each in tries if each.baudrate]
     raise received.nothing_responds(source, [each.family for each in tries], asked_at)
-
-
-async def _connect_recording(source: Source, family: str | None) -> Connection:
-    """A recording: nothing is probed, and its device says what it had said.
-
-    Raises:
-        RecordingError: Nothing can be read of it.
-    """
-    # A fifth of the import time, for those who need it.
-    from lidario.recording.device import RecordedDevice
-    from lidario.recording.files import open_stored_source
-    from lidario.recording.port import open_replay
-
-    # The file is gone through once: an hour takes a second.
-    recording = await run_in_thread(lambda: open_stored_source(source, family))
-    port = open_replay(recording, rate=source.rate, loop=source.options.get("loop") == "1")
-    device = RecordedDevice(recording, lambda: port.stream)
-    port.offset_of = device.offset_of
-    own = recording.streams[0].family
-    # Nothing is under way on this line, so nothing has to be waited for.
-    dialogue = Dialogue(port, device, replace(own.timing, quiet_s=_NO_TIME_S, boot_poll_s=_NO_TIME_S))
-    info = await dialogue.run(device.identify())
-    return Connection(port, own, device, dialogue, info, Guard(dialogue))
-
-
-async def _connect_remote(source: Source) -> Connection:
-    """Another machine's lidar: its publisher says what it is, and drives it.
-
-    Raises:
-        ConnectFailed: No router, nobody publishes under that key, or several do.
-        Unsupported: The package that is needed is not installed.
-    """
-    from lidario.network.connect import open_remote  # for those who need it
-
-    remote = await open_remote(source)
-    dialogue = Dialogue(
-        remote.port, remote.device, replace(remote.family.timing, quiet_s=_NO_TIME_S, boot_poll_s=_NO_TIME_S)
-    )
-    info = await dialogue.run(remote.device.identify())
-    return Connection(remote.port, remote.family, remote.device, dialogue, info, Guard(dialogue))
 
 
 def _made(port: Port, attempt: _Try) -> Device:

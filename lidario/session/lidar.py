@@ -25,7 +25,7 @@ from lidario.model import Health, ScanMode, Stats
 from lidario.port.line import Tap
 from lidario.recording.record import Recording
 from lidario.scan import Scan
-from lidario.session.connect import Connection
+from lidario.session.connection import Connection
 from lidario.session.counters import Counters
 from lidario.session.dialogue import Dialogue
 from lidario.session.questions import Questions

@@ -33,7 +33,8 @@ from typing import TYPE_CHECKING
 from lidario.errors import ConnectFailed, DeviceLost, InternalError, InvalidValue, LidarError
 from lidario.families.base import Device, Script
 from lidario.model import Health
-from lidario.session.connect import Connection, connect
+from lidario.session.connect import connect
+from lidario.session.connection import Connection
 from lidario.session.dialogue import Dialogue
 from lidario.session.handshake import healthy
 from lidario.session.places import Places

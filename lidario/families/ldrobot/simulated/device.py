@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidario.families.ldrobot.simulated.packers import check_of, pack_points, pack_response
-from lidario.sim.chassis import Chassis, maker
+from lidario.sim.chassis import Chassis, Maker, maker
 from lidario.sim.motor import Motor
 from lidario.sim.world import WorldLike
 
@@ -245,7 +245,7 @@ class SimulatedLdrobot(Chassis[_Stream]):
         self._deaf_until, self._deaf_why, self._up = up, "still booting", up
 
 
-make_simulated = maker(SimulatedLdrobot, PROFILES)
+make_simulated: Maker[SimulatedLdrobot] = maker(SimulatedLdrobot, PROFILES)
 """Builds a simulated device by the name of its profile, such as ``"ldrobot-ld06"``."""
 
 

@@ -39,7 +39,7 @@ from lidario.families.rplidar.simulated.requests import IGNORED_IN_PROTECTION_ST
 from lidario.families.rplidar.simulated.responses import pack_announcement, pack_response
 from lidario.families.rplidar.simulated.speed import LineSpeed
 from lidario.families.rplidar.simulated.stream import MeasurementStream
-from lidario.sim.chassis import PROTECTION_STOP, Chassis, maker
+from lidario.sim.chassis import PROTECTION_STOP, Chassis, Maker, maker
 from lidario.sim.motor import Motor
 from lidario.sim.world import WorldLike
 
@@ -360,7 +360,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
     }
 
 
-make_simulated = maker(SimulatedRplidar, PROFILES)
+make_simulated: Maker[SimulatedRplidar] = maker(SimulatedRplidar, PROFILES)
 """Builds a simulated device by the name of its profile, such as ``"rplidar-s2"``."""
 
 

@@ -30,7 +30,7 @@ class LineSpeed:
     """
 
     def __init__(self, baudrate: int) -> None:
-        self.now = baudrate
+        self.now: int = baudrate
         self.host: int | None = None
         self._at_power_up = baudrate
         self._before = baudrate

@@ -31,7 +31,7 @@ import struct
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_response
 from lidario.families.ydlidar.simulated.profiles import PROFILES, Profile
 from lidario.families.ydlidar.simulated.stream import PointStream
-from lidario.sim.chassis import PROTECTION_STOP, Chassis, maker
+from lidario.sim.chassis import PROTECTION_STOP, Chassis, Maker, maker
 from lidario.sim.motor import Motor
 from lidario.sim.world import WorldLike
 
@@ -275,7 +275,7 @@ class Simulated4Ros(Chassis[PointStream]):
             self._queue.push(pack_response(_SETTING, self._info()), up)
 
 
-make_simulated = maker(Simulated4Ros, PROFILES)
+make_simulated: Maker[Simulated4Ros] = maker(Simulated4Ros, PROFILES)
 """Builds a simulated device by the name of its profile, such as ``"ydlidar-4ros"``."""
 
 
