@@ -38,7 +38,7 @@ from lidario import (
     Unsupported,
 )
 
-__all__ = ["ExitCode", "ReaderGone", "Stopped", "exit_code", "exit_code_of", "report"]
+__all__ = ["CannotWrite", "ExitCode", "ReaderGone", "Stopped", "exit_code", "exit_code_of", "report"]
 
 _PREFIX = "error: "
 
@@ -69,6 +69,13 @@ class Stopped(Exception):
         self.signal = number
 
 
+class CannotWrite(OSError):
+    """Stdout takes no output: the disk is full, say."""
+
+    def __str__(self) -> str:
+        return f"stdout cannot be written: {self.strerror}. Free some room, or send the output elsewhere"
+
+
 class ReaderGone(Exception):
     """The reader of our stdout has closed it, as ``head`` does. This is not an error."""
 
@@ -86,6 +93,7 @@ _REASONS: dict[ConnectReason, ExitCode] = {
 _KINDS: tuple[tuple[type[BaseException], ExitCode], ...] = (
     (RecordingError, ExitCode.BAD_RECORDING),
     (CannotRecord, ExitCode.NO_ACCESS),
+    (CannotWrite, ExitCode.NO_ACCESS),
     (DeviceFault, ExitCode.UNHEALTHY),
     (DeviceLost, ExitCode.NO_DATA),
     (StreamFailed, ExitCode.NO_DATA),
@@ -125,7 +133,7 @@ def report(error: BaseException, *, with_traceback: bool = False) -> None:
 
 
 def _words(error: BaseException) -> str:
-    if isinstance(error, LidarError):
+    if isinstance(error, LidarError | CannotWrite):
         return str(error)
     if isinstance(error, click.ClickException):
         message = error.format_message()

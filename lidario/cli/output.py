@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Final, TextIO, cast
 
 import click
 
-from lidario.cli.errors import ReaderGone
+from lidario.cli.errors import CannotWrite, ReaderGone
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -104,9 +104,12 @@ def emit(text: str) -> None:
 
     Raises:
         ReaderGone: The reader has closed stdout.
-        OSError: It cannot be written.
+        CannotWrite: It cannot be written.
     """
-    _write(sys.stdout, text)
+    try:
+        _write(sys.stdout, text)
+    except OSError as error:
+        raise CannotWrite(error.errno, error.strerror) from error
 
 
 def _write(stream: TextIO, text: str) -> None:

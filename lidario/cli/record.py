@@ -37,7 +37,7 @@ class _Told:
 @click.command()
 @click.argument("source", default="auto", shell_complete=complete_source)
 @click.option("-o", "--output", metavar="FILE", help="The file to make; named after the time where not given.")
-@click.option("-t", "seconds", type=Duration(), metavar="TIME", help="How long, as in 60s or 5m.")
+@click.option("-t", "seconds", type=Duration(), metavar="TIME", help="How long from the first scan on: 60s, 5m.")
 @click.option("-n", "count", type=click.IntRange(min=1), metavar="N", help="How many scans.")
 @click.option("--mode", metavar="MODE", help="Scan mode by name or id, as `lidario info` lists them.")
 @click.option("--scans", is_flag=True, help="Write each scan too, as LaserScan on the topic /scan.")
@@ -93,8 +93,12 @@ async def _record(
                 told.recording, told.began = recording, time.monotonic()
                 showing = asyncio.create_task(_show(show, told))
                 try:
-                    async with asyncio.timeout(seconds):
+                    async with asyncio.timeout(None) as limit:
                         async for _ in stream:
+                            if seconds is not None and limit.when() is None:
+                                # Not before: until the motor is at its speed, there is nothing to record.
+                                told.began = time.monotonic()
+                                limit.reschedule(asyncio.get_running_loop().time() + seconds)
                             if recording.error is not None or (count is not None and recording.scans >= count):
                                 return
                 except TimeoutError:
