@@ -220,7 +220,7 @@ class Assembler:
                 part = samples is not None and samples.certain and split.moved
                 if not (part and samples and len(arrays) < FALSE_PART * samples.revolution_samples):
                     self.stats.break_scan()
-            self._count.restart()
+            self._count.restart((self._seam.angle or 0) / self._stream.format.full_turn)
             return None
         return self._scan(arrays, ended, packets, samples, lost, gaps)
 

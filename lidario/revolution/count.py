@@ -105,6 +105,7 @@ class RevolutionCount:
         # The last beginning up to which all was counted, and whether there was one since from where it was not.
         self._counted: Beginning | None = None
         self._uncounted = False
+        self._seam = 0.0
         self._last: Beginning | None = None
         self._sure: Beginning | None = None
         self._late = 0.0
@@ -133,10 +134,22 @@ class RevolutionCount:
                 0, 0.0, revolution_ns, each, self._packet_ns, packets=0, lost=0, broken=False, borrowed=True
             )
 
-    def restart(self) -> None:
-        """The stream began anew: nothing is known of the revolution before."""
+    def restart(self, seam: float | None = None) -> None:
+        """The stream began anew: nothing is known of the revolution before.
+
+        Args:
+            seam: Where revolutions begin from now on, in revolutions from the first of these places; None when they
+                begin where they did.
+        """
         self._last = None
         self._late = 0.0
+        if seam is None or seam == self._seam:
+            return
+        if self._counted is not None:
+            # To the nearer of two beginnings: then rather too few revolutions are told than too many.
+            over = (self._counted.over + self._seam - seam) % 1
+            self._counted.over = over if over < 0.5 else over - 1
+        self._seam = seam
 
     @property
     def last(self) -> Beginning | None:

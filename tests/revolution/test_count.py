@@ -190,6 +190,19 @@ def test_what_passes_while_nothing_is_known_is_told_afterwards() -> None:
     assert count.follow(numbered(12, 11)).unseen == 1
 
 
+def test_revolutions_that_begin_elsewhere_from_now_on_are_not_told_as_missing() -> None:
+    """Seen with 0x81: a stream that begins at 281 degrees, and marks at 270."""
+    count = RevolutionCount()
+    count.follow(numbered(0, -1, over=281.25 / 360))
+    count.restart(270 / 360)
+    assert count.follow(numbered(0.96875, 0)).unseen == 0
+    # A false mark at 90, and back: what was counted begins where it did.
+    for number, seam in ((1.96875, 90 / 360), (3.96875, 270 / 360)):
+        count.follow(numbered(number, round(number - 1)))
+        count.restart(seam)
+    assert count.follow(numbered(4.96875, 4)).unseen == 0
+
+
 def test_backward_too() -> None:
     count = RevolutionCount()
     first = numbered(0.4, -1, over=0.4, revolution_ns=0.0, broken=True, packets=1)
