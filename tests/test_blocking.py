@@ -229,7 +229,7 @@ def test_a_forked_child_is_refused_and_its_exit_stops_nothing() -> None:
         assert rig.device.scanning
 
 
-@pytest.mark.exhaustive("rounds", sample=[4], full=[16])
+@pytest.mark.exhaustive("rounds", sample=[4], full=[8])
 @both_families
 def test_ctrl_c_at_any_moment(family: str, rounds: int, request: pytest.FixtureRequest) -> None:
     """Opening, reading, asking, closing: the wait ends, and the device is still when the session is closed."""

@@ -20,7 +20,10 @@ FIRST_ROWS = list({row.partition(":")[0]: row for row in reversed(ROWS)}.values(
 MODELS = list(SUFFERERS)
 EVERY_FAULT = [(MODELS[number % len(MODELS)], row) for number, row in enumerate(FIRST_ROWS)]
 """Every fault, at its lowest rate, on one of the devices in turns."""
-EVERY_PLACE = [(model, row) for model in MODELS for row in (ROWS if model in MODELS[:2] else FIRST_ROWS)]
+EVERY_PLACE = [(model, row) for model in MODELS[:2] for row in ROWS] + [
+    (model, row) for number, model in enumerate(MODELS[2:]) for row in FIRST_ROWS[number % 2 :: 2]
+]
+"""Every row on two devices, every other one on the rest: `make faults` prints them all."""
 
 
 class Bounds(NamedTuple):

@@ -24,8 +24,8 @@ def thinned(name: str, share: float, seed: int) -> tuple[list[Scan], AssemblerSt
 
 
 @pytest.mark.parametrize("name", KINDS)
-@pytest.mark.exhaustive("share", sample=[0.05], full=[0.01, 0.02, 0.03, 0.05, 0.1])
-@pytest.mark.exhaustive("seed", sample=[1], full=[1, 2, 3])
+@pytest.mark.exhaustive("share", sample=[0.05], full=[0.02, 0.05, 0.1])
+@pytest.mark.exhaustive("seed", sample=[1], full=[1, 2])
 def test_no_more_is_told_than_there_was(name: str, share: float, seed: int) -> None:
     """0x81 has no check value: false marks divide its revolutions. The start packets of a 4ROS hold one sample."""
     clean, _, sent = thinned(name, 0.0, 1)
@@ -45,7 +45,7 @@ ENOUGH_PACKETS = 50
 
 @pytest.mark.parametrize("name", KINDS)
 @pytest.mark.exhaustive("share", sample=[0.05], full=[0.02, 0.05, 0.1])
-@pytest.mark.exhaustive("seed", sample=[1], full=[1, 2])
+@pytest.mark.exhaustive("seed", sample=[1], full=[1])
 def test_revolutions_are_told_although_no_speed_was_ever_seen(name: str, share: float, seed: int) -> None:
     """Never more than there were; and nearly all, where enough packets came to tell how fast the rotor turned."""
     clean, _, _ = thinned(name, 0.0, 1)
@@ -59,7 +59,7 @@ def test_revolutions_are_told_although_no_speed_was_ever_seen(name: str, share: 
 
 @pytest.mark.parametrize("name", KINDS)
 @pytest.mark.exhaustive("share", sample=[0.002, 0.05], full=[0.002, 0.02, 0.05])
-@pytest.mark.exhaustive("seed", sample=[1], full=[1, 2])
+@pytest.mark.exhaustive("seed", sample=[1], full=[1])
 def test_a_speed_is_right_or_unknown(name: str, share: float, seed: int) -> None:
     clean, _, _ = thinned(name, 0.0, 1)
     rpm = np.median([scan.rpm for scan in clean])
@@ -71,7 +71,7 @@ def test_a_speed_is_right_or_unknown(name: str, share: float, seed: int) -> None
         assert len(known) > 0.6 * len(speeds)
 
 
-@pytest.mark.exhaustive("seed", sample=[2, 4], full=range(1, 9))
+@pytest.mark.exhaustive("seed", sample=[2, 4], full=range(1, 6))
 def test_start_packets_alone_tell_how_many_revolutions_passed(seed: int) -> None:
     """All of them begin at the same angle; nothing but the time between them tells the speed."""
     clean, _, sent = thinned("4ROS points", 0.0, 1)

@@ -157,7 +157,7 @@ async def _scan_and_ask(rig: Rig) -> None:
         await anext(stream)
 
 
-@pytest.mark.exhaustive("step", sample=[1, 40, 90, 150, 210, 260], full=range(0, 420, 6))
+@pytest.mark.exhaustive("step", sample=[1, 40, 90, 150, 210, 260], full=range(0, 420, 10))
 @switched
 def test_cancelled_at_any_step_it_is_left_still(model: str, step: int) -> None:
     async def scenario() -> None:
@@ -186,7 +186,7 @@ OTHERS: dict[str, Callable[[Lidar], Awaitable[object]]] = {
 }
 
 
-@pytest.mark.exhaustive("delay_s", sample=[0.01, 0.1, 0.35], full=[n * 0.013 for n in range(60)])
+@pytest.mark.exhaustive("delay_s", sample=[0.01, 0.1, 0.35], full=[n * 0.026 for n in range(30)])
 @pytest.mark.parametrize("other", OTHERS)
 @switched
 def test_two_tasks(model: str, other: str, delay_s: float) -> None:
