@@ -57,6 +57,7 @@ class PtyServer(Server):
         super().__init__(device, tick, faults, chunk)
         self._link: str | None = None
         self._master, self._slave = os.openpty()
+        self._held = -1
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.path: str = os.ttyname(self._slave)
@@ -90,12 +91,7 @@ class PtyServer(Server):
         import tty
 
         with self.lock:
-            # The system gives the lowest free number. As long as this one is held, that is not the old one.
-            spare = os.openpty()
-            self._master, self._slave = os.openpty() if os.ttyname(spare[1]) == self.path else spare
-            if self._slave != spare[1]:
-                os.close(spare[0])
-                os.close(spare[1])
+            self._master, self._slave = os.openpty()
             tty.setraw(self._slave)
             os.set_blocking(self._master, False)
             self.path = os.ttyname(self._slave)
@@ -107,10 +103,26 @@ class PtyServer(Server):
             if self._link is not None:
                 with contextlib.suppress(FileNotFoundError):
                     os.unlink(self._link)
-            for descriptor in (self._master, self._slave):
-                if descriptor >= 0:
-                    os.close(descriptor)
-            self._master = self._slave = -1
+            if self._master < 0:
+                return  # the cable is out
+            os.close(self._master)
+            # The system gives a free name to the next one who asks, and a client that tries to come back would
+            # write to that terminal. As long as this end is open, the name is gone, and is not free.
+            self._let_go()
+            self._master, self._slave, self._held = -1, -1, self._slave
+
+    def close(self) -> None:
+        """As `Server.close`."""
+        try:
+            super().close()
+        finally:
+            with self.lock:
+                self._let_go()
+
+    def _let_go(self) -> None:
+        held, self._held = self._held, -1
+        if held >= 0:
+            os.close(held)
 
 
 class _AddressServer(Server):

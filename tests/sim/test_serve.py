@@ -251,7 +251,25 @@ class TestPty:
                 assert server.plugged.wait(BOUND)
                 names.append(server.path)
             assert all(a != b for a, b in pairwise(names))
-            assert len(os.listdir("/proc/self/fd")) == before
+            # The name before the last one is held.
+            assert len(os.listdir("/proc/self/fd")) == before + 1
+
+    @pytest.mark.parametrize("gap_s", [None, 0.0], ids=["unplugged", "replugged"])
+    def test_the_name_of_a_port_that_is_gone_is_given_to_nobody(self, gap_s: float | None) -> None:
+        """Whoever tries to open it again would write to somebody else's terminal."""
+        with PtyServer(Parrot()) as server:
+            gone = server.path
+            if gap_s is None:
+                server.unplug()
+            else:
+                server.replug(gap_s)
+                assert server.plugged.wait(BOUND)
+            assert not os.path.exists(gone)
+            pairs = [os.openpty() for _ in range(3)]
+            names = {os.ttyname(slave) for _, slave in pairs}
+            for handle in (each for pair in pairs for each in pair):
+                os.close(handle)
+            assert gone not in names
 
     def test_a_link_leads_to_the_new_port(self, tmp_path: Path) -> None:
         link = tmp_path / "by-id"
