@@ -25,22 +25,30 @@ def load(name: str) -> ModuleType:
     """
     if "numpy" in sys.modules:
         return import_module(name)
-    import threading  # only here: `import lidario` does without it
+    # Only here: `import lidario` does without them.
+    import _thread
+    import threading
+
+    from lidario.latch import Latch
 
     if threading.current_thread() is not threading.main_thread():
         return import_module(name)
     found: list[ModuleType | BaseException] = []
+    done = Latch()
 
     def run() -> None:
         try:
             found.append(import_module(name))
         except BaseException as error:
             found.append(error)
+        finally:
+            done.set()
 
-    # No daemon: the interpreter must not end in the midst of an import.
+    # No daemon: the interpreter must not end in the midst of an import. `Thread.start` waits in a way that Ctrl-C
+    # breaks, so it is called in another thread.
     thread = threading.Thread(target=run, name="lidario: import")
-    thread.start()
-    thread.join()
+    _thread.start_new_thread(thread.start, ())
+    done.wait()
     (result,) = found
     if isinstance(result, BaseException):
         raise result

@@ -7,16 +7,13 @@ What both threads share must survive that. The locks of `threading.Condition` do
 from __future__ import annotations
 
 import gc
-import sys
 import threading
-from collections.abc import Callable
-from types import FrameType
-from typing import Any
 
 import pytest
 
 from lidario.blocking import open_sync
 from tests.support.devices import Rig, make_rig
+from tests.support.interrupt import interrupted
 from tests.test_blocking import wait_for_threads
 
 pytestmark = pytest.mark.usefixtures("quick_collection")
@@ -54,24 +51,3 @@ def ask_and_close(rig: Rig, at: str, line: int) -> str:
     except KeyboardInterrupt as error:
         return str(error)
     return ""
-
-
-def interrupted(line: int, function: Callable[[], object]) -> None:
-    left = line
-
-    def trace(frame: FrameType, event: str, _: object) -> Any:
-        nonlocal left
-        # Python ignores what is raised in the callback of a weak reference.
-        if event == "line" and "_weakrefset" not in frame.f_code.co_filename:
-            left -= 1
-            if left < 0:
-                sys.settrace(None)
-                raise KeyboardInterrupt(f"{frame.f_code.co_qualname}:{frame.f_lineno}")
-        return trace
-
-    before = sys.gettrace()
-    sys.settrace(trace)
-    try:
-        function()
-    finally:
-        sys.settrace(before)

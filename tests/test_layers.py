@@ -32,6 +32,7 @@ LAYERS = (
     {"families", "sim"},
     {"revolution", "simulation"},
     {"port"},
+    {"latch"},
     {"recording"},
     {"network"},
     {"session"},

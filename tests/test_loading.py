@@ -5,11 +5,14 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
 
 from lidario.loading import load
+from tests.support.children import until
+from tests.support.interrupt import interrupted
 
 ROOT = Path(__file__).parent.parent
 PROGRAM = """
@@ -52,3 +55,22 @@ def test_an_import_that_fails_fails_as_always(monkeypatch: pytest.MonkeyPatch) -
     with pytest.raises(ModuleNotFoundError, match=r"lidario\.nothing"):
         load("lidario.nothing")
     assert load("lidario.errors").Busy
+
+
+def test_ctrl_c_at_every_line_of_the_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The import goes on in its thread, wherever the waiting ends; a thread that fails would fail this test."""
+    monkeypatch.delitem(sys.modules, "numpy")
+    line = 0
+    while interrupted_at(line):
+        line += 1
+    assert line > 8
+    until(lambda: not any(thread.name == "lidario: import" for thread in threading.enumerate()))
+
+
+def interrupted_at(line: int) -> bool:
+    """Whether loading has so many lines; at that one it was interrupted."""
+    try:
+        interrupted(line, lambda: load("lidario.errors"))
+    except KeyboardInterrupt:
+        return True
+    return False

@@ -57,7 +57,7 @@ class Writer:
 
         Raises:
             ReaderGone: The reader has closed stdout.
-            OSError: It cannot be written.
+            CannotWrite: It cannot be written.
         """
         await self.call(lambda: emit(text))
 
@@ -252,7 +252,7 @@ class _Spinning:
         display = Live(
             shown, console=terminal(self._stream), auto_refresh=False, transient=True, redirect_stdout=False
         )
-        # The terminal may go away meanwhile; whoever writes to it next is told.
+        # The terminal may go away meanwhile. The next write to it raises the same error.
         with suppress(OSError, ReaderGone), display:
             while not self.over.wait(1 / SPINS_A_SECOND):
                 shown.update(text=self._text)

@@ -227,6 +227,6 @@ def _sum_up(server: PtyServer | TcpServer | UdpServer, took: float) -> None:
         message(f"  obeyed, but too early: {name} {count}, {remark}")
     if server.lost:
         message(f"  {server.lost} bytes were lost, because the client read too slowly")
-    # A model that only talks is always scanning: nobody has left it so.
+    # A model that only talks always scans; no client has left it scanning.
     if server.device.scanning and obeyed:
         message("  the client has left it scanning")

@@ -7,6 +7,7 @@ listen. The motor turns until the power is cut, which the session says once and 
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable
 from typing import Final
 
@@ -77,9 +78,9 @@ class UnaskedDevice(Device):
     patience_s: float = 0.5
     wake: bytes = b""
 
+    @abstractmethod
     def wire(self) -> StreamFormat:
         """A fresh object for its packets."""
-        raise NotImplementedError
 
     def stop(self) -> Request:
         """As `Device.stop`: nothing is sent."""

@@ -115,9 +115,7 @@ async def _nobody(bus: Bus, key: str) -> ConnectFailed:
         one = tokens[0]
         text = f"zenoh:{one.key} is published by {one.robot}, which does not respond: does its program hang?"
     else:
-        text = (
-            f"nobody publishes a lidar under {key} at {bus.router}; lidario devices --zenoh lists those there are"
-        )
+        text = f"no lidar is published under {key} at {bus.router}; `lidario devices --zenoh` lists those that are"
     return ConnectFailed(text, reason="silent")
 
 

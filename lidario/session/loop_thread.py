@@ -22,7 +22,7 @@ from typing import Any, Generic, ParamSpec, TypeVar
 import anyio
 
 from lidario.errors import LocalProtocolError, SessionClosed
-from lidario.session.latch import Latch
+from lidario.latch import Latch
 from lidario.session.lidar import Lidar
 from lidario.session.opening import OpenLidar
 

@@ -53,7 +53,7 @@ def choose_mode(modes: tuple[ScanMode, ...], wanted: str | int | None) -> ScanMo
     """The mode of that name or id; the device's typical one for None.
 
     Raises:
-        Unsupported: There is none; the text lists those there are.
+        Unsupported: There is no such mode; the text lists the modes of the device.
     """
     for mode in modes:
         if wanted is None and mode.typical:

@@ -7,6 +7,7 @@ really asked. What a user has set is remembered where the session comes back by 
 from __future__ import annotations
 
 import asyncio
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 
 from lidario.errors import InvalidValue, RemoteProtocolError, Unsupported
@@ -26,7 +27,7 @@ SLOWEST_LINE = 9600
 FASTEST_LINE = 4_000_000
 
 
-class Questions:
+class Questions(ABC):
     """What `Lidar` asks and sets.
 
     Args:
@@ -241,6 +242,6 @@ class Questions:
             raise self._reconnector.away_error()
         return self._device
 
+    @abstractmethod
     def _check_open(self) -> None:
         """Raise what ended the session, if anything did."""
-        raise NotImplementedError

@@ -201,7 +201,7 @@ def _samples(
         raise InvalidValue(f"rpm is a positive number of revolutions a minute, not {rpm}")
     degrees = (-np.degrees(given)) % 360.0
     clockwise = degrees.astype(np.float32)
-    clockwise[clockwise >= 360.0] = 0.0  # a hair below 360 becomes 360 in float32
+    clockwise[clockwise >= 360.0] = 0.0  # just below 360, single precision rounds up
     millimetres = np.where(np.isfinite(metres), metres * 1000.0, 0.0).astype(np.float32)
     return clockwise, millimetres, None if strengths is None else strengths.astype(np.uint8)
 

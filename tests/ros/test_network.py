@@ -270,7 +270,7 @@ async def test_a_session_comes_back_when_the_robot_does(router: Router) -> None:
 
 async def test_nobody_and_no_router(router: Router, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.network.connect.WAIT_S", 0.05)
-    with pytest.raises(ConnectFailed, match="nobody publishes a lidar under nothing/here") as caught:
+    with pytest.raises(ConnectFailed, match="no lidar is published under nothing/here") as caught:
         await lidario.open_lidar(f"zenoh:nothing/here?router={router.address}")
     assert caught.value.reason == "silent"
     with pytest.raises(ConnectFailed, match=r"no zenoh router responds at tcp/127\.0\.0\.1:1") as caught:

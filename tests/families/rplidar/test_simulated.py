@@ -31,11 +31,6 @@ from tests.support.simulated_rplidar import (
 pytestmark = pytest.mark.discards("what the simulated device discards is tested here")
 
 
-@pytest.fixture
-def bench() -> Bench:
-    return Bench()
-
-
 class TestOneRequestAtATime:
     """While a request is unanswered, further ones are discarded, and nothing tells the host (manual)."""
 

@@ -29,11 +29,6 @@ from tests.support.simulated_rplidar import (
 pytestmark = pytest.mark.discards("what the simulated device discards is tested here")
 
 
-@pytest.fixture
-def bench() -> Bench:
-    return Bench()
-
-
 class TestMotor:
     def test_off_until_it_is_needed(self, bench: Bench) -> None:
         bench.ask(GET_INFO)

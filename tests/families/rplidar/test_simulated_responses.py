@@ -25,11 +25,6 @@ from tests.support.simulated_rplidar import (
 pytestmark = pytest.mark.discards("what the simulated device discards is tested here")
 
 
-@pytest.fixture
-def bench() -> Bench:
-    return Bench()
-
-
 class TestAnswers:
     def test_info(self) -> None:
         device = make_simulated("rplidar-s2", serial=bytes(range(16)))

@@ -33,11 +33,6 @@ from tests.support.simulated_rplidar import (
 pytestmark = pytest.mark.discards("what the simulated device discards is tested here")
 
 
-@pytest.fixture
-def bench() -> Bench:
-    return Bench()
-
-
 class TestStream:
     @pytest.mark.parametrize(
         ("model", "request_", "descriptor"),

@@ -1,8 +1,9 @@
-"""The device side of another line speed: it measures how fast the host writes, and goes back if nobody confirms.
+"""The device side of another line speed: it measures how fast the host writes.
 
 More than 100 bytes of 0x41 within a second are measured; the response is what was measured (vendor's SDK 2.1.0).
-Where no document says it, the choice is ours: the measured speed is 0.1 % too high, the response leaves at the new
-speed, the confirmation must come within a second, a RESET keeps the new speed, and a loss of power does not.
+Without a confirmation the device has the speed before again. Where no document says it, the choice is ours: the
+measured speed is 0.1 % too high, the response leaves at the new speed, the confirmation must come within a second,
+a RESET keeps the new speed, and a loss of power does not.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ class LineSpeed:
         return ""
 
     def advance(self, now: int) -> None:
-        """Go back to the speed before, if nobody has confirmed the new one."""
+        """Take the speed before again, where the new one was not confirmed in time."""
         if self._confirm_by is not None and now >= self._confirm_by:
             self.now, self._confirm_by = self._before, None
 
