@@ -53,8 +53,8 @@ class Mailbox:
         self.total_dropped: int = 0
         self._depth = depth
         self._scans: deque[Scan | Sector] = deque()
-        # Held by its task and its timer. A finalizer reaches this object, and must not reach the frames of a task: where
-        # Ctrl-C ends the loop of a plain program, the session would not be garbage, and the device would go on.
+        # Held by its task and its timer. A finalizer reaches this object, and must not reach the frames of a task:
+        # where Ctrl-C ends the loop of a plain program, the session would not be garbage, and the device would go on.
         self._waiter: weakref.ref[asyncio.Future[None]] | None = None
         self._ended = False
         self._error: LidarError | None = None
@@ -109,7 +109,7 @@ class Mailbox:
             loop = asyncio.get_running_loop()
             waiter: asyncio.Future[None] = loop.create_future()
             self._waiter = weakref.ref(waiter)
-            # The timer does nothing but hold the reader: a task that the program does not hold must not be collected.
+            # The timer only holds the reader: a task that the program does not hold must not be collected.
             holding = loop.call_later(_HOLD_S, waiter.done)
             try:
                 await waiter
