@@ -54,7 +54,7 @@ class Mailbox:
         self._depth = depth
         self._scans: deque[Scan | Sector] = deque()
         # Held by its task and its timer. A finalizer reaches this object, and must not reach the frames of a task:
-        # where Ctrl-C ends the loop of a plain program, the session would not be garbage, and the device would go on.
+        # else, where Ctrl-C ends the loop of a plain program, the session is no garbage, and the device goes on.
         self._waiter: weakref.ref[asyncio.Future[None]] | None = None
         self._ended = False
         self._error: LidarError | None = None
