@@ -83,18 +83,18 @@ class PartialRevolution:
         if len(runs) <= 1:
             return runs[0] if runs else None
         arrivals: list[Arrival] = []
-        blocks: list[Block] = []
-        before = 0
+        before, size, alike = 0, runs[0].blocks[0].size, True
         for run in runs:
             for count, at_ns in run.arrivals:
                 arrivals.append((before + count, at_ns))
             before = arrivals[-1][0]
-            blocks += run.blocks
+            alike = alike and len(run.blocks) == 1 and run.blocks[0].size == size
         data = b"".join([run.data for run in runs])
-        if len({size for size, _ in blocks}) == 1:
-            return Packets(data, (Block(blocks[0].size, before),), tuple(arrivals))
+        if alike:
+            return Packets(data, (Block(size, before),), tuple(arrivals))
         joined: list[Block] = []
-        join_blocks(joined, blocks)
+        for run in runs:
+            join_blocks(joined, run.blocks)
         return Packets(data, tuple(joined), tuple(arrivals))
 
     def revoke_carried(self, revolution_packets: float) -> int:
