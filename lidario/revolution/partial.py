@@ -97,6 +97,20 @@ class PartialRevolution:
             join_blocks(joined, run.blocks)
         return Packets(data, tuple(joined), tuple(arrivals))
 
+    def carry(self, arrays: SampleArrays, at_ns: int, samples: Samples) -> None:
+        """Begin with what lies behind the seam in the last packet of the revolution before.
+
+        Args:
+            arrays: These samples.
+            at_ns: Arrival of that packet.
+            samples: What the revolution before was decoded to.
+        """
+        self.carried = arrays
+        self.carried_ns = at_ns
+        self.lost_behind_carried = samples.lost_behind
+        self.skipped_behind_carried = samples.skipped_behind
+        self.carried_packets = 0.0 if samples.certain else samples.revolution_packets
+
     def revoke_carried(self, revolution_packets: float) -> int:
         """Drop the carried samples if their packet was stretched over a gap; return the packets missing there.
 
