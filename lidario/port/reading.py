@@ -245,17 +245,22 @@ class Reader:
 
     def _guard_until_removed(self, schedule: Schedule | None) -> None:
         """Have the thread read beside the loop while there is a schedule; None for no longer."""
-        guard, self._guard = self._guard, None
-        if guard is not None and not self._port.is_forked:
-            guard.remove()
+        if self._guard is not None and not self._port.is_forked:
+            self._guard.remove()
             # What the thread has read is in the inbox now; a response that comes next must not lie there unseen.
             self._inbox.share(False)
+        # Not earlier: Ctrl-C may come anywhere above, and then `stop` removes it.
+        self._guard = None
         if schedule is not None and self._real_time and not self._stopped:
-            # A system that allows no more threads: the loop polls more often instead.
-            with suppress(RuntimeError):
-                self._inbox.share(True)
-                self._guard = _Guard(self, self._loop, self._inbox, schedule.interval)
-                self._guard.repeat = self._repeat
+            self._inbox.share(True)
+            # Noted before it is read, as above.
+            self._guard = _Guard(self, self._loop, self._inbox, schedule.interval)
+            self._guard.repeat = self._repeat
+            try:
+                self._guard.add()
+            except RuntimeError:
+                # A system that allows no more threads: the loop polls more often instead.
+                self._guard = None
 
 
 class _Guard(Watched):
@@ -274,14 +279,17 @@ class _Guard(Watched):
         self._loop = loop
         self._failed = weakref.WeakMethod(reader.thread_failed)
         self._thread: ReadingThread = reading_thread()
-        self._thread.add(self)
         self._finalizer = weakref.finalize(reader, _forget, weakref.ref(self))
         self._finalizer.atexit = False
 
+    def add(self) -> None:
+        """Have the thread read it. Raises RuntimeError where the system allows no more threads."""
+        self._thread.add(self)
+
     def remove(self) -> None:
         """Stop the thread reading it."""
-        self._finalizer.detach()
         self._thread.remove(self)
+        self._finalizer.detach()
 
     def _fail(self) -> None:
         failed = self._failed()
