@@ -16,13 +16,12 @@ This file is not called ``simulate.py``: importing a submodule of that name woul
 
 from __future__ import annotations
 
-import math
-import operator
 from collections.abc import Iterable
 from typing import SupportsIndex
 
 import numpy as np
 
+from lidario.arguments import finite, shown, whole
 from lidario.errors import ConnectFailed, InvalidValue
 from lidario.families.registry import FAMILIES, family_of_simulated
 from lidario.sim.device import SimulatedDevice
@@ -68,12 +67,9 @@ def simulate(
         family = family_of_simulated(name)
     except ConnectFailed as error:
         raise InvalidValue(str(error)) from None
-    try:
-        number = operator.index(seed)
-        if number < 0:
-            raise ValueError
-    except (TypeError, ValueError):
-        raise InvalidValue(f"a seed is a whole number from 0 on, not {seed!r}") from None
+    number = whole(seed, "a seed")
+    if number < 0:
+        raise InvalidValue(f"a seed is a whole number from 0 on, not {shown(seed)}")
     sight = _world(world, number)
     until_stable = None if spin_up is None else _seconds(spin_up)
     try:
@@ -81,7 +77,7 @@ def simulate(
         if not isinstance(own, bytes | bytearray | None):
             raise ValueError
     except ValueError:
-        raise InvalidValue(f"a serial number is written in hexadecimal digits, not {serial!r}") from None
+        raise InvalidValue(f"a serial number is written in hexadecimal digits, not {shown(serial)}") from None
     try:
         return family.simulate(name, world=sight, serial=own, seed=number, spin_up=until_stable)
     except ValueError as error:
@@ -109,10 +105,7 @@ def _world(world: str | WorldLike | Iterable[Wall], seed: int) -> WorldLike:
 
 
 def _seconds(value: float) -> float:
-    try:
-        seconds = float(value)
-    except (TypeError, ValueError, OverflowError):
-        seconds = math.nan
-    if not 0.0 <= seconds < math.inf:
-        raise InvalidValue(f"spin_up is a number of seconds from 0 on, not {value!r}")
+    seconds = finite(value, "spin_up")
+    if seconds < 0:
+        raise InvalidValue(f"spin_up is a number of seconds from 0 on, not {seconds:g}")
     return seconds
