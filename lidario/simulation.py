@@ -28,7 +28,7 @@ from lidario.sim.device import SimulatedDevice
 from lidario.sim.rooms import make_world
 from lidario.sim.world import Wall, WorldLike, as_world, walls_around
 
-__all__ = ["simulate"]
+__all__ = ["serial_of", "simulate"]
 
 _WORLDS = "A world is a name, a list of walls or an object with the method ranges_mm"
 _PROBE_DEG = np.linspace(0.0, 350.0, 36)
@@ -72,12 +72,7 @@ def simulate(
         raise InvalidValue(f"a seed is a whole number from 0 on, not {shown(seed)}")
     sight = _world(world, number)
     until_stable = None if spin_up is None else _seconds(spin_up)
-    try:
-        own = bytes.fromhex(serial) if isinstance(serial, str) else serial
-        if not isinstance(own, bytes | bytearray | None):
-            raise ValueError
-    except ValueError:
-        raise InvalidValue(f"a serial number is written in hexadecimal digits, not {shown(serial)}") from None
+    own = serial_of(serial)
     try:
         return family.simulate(name, world=sight, serial=own, seed=number, spin_up=until_stable)
     except ValueError as error:
@@ -102,6 +97,21 @@ def _world(world: str | WorldLike | Iterable[Wall], seed: int) -> WorldLike:
     except ValueError as error:
         raise InvalidValue(str(error)) from error
     return found
+
+
+def serial_of(serial: object) -> bytes | None:
+    """A serial number as bytes; None stays None.
+
+    Raises:
+        InvalidValue: It is neither bytes nor hexadecimal digits.
+    """
+    try:
+        own = bytes.fromhex(serial) if isinstance(serial, str) else serial
+        if own is None or isinstance(own, bytes | bytearray):
+            return own
+    except ValueError:
+        pass
+    raise InvalidValue(f"a serial number is written in hexadecimal digits, not {shown(serial)}")
 
 
 def _seconds(value: float) -> float:
