@@ -8,10 +8,10 @@ from __future__ import annotations
 import mmap
 import os
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
+from lidario.arguments import path_of
 from lidario.recording.files import open_stored
 from lidario.recording.offline import OfflineDecoder, ScanArrays
 from lidario.recording.read import StoredStreams
@@ -48,7 +48,7 @@ class FileDecoder:
         self, path: str | os.PathLike[str], *, family: str | None = None, sample_us: float | None = None
     ) -> None:
         self._sample_us = sample_us
-        self.recording: StoredStreams = open_stored(Path(path), family, sample_us)
+        self.recording: StoredStreams = open_stored(path_of(path, "a recording"), family, sample_us)
         self.skipped_bytes: int = 0
         self.packets: int = 0
         self.stats: AssemblerStats = AssemblerStats()
@@ -129,7 +129,7 @@ def decode_file(
 
     Raises:
         RecordingError: Nothing can be read of it.
-        InvalidValue: `sample_us` is no number that can be right.
+        InvalidValue: `path` cannot be the name of a file, or `sample_us` is no number that can be right.
         ConnectFailed: There is no such family (reason ``source``).
     """
     return iter(FileDecoder(path, family=family, sample_us=sample_us))

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import anyio
 
-from lidario.errors import ConnectFailed, ResponseTimeout
+from lidario.errors import ConnectFailed, DeviceLost, ResponseTimeout
 from lidario.families.base import Device, Family
 from lidario.families.registry import FAMILIES, families_of_model, family_named, family_of_simulated
 from lidario.port.port import Port
@@ -141,12 +141,17 @@ async def connect(
                 remember(adapter, connection.family.name, port.baudrate)
             return connection
         port.close_soon()
-    except BaseException:
+    except BaseException as error:
         # Ctrl-C may come when the device has responded, and before its connection is returned.
         for dialogue in asked:
             dialogue.hang_up()
         if not asked and not port.is_closing:
             port.close_soon()
+        if source.kind == "udp" and isinstance(error, DeviceLost) and not received.total:
+            # Such a port opens wherever it leads; only the first request shows that nobody is there.
+            raise ConnectFailed(
+                f"{source.text}: nothing listens at this UDP port. Are address and port right?", reason="refused"
+            ) from error
         raise
     finally:
         port.remove_tap(received.see)

@@ -16,10 +16,10 @@ import asyncio
 import os
 import weakref
 from collections.abc import Callable
-from pathlib import Path
 from types import TracebackType
 from typing import NoReturn, Self
 
+from lidario.arguments import callable_of, path_of, yes_or_no
 from lidario.errors import LocalProtocolError, SessionClosed
 from lidario.model import Health, ScanMode, Stats
 from lidario.port.line import Tap
@@ -196,8 +196,13 @@ class Lidar(Questions):
         await self._scanner.stop()
 
     def tap(self, tap: Tap) -> None:
-        """Have `tap` called with every chunk of raw bytes, in and out. One that raises is removed, and logged."""
+        """Have `tap` called with every chunk of raw bytes, in and out. One that raises is removed, and logged.
+
+        Raises:
+            InvalidValue: `tap` cannot be called.
+        """
         self._check_open()
+        callable_of(tap, "a tap")
         self._dialogue.add_tap(tap)
 
     def untap(self, tap: Tap) -> None:
@@ -218,9 +223,15 @@ class Lidar(Questions):
 
         Raises:
             CannotRecord: When the block is entered: the file cannot be made, or ``mcap`` is not installed.
+            InvalidValue: `path` cannot be the name of a file.
         """
         self._check_open()
-        return Recording(Path(path), self._recorded, scans=scans, overwrite=overwrite)
+        return Recording(
+            path_of(path, "a recording"),
+            self._recorded,
+            scans=yes_or_no(scans, "scans"),
+            overwrite=yes_or_no(overwrite, "overwrite"),
+        )
 
     async def close(self) -> None:
         """Stop laser and motor and close the port; returns when it is closed. Harmless when done before.

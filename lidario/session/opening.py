@@ -9,6 +9,7 @@ from collections.abc import Generator
 from types import TracebackType
 from typing import TYPE_CHECKING, NoReturn
 
+from lidario.arguments import finite, shown, whole, yes_or_no
 from lidario.errors import InvalidValue, LocalProtocolError, Unsupported
 from lidario.families.registry import check_source
 from lidario.session.connect import connect
@@ -16,7 +17,7 @@ from lidario.session.discovery import find_source
 from lidario.session.handshake import healthy
 from lidario.session.lidar import Lidar
 from lidario.session.reconnect import Reconnect, Reconnector
-from lidario.source import Source, as_source
+from lidario.source import MOST_BAUD, Source, as_source
 
 if TYPE_CHECKING:
     from lidario.sim.device import SimulatedDevice
@@ -148,10 +149,17 @@ def open_lidar(
         DeviceLost: The port died meanwhile.
         RecordingError: Nothing can be read of a recording.
         RemoteProtocolError: It says each time that it is another device: the line damages what it carries.
-        InvalidValue: `keep_spinning` of a recording.
+        InvalidValue: An argument is no such thing: `baudrate` is a whole number above 0, `latency` a number of
+            seconds from 0 on; or `keep_spinning` of a recording.
         Unsupported: `keep_spinning` on a device whose motor stops with its laser.
     """
     where = as_source(source)
     check_source(where, family)
-    policy = reconnect if isinstance(reconnect, Reconnect) else Reconnect() if reconnect else None
-    return OpenLidar(where, family, baudrate, latency, keep_spinning, policy)
+    if baudrate is not None and not 0 < (baudrate := whole(baudrate, "a baud rate")) <= MOST_BAUD:
+        raise InvalidValue(f"a baud rate is a number of bits per second, such as 115200, not {shown(baudrate)}")
+    if (latency := finite(latency, "the latency")) < 0:
+        raise InvalidValue(f"the latency is a number of seconds from 0 on, not {latency:g}")
+    policy = reconnect if isinstance(reconnect, Reconnect) else None
+    if policy is None and yes_or_no(reconnect, "reconnect"):
+        policy = Reconnect()
+    return OpenLidar(where, family, baudrate, latency, yes_or_no(keep_spinning, "keep_spinning"), policy)

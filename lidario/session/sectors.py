@@ -14,6 +14,7 @@ from typing import NoReturn, Self, cast
 
 import numpy as np
 
+from lidario.arguments import finite, shown
 from lidario.errors import InvalidValue, LocalProtocolError
 from lidario.revolution.sectors import MOST_PARTS
 from lidario.scan import Scan
@@ -38,13 +39,14 @@ def parts_of(degrees: float) -> int:
         InvalidValue: 360 degrees are no whole number of them, or they are smaller than 5 degrees.
     """
     try:
-        parts = 360.0 / degrees
+        parts = 360.0 / finite(degrees, "the size of a sector")
         whole = round(parts)
-    except (TypeError, ValueError, ZeroDivisionError, OverflowError):
+    except (ValueError, ZeroDivisionError, OverflowError):
         whole, parts = 0, math.nan
     if not 1 <= whole <= MOST_PARTS or not abs(parts - whole) <= _WHOLE * whole:
         raise InvalidValue(
-            f"a sector has at least {360 // MOST_PARTS} degrees, and 360 is a multiple of it; not so {degrees!r}"
+            f"a sector has at least {360 // MOST_PARTS} degrees, and 360 is a multiple of it; "
+            f"not so {shown(degrees)}"
         )
     return whole
 

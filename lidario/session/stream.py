@@ -18,6 +18,7 @@ from contextlib import suppress
 from types import TracebackType
 from typing import NoReturn, Protocol, Self, cast
 
+from lidario.arguments import shown, whole, yes_or_no
 from lidario.errors import Busy, InvalidValue, LidarError, LocalProtocolError
 from lidario.measured import with_dropped
 from lidario.scan import Scan
@@ -43,8 +44,9 @@ class Mailbox:
     """
 
     def __init__(self, depth: int, parts: int = 0) -> None:
-        if not isinstance(depth, int) or depth < 1:
-            raise InvalidValue(f"a reader keeps at least one {'sector' if parts else 'scan'}, not {depth!r}")
+        depth = whole(depth, "depth")
+        if depth < 1:
+            raise InvalidValue(f"a reader keeps at least one {'sector' if parts else 'scan'}, not {shown(depth)}")
         self.parts: int = parts
         self.dropped: int = 0
         self.total_dropped: int = 0
@@ -235,7 +237,7 @@ class ScanStream:
     ) -> None:
         self._source = source
         self._mode = mode
-        self._force = force
+        self._force = yes_or_no(force, "force")
         self._mailbox = Mailbox(depth, parts)
         self._let_go: weakref.finalize[..., ScanStream] | None = None
         self._left = False

@@ -178,7 +178,7 @@ def test_a_time_of_a_sample_that_cannot_be_is_refused(sample_us: Any) -> None:
 
 
 def test_text_is_not_bytes() -> None:
-    with pytest.raises(TypeError):
+    with pytest.raises(InvalidValue):
         lidario.decode("raw.bin")  # type: ignore[arg-type]
 
 
