@@ -1,27 +1,45 @@
-"""What several verbs take: a source or a file, with their completion in the shell, and a duration."""
+"""What several verbs take: a source or a file, with their completion in the shell, a duration, and a number."""
 
 from __future__ import annotations
 
+import math
 import re
 from typing import Final
 
 import click
 from click.shell_completion import CompletionItem
 
-__all__ = ["complete_file", "complete_source", "seconds_of"]
+__all__ = ["Duration", "FiniteRange", "complete_file", "complete_source"]
 
-_UNITS: Final = {"ms": 1e-3, "s": 1.0, "": 1.0, "min": 60.0, "h": 3600.0}
+_UNITS: Final = {"ms": 1e-3, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0}
+_DURATION: Final = re.compile(r"([0-9]{1,9}(?:\.[0-9]*)?|\.[0-9]+)\s*(ms|s|min|m|h)?", re.ASCII)
 
 
-def seconds_of(context: click.Context, parameter: click.Parameter, value: str) -> float:
-    """The seconds that a duration means, such as ``10s``, ``500ms``, ``2min``, or plain seconds; for `callback`."""
-    match = re.fullmatch(r"(\d{1,9}(?:\.\d*)?|\.\d+)\s*([a-z]*)", value.strip())
-    seconds = float(match[1]) * _UNITS[match[2]] if match and match[2] in _UNITS else 0.0
-    if not seconds > 0:
-        raise click.BadParameter(
-            f"{value!r} is not a duration above 0, such as 10s, 500ms or 2min", context, parameter
-        )
-    return seconds
+class Duration(click.ParamType[float]):
+    """A click type that gives seconds: ``10s``, ``500ms``, ``2m``, ``1h``; a number without a unit is seconds."""
+
+    name = "duration"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """As `click.ParamType.convert`."""
+        if isinstance(value, int | float):
+            return float(value)
+        match = _DURATION.fullmatch(str(value).strip())
+        seconds = float(match[1]) * _UNITS[match[2] or "s"] if match else 0.0
+        if not 0 < seconds < 1e9:
+            self.fail(f"{value!r} is not a duration above 0, such as 10s, 500ms or 2m", param, ctx)
+        return seconds
+
+
+class FiniteRange(click.FloatRange):
+    """As `click.FloatRange`, which takes ``nan`` for a number of every range."""
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """As `click.ParamType.convert`."""
+        number: float = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number", param, ctx)
+        return number
 
 
 def complete_source(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:

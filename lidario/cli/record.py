@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lidario.cli.durations import Duration
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import emit, message, progress
-from lidario.cli.parameters import complete_source
+from lidario.cli.parameters import Duration, complete_source
 
 if TYPE_CHECKING:
     from lidario import Recording
@@ -58,7 +57,10 @@ def record(
     """
     from lidario.cli.running import run
 
-    path = output or datetime.now().strftime("lidar-%Y%m%d-%H%M%S.mcap")
+    path = datetime.now().strftime("lidar-%Y%m%d-%H%M%S.mcap") if output is None else output
+    if not path.casefold().endswith(".mcap"):
+        # By its name a recording is told from a serial port.
+        raise click.BadParameter(f"{path!r} does not end in .mcap", param_hint="-o")
     by_id = int(mode) if mode is not None and mode.isdecimal() else mode
     told = _Told()
     try:

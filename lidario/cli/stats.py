@@ -17,7 +17,7 @@ import numpy as np
 
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import console, dump, emit, introduced, progress, rendered
-from lidario.cli.parameters import complete_source, seconds_of
+from lidario.cli.parameters import Duration, complete_source
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -92,7 +92,7 @@ class Measured:
 
 @click.command()
 @click.argument("source", default="auto", shell_complete=complete_source)
-@click.option("-t", "--time", "seconds", default="10s", show_default=True, callback=seconds_of, metavar="TIME",
+@click.option("-t", "--time", "seconds", default="10s", show_default=True, type=Duration(), metavar="TIME",
               help="How long to measure, such as 10s or 2min.")  # fmt: skip
 @click.option("--mode", metavar="MODE", help="Scan mode by name or id, as `lidario info` lists them.")
 @click.option("--json", "as_json", is_flag=True, help="One object for programs.")
