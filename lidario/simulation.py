@@ -108,7 +108,7 @@ def serial_of(serial: object) -> bytes | None:
     try:
         own = bytes.fromhex(serial) if isinstance(serial, str) else serial
         if own is None or isinstance(own, bytes | bytearray):
-            return own
+            return None if own is None else bytes(own)
     except ValueError:
         pass
     raise InvalidValue(f"a serial number is written in hexadecimal digits, not {shown(serial)}")

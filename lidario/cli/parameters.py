@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Final
+from typing import Any, Final
 
 import click
 from click.shell_completion import CompletionItem
@@ -34,7 +34,7 @@ class Duration(click.ParamType[float]):
 class FiniteRange(click.FloatRange):
     """As `click.FloatRange`, which takes ``nan`` for a number of every range."""
 
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """As `click.ParamType.convert`."""
         number: float = super().convert(value, param, ctx)
         if not math.isfinite(number):
