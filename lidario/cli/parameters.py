@@ -1,4 +1,4 @@
-"""What several verbs take: a source or a file, with their completion in the shell, a duration, and a number."""
+"""What several verbs take: sources and files, with their completion in the shell, durations, numbers, scan modes."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from typing import Any, Final
 import click
 from click.shell_completion import CompletionItem
 
-__all__ = ["Duration", "FiniteRange", "complete_file", "complete_source"]
+__all__ = ["Duration", "FiniteRange", "complete_file", "complete_source", "mode_option"]
 
 _UNITS: Final = {"ms": 1e-3, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0}
+_MODE_DIGITS: Final = 9
 _DURATION: Final = re.compile(r"([0-9]{1,9}(?:\.[0-9]*)?|\.[0-9]+)\s*(ms|s|min|m|h)?", re.ASCII)
 
 
@@ -60,3 +61,24 @@ def complete_source(context: click.Context, parameter: click.Parameter, incomple
 def complete_file(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Has the shell complete the name of a file."""
     return [CompletionItem(incomplete, type="file")]
+
+
+class _ModeType(click.ParamType["str | int"]):
+    """A click type that gives the name of a scan mode, or its id where it is written in digits."""
+
+    name = "mode"
+
+    def convert(
+        self,
+        value: Any,
+        param: click.Parameter | None,  # noqa: ARG002
+        ctx: click.Context | None,  # noqa: ARG002
+    ) -> str | int:
+        """As `click.ParamType.convert`."""
+        text = str(value)
+        return int(text) if text.isascii() and text.isdigit() and len(text) <= _MODE_DIGITS else text
+
+
+mode_option: Final = click.option(
+    "--mode", type=_ModeType(), metavar="MODE", help="Scan mode by name or id, as `lidario info` lists them."
+)

@@ -71,7 +71,7 @@ def _serve(server: PtyServer | TcpServer, device: PlayedDevice, file: str) -> in
             if sys.stderr.isatty():
                 message("")  # the terminal has just echoed ^C
     for (name, why), count in Counter((each.name, each.why) for each in device.log if not each.obeyed).items():
-        message(f"  not answered: {name} ({count}), {why}")
+        message(f"  no response to {name} ({count}): {why}")
     return ExitCode.OK
 
 
