@@ -1,4 +1,4 @@
-"""What several verbs take: sources and files, with their completion in the shell, durations, numbers, scan modes."""
+"""What several verbs take: sources, files, their completion in the shell, durations, numbers, scan modes."""
 
 from __future__ import annotations
 
