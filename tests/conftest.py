@@ -48,7 +48,7 @@ NEEDS = {
 """Test modules that are not run where a program is not installed; the summary says so."""
 NEEDS_LINUX = re.compile(
     r"^\s*(import|from) (pty|tty|termios|fcntl|resource)\b|PtyServer|tests\.support\.terminals|/proc/"
-    r"|import .*\bserved\b",
+    r"|import .*\bserved\b|\bterminal_pair\b",
     re.MULTILINE,
 )
 """Pseudo-terminals at any baud rate, signals between processes, /proc: what only Linux has."""
