@@ -1,7 +1,7 @@
 """Nobody reads for a while: the line keeps what came first and drops the rest, and what is missing is told in full.
 
-What the line has kept is read behind the pause, together with what comes behind the gap. So the last packets before a
-gap are dated late by all of it, and no time lies where packets are missing.
+What the line has kept is read behind the pause, together with what comes behind the gap. So the last packets before
+a gap are dated late by all of it, and no time lies where packets are missing.
 """
 
 from collections.abc import Sequence
