@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import subprocess
 import sys
 
 import pytest
 
 import lidario
+from lidario.cli.output import emit
 from tests.cli.processes import BOUND, ROOT, invoke, run
 
 
@@ -156,3 +158,12 @@ def test_a_closed_stderr_hides_messages_alone() -> None:
     )  # fmt: skip
     assert ended.returncode == 0
     assert ended.stdout.count("\n") == 1
+
+
+def test_a_pipe_on_windows_takes_what_its_code_page_has(monkeypatch: pytest.MonkeyPatch) -> None:
+    """There, text goes through the stream, and a character that the code page lacks is an error of its own."""
+    written = io.BytesIO()
+    monkeypatch.setattr("lidario.cli.output._handle", lambda stream: None)
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, encoding="cp1252", write_through=True))
+    emit("5 → 7 m, 90°")
+    assert written.getvalue() == b"5 ? 7 m, 90\xb0"
