@@ -82,8 +82,8 @@ def test_the_exit_of_a_forked_child_stops_nothing(program: str) -> None:
         _, errors = process.communicate("\n", timeout=PATIENCE_S)
         assert told == "interruptions 0\n", errors
         assert scanning
-        # One STOP when it was opened; the next belongs to the close.
-        assert "stop" not in log[log.index("get_info") :]
+        # Opening stops it, on a busy machine more than once; after that only the close does.
+        assert "stop" not in log[log.index("express_scan") :]
         assert process.returncode == 0, errors
         with server.lock:
             assert not rig.device.scanning
