@@ -17,9 +17,10 @@ from pathlib import Path
 
 from lidario.errors import InvalidValue
 
-__all__ = ["callable_of", "finite", "number", "path_of", "shown", "text_of", "whole", "yes_or_no"]
+__all__ = ["callable_of", "finite", "nanoseconds", "number", "path_of", "shown", "text_of", "whole", "yes_or_no"]
 
 _MOST_SHOWN = 80
+_MOST_NS = 1 << 62
 _short = reprlib.Repr()
 _short.maxstring = _short.maxother = _short.maxlong = _MOST_SHOWN
 
@@ -72,6 +73,18 @@ def whole(value: object, what: str) -> int:
         return operator.index(value)  # type: ignore[arg-type]
     except TypeError:
         raise InvalidValue(f"{what} is a whole number, not {shown(value)}") from None
+
+
+def nanoseconds(value: object, what: str) -> int:
+    """The value as an int, if it is a number of nanoseconds that clocks count; sums of two fit in 64 bits.
+
+    Raises:
+        InvalidValue: It is none; the message begins with `what`.
+    """
+    result = whole(value, what)
+    if abs(result) > _MOST_NS:
+        raise InvalidValue(f"{what} is a time in nanoseconds, of some decades at most, not {shown(value)}")
+    return result
 
 
 def yes_or_no(value: object, what: str) -> bool:

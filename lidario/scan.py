@@ -14,7 +14,7 @@ from typing import SupportsIndex, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lidario.arguments import whole
+from lidario.arguments import nanoseconds
 from lidario.laserscan import BeamOrder, LaserScan, NoReturn, Preset, resample
 from lidario.measured import MeasuredSamples
 from lidario.points import Motion, Mount, Points, place
@@ -228,7 +228,7 @@ class Scan(MeasuredSamples):
         """
         hit = self.valid
         times_ns = self.times_ns[hit]
-        end_ns = self.stamp_ns + self.duration_ns if at_ns is None else whole(at_ns, "at_ns")
+        end_ns = self.stamp_ns + self.duration_ns if at_ns is None else nanoseconds(at_ns, "at_ns")
         return Points(
             place(self.xy()[hit], times_ns, Mount() if mount is None else mount, motion, end_ns),
             times_ns,

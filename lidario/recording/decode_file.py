@@ -14,7 +14,7 @@ import numpy as np
 from lidario.arguments import path_of
 from lidario.recording.files import open_stored
 from lidario.recording.offline import OfflineDecoder, ScanArrays
-from lidario.recording.read import StoredStreams
+from lidario.recording.read import StoredStreams, unreadable
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.scan import Scan
 from lidario.wire.events import Packets
@@ -35,7 +35,7 @@ class FileDecoder:
         sample_us: As for `decode_file`.
 
     Raises:
-        RecordingError: Nothing can be read of it.
+        RecordingError: Nothing can be read of it; or, while it is iterated over, it cannot be read any more.
 
     Attributes:
         recording: The file.
@@ -54,7 +54,10 @@ class FileDecoder:
         self.stats: AssemblerStats = AssemblerStats()
 
     def __iter__(self) -> Iterator[Scan]:
-        return self._timed() if self.recording.timed else self._untimed()
+        try:
+            yield from self._timed() if self.recording.timed else self._untimed()
+        except OSError as error:
+            raise unreadable(self.recording.path, error) from error
 
     def _untimed(self) -> Iterator[Scan]:
         with open(self.recording.path, "rb") as file:
@@ -128,7 +131,7 @@ def decode_file(
         sample_us: Of bare bytes, microseconds a sample; None for what the format usually takes.
 
     Raises:
-        RecordingError: Nothing can be read of it.
+        RecordingError: Nothing can be read of it; or, while it is iterated over, it cannot be read any more.
         InvalidValue: `path` cannot be the name of a file, or `sample_us` is no number that can be right.
         ConnectFailed: There is no such family (reason ``source``).
     """

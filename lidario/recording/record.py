@@ -68,7 +68,7 @@ class Recording(Entered):
         scans: Full revolutions that were decoded meanwhile.
     """
 
-    how = "a recording is made asynchronously: write `async with lidar.record(path):`"
+    _instead = "a recording is made asynchronously: write `async with lidar.record(path):`"
 
     def __init__(self, path: Path, session: Recorded, *, scans: bool, overwrite: bool) -> None:
         self.path: Path = path

@@ -87,7 +87,7 @@ class Broadcast(Entered):
 
     form: str
 
-    how = "a publisher is entered asynchronously: write `async with`"
+    _instead = "a publisher is entered asynchronously: write `async with`"
 
     def __init__(self, lidar: Lidar, router: str = DEFAULT_ROUTER, robot: str | None = None) -> None:
         self.lidar = lidar

@@ -55,7 +55,7 @@ class Fleet(Entered):
         InvalidValue: `keys` cannot be one, or `depth` is below 1.
     """
 
-    how = "a fleet is entered asynchronously: write `async with`"
+    _instead = "a fleet is read asynchronously: write `async with Fleet(...) as fleet:`, `async for each in fleet:`"
 
     def __init__(self, keys: str, *, router: str = DEFAULT_ROUTER, depth: int = 8) -> None:
         depth = whole(depth, "depth")

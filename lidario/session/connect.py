@@ -88,39 +88,7 @@ async def connect(
         return await connect_recording(source, family)
     if source.kind == "zenoh":
         return await connect_remote(source)
-    named = family or source.family
-    families = (family_named(named),) if named else FAMILIES
-    speed = baudrate or source.baudrate
-    if source.model is not None:
-        families = families_of_model(source.model, named)
-    adapter: str | None = None
-    if source.kind == "sim":
-        from lidario.port.simulated import open_simulated  # a fifth of the import time, for those who need it
-
-        port = await (open_simulated(source) if simulation is None else simulation.open())
-        tries = [_Try(family_of_simulated(source.address), port.baudrate, source.model)]
-    elif source.device is not None:
-        from lidario.port.simulated import connect_in_memory
-
-        port = connect_in_memory(source.device)
-        tries = [_Try(each, 0) for each in families]
-    elif source.kind == "tcp":
-        port = await open_tcp(source.text, *source.host_and_port, baudrate=speed or 0)
-        tries = [_Try(each, 0, source.model) for each in families]
-    elif source.kind == "udp":
-        port = await open_udp(source.text, *source.host_and_port)
-        tries = [_Try(each, 0) for each in families]
-    else:
-        if source.model is not None:
-            tries = [_Try(each, speed or each.models[source.model].baudrate, source.model) for each in families]
-        elif speed:
-            tries = [_Try(each, speed) for each in families]
-        else:
-            adapter = adapter_of(source.address)
-            known = None if adapter is None else last_at(adapter)
-            # Sorting keeps the order of all others.
-            tries = sorted(_by_likelihood(families), key=lambda each: (each.family.name, each.baudrate) != known)
-        port = await open_serial(source.address, tries[0].baudrate)
+    port, tries, adapter = await _opened(source, family or source.family, baudrate or source.baudrate, simulation)
     # Where Ctrl-C has ended it, what follows is run by the garbage collector.
     loop = asyncio.get_running_loop()
     received = ReceivedInSilence()
@@ -160,6 +128,44 @@ async def connect(
                 await port.wait_closed()
     asked_at = [each.baudrate for each in tries if each.baudrate]
     raise received.nothing_responds(source, [each.family for each in tries], asked_at)
+
+
+async def _opened(
+    source: Source, named: str | None, speed: int | None, simulation: Simulation | None
+) -> tuple[Port, list[_Try], str | None]:
+    """An open port, what is to be tried on it, and its adapter where the speed behind that is to be remembered."""
+    families = (family_named(named),) if named else FAMILIES
+    if source.model is not None:
+        families = families_of_model(source.model, named)
+    adapter: str | None = None
+    if source.kind == "sim":
+        from lidario.port.simulated import open_simulated  # a fifth of the import time, for those who need it
+
+        port = await (open_simulated(source) if simulation is None else simulation.open())
+        tries = [_Try(family_of_simulated(source.address), port.baudrate, source.model)]
+    elif source.device is not None:
+        from lidario.port.simulated import connect_in_memory
+
+        port = connect_in_memory(source.device)
+        tries = [_Try(each, 0) for each in families]
+    elif source.kind == "tcp":
+        port = await open_tcp(source.text, *source.host_and_port, baudrate=speed or 0)
+        tries = [_Try(each, 0, source.model) for each in families]
+    elif source.kind == "udp":
+        port = await open_udp(source.text, *source.host_and_port)
+        tries = [_Try(each, 0) for each in families]
+    else:
+        if source.model is not None:
+            tries = [_Try(each, speed or each.models[source.model].baudrate, source.model) for each in families]
+        elif speed:
+            tries = [_Try(each, speed) for each in families]
+        else:
+            adapter = adapter_of(source.address)
+            known = None if adapter is None else last_at(adapter)
+            # Sorting keeps the order of all others.
+            tries = sorted(_by_likelihood(families), key=lambda each: (each.family.name, each.baudrate) != known)
+        port = await open_serial(source.address, tries[0].baudrate)
+    return port, tries, adapter
 
 
 def _made(port: Port, attempt: _Try) -> Device:

@@ -20,6 +20,7 @@ from types import TracebackType
 from typing import NoReturn, Self
 
 from lidario.arguments import callable_of, path_of, yes_or_no
+from lidario.entered import AsyncOnly
 from lidario.errors import LocalProtocolError, SessionClosed
 from lidario.model import Health, ScanMode, Stats
 from lidario.port.line import Tap
@@ -39,7 +40,7 @@ from lidario.session.twin import twin_of
 __all__ = ["Lidar"]
 
 
-class Lidar(Questions):
+class Lidar(Questions, AsyncOnly):
     """One open device; made by `open_lidar`, and best used as its context manager.
 
     Its methods belong to the event loop in which it was opened; in another one they raise `LocalProtocolError`.
@@ -52,6 +53,8 @@ class Lidar(Questions):
         source: The source it was opened from.
         info: What the device says it is.
     """
+
+    _instead = "a lidar is used asynchronously: write `async with`, and `async for scan in lidar.scans():`"
 
     def __init__(
         self,
@@ -264,12 +267,6 @@ class Lidar(Questions):
 
     def __aiter__(self) -> NoReturn:
         raise LocalProtocolError("a lidar may have several streams: write `async for scan in lidar.scans():`")
-
-    def __enter__(self) -> NoReturn:
-        raise LocalProtocolError("a lidar is left asynchronously: write `async with`")
-
-    def __exit__(self, *_: object) -> None:
-        """Never reached; `with` looks for it before `__enter__` can say what to write."""
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, NoReturn
 
 from lidario.arguments import finite, shown, whole, yes_or_no
+from lidario.entered import AsyncOnly
 from lidario.errors import InvalidValue, LocalProtocolError, Unsupported
 from lidario.families.registry import check_source
 from lidario.session.connect import connect
@@ -30,8 +31,10 @@ DEFAULT_LATENCY_S = 0.005
 _WRITE = "write `async with lidario.open_lidar(...) as lidar:`"
 
 
-class OpenLidar:
+class OpenLidar(AsyncOnly):
     """What `open_lidar` returns: a context manager, or something to ``await`` and close by hand."""
+
+    _instead = f"opening a lidar takes time: {_WRITE}, or `with lidario.open_sync(...) as lidar:`"
 
     def __init__(
         self,
@@ -62,12 +65,6 @@ class OpenLidar:
     ) -> None:
         if self._lidar is not None:
             await self._lidar.close()
-
-    def __enter__(self) -> NoReturn:
-        raise LocalProtocolError(f"opening a lidar takes time: {_WRITE}")
-
-    def __exit__(self, *_: object) -> None:
-        """Never reached; `with` looks for it before `__enter__` can say what to write."""
 
     def __aiter__(self) -> NoReturn:
         raise LocalProtocolError(f"the lidar is not open yet: {_WRITE}, then `async for scan in lidar.scans():`")

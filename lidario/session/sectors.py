@@ -10,12 +10,13 @@ import math
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from types import TracebackType
-from typing import NoReturn, Self, cast
+from typing import Self, cast
 
 import numpy as np
 
 from lidario.arguments import finite, shown
-from lidario.errors import InvalidValue, LocalProtocolError
+from lidario.entered import AsyncOnly
+from lidario.errors import InvalidValue
 from lidario.revolution.sectors import MOST_PARTS
 from lidario.scan import Scan
 from lidario.sector import Sector
@@ -116,7 +117,7 @@ class SectorPace(Pace):
         return min(self.sector_due, now + LONGEST_HOLD_S) - _JUST_BEFORE_S
 
 
-class SectorStream:
+class SectorStream(AsyncOnly):
     """An asynchronous iterator of parts of revolutions; made by `Lidar.sectors`.
 
     It begins, ends and fails as a `ScanStream` does, in ``async for`` and ``async with``. The first sectors are
@@ -124,6 +125,8 @@ class SectorStream:
 
     Cancelling ``__anext__`` loses no sector, and does not end the stream.
     """
+
+    _instead = "sectors come asynchronously: write `async for sector in lidar.sectors():`"
 
     def __init__(
         self,
@@ -157,9 +160,6 @@ class SectorStream:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         await self.aclose()
-
-    def __iter__(self) -> NoReturn:
-        raise LocalProtocolError("sectors come asynchronously: write `async for sector in lidar.sectors():`")
 
     async def aclose(self) -> None:
         """As `ScanStream.aclose`."""

@@ -16,9 +16,10 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from types import TracebackType
-from typing import NoReturn, Protocol, Self, cast
+from typing import Protocol, Self, cast
 
 from lidario.arguments import shown, whole, yes_or_no
+from lidario.entered import AsyncOnly
 from lidario.errors import Busy, InvalidValue, LidarError, LocalProtocolError
 from lidario.measured import with_dropped
 from lidario.scan import Scan
@@ -210,7 +211,7 @@ class ScanSource(Protocol):
         ...
 
 
-class ScanStream:
+class ScanStream(AsyncOnly):
     """An asynchronous iterator of full revolutions; made by `Lidar.scans`.
 
     The device begins to scan at the first ``await``. Used as a context manager the stream is left at the end of
@@ -225,6 +226,8 @@ class ScanStream:
 
     Cancelling ``__anext__`` loses no scan, and does not end the stream.
     """
+
+    _instead = "scans come asynchronously: write `async for scan in lidar.scans():`, or `async with` first"
 
     def __init__(
         self,
@@ -274,9 +277,6 @@ class ScanStream:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         await self.aclose()
-
-    def __iter__(self) -> NoReturn:
-        raise LocalProtocolError("scans come asynchronously: write `async for scan in lidar.scans():`")
 
     async def aclose(self) -> None:
         """Leave the stream. The last one to be left stops laser and motor. Harmless when done before.

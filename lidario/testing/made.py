@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lidario import InvalidValue, Scan, Sector
-from lidario.arguments import finite, shown, whole
+from lidario.arguments import finite, nanoseconds, shown, whole
 
 __all__ = ["make_scan", "make_sector"]
 
@@ -63,9 +63,10 @@ def make_scan(
 
     Raises:
         InvalidValue: The shapes do not fit together, an angle is not finite, a range is negative, an intensity is
-            not from 0 to 255, or `rpm` is not positive.
+            not from 0 to 255, `rpm` is not positive, or a stamp is no number of nanoseconds.
     """
     clockwise, millimetres, strengths = _samples(angles, ranges, intensities, rpm)
+    stamp_ns, wall_stamp_ns = nanoseconds(stamp_ns, "stamp_ns"), nanoseconds(wall_stamp_ns, "wall_stamp_ns")
     order = np.argsort(clockwise, kind="stable")
     duration_ns = round(60e9 / rpm)
     return Scan(
@@ -162,8 +163,10 @@ def make_sector(
         device_angles=_read_only(clockwise[order]),
         device_distances=_read_only(millimetres[order]),
         intensities=None if strengths is None else _read_only(strengths[order]),
-        stamp_ns=_STAMP_NS + since_ns if stamp_ns is None else stamp_ns,
-        wall_stamp_ns=_WALL_STAMP_NS + since_ns if wall_stamp_ns is None else wall_stamp_ns,
+        stamp_ns=_STAMP_NS + since_ns if stamp_ns is None else nanoseconds(stamp_ns, "stamp_ns"),
+        wall_stamp_ns=(
+            _WALL_STAMP_NS + since_ns if wall_stamp_ns is None else nanoseconds(wall_stamp_ns, "wall_stamp_ns")
+        ),
         time_increment_ns=duration_ns // max(1, len(clockwise)),
         duration_ns=duration_ns,
         rpm=rpm,
