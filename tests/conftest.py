@@ -28,7 +28,7 @@ from benchmarks.browser import find_browser
 from tests.support.discards import all_obeyed, devices_made, may_discard, some_discarded
 from tests.support.leaks import leaves_no_task, leaves_nothing
 from tests.support.ledger import ledgers_made
-from tests.support.names import names_are_safe
+from tests.support.names import names_are_safe, needs_all_names
 
 PROPERTIES = Path(__file__).parent / "properties"
 LONG = {"rounds", "soak"}
@@ -109,12 +109,18 @@ def _named(value: object) -> str:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Have async tests watched by `leaves_no_task`, and the longest begin first."""
+    """Have async tests watched by `leaves_no_task`, and those first that take or wait longest."""
     for item in items:
         if isinstance(item, pytest.Function) and inspect.iscoroutinefunction(item.obj):
             item.obj = leaves_no_task(item.obj)
-    # The longest first: at the end, every worker still finds something to do.
-    items.sort(key=lambda item: not (item.get_closest_marker("exhaustive") or LONG & set(_fixtures(item))))
+    # The longest first: at the end, every worker still finds something to do. Before them those that wait until no
+    # other process uses pseudo-terminals: at the beginning none does. Later they have waited for minutes.
+    items.sort(
+        key=lambda item: (
+            not needs_all_names(item.path),
+            not (item.get_closest_marker("exhaustive") or LONG & set(_fixtures(item))),
+        )
+    )
 
 
 @pytest.hookimpl(wrapper=True)
