@@ -18,6 +18,7 @@ VENDORS = sorted(path.name for path in (PACKAGE / "families").iterdir() if (path
 
 LAYERS = (
     {
+        "arguments",
         "cdr",
         "entered",
         "errors",
@@ -35,8 +36,7 @@ LAYERS = (
     {"wire"},
     {"families", "sim"},
     {"revolution", "simulation"},
-    {"port"},
-    {"latch"},
+    {"latch", "port"},
     {"recording"},
     {"network"},
     {"session"},
@@ -230,7 +230,7 @@ def test_the_page_uses_the_names_a_user_would() -> None:
 def test_what_users_test_with_uses_the_names_a_user_would() -> None:
     for path in sorted((PACKAGE / "testing").glob("*.py")):
         for name in ours(path):
-            public = name == "lidario" or name.startswith(("lidario.testing", "lidario.sim."))
+            public = name == "lidario" or name.startswith(("lidario.testing", "lidario.sim.", "lidario.arguments"))
             assert public, f"{named(path)}: {name}"
 
 

@@ -1,6 +1,6 @@
 """A port with a simulated device at its other end.
 
-Four ways to get there: ``via=pty`` (the default where the system has pseudo-terminals) takes the whole path a
+Four ways to get there: ``via=pty`` (the default on Linux) takes the whole path a
 real device takes, through the kernel and pyserial-asyncio; ``via=tcp`` the same through a socket, and ``via=udp``
 (the default of Ethernet models) by datagrams; ``via=memory`` hands the bytes over inside the event loop, on the
 loop's own clock, so that a test that drives the loop's time drives the device with it.
@@ -12,7 +12,6 @@ cause of the `DeviceLost` that the receiver is told.
 from __future__ import annotations
 
 import asyncio
-import os
 
 from lidario.errors import ConnectFailed, DeviceLost
 from lidario.families.registry import family_of_simulated
@@ -24,7 +23,8 @@ from lidario.port.udp import open_udp
 from lidario.sim.device import SimulatedDevice, is_network
 from lidario.sim.faults import Faults, parse_faults
 from lidario.sim.rooms import make_world
-from lidario.sim.serve import MemoryLine, PtyServer, TcpServer, UdpServer
+from lidario.sim.serve import MemoryLine, PtyServer, TcpServer, UdpServer, usual_way
+from lidario.simulation import serial_of
 from lidario.source import Source, quoted
 
 __all__ = ["Simulation", "connect_in_memory", "make_device", "open_simulated"]
@@ -45,7 +45,7 @@ def make_device(source: Source) -> tuple[SimulatedDevice, Faults | None]:
         seed = int(options.get("seed", "0"))
         world = make_world(options["world"], seed=seed) if "world" in options else None
         faults = parse_faults(options["fault"], seed=seed) if "fault" in options else None
-        serial = bytes.fromhex(options["serial"]) if "serial" in options else None
+        serial = serial_of(options.get("serial"))
         device = family.simulate(source.address, world=world, serial=serial, seed=seed)
     except ValueError as error:
         raise ConnectFailed(f"{quoted(source.text)}: {error}", reason="source") from error
@@ -146,7 +146,7 @@ async def open_simulated(source: Source) -> Port:
 
 
 def _way(source: Source) -> str:
-    way = source.options.get("via", "pty" if os.name == "posix" else "tcp")
+    way = source.options.get("via", usual_way())
     if way not in _WAYS:
         raise ConnectFailed(
             f"{quoted(source.text)}: via={quoted(way)} is not known; use {', '.join(_WAYS)}", reason="source"

@@ -16,7 +16,7 @@ scanner's frame, x forward and y to the left. A distance of 0 means no return.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Protocol, TypeAlias, runtime_checkable
+from typing import Protocol, TypeAlias, TypeGuard, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,7 @@ __all__ = [
     "WorldLike",
     "as_world",
     "cast",
+    "measures",
     "walls_around",
 ]
 
@@ -152,6 +153,14 @@ class WorldLike(Protocol):
         ...
 
 
+def measures(thing: object) -> TypeGuard[WorldLike]:
+    """Whether an object is a world; also one that passes on what it is asked for (``__getattr__``).
+
+    `isinstance` with `WorldLike` asks such an object in Python 3.11 only.
+    """
+    return hasattr(thing, "ranges_mm")
+
+
 class World:
     """What a scanner at the origin sees.
 
@@ -229,7 +238,7 @@ class CheckedWorld:
         returned = f"{_kind(self.world)}.ranges_mm returned"
         try:
             ranges: Floats = np.array(found, dtype=np.float64)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise ValueError(f"{returned} {_kind(found)} that is not an array of numbers") from error
         if ranges.shape != angles_deg_clockwise.shape:
             raise ValueError(f"{returned} shape {ranges.shape} for angles of shape {angles_deg_clockwise.shape}")
@@ -263,7 +272,7 @@ def walls_around(walls: Iterable[Wall]) -> World:
     """
     try:
         table = np.asarray(list(walls), dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"walls are ((x1, y1), (x2, y2)) in metres: {error}") from error
     if table.size and table.shape[1:] != (2, 2):
         raise ValueError(f"walls are ((x1, y1), (x2, y2)) in metres, an array (n, 2, 2) and not {table.shape}")

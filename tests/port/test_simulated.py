@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
+import sys
 import threading
 from math import inf
 from typing import Any
@@ -15,7 +16,7 @@ from lidario import DeviceLost, open_lidar
 from lidario.errors import ConnectFailed
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
-from lidario.port.simulated import connect_in_memory, open_simulated
+from lidario.port.simulated import _way, connect_in_memory, open_simulated
 from lidario.source import parse_source
 from tests.support.devices import make_rig
 from tests.support.loop import driven
@@ -59,6 +60,13 @@ def check(error: DeviceLost | None) -> None:
     assert "the simulated device" in str(error)
     assert "failed: Mistake: in a user's world" in str(error)
     assert isinstance(error.__cause__, Mistake)
+
+
+@pytest.mark.parametrize(("platform", "way"), [("linux", "pty"), ("darwin", "tcp"), ("win32", "tcp")])
+def test_a_way_that_the_system_has_is_the_default(monkeypatch: pytest.MonkeyPatch, platform: str, way: str) -> None:
+    """On macOS a pseudo-terminal refuses the speed of most models."""
+    monkeypatch.setattr(sys, "platform", platform)
+    assert _way(parse_source("sim://rplidar-s2")) == way
 
 
 @pytest.mark.parametrize("calls", [0, 3])
@@ -174,8 +182,15 @@ async def test_abandoned_in_memory_the_device_gets_the_stop_requests() -> None:
     await lidar.close()
 
 
-@pytest.mark.parametrize("text", ["sim://rplidar-s2?via=pigeon", "sim://rplidar-s2?world=nowhere"])
-async def test_a_source_that_is_no_good(text: str) -> None:
-    with pytest.raises(ConnectFailed) as caught:
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("sim://rplidar-s2?via=pigeon", "use pty, tcp"),
+        ("sim://rplidar-s2?world=nowhere", "there are circle"),
+        ("sim://rplidar-s2?serial=zz", "is written in hexadecimal digits, not 'zz'"),
+    ],
+)
+async def test_a_source_that_is_no_good(text: str, words: str) -> None:
+    with pytest.raises(ConnectFailed, match=words) as caught:
         await open_simulated(parse_source(text))
     assert caught.value.reason == "source"
