@@ -148,7 +148,7 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     What these tests alone reach counts as not covered. (pytest-cov's `no_cover` does nothing in xdist's workers.)
     """
     trace = sys.gettrace()
-    often = PROPERTIES in item.path.parents or item.get_closest_marker("exhaustive")
+    often = PROPERTIES in item.path.parents or any(map(item.get_closest_marker, ("exhaustive", "repeats")))
     if not often or not type(trace).__module__.startswith("coverage"):
         return (yield)
     sys.settrace(None)

@@ -32,7 +32,7 @@ from tests.support.streams import stream_of as described
 
 SAMPLE_DEG = 0.6
 EXAMPLES = max(3, settings().max_examples // 8)
-"""Fewer than of other properties: each is two whole streams and more, and 23 streams are taken with ``--exhaustive``."""
+"""Fewer than of other properties: each is two whole streams and more, of up to 23 formats."""
 
 
 class Divided(NamedTuple):

@@ -38,7 +38,7 @@ def names_are_safe(module: Path) -> Iterator[None]:
 
 
 def needs_all_names(module: Path) -> bool:
-    """Whether tests of this module wait until no other test process uses pseudo-terminals, and keep others waiting."""
+    """Whether tests of this module wait until no other test process uses pseudo-terminals."""
     return _kind(module)[1]
 
 
