@@ -49,7 +49,7 @@ NEEDS = {
 NEEDS_LINUX = re.compile(
     r"^\s*(import|from) (pty|tty|termios|fcntl|resource)\b|PtyServer|/proc/"
     r"|tests\.support\.(terminals|shells)\b|benchmarks\.soak\b|os\.fork\b"
-    r"|import .*\b(served|terminal_pair|paired)\b|via=pty",
+    r"|import .*\b(served|terminal_pair|paired|walked)\b|via=pty",
     re.MULTILINE,
 )
 """Pseudo-terminals at any baud rate, terminals of shells, /proc: what only Linux has."""

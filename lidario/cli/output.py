@@ -8,8 +8,9 @@ meanwhile are dropped whole at the mailbox and counted, and a signal still stops
 A reader that has closed the pipe is not an error: it becomes `ReaderGone`, which ends the command silently.
 
 What rich draws again and again (`watch`, `progress`) is drawn in a thread too, on a `terminal`, and what is logged
-is written in one (`lidario.cli.log`). They write to the file descriptor, not through ``sys.stdout`` or ``sys.stderr``: a thread that is blocked in those holds their lock,
-and then neither a message nor the end of the interpreter gets past it.
+is written in one (`lidario.cli.log`). They write to the file descriptor, not through ``sys.stdout`` or
+``sys.stderr``: a thread that is blocked in those holds their lock, and then neither a message nor the end of the
+interpreter gets past it.
 """
 
 from __future__ import annotations
