@@ -33,7 +33,8 @@ __all__ = ["Checkout", "Refused", "checked_out", "compare_decode", "compare_live
 
 CHUNKS = (64, 1024, 4096, 0)
 """Bytes at a time; 0 for the whole stream at once."""
-_STREAM_S = 2.0
+_STREAM_S = 6.0
+"""So long that the first revolution, from which a decoder learns, weighs little: a scanner turns for hours."""
 _SHORT_STREAM_S = 0.6
 """Small chunks take long, so they get less of the stream."""
 _PASSES = 2

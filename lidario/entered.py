@@ -1,4 +1,4 @@
-"""What is used by ``async with``: it starts there, and is closed behind it."""
+"""What is used by ``async with`` and ``async for``; plain ``with`` and ``for`` say what to write instead."""
 
 from __future__ import annotations
 
@@ -8,14 +8,29 @@ from typing import ClassVar, NoReturn, Self
 
 from lidario.errors import LocalProtocolError
 
-__all__ = ["Entered"]
+__all__ = ["AsyncOnly", "Entered"]
 
 
-class Entered(ABC):
+class AsyncOnly:
+    """Base of what a plain ``with`` or ``for`` cannot use."""
+
+    __slots__ = ()
+
+    _instead: ClassVar[str]
+    """What to write instead, as a sentence."""
+
+    def __enter__(self) -> NoReturn:
+        raise LocalProtocolError(self._instead)
+
+    def __exit__(self, *_: object) -> None:
+        """Never reached; `with` looks for it before `__enter__` can say what to write."""
+
+    def __iter__(self) -> NoReturn:
+        raise LocalProtocolError(self._instead)
+
+
+class Entered(AsyncOnly, ABC):
     """Base of what has `start` and `close`, and is used as an asynchronous context manager."""
-
-    how: ClassVar[str]
-    """What to write instead of ``with``, as a sentence."""
 
     @abstractmethod
     async def start(self) -> None:
@@ -33,9 +48,3 @@ class Entered(ABC):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         await self.close()
-
-    def __enter__(self) -> NoReturn:
-        raise LocalProtocolError(self.how)
-
-    def __exit__(self, *_: object) -> None:  # noqa: B027 - never reached
-        """Never reached; `with` looks for it before `__enter__` can say what to write."""

@@ -44,7 +44,6 @@ when it stood at each beam, is found by `lidario.rotor`.
 from __future__ import annotations
 
 import math
-import operator
 import struct
 from dataclasses import dataclass
 from typing import Literal, SupportsIndex
@@ -52,7 +51,9 @@ from typing import Literal, SupportsIndex
 import numpy as np
 from numpy.typing import NDArray
 
+from lidario.arguments import finite, number, shown, text_of, whole
 from lidario.cdr import LITTLE_ENDIAN, CdrReader, NotCdr, stamp_bytes
+from lidario.errors import InvalidValue
 from lidario.rotor import Rotor, before, turned
 
 __all__ = [
@@ -60,6 +61,8 @@ __all__ = [
     "LaserScan",
     "NoReturn",
     "Preset",
+    "beam_count",
+    "check_options",
     "resample",
 ]
 
@@ -76,6 +79,9 @@ _FLOATS = np.dtype("<f4")
 
 _FALLBACK_RANGE_MAX = 40.0
 """Metres: `LaserScan.range_max` where neither the caller nor the device says one. Beyond all models supported."""
+
+_MOST_BEAMS = 1_000_000
+"""Hundreds of times as many as any scan has samples; more than that is a mistake, and would take all memory."""
 
 _EDGE_DEG = 15.0
 """Samples at most this far beyond an end of the grid belong to the beam at that end.
@@ -152,9 +158,14 @@ class LaserScan:
         """The message that anybody's `to_cdr` wrote; None where the bytes are none.
 
         Nothing is made of a length that the bytes do not bear out. The figures in it may be anything.
+
+        Raises:
+            InvalidValue: `data` is not bytes.
         """
+        if not isinstance(data, bytes | bytearray | memoryview):
+            raise InvalidValue(f"a message is bytes, not {shown(data)}")
         try:
-            reader = CdrReader(data)
+            reader = CdrReader(bytes(data))
             # In the order of the message, which is that of the arguments.
             return cls(
                 stamp_ns=reader.stamp_ns(),
@@ -209,22 +220,13 @@ def resample(
         preset: Where the angle 0 is.
 
     Raises:
-        TypeError: `beams` is not a whole number.
-        ValueError: `beams` is less than one, `order`, `no_return` or `preset` is not one of the words, `mount_yaw`
-            is not finite, or `range_min` and `range_max` are not a range.
+        InvalidValue: `beams` is no whole number above 0, `order`, `no_return` or `preset` is not one of the words,
+            `frame_id` is no text, `mount_yaw` is not finite, or `range_min` and `range_max` are not a range.
     """
-    count = _beams(len(device_angles) if beams is None else beams)
-    if order not in _ORDERS:
-        raise ValueError(f"order must be one of {', '.join(_ORDERS)}, not {order!r}")
-    if no_return not in _NO_RETURN:
-        raise ValueError(f"no_return must be one of {', '.join(_NO_RETURN)}, not {no_return!r}")
-    if preset not in _PRESET_YAW:
-        raise ValueError(f"preset must be one of {', '.join(_PRESET_YAW)}, not {preset!r}")
-    if not math.isfinite(mount_yaw):
-        raise ValueError(f"mount_yaw must be finite, not {mount_yaw}")
-    farthest = math.inf if range_max is None else float(range_max)
-    if not 0 <= range_min <= farthest:
-        raise ValueError(f"range_min must be between 0 and range_max: {range_min} to {farthest}")
+    count = beam_count(len(device_angles) if beams is None else beams)
+    check_options(order, frame_id, range_min, range_max, no_return, mount_yaw, preset)
+    mount_yaw, nearest = float(mount_yaw), float(range_min)
+    farthest = math.inf if range_max is None else number(range_max, "range_max")
     if range_max is not None:
         stated = farthest
     else:
@@ -232,7 +234,7 @@ def resample(
 
     places = _places(device_angles, rotor.begin_deg, count)
     # Comparing with NaN gives False: a sample without a return is no hit.
-    hit = (ranges >= range_min) & (ranges <= farthest)
+    hit = (ranges >= nearest) & (ranges <= farthest)
     filled = np.full(count, np.nan, np.float32)
     filled[places[~hit]] = _NO_RETURN[no_return]
     # From far to near, so that the nearest return is written last.
@@ -257,20 +259,51 @@ def resample(
         angle_increment=-step if measured else step,
         time_increment=(beam_ns if measured else -beam_ns) * 1e-9,
         scan_time=rotor.period_ns * 1e-9,
-        range_min=float(range_min),
+        range_min=nearest,
         range_max=stated,
         ranges=filled if measured else filled[::-1].copy(),
         intensities=strengths if measured else strengths[::-1].copy(),
     )
 
 
-def _beams(beams: SupportsIndex) -> int:
-    try:
-        count = operator.index(beams)
-    except TypeError:
-        raise TypeError(f"beams must be a whole number, not {beams!r}") from None
-    if count < 1:
-        raise ValueError(f"a grid needs at least one beam, not {count}")
+def check_options(
+    order: object,
+    frame_id: object,
+    range_min: object,
+    range_max: object,
+    no_return: object,
+    mount_yaw: object,
+    preset: object,
+) -> None:
+    """Whether these arguments of `resample` can be right; to be asked before the first scan comes.
+
+    Raises:
+        InvalidValue: As `resample`.
+    """
+    for name, word, words in (
+        ("order", order, _ORDERS),
+        ("no_return", no_return, _NO_RETURN),
+        ("preset", preset, _PRESET_YAW),
+    ):
+        if not isinstance(word, str) or word not in words:
+            raise InvalidValue(f"{name} must be one of {', '.join(words)}, not {shown(word)}")
+    text_of(frame_id, "frame_id")
+    finite(mount_yaw, "mount_yaw")
+    nearest = finite(range_min, "range_min")
+    farthest = math.inf if range_max is None else number(range_max, "range_max")
+    if not 0 <= nearest <= farthest:
+        raise InvalidValue(f"range_min must be between 0 and range_max: {nearest} to {farthest}")
+
+
+def beam_count(beams: SupportsIndex) -> int:
+    """The number of beams, if a grid may have so many.
+
+    Raises:
+        InvalidValue: It is no whole number from 1 to 1000000.
+    """
+    count = whole(beams, "beams")
+    if not 1 <= count <= _MOST_BEAMS:
+        raise InvalidValue(f"a grid has 1 to {_MOST_BEAMS} beams, not {shown(count)}")
     return count
 
 

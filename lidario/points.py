@@ -16,6 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lidario.arguments import callable_of, finite, shown
+from lidario.errors import InvalidValue
+
 __all__ = ["Motion", "Mount", "Points", "PoseFunction", "Velocity", "merge", "place"]
 
 
@@ -27,11 +30,17 @@ class Mount:
         x: Metres forward of the robot's origin.
         y: Metres to the left of it.
         yaw: Direction of the lidar's forward axis, radians counter-clockwise from the robot's.
+
+    Raises:
+        InvalidValue: One of them is no finite number.
     """
 
     x: float = 0.0
     y: float = 0.0
     yaw: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,11 +51,22 @@ class Velocity:
         x: Metres a second forward.
         y: Metres a second to the left.
         yaw: Radians a second counter-clockwise.
+
+    Raises:
+        InvalidValue: One of them is no finite number.
     """
 
     x: float = 0.0
     y: float = 0.0
     yaw: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check(self)
+
+
+def _check(of: Mount | Velocity) -> None:
+    for name, value in (("x", of.x), ("y", of.y), ("yaw", of.yaw)):
+        finite(value, f"{name} of a {type(of).__name__}")
 
 
 PoseFunction = Callable[[NDArray[np.int64]], NDArray[np.floating]]
@@ -92,8 +112,11 @@ def place(
         Metres, float32, shape (n, 2).
 
     Raises:
-        ValueError: the pose function did not return an array of shape (n, 3).
+        InvalidValue: `mount` or `motion` is no such thing, or the pose function did not return an array of shape
+            (n, 3).
     """
+    if not isinstance(mount, Mount):
+        raise InvalidValue(f"mount is a Mount, not {shown(mount)}")
     placed: NDArray[np.float64] = _turned(xy.astype(np.float64), np.float64(mount.yaw))
     placed += np.array([mount.x, mount.y])
     if motion is None:
@@ -107,6 +130,7 @@ def place(
         driven = np.stack((motion.x * along - motion.y * aside, motion.x * aside + motion.y * along), axis=1)
         moved: NDArray[np.float64] = _turned(placed, yaw) + driven
         return moved.astype(np.float32)
+    callable_of(motion, "motion that is no Velocity")
     poses = _poses(motion, np.append(times_ns, np.int64(at_ns)))
     fixed = _turned(placed, poses[:-1, 2]) + poses[:-1, :2]
     return _turned(fixed - poses[-1, :2], -poses[-1, 2]).astype(np.float32)
@@ -127,10 +151,13 @@ def merge(*clouds: Points) -> Points:
         clouds: At most 256, each as `Scan.points` gives it.
 
     Raises:
-        ValueError: more than 256 clouds.
+        InvalidValue: More than 256 clouds, or what is none.
     """
     if len(clouds) > 256:
-        raise ValueError(f"at most 256 lidars can be merged at once, not {len(clouds)}")
+        raise InvalidValue(f"at most 256 lidars can be merged at once, not {len(clouds)}")
+    for cloud in clouds:
+        if not isinstance(cloud, Points):
+            raise InvalidValue(f"merge(front.points(), rear.points()) takes points, not {shown(cloud)}")
     strengths = [cloud.intensities for cloud in clouds if cloud.intensities is not None]
     return Points(
         np.concatenate([np.zeros((0, 2), np.float32), *(cloud.xy for cloud in clouds)]),
@@ -146,9 +173,15 @@ def _turned(xy: NDArray[np.float64], yaw: NDArray[np.float64] | np.float64) -> N
 
 
 def _poses(pose: PoseFunction, times_ns: NDArray[np.int64]) -> NDArray[np.float64]:
-    poses = np.asarray(pose(times_ns), np.float64)
+    returned = pose(times_ns)
+    try:
+        poses = np.asarray(returned, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidValue(
+            f"the pose function must return an array of numbers; it returned {shown(returned)}"
+        ) from None
     if poses.shape != (len(times_ns), 3):
-        raise ValueError(
+        raise InvalidValue(
             f"the pose function must return an array of shape ({len(times_ns)}, 3) for {len(times_ns)} times: x, y "
             f"in metres and yaw in radians; it returned shape {poses.shape}"
         )

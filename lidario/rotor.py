@@ -17,7 +17,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Gaps", "Rotor", "before", "follow_rotor", "numbers_of", "times_by_angle", "turned"]
+__all__ = ["Gaps", "Rotor", "before", "follow_rotor", "numbers_of", "times_by_angle", "times_of", "turned"]
 
 Gaps: TypeAlias = Sequence[tuple[int, int]]
 """Where samples are missing: how many there are before, and how many are missing there."""
@@ -30,13 +30,16 @@ Formats without a correction of the angle stay within one sample of it (0.45 deg
 """
 
 _MOST_BACKWARD_DEG = 90.0
+"""A step back of at most this much is one of a corrected angle; what seems longer is a gap ahead, of up to 270
+degrees."""
 _MOST_BEFORE_SEAM_DEG = 30.0
-_LAG_SHARE = 32
-"""Share of the samples over which the speed is measured: long enough to average out the rounding of the angles
-(1/64 degree), short enough that a jump of a corrected angle disturbs few of the measurements."""
-
+"""A first sample at most this far before the seam belongs to the revolution that begins there: corrections move one
+by less than 20 degrees."""
 _FARTHEST_DEG = 40.0
 """How far apart corrections move two samples of a revolution at most: by less than 20 degrees, either way."""
+_LAG_SHARE = 32
+"""The speed is measured over a 32nd of the samples: enough to average out the rounding of the angles (1/64 degree),
+and so few that a jump of a corrected angle disturbs few of the measurements."""
 _LAG_SHARE_PER_GAP = 8
 """At most one measurement in this many contains a given gap, so that the middle half of them contains few."""
 

@@ -11,6 +11,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lidario.arguments import finite, number, shown
+from lidario.errors import InvalidValue
+
 __all__ = ["is_between", "mask_of", "metres_of", "nearest_to", "radians_of", "read_only"]
 
 FloatArray = NDArray[np.float32]
@@ -43,11 +46,12 @@ def is_between(angles: FloatArray, between: tuple[float, float]) -> NDArray[np.b
     """Which angles lie from the first one counter-clockwise to the second, radians.
 
     Raises:
-        ValueError: `between` is not two finite angles.
+        InvalidValue: `between` is not two finite angles.
     """
-    begin, end = between
-    if not (math.isfinite(begin) and math.isfinite(end)):
-        raise ValueError(f"between must be two finite angles in radians, not {between}")
+    try:
+        begin, end = (finite(angle, "an angle") for angle in between)
+    except (TypeError, ValueError):
+        raise InvalidValue(f"between is two finite angles in radians, not {shown(between)}") from None
     if end - begin >= math.tau:
         return np.ones(len(angles), np.bool_)
     turned = (angles.astype(np.float64) - begin) % math.tau
@@ -58,10 +62,11 @@ def nearest_to(angles: FloatArray, angle: float, within: float) -> int | None:
     """Index of the angle nearest to `angle`, radians; None where it is not `within` that distance.
 
     Raises:
-        ValueError: `angle` is not finite, or `within` is negative or not a number.
+        InvalidValue: `angle` is not finite, or `within` is negative or not a number.
     """
-    if not math.isfinite(angle) or not within >= 0:
-        raise ValueError(f"at() needs a finite angle and a distance of 0 or more, not {angle} and {within}")
+    angle, within = finite(angle, "an angle"), number(within, "within")
+    if within < 0:
+        raise InvalidValue(f"within is a distance of 0 or more, not {within}")
     if not len(angles):
         return None
     away = np.abs((angles.astype(np.float64) - angle + math.pi) % math.tau - math.pi)
@@ -80,13 +85,17 @@ def mask_of(
     """For which samples everything that is given holds; see `lidario.Scan.select`.
 
     Raises:
-        ValueError: the mask is not bool or not of shape (n,), or `between` is not two finite angles.
+        InvalidValue: The mask is not bool or not of shape (n,), `between` is not two finite angles, or a limit is
+            no number.
     """
     keep = np.ones(len(angles), np.bool_)
     if mask is not None:
-        given = np.asarray(mask)
+        try:
+            given = np.asarray(mask)
+        except ValueError:
+            raise InvalidValue(f"the mask is an array of bool, not {shown(mask)}") from None
         if given.dtype != np.bool_ or given.shape != keep.shape:
-            raise ValueError(
+            raise InvalidValue(
                 f"the mask must be bool, one value a sample, shape ({len(angles)},), not {given.dtype} of shape "
                 f"{given.shape}"
             )
@@ -94,7 +103,7 @@ def mask_of(
     if between is not None:
         keep &= is_between(angles, between)
     if range_min is not None:
-        keep &= ranges >= range_min
+        keep &= ranges >= number(range_min, "range_min")
     if range_max is not None:
-        keep &= ranges <= range_max
+        keep &= ranges <= number(range_max, "range_max")
     return keep

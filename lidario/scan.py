@@ -14,6 +14,7 @@ from typing import SupportsIndex, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lidario.arguments import nanoseconds
 from lidario.laserscan import BeamOrder, LaserScan, NoReturn, Preset, resample
 from lidario.measured import MeasuredSamples
 from lidario.points import Motion, Mount, Points, place
@@ -149,7 +150,7 @@ class Scan(MeasuredSamples):
                 ``(3.0, -3.0)`` behind. None for all directions.
 
         Raises:
-            ValueError: `between` is not two finite angles.
+            InvalidValue: `between` is not two finite angles.
         """
         ranges = self.ranges if between is None else np.where(is_between(self.angles, between), self.ranges, np.nan)
         if not np.any(ranges > 0):
@@ -167,7 +168,7 @@ class Scan(MeasuredSamples):
             None where no sample is near enough, because packets are missing there.
 
         Raises:
-            ValueError: `angle` is not finite, or `within` is negative or not a number.
+            InvalidValue: `angle` is not finite, or `within` is negative or not a number.
         """
         index = nearest_to(self.angles, angle, within)
         return None if index is None else self._return(index)
@@ -194,7 +195,8 @@ class Scan(MeasuredSamples):
             range_max: Metres; farther returns are left out, and samples without a return.
 
         Raises:
-            ValueError: the mask is not bool or not of shape (n,), or `between` is not two finite angles.
+            InvalidValue: The mask is not bool or not of shape (n,), `between` is not two finite angles, or a limit
+                is no number.
         """
         keep = mask_of(self.angles, self.ranges, mask, between, range_min, range_max)
         if self._measured is not None:
@@ -221,13 +223,14 @@ class Scan(MeasuredSamples):
             at_ns: That instant, on the clock of `stamp_ns`; None for the end of the revolution.
 
         Raises:
-            ValueError: the pose function did not return an array of shape (n, 3).
+            InvalidValue: `mount` is no `Mount`, `motion` is neither a `Velocity` nor a function, `at_ns` is no
+                whole number, or the pose function did not return an array of shape (n, 3).
         """
         hit = self.valid
         times_ns = self.times_ns[hit]
-        end_ns = self.stamp_ns + self.duration_ns if at_ns is None else at_ns
+        end_ns = self.stamp_ns + self.duration_ns if at_ns is None else nanoseconds(at_ns, "at_ns")
         return Points(
-            place(self.xy()[hit], times_ns, mount or Mount(), motion, end_ns),
+            place(self.xy()[hit], times_ns, Mount() if mount is None else mount, motion, end_ns),
             times_ns,
             None if self.intensities is None else self.intensities[hit],
             np.zeros(len(times_ns), np.uint8),
@@ -300,10 +303,9 @@ class Scan(MeasuredSamples):
                 the vendors' ROS 2 drivers publish it; for a robot description that was made for those.
 
         Raises:
-            TypeError: `beams` is not a whole number.
-            ValueError: `beams` is less than one (also by default, for a scan without samples), `order`, `no_return`
-                or `preset` is not one of the words, `mount_yaw` is not finite, or `range_min` and `range_max` are
-                not a range.
+            InvalidValue: `beams` is no whole number above 0 (also by default, for a scan without samples), `order`,
+                `no_return` or `preset` is not one of the words, `frame_id` is no text, `mount_yaw` is not finite,
+                or `range_min` and `range_max` are not a range.
         """
         scan = self if self._measured is None else self._measured
         return resample(

@@ -115,7 +115,7 @@ class Sector(MeasuredSamples):
             between: Only from the first angle counter-clockwise to the second, radians. None for all of the sector.
 
         Raises:
-            ValueError: `between` is not two finite angles.
+            InvalidValue: `between` is not two finite angles.
         """
         ranges = self.ranges if between is None else np.where(is_between(self.angles, between), self.ranges, np.nan)
         if not np.any(ranges > 0):

@@ -16,20 +16,19 @@ This file is not called ``simulate.py``: importing a submodule of that name woul
 
 from __future__ import annotations
 
-import math
-import operator
 from collections.abc import Iterable
 from typing import SupportsIndex
 
 import numpy as np
 
+from lidario.arguments import finite, shown, whole
 from lidario.errors import ConnectFailed, InvalidValue
 from lidario.families.registry import FAMILIES, family_of_simulated
 from lidario.sim.device import SimulatedDevice
 from lidario.sim.rooms import make_world
 from lidario.sim.world import Wall, WorldLike, as_world, measures, walls_around
 
-__all__ = ["simulate"]
+__all__ = ["serial_of", "simulate"]
 
 _WORLDS = "A world is a name, a list of walls or an object with the method ranges_mm"
 _PROBE_DEG = np.linspace(0.0, 350.0, 36)
@@ -68,20 +67,12 @@ def simulate(
         family = family_of_simulated(name)
     except ConnectFailed as error:
         raise InvalidValue(str(error)) from None
-    try:
-        number = operator.index(seed)
-        if number < 0:
-            raise ValueError
-    except (TypeError, ValueError):
-        raise InvalidValue(f"a seed is a whole number from 0 on, not {seed!r}") from None
+    number = whole(seed, "a seed")
+    if number < 0:
+        raise InvalidValue(f"a seed is a whole number from 0 on, not {shown(seed)}")
     sight = _world(world, number)
     until_stable = None if spin_up is None else _seconds(spin_up)
-    try:
-        own = bytes.fromhex(serial) if isinstance(serial, str) else serial
-        if not isinstance(own, bytes | bytearray | None):
-            raise ValueError
-    except ValueError:
-        raise InvalidValue(f"a serial number is written in hexadecimal digits, not {serial!r}") from None
+    own = serial_of(serial)
     try:
         return family.simulate(name, world=sight, serial=own, seed=number, spin_up=until_stable)
     except ValueError as error:
@@ -108,11 +99,23 @@ def _world(world: str | WorldLike | Iterable[Wall], seed: int) -> WorldLike:
     return found
 
 
-def _seconds(value: float) -> float:
+def serial_of(serial: object) -> bytes | None:
+    """A serial number as bytes; None stays None.
+
+    Raises:
+        InvalidValue: It is neither bytes nor hexadecimal digits.
+    """
     try:
-        seconds = float(value)
-    except (TypeError, ValueError, OverflowError):
-        seconds = math.nan
-    if not 0.0 <= seconds < math.inf:
-        raise InvalidValue(f"spin_up is a number of seconds from 0 on, not {value!r}")
+        own = bytes.fromhex(serial) if isinstance(serial, str) else serial
+        if own is None or isinstance(own, bytes | bytearray):
+            return None if own is None else bytes(own)
+    except ValueError:
+        pass
+    raise InvalidValue(f"a serial number is written in hexadecimal digits, not {shown(serial)}")
+
+
+def _seconds(value: float) -> float:
+    seconds = finite(value, "spin_up")
+    if seconds < 0:
+        raise InvalidValue(f"spin_up is a number of seconds from 0 on, not {seconds:g}")
     return seconds

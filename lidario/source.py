@@ -31,12 +31,13 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 from urllib.parse import parse_qsl, unquote, urlsplit
 
+from lidario.arguments import path_of, shown
 from lidario.errors import ConnectFailed, InvalidValue
 
 if TYPE_CHECKING:
     from lidario.sim.device import SimulatedDevice
 
-__all__ = ["Source", "as_source", "parse_source", "quoted"]
+__all__ = ["MOST_BAUD", "Source", "as_source", "parse_source", "quoted"]
 
 _OPTIONS = {
     "serial": {"baud", "family", "model"},
@@ -46,7 +47,7 @@ _OPTIONS = {
     "file": {"rate", "loop", "family", "sample_us"},
     "sim": {"world", "fault", "serial", "seed", "via", "baud", "family", "model"},
 }
-_MAX_BAUD = 100_000_000
+MOST_BAUD = 100_000_000
 """Far above every adapter (12 Mbaud), and below what overflows the C integer that the system call takes."""
 _MAX_SEED = 2**63 - 1
 _DECIMAL = re.compile(r"[0-9]{1,9}(\.[0-9]{1,9})?", re.ASCII)
@@ -113,10 +114,12 @@ def as_source(source: str | os.PathLike[str] | SimulatedDevice) -> Source:
         ConnectFailed: As `parse_source`.
         InvalidValue: It is none of the three.
     """
-    if isinstance(source, str | os.PathLike):
+    if isinstance(source, str):
         return parse_source(source)
+    if isinstance(source, os.PathLike):
+        return parse_source(path_of(source, "a source"))
     if not all(callable(getattr(source, name, None)) for name in ("receive", "transmit", "wakeup")):
-        raise InvalidValue(f"a source is a text, a path or a simulated device, not {type(source).__name__}")
+        raise InvalidValue(f"a source is a text, a path or a simulated device, not {shown(source)}")
     return Source("simulated", "device", device=source)
 
 
@@ -171,7 +174,7 @@ def _options(text: str, kind: str, query: str) -> dict[str, str]:
         if name in options:
             raise _refused(text, f"cannot be read: the option {quoted(name)} is given twice")
         options[name] = value
-    if "baud" in options and not 0 < _number(options["baud"]) <= _MAX_BAUD:
+    if "baud" in options and not 0 < _number(options["baud"]) <= MOST_BAUD:
         raise _refused(
             text,
             f"cannot be read: baud={quoted(options['baud'])} is not a number of bits per second, such as 115200",

@@ -1,4 +1,7 @@
-"""Who may import whom, and where a vendor may be named: the architecture, held to by reading the source."""
+"""Who may import whom, where a vendor may be named, how long a file may be: the architecture, held to by reading.
+
+Thousands of tests run in the same process after these, so no syntax tree is kept.
+"""
 
 import ast
 import io
@@ -8,12 +11,14 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-PACKAGE = Path(__file__).resolve().parent.parent / "lidario"
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = ROOT / "lidario"
 FILES = sorted(PACKAGE.rglob("*.py"))
 VENDORS = sorted(path.name for path in (PACKAGE / "families").iterdir() if (path / "device.py").is_file())
 
 LAYERS = (
     {
+        "arguments",
         "cdr",
         "entered",
         "errors",
@@ -31,8 +36,7 @@ LAYERS = (
     {"wire"},
     {"families", "sim"},
     {"revolution", "simulation"},
-    {"port"},
-    {"latch"},
+    {"latch", "port"},
     {"recording"},
     {"network"},
     {"session"},
@@ -71,6 +75,9 @@ def module(path: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" and len(parts) > 2 else parts)
 
 
+MODULES = {module(path) for path in FILES}
+
+
 def layer(name: str) -> str:
     """The part of the package that a module belongs to."""
     parts = name.split(".")
@@ -78,39 +85,38 @@ def layer(name: str) -> str:
 
 
 @cache
-def parsed(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
+def imports(path: Path, *, typing: bool = True) -> tuple[str, ...]:
+    """Every module that a file imports, anywhere in it; with or without those for type checkers alone."""
+    return tuple(name for name, for_typing in _imports(path) if typing or not for_typing)
 
 
 @cache
-def imports(path: Path, *, typing: bool = True) -> tuple[str, ...]:
-    """Every module that a file imports, anywhere in it; with or without those for type checkers alone."""
-    return tuple(_imports(path, typing))
-
-
-def _imports(path: Path, typing: bool) -> Iterator[str]:
-    tree = parsed(path)
-    skipped = {
-        id(inner)
-        for node in ast.walk(tree)
-        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test) and not typing
-        for part in node.body
-        for inner in ast.walk(part)
-    }
-    for node in ast.walk(tree):
-        if id(node) in skipped:
-            continue
+def _imports(path: Path) -> tuple[tuple[str, bool], ...]:
+    """Every module that a file imports, and whether for type checkers alone."""
+    found: list[tuple[str, bool]] = []
+    for node, typing in _statements(ast.parse(path.read_text(encoding="utf-8")).body, False):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            found += [(alias.name, typing) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             assert not node.level, f"{path}: relative import"
             assert node.module is not None
-            yield node.module
+            found.append((node.module, typing))
             # A name may be a module of its own: from lidario.families import …
-            base = PACKAGE.parent.joinpath(*node.module.split("."))
-            for alias in node.names:
-                if (base / f"{alias.name}.py").exists() or (base / alias.name / "__init__.py").exists():
-                    yield f"{node.module}.{alias.name}"
+            names = [f"{node.module}.{alias.name}" for alias in node.names]
+            found += [(name, typing) for name in names if name in MODULES]
+    return tuple(found)
+
+
+def _statements(body: list[ast.stmt], typing: bool) -> Iterator[tuple[ast.stmt, bool]]:
+    """Every statement, at any depth, and whether it is for type checkers alone. Expressions hold no imports."""
+    for node in body:
+        yield node, typing
+        inner = typing or (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test))
+        yield from _statements(getattr(node, "body", []), inner)
+        yield from _statements(getattr(node, "orelse", []), typing)
+        yield from _statements(getattr(node, "finalbody", []), typing)
+        for branch in (*getattr(node, "handlers", ()), *getattr(node, "cases", ())):
+            yield from _statements(branch.body, typing)
 
 
 def ours(path: Path, *, typing: bool = True) -> set[str]:
@@ -224,7 +230,7 @@ def test_the_page_uses_the_names_a_user_would() -> None:
 def test_what_users_test_with_uses_the_names_a_user_would() -> None:
     for path in sorted((PACKAGE / "testing").glob("*.py")):
         for name in ours(path):
-            public = name == "lidario" or name.startswith(("lidario.testing", "lidario.sim."))
+            public = name == "lidario" or name.startswith(("lidario.testing", "lidario.sim.", "lidario.arguments"))
             assert public, f"{named(path)}: {name}"
 
 
@@ -233,6 +239,8 @@ def test_what_users_test_with_uses_the_names_a_user_would() -> None:
 
 def vendors_named(source: str) -> list[str]:
     """Every vendor's name in the source: in names, strings, docstrings and comments."""
+    if NAMES_OF_VENDORS.search(source) is None:
+        return []  # there is none in the whole, so none in a part, and to take it apart is slow
     found = []
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         found += [f"line {token.start[0]}: {match.group()}" for match in NAMES_OF_VENDORS.finditer(token.string)]
@@ -248,3 +256,31 @@ def test_vendors_are_found_wherever_they_stand() -> None:
     source = '"""For RPLIDAR."""\nx = f"sim://ydlidar-{x}"  # Slamtec\nclass YdLidarThing: pass\ny = "a 4ROS"\n'
     assert len(vendors_named(source)) >= 5
     assert vendors_named("import numpy  # errors, a lidar, YD, heading\n") == []
+
+
+# --------------------------------------------------------------------------------------------- length of the files
+
+MOST_LINES = 350
+
+
+def too_long(root: Path) -> dict[str, int]:
+    """Every Python file of the package, the tests and the benchmarks that has too many lines, and how many."""
+    found = {}
+    for folder in ("lidario", "tests", "benchmarks"):
+        for path in sorted((root / folder).rglob("*.py")):
+            lines = len(path.read_text(encoding="utf-8").splitlines())
+            # `.peers` holds what the benchmarks install: it is not ours.
+            if lines > MOST_LINES and ".peers" not in path.relative_to(root).parts:
+                found[path.relative_to(root).as_posix()] = lines
+    return found
+
+
+def test_no_file_is_too_long_to_have_one_idea() -> None:
+    assert too_long(ROOT) == {}
+
+
+def test_a_file_that_is_too_long_is_found(tmp_path: Path) -> None:
+    for name, lines in (("lidario/a/b.py", 350), ("tests/c.py", 351), ("benchmarks/.peers/x/d.py", 999)):
+        (tmp_path / name).parent.mkdir(parents=True)
+        (tmp_path / name).write_text("\n" * lines)
+    assert too_long(tmp_path) == {"tests/c.py": 351}

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lidario.errors import InvalidValue
 from lidario.model import DeviceInfo, Health, HealthStatus, NetworkAddress, SampleRate, ScanMode, Stats
 from lidario.scan import Scan
 
@@ -192,7 +193,7 @@ class TestNearest:
 
     @pytest.mark.parametrize("between", [(math.nan, 1.0), (0.0, math.inf)])
     def test_angles_that_are_none(self, between: tuple[float, float]) -> None:
-        with pytest.raises(ValueError, match="two finite angles"):
+        with pytest.raises(InvalidValue, match="two finite angles"):
             FOUR.nearest(between)
 
 
@@ -213,7 +214,7 @@ class TestAt:
 
     @pytest.mark.parametrize(("angle", "within"), [(math.nan, 1.0), (0.0, -1.0), (0.0, math.nan)])
     def test_nonsense(self, angle: float, within: float) -> None:
-        with pytest.raises(ValueError, match="finite angle"):
+        with pytest.raises(InvalidValue, match=r"an angle|within"):
             FOUR.at(angle, within=within)
 
 
@@ -265,5 +266,5 @@ class TestSelect:
 
     @pytest.mark.parametrize("mask", [[True], [1, 0, 1, 0], [[True] * 4]])
     def test_a_mask_that_is_none(self, mask: Any) -> None:
-        with pytest.raises(ValueError, match="the mask must be bool"):
+        with pytest.raises(InvalidValue, match="the mask must be bool"):
             FOUR.select(mask)

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from lidario.errors import InvalidValue
 from lidario.points import Motion, Mount, Points, Velocity, merge
 from lidario.scan import Scan
 from tests.test_model import FOUR, scan
@@ -109,7 +110,7 @@ def test_poses_in_a_fixed_frame_and_a_velocity_agree() -> None:
 @pytest.mark.parametrize("shape", [(4,), (2, 5), (4, 2)])
 def test_a_pose_function_that_returns_something_else(shape: tuple[int, ...]) -> None:
     wrong: Motion = lambda times_ns: np.zeros(shape)  # noqa: E731 - the mistake a user makes
-    with pytest.raises(ValueError, match=r"shape \(4, 3\)"):
+    with pytest.raises(InvalidValue, match=r"shape \(4, 3\)"):
         FOUR.points(motion=wrong)
 
 
@@ -152,7 +153,7 @@ def test_merged_of_none_and_of_too_many() -> None:
     assert merge().xy.shape == (0, 2)
     empty = scan([], []).points()
     assert len(merge(*[empty] * 256)) == 0
-    with pytest.raises(ValueError, match="at most 256"):
+    with pytest.raises(InvalidValue, match="at most 256"):
         merge(*[empty] * 257)
 
 

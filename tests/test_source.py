@@ -230,3 +230,12 @@ def test_what_names_no_lidar_on_the_network(text: str) -> None:
     with pytest.raises(ConnectFailed) as caught:
         parse_source(text)
     assert caught.value.reason == "source"
+
+
+@pytest.mark.parametrize(
+    "text", ["zenoh:a b", "zenoh:@x", "zenoh:a?router=x", "zenoh:a?router=tcp/[::1]", "zenoh:a?router=tcp/b:99999"]
+)
+async def test_a_key_or_a_router_that_cannot_be_is_a_mistake_in_the_source(text: str) -> None:
+    with pytest.raises(ConnectFailed, match=r"is not|has a part") as caught:
+        await open_lidar(text)
+    assert caught.value.reason == "source"

@@ -14,7 +14,7 @@ import click
 
 from lidario.cli.errors import ExitCode
 from lidario.cli.output import message, progress
-from lidario.cli.parameters import complete_file
+from lidario.cli.parameters import FiniteRange, complete_file
 
 if TYPE_CHECKING:
     from lidario.recording.decode_file import FileDecoder
@@ -30,7 +30,7 @@ FORMS = (".npz", ".csv", ".mcap")
 @click.option("-j", "jobs", type=click.IntRange(min=1), default=1, show_default=True, metavar="N",
               help="How many files at the same time, each on a process. One file is decoded by one.")  # fmt: skip
 @click.option("--family", metavar="NAME", help="Of bare bytes, where it cannot be told from them.")
-@click.option("--sample-us", type=click.FloatRange(min=0, min_open=True), metavar="US",
+@click.option("--sample-us", type=FiniteRange(min=0, min_open=True), metavar="US",
               help="Of bare bytes: microseconds a sample; by default as the format usually takes.")  # fmt: skip
 @click.option("--force", is_flag=True, help="Replace files that are there already.")
 def export(

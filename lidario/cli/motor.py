@@ -11,7 +11,7 @@ import click
 
 from lidario.cli.errors import ExitCode
 from lidario.cli.output import dump, emit, progress
-from lidario.cli.parameters import complete_source
+from lidario.cli.parameters import FiniteRange, complete_source
 
 __all__ = ["motor"]
 
@@ -47,7 +47,7 @@ def stop(source: str, as_json: bool) -> int:
 
 
 @motor.command()
-@click.argument("hertz", metavar="HZ", type=click.FloatRange(min=0, min_open=True))
+@click.argument("hertz", metavar="HZ", type=FiniteRange(min=0, min_open=True))
 @_SOURCE
 @_JSON
 def speed(hertz: float, source: str, as_json: bool) -> int:

@@ -1,27 +1,46 @@
-"""What several verbs take: a source or a file, with their completion in the shell, and a duration."""
+"""What several verbs take: sources, files, their completion in the shell, durations, numbers, scan modes."""
 
 from __future__ import annotations
 
+import math
 import re
-from typing import Final
+from typing import Any, Final
 
 import click
 from click.shell_completion import CompletionItem
 
-__all__ = ["complete_file", "complete_source", "seconds_of"]
+__all__ = ["Duration", "FiniteRange", "complete_file", "complete_source", "mode_option"]
 
-_UNITS: Final = {"ms": 1e-3, "s": 1.0, "": 1.0, "min": 60.0, "h": 3600.0}
+_UNITS: Final = {"ms": 1e-3, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0}
+_MODE_DIGITS: Final = 9
+_DURATION: Final = re.compile(r"([0-9]{1,9}(?:\.[0-9]*)?|\.[0-9]+)\s*(ms|s|min|m|h)?", re.ASCII)
 
 
-def seconds_of(context: click.Context, parameter: click.Parameter, value: str) -> float:
-    """The seconds that a duration means, such as ``10s``, ``500ms``, ``2min``, or plain seconds; for `callback`."""
-    match = re.fullmatch(r"(\d{1,9}(?:\.\d*)?|\.\d+)\s*([a-z]*)", value.strip())
-    seconds = float(match[1]) * _UNITS[match[2]] if match and match[2] in _UNITS else 0.0
-    if not seconds > 0:
-        raise click.BadParameter(
-            f"{value!r} is not a duration above 0, such as 10s, 500ms or 2min", context, parameter
-        )
-    return seconds
+class Duration(click.ParamType[float]):
+    """A click type that gives seconds: ``10s``, ``500ms``, ``2m``, ``1h``; a number without a unit is seconds."""
+
+    name = "duration"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """As `click.ParamType.convert`."""
+        if isinstance(value, int | float):
+            return float(value)
+        match = _DURATION.fullmatch(str(value).strip())
+        seconds = float(match[1]) * _UNITS[match[2] or "s"] if match else 0.0
+        if not 0 < seconds < 1e9:
+            self.fail(f"{value!r} is not a duration above 0, such as 10s, 500ms or 2m", param, ctx)
+        return seconds
+
+
+class FiniteRange(click.FloatRange):
+    """As `click.FloatRange`, which takes ``nan`` for a number of every range."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """As `click.ParamType.convert`."""
+        number: float = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number", param, ctx)
+        return number
 
 
 def complete_source(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -42,3 +61,24 @@ def complete_source(context: click.Context, parameter: click.Parameter, incomple
 def complete_file(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Has the shell complete the name of a file."""
     return [CompletionItem(incomplete, type="file")]
+
+
+class _ModeType(click.ParamType["str | int"]):
+    """A click type that gives the name of a scan mode, or its id where it is written in digits."""
+
+    name = "mode"
+
+    def convert(
+        self,
+        value: Any,
+        param: click.Parameter | None,  # noqa: ARG002
+        ctx: click.Context | None,  # noqa: ARG002
+    ) -> str | int:
+        """As `click.ParamType.convert`."""
+        text = str(value)
+        return int(text) if text.isascii() and text.isdigit() and len(text) <= _MODE_DIGITS else text
+
+
+mode_option: Final = click.option(
+    "--mode", type=_ModeType(), metavar="MODE", help="Scan mode by name or id, as `lidario info` lists them."
+)

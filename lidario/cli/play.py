@@ -15,7 +15,7 @@ import click
 
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import emit, message
-from lidario.cli.parameters import complete_file
+from lidario.cli.parameters import FiniteRange, complete_file
 from lidario.cli.sim import name_of, on_pty, on_tcp
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ LINGER_S = 0.5
 
 @click.command()
 @click.argument("file", shell_complete=complete_file)
-@click.option("--rate", type=click.FloatRange(min=0.001, max=1000), default=1.0, show_default=True,
+@click.option("--rate", type=FiniteRange(min=0.001, max=1000), default=1.0, show_default=True,
               metavar="FACTOR", help="How many times as fast as it was recorded.")  # fmt: skip
 @click.option("--loop", is_flag=True, help="Begin anew at the end.")
 @click.option("--pty", is_flag=True, help="On a pseudo-terminal: the default on Linux.")
@@ -72,7 +72,7 @@ def _serve(server: PtyServer | TcpServer, device: PlayedDevice, file: str) -> in
             if sys.stderr.isatty():
                 message("")  # the terminal has just echoed ^C
     for (name, why), count in Counter((each.name, each.why) for each in device.log if not each.obeyed).items():
-        message(f"  not answered: {name} ({count}), {why}")
+        message(f"  no response to {name} ({count}): {why}")
     return ExitCode.OK
 
 

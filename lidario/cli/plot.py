@@ -16,7 +16,7 @@ import click
 
 from lidario.cli.errors import ExitCode
 from lidario.cli.output import emit, message, progress
-from lidario.cli.parameters import complete_source
+from lidario.cli.parameters import complete_source, mode_option
 
 if TYPE_CHECKING:
     from lidario import DeviceInfo, Scan
@@ -31,8 +31,8 @@ __all__ = ["plot"]
 @click.option("-n", "count", default=1, show_default=True, type=click.IntRange(1, 100), metavar="N",
               help="How many scans, one drawn over the other.")  # fmt: skip
 @click.option("--polar", is_flag=True, help="On rings and rays instead of a grid.")
-@click.option("--mode", metavar="MODE", help="Scan mode by name or id, as `lidario info` lists them.")
-def plot(source: str, output: str, count: int, polar: bool, mode: str | None) -> int:
+@mode_option
+def plot(source: str, output: str, count: int, polar: bool, mode: str | int | None) -> int:
     """Draw scans into a file, to scale: forward is up.
 
     The name of the file is printed.
@@ -47,9 +47,8 @@ def plot(source: str, output: str, count: int, polar: bool, mode: str | None) ->
         raise click.BadParameter(f"{output!r} is a folder, or stands in none", param_hint="-o")
     if kind == ".png":
         _needs_matplotlib()
-    by_id = int(mode) if mode is not None and mode.isdecimal() else mode
     with progress(f"waiting for {source} …"):
-        info, scans = run(lambda: _read(source, count, by_id))
+        info, scans = run(lambda: _read(source, count, mode))
     title = _title(info, scans)
     try:
         if kind == ".svg":

@@ -14,7 +14,7 @@ from click.core import ParameterSource
 
 from lidario.cli.errors import ExitCode, ReaderGone, Stopped
 from lidario.cli.output import emit, message
-from lidario.cli.parameters import complete_source
+from lidario.cli.parameters import complete_source, mode_option
 
 if TYPE_CHECKING:
     from lidario import Lidar
@@ -62,7 +62,7 @@ _OF_ROS: Final = (
               help="Where the angle 0 is: ahead, or behind as with the vendors' drivers.")  # fmt: skip
 @click.option("--mount-yaw", default=0.0, metavar="DEGREES",
               help="Direction of the lidar in its frame, counter-clockwise.")  # fmt: skip
-@click.option("--mode", metavar="MODE", help="Scan mode by name or id, as `lidario info` lists them.")
+@mode_option
 @click.option("--reconnect/--no-reconnect", default=True, show_default=True,
               help="Come back when the lidar is unplugged or restarts.")  # fmt: skip
 def publish(
@@ -72,7 +72,7 @@ def publish(
     raw: bool,
     router: str,
     robot: str | None,
-    mode: str | None,
+    mode: str | int | None,
     reconnect: bool,
     **of_ros: Any,
 ) -> int:
@@ -91,7 +91,6 @@ def publish(
         raise click.UsageError(f"--{given[0].replace('_', '-')} belongs to --ros", context)
     from lidario.cli.running import run
 
-    by_id = int(mode) if mode is not None and mode.isdecimal() else mode
     told: list[Publisher | Share] = []
 
     def make(lidar: Lidar) -> Publisher | Share:
@@ -117,7 +116,7 @@ def publish(
                 with suppress(ReaderGone, OSError):
                     emit(f"{publisher.key}\n")
                 message(f"publishing {lidar.info.model} {lidar.info.serial} through {router}; Ctrl-C ends it")
-                await publisher.run(by_id)
+                await publisher.run(mode)
 
     try:
         run(work)

@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lidario.cli.durations import Duration
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import emit, message, progress
-from lidario.cli.parameters import complete_source
+from lidario.cli.parameters import Duration, complete_source, mode_option
 
 if TYPE_CHECKING:
     from lidario import Recording
@@ -39,7 +38,7 @@ class _Told:
 @click.option("-o", "--output", metavar="FILE", help="The file to make; named after the time where not given.")
 @click.option("-t", "seconds", type=Duration(), metavar="TIME", help="How long from the first scan on: 60s, 5m.")
 @click.option("-n", "count", type=click.IntRange(min=1), metavar="N", help="How many scans.")
-@click.option("--mode", metavar="MODE", help="Scan mode by name or id, as `lidario info` lists them.")
+@mode_option
 @click.option("--scans", is_flag=True, help="Write each scan too, as LaserScan on the topic /scan.")
 @click.option("--force", is_flag=True, help="Replace a file that is there already.")
 def record(
@@ -47,7 +46,7 @@ def record(
     output: str | None,
     seconds: float | None,
     count: int | None,
-    mode: str | None,
+    mode: str | int | None,
     scans: bool,
     force: bool,
 ) -> int:
@@ -58,11 +57,13 @@ def record(
     """
     from lidario.cli.running import run
 
-    path = output or datetime.now().strftime("lidar-%Y%m%d-%H%M%S.mcap")
-    by_id = int(mode) if mode is not None and mode.isdecimal() else mode
+    path = datetime.now().strftime("lidar-%Y%m%d-%H%M%S.mcap") if output is None else output
+    if not path.casefold().endswith(".mcap"):
+        # By its name a recording is told from a serial port.
+        raise click.BadParameter(f"{path!r} does not end in .mcap", param_hint="-o")
     told = _Told()
     try:
-        run(lambda: _record(told, source, path, seconds, count, by_id, scans, force))
+        run(lambda: _record(told, source, path, seconds, count, mode, scans, force))
     except Stopped:
         if seconds is not None or count is not None:
             raise

@@ -19,7 +19,7 @@ import click
 
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import Writer, console, emit, introduced, message, progress, rendered
-from lidario.cli.parameters import complete_source
+from lidario.cli.parameters import complete_source, mode_option
 
 if TYPE_CHECKING:
     from lidario import Lidar, Scan
@@ -53,13 +53,19 @@ class _Tally:
 @click.argument("source", default="auto", shell_complete=complete_source)
 @click.option("-n", "count", default=1, show_default=True, type=click.IntRange(min=0), metavar="N",
               help="How many scans; 0: until Ctrl-C.")  # fmt: skip
-@click.option("--mode", metavar="MODE", help="Scan mode by name or id, as `lidario info` lists them.")
+@mode_option
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per line and scan.")
 @click.option("--csv", "as_csv", is_flag=True, help="One row per sample.")
 @click.option("--keep-spinning", is_flag=True, help="Leave the motor on; only the measuring stops.")
 @click.option("--reconnect", is_flag=True, help="Go on when the lidar was unplugged or restarted, and is back.")
 def scan(
-    source: str, count: int, mode: str | None, as_json: bool, as_csv: bool, keep_spinning: bool, reconnect: bool
+    source: str,
+    count: int,
+    mode: str | int | None,
+    as_json: bool,
+    as_csv: bool,
+    keep_spinning: bool,
+    reconnect: bool,
 ) -> int:
     """Read scans and print them.
 
@@ -69,8 +75,7 @@ def scan(
     if as_json and as_csv:
         raise click.UsageError("--json and --csv exclude each other", click.get_current_context())
     form = "json" if as_json else "csv" if as_csv else "people"
-    by_id = int(mode) if mode is not None and mode.isdecimal() else mode
-    return _run_order(_Order(source, count, by_id, form, keep_spinning, reconnect))
+    return _run_order(_Order(source, count, mode, form, keep_spinning, reconnect))
 
 
 def _run_order(order: _Order) -> int:

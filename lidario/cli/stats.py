@@ -17,7 +17,7 @@ import numpy as np
 
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import console, dump, emit, introduced, progress, rendered
-from lidario.cli.parameters import complete_source, seconds_of
+from lidario.cli.parameters import Duration, complete_source, mode_option
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -92,11 +92,11 @@ class Measured:
 
 @click.command()
 @click.argument("source", default="auto", shell_complete=complete_source)
-@click.option("-t", "--time", "seconds", default="10s", show_default=True, callback=seconds_of, metavar="TIME",
+@click.option("-t", "--time", "seconds", default="10s", show_default=True, type=Duration(), metavar="TIME",
               help="How long to measure, such as 10s or 2min.")  # fmt: skip
-@click.option("--mode", metavar="MODE", help="Scan mode by name or id, as `lidario info` lists them.")
+@mode_option
 @click.option("--json", "as_json", is_flag=True, help="One object for programs.")
-def stats(source: str, seconds: float, mode: str | None, as_json: bool) -> int:
+def stats(source: str, seconds: float, mode: str | int | None, as_json: bool) -> int:
     """Rate, evenness, points, damage, load of the line and of this machine; and a verdict.
 
     A revolution before the measuring begins is not counted. The exit code tells whether it could be measured, and
@@ -104,12 +104,11 @@ def stats(source: str, seconds: float, mode: str | None, as_json: bool) -> int:
     """
     from lidario.cli.running import run
 
-    by_id = int(mode) if mode is not None and mode.isdecimal() else mode
     measured = Measured()
     stopped: Stopped | None = None
     try:
         with progress(f"measuring for {seconds:g} s …"):
-            run(lambda: measure(source, seconds, by_id, measured))
+            run(lambda: measure(source, seconds, mode, measured))
     except Stopped as caught:
         stopped = caught
     if measured.line is not None and measured.stamps:

@@ -19,7 +19,7 @@ import click
 
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import emit, message, progress
-from lidario.cli.parameters import complete_source
+from lidario.cli.parameters import complete_source, mode_option
 
 if TYPE_CHECKING:
     from lidario.web.feed import Feed
@@ -41,14 +41,14 @@ MOST_LIDARS: Final = 16
                    "Once for each SOURCE, in their order.")  # fmt: skip
 @click.option("--colour", "colours", multiple=True, metavar="#RRGGBB",
               help="Colour of a lidar, once for each SOURCE.")  # fmt: skip
-@click.option("--mode", metavar="MODE", help="Scan mode by name or id, as `lidario info` lists them.")
+@mode_option
 def view(
     sources: tuple[str, ...],
     port: int,
     lan: bool,
     mounts: tuple[str, ...],
     colours: tuple[str, ...],
-    mode: str | None,
+    mode: str | int | None,
 ) -> int:
     """Show live scans in a browser, until Ctrl-C.
 
@@ -61,8 +61,7 @@ def view(
     sources = sources or ("auto",)
     if len(sources) > MOST_LIDARS:
         raise click.UsageError(f"a page shows {MOST_LIDARS} lidars at most", click.get_current_context())
-    by_id = int(mode) if mode is not None and mode.isdecimal() else mode
-    feeds = [Feed(source, mode=by_id) for source in sources]
+    feeds = [Feed(source, mode=mode) for source in sources]
     places = _places(len(sources), mounts, colours)
     try:
         run(lambda: _serve(feeds, places, port, lan))

@@ -22,7 +22,7 @@ import click
 
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import Writer, message, progress, terminal
-from lidario.cli.parameters import complete_source
+from lidario.cli.parameters import complete_source, mode_option
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
@@ -40,8 +40,8 @@ BESIDE: Final = 30
 
 @click.command()
 @click.argument("source", default="auto", shell_complete=complete_source)
-@click.option("--mode", metavar="MODE", help="Scan mode by name or id, as `lidario info` lists them.")
-def watch(source: str, mode: str | None) -> int:
+@mode_option
+def watch(source: str, mode: str | int | None) -> int:
     """Show live scans in the terminal, until Ctrl-C.
 
     A lidar that is lost is opened again as soon as it is back.
@@ -60,7 +60,7 @@ def watch(source: str, mode: str | None) -> int:
     from lidario.cli.running import run
     from lidario.web.feed import Feed
 
-    feed = Feed(source, mode=int(mode) if mode is not None and mode.isdecimal() else mode)
+    feed = Feed(source, mode=mode)
     writer = Writer()
     # The picture says what the log would say, and a line of the log would run through it.
     quiet = logging.NullHandler()

@@ -1,30 +1,11 @@
-"""Checks of what users hand to a device, the same in every family: nothing foreign leaves for a wrong argument."""
+"""Checks of what users set, the same in every family."""
 
 from __future__ import annotations
 
-import math
-from numbers import Real
-
+from lidario.arguments import finite
 from lidario.errors import InvalidValue
 
-__all__ = ["finite", "frequency_within"]
-
-
-def finite(value: object, what: str) -> float:
-    """The value as a float, if it is a finite number; texts are not taken for numbers.
-
-    Raises:
-        InvalidValue: It is not; the message begins with `what`.
-    """
-    if not isinstance(value, Real):
-        raise InvalidValue(f"{what} is a number, not {value!r}")
-    try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
-    if not math.isfinite(number):
-        raise InvalidValue(f"{what} is a finite number, not {value!r}")
-    return number
+__all__ = ["frequency_within"]
 
 
 def frequency_within(hertz: object, limits: tuple[float, float], whose: str) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from lidario.arguments import text_of
 from lidario.errors import ConnectFailed
 from lidario.families import ldrobot, rplidar, ydlidar
 from lidario.families.base import Family
@@ -16,7 +17,8 @@ and only one of its models must be woken."""
 
 
 def family_named(name: str) -> Family:
-    """The family of that name; ConnectFailed (reason ``source``) when there is none."""
+    """The family of that name; ConnectFailed (reason ``source``) when there is none, InvalidValue for no text."""
+    text_of(name, "the name of a family")
     for family in FAMILIES:
         if family.name == name:
             return family
@@ -26,6 +28,7 @@ def family_named(name: str) -> Family:
 
 def family_of_simulated(model: str) -> Family:
     """The family that has a simulated `model`; ConnectFailed (reason ``source``) when none has."""
+    text_of(model, "the name of a simulated model")
     for family in FAMILIES:
         if model in family.simulated:
             return family

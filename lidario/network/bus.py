@@ -156,7 +156,7 @@ class Bus:
             try:
                 query.reply(key, response())
             except Exception as error:
-                _log.debug("a query of %s was not answered: %s", key, error)
+                _log.debug("no response was sent to a query of %s: %s", key, error)
             finally:
                 query.drop()
 

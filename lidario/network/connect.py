@@ -22,6 +22,7 @@ from lidario.network.device import RemoteDevice, RemoteStreams
 from lidario.network.keys import LASERSCAN_IN_KEY, check_key, parse_attachment, parse_token, status_key, tokens_of
 from lidario.network.messages import parse_scan
 from lidario.network.port import RemotePort
+from lidario.network.router import check_router
 from lidario.network.status import Status
 from lidario.recording.about import About
 from lidario.recording.chronicle import StreamBegan
@@ -63,15 +64,17 @@ async def open_remote(source: Source) -> Remote:
         source: Its kind is ``zenoh``.
 
     Raises:
-        ConnectFailed: No router (``refused``), nobody publishes under the key (``silent``), or several do
-            (``ambiguous``).
+        ConnectFailed: The key or the address of the router cannot be right (``source``), no router (``refused``),
+            nobody publishes under the key (``silent``), or several do (``ambiguous``).
         Unsupported: The package is not installed.
     """
+    router = source.options.get("router", DEFAULT_ROUTER)
     try:
         key = check_key(source.address, wildcards=True)
+        check_router(router)
     except InvalidValue as error:
         raise ConnectFailed(str(error), reason="source") from error
-    bus = await Bus.open(source.options.get("router", DEFAULT_ROUTER))
+    bus = await Bus.open(router)
     try:
         return await _meet(bus, key)
     except BaseException:

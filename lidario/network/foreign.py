@@ -23,8 +23,8 @@ _WHOLE_DEG: Final = 350.0
 def scan_of_laserscan(laser: LaserScan, seq: int, wall_offset_ns: int) -> Scan | None:
     """The beams as samples, in the order in which the message says that they were measured.
 
-    A beam without a valid range becomes a sample without a return. Intensities are cut to 0..255. None where the
-    figures cannot be those of a scan.
+    A beam without a valid range becomes a sample without a return. Intensities below 0 become 0, those above 255
+    become 255. None where the figures cannot be those of a scan.
 
     Args:
         laser: The message.

@@ -21,6 +21,7 @@ import re
 import struct
 from typing import Final, NamedTuple
 
+from lidario.arguments import text_of
 from lidario.errors import InvalidValue
 
 __all__ = [
@@ -100,6 +101,7 @@ def check_key(key: str, *, wildcards: bool = False) -> str:
     Raises:
         InvalidValue: It cannot be one, or has a wildcard where one key is needed.
     """
+    text_of(key, "a key")
     if len(key) > _LONGEST_KEY or _BAD.search(key) or not key.isprintable():
         raise InvalidValue(f"{key[:60]!r} is not a key, such as robots/r7/scan")
     if "*" in key and not wildcards:

@@ -10,6 +10,7 @@ import re
 import socket
 from typing import Final
 
+from lidario.arguments import text_of
 from lidario.errors import ConnectFailed, InvalidValue
 
 __all__ = ["check_router", "why_no_router"]
@@ -31,7 +32,7 @@ def check_router(router: str) -> None:
     Raises:
         InvalidValue: It cannot; the text says what is missing.
     """
-    protocol, slash, rest = router.partition("/")
+    protocol, slash, rest = text_of(router, "the address of a router").partition("/")
     if slash and protocol in _WITHOUT and rest:
         return
     wrong = f"{router[:80]!r} is not the address of a router, such as tcp/localhost:7447"

@@ -7,9 +7,10 @@ the loop is closed, and a call that hangs in a driver would keep the program fro
 from __future__ import annotations
 
 import asyncio
-import threading
 from collections.abc import Callable
 from typing import TypeVar
+
+from lidario.port.start import start_thread
 
 __all__ = ["run_in_thread"]
 
@@ -19,8 +20,8 @@ T = TypeVar("T")
 async def run_in_thread(call: Callable[[], T], discard: Callable[[T], None] | None = None) -> T:
     """Run `call` in a thread and return its result, or raise what it raises.
 
-    Cancelling ends the waiting, not the call. Its result is then passed to `discard`, so that it does not
-    stay open.
+    Cancelling ends the waiting, not the call, and so does Ctrl-C. Its result is then passed to `discard`, so that
+    it does not stay open.
 
     Args:
         call: What blocks.
@@ -52,12 +53,12 @@ async def run_in_thread(call: Callable[[], T], discard: Callable[[T], None] | No
             if not _tell(loop, finish, result):
                 throw_away(result)
 
-    threading.Thread(target=work, name="lidario: blocking call", daemon=True).start()
     try:
+        start_thread(work, "lidario: blocking call")
         return await future
-    except asyncio.CancelledError:
-        # The result may have come in the same iteration of the loop as the cancellation.
-        if future.done() and not future.cancelled() and future.exception() is None:
+    except BaseException:
+        # The result may have come in the same iteration of the loop as the cancellation. Else nobody waits for it.
+        if not future.cancel() and not future.cancelled() and future.exception() is None:
             throw_away(future.result())
         raise
 

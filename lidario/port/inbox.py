@@ -15,7 +15,7 @@ import select
 import threading
 from collections.abc import Callable
 
-__all__ = ["INBOX_BYTES", "Inbox", "make_read"]
+__all__ = ["INBOX_BYTES", "Inbox", "Read", "make_read"]
 
 INBOX_BYTES = 1024 * 1024
 """Most bytes that are kept: 15 s of the fastest stream."""
@@ -26,6 +26,7 @@ _MOST_READS = 64
 """Reads in a row at most, so that a line that never runs dry cannot keep the reader."""
 
 Read = Callable[[int], bytes]
+"""Reads a descriptor, some kilobytes at most. It raises BlockingIOError where nothing is there; it never blocks."""
 
 
 def make_read() -> Read:

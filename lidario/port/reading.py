@@ -5,18 +5,20 @@ stream runs, the terminal is polled instead, at the times that a `Schedule` name
 it is needed. Linux keeps 4 KiB of a terminal's input, 61 ms of the fastest stream, and drops what comes then. So
 between two polls, and while the program keeps the event loop busy, `lidario.port.thread` reads the terminal.
 
-Where each delivery does matter, the event loop wakes the reader when the terminal is readable.
+Where each delivery does matter, the event loop wakes the reader when the terminal is readable. On Windows no event
+loop can do that; there the port is polled always.
 """
 
 from __future__ import annotations
 
 import asyncio
+import os
 import time
 import weakref
 from collections.abc import Callable
 from contextlib import suppress
 
-from lidario.port.inbox import Inbox
+from lidario.port.inbox import Inbox, Read
 from lidario.port.line import Schedule
 from lidario.port.port import Port
 from lidario.port.repeat import Repeat
@@ -30,27 +32,39 @@ HOLD_BYTES = 32 * 1024
 """Most bytes that are held: what `Link` takes in one piece."""
 _TIMER_S = 0.001
 """How late timers may be: the loop waits in whole milliseconds, rounded up."""
+_POLL_S = 0.002
+"""Time between two polls where each delivery matters and the event loop cannot wait for it; Windows may make 16 ms
+of it."""
 _SAME_CLOCK_NS = 1_000_000_000
 """Two readings of one clock are less than this apart."""
 
 
 class Reader:
-    """Reads one terminal; not on Windows.
+    """Reads one terminal.
 
     Args:
         loop: The event loop.
         port: Is shown each read and handed what was read.
-        handle: File descriptor of the terminal, non-blocking.
+        handle: File descriptor of the terminal, non-blocking; below 0 where the event loop cannot wait for it.
         lose: Called when the terminal turns out to be dead.
+        read: Reads from the handle, as `make_read` makes it; by default a descriptor.
+        write: Writes to the handle.
     """
 
     def __init__(
-        self, loop: asyncio.AbstractEventLoop, port: Port, handle: int, lose: Callable[[Exception], None]
+        self,
+        loop: asyncio.AbstractEventLoop,
+        port: Port,
+        handle: int,
+        lose: Callable[[Exception], None],
+        read: Read | None = None,
+        write: Callable[[int, bytes], int] = os.write,
     ) -> None:
         self._loop = loop
         self._port = port
         self._handle = handle
         self._lose = lose
+        self._write = write
         self._latency = 0.0
         self._schedule: Schedule | None = None
         self._running = False
@@ -59,7 +73,7 @@ class Reader:
         self._timer: asyncio.TimerHandle | None = None
         # The thread knows the system's clock only: it is of no use to a loop with another one.
         self._real_time = abs(port.now() - time.monotonic_ns()) < _SAME_CLOCK_NS
-        self._inbox = Inbox(handle, time.monotonic_ns if self._real_time else port.now)
+        self._inbox = Inbox(handle, time.monotonic_ns if self._real_time else port.now, read)
         self._shown = 0
         self._guard: _Guard | None = None
         self._repeat: Repeat | None = None
@@ -116,7 +130,7 @@ class Reader:
             if self._port.is_tapped:
                 self._written += repeat.take_written()
         if request and self._real_time and not self._stopped:
-            self._repeat = Repeat(self._handle, request, interval, time.monotonic_ns)
+            self._repeat = Repeat(self._handle, request, interval, time.monotonic_ns, self._write)
         if self._guard is not None:
             self._guard.repeat = self._repeat
 
@@ -215,6 +229,8 @@ class Reader:
                 self._guard.interval = self._schedule.interval
         if pause <= 0:
             pause = max(self._latency - _TIMER_S, self._latency / 2)
+        if pause <= 0 and self._handle < 0:
+            pause = _POLL_S
         if pause <= 0:
             self._watch(True)
             self.hand_over()
@@ -245,17 +261,22 @@ class Reader:
 
     def _guard_until_removed(self, schedule: Schedule | None) -> None:
         """Have the thread read beside the loop while there is a schedule; None for no longer."""
-        guard, self._guard = self._guard, None
-        if guard is not None and not self._port.is_forked:
-            guard.remove()
+        if self._guard is not None and not self._port.is_forked:
+            self._guard.remove()
             # What the thread has read is in the inbox now; a response that comes next must not lie there unseen.
             self._inbox.share(False)
+        # Not earlier: Ctrl-C may come anywhere above, and then `stop` removes it.
+        self._guard = None
         if schedule is not None and self._real_time and not self._stopped:
-            # A system that allows no more threads: the loop polls more often instead.
-            with suppress(RuntimeError):
-                self._inbox.share(True)
-                self._guard = _Guard(self, self._loop, self._inbox, schedule.interval)
-                self._guard.repeat = self._repeat
+            self._inbox.share(True)
+            # Noted before it is read, as above.
+            self._guard = _Guard(self, self._loop, self._inbox, schedule.interval)
+            self._guard.repeat = self._repeat
+            try:
+                self._guard.add()
+            except RuntimeError:
+                # A system that allows no more threads: the loop polls more often instead.
+                self._guard = None
 
 
 class _Guard(Watched):
@@ -274,14 +295,17 @@ class _Guard(Watched):
         self._loop = loop
         self._failed = weakref.WeakMethod(reader.thread_failed)
         self._thread: ReadingThread = reading_thread()
-        self._thread.add(self)
         self._finalizer = weakref.finalize(reader, _forget, weakref.ref(self))
         self._finalizer.atexit = False
 
+    def add(self) -> None:
+        """Have the thread read it. Raises RuntimeError where the system allows no more threads."""
+        self._thread.add(self)
+
     def remove(self) -> None:
         """Stop the thread reading it."""
-        self._finalizer.detach()
         self._thread.remove(self)
+        self._finalizer.detach()
 
     def _fail(self) -> None:
         failed = self._failed()

@@ -9,7 +9,8 @@ system does not take at once. Three things that pyserial-asyncio does are replac
   the kernel waits for up to 30 s likewise. `_SerialLine.close` waits asynchronously and for a bounded time, then
   discards what is left.
 
-On Windows pyserial-asyncio reads by its own polling, since no event loop there can wait for a serial port.
+On Windows no event loop can wait for a serial port. There `Reader` and its thread poll it by pyserial's calls
+(`lidario.port.polled`), in place of pyserial-asyncio's polling, which a blocked event loop would stop.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from lidario.errors import ConnectFailed
 from lidario.port.background import run_in_thread
 from lidario.port.diagnose import busy, held, is_pseudo_terminal, why_not_opened
 from lidario.port.line import Line, Schedule
+from lidario.port.polled import NO_HANDLE, Polled
 from lidario.port.port import Port
 from lidario.port.reading import Reader
 
@@ -135,11 +137,15 @@ class _SerialLine(Line):
         self._drained_by = 0.0
         self._timer: asyncio.TimerHandle | None = None
         self._transport = serial_asyncio.SerialTransport(loop, _Events(self), device)
-        self._reader = Reader(loop, port, device.fileno(), self._lose) if _POSIX else None
-        if self._reader is not None:
-            # The transport has just queued its own start of reading; these two run after it.
-            loop.call_soon(self._transport.pause_reading)
-            loop.call_soon(self._reader.start)
+        self._polled: Polled | None = None
+        if _POSIX:
+            self._reader = Reader(loop, port, device.fileno(), self._lose)
+        else:
+            polled = self._polled = Polled(device)
+            self._reader = Reader(loop, port, NO_HANDLE, self._lose, polled.read, polled.write)
+        # The transport has just queued its own start of reading; these two run after it.
+        loop.call_soon(self._transport.pause_reading)
+        loop.call_soon(self._reader.start)
 
     def is_closing(self) -> bool:
         return self._closing
@@ -160,35 +166,30 @@ class _SerialLine(Line):
             self._device.dtr = asserted
 
     def set_polling(self, latency: float, schedule: Schedule | None) -> None:
-        if self._reader is not None:
-            self._reader.set_polling(latency, schedule)
+        self._reader.set_polling(latency, schedule)
 
     def set_repeat(self, request: bytes, interval: float) -> None:
-        if self._reader is not None:
-            self._reader.set_repeat(request, interval)
+        self._reader.set_repeat(request, interval)
 
     @property
     def repeated(self) -> int:
-        return 0 if self._reader is None else self._reader.repeated
+        return self._reader.repeated
 
     def poll(self) -> None:
-        if self._reader is not None:
-            self._reader.poll()
+        self._reader.poll()
 
     def show_pending(self) -> None:
-        if self._reader is not None:
-            self._reader.show_pending()
+        self._reader.show_pending()
 
     @property
     def overflow_bytes(self) -> int:
-        return 0 if self._reader is None else self._reader.overflow_bytes
+        return self._reader.overflow_bytes
 
     def write(self, data: bytes) -> None:
-        if self._reader is not None:
-            self._reader.wrote(data)
-        if _POSIX and not self._transport.get_write_buffer_size():
+        self._reader.wrote(data)
+        if not self._transport.get_write_buffer_size():
             try:
-                data = data[os.write(self._device.fileno(), data) :]
+                data = data[self._write_now(data) :]
             except BlockingIOError:
                 pass
             except OSError as error:
@@ -197,14 +198,18 @@ class _SerialLine(Line):
         if data:
             self._transport.write(data)
 
+    def _write_now(self, data: bytes) -> int:
+        """Return how many bytes the system took; raise OSError where it took none."""
+        if self._polled is not None:
+            return self._polled.write(NO_HANDLE, data)
+        # pyserial is asked each time: the number of a port that was closed may be another file's by now.
+        return os.write(self._device.fileno(), data)
+
     def write_without_loop(self, data: bytes) -> None:
         # These are the stop requests: the thread must not write behind them.
         self.set_repeat(b"", 0.0)
         with contextlib.suppress(*_FOREIGN):
-            if _POSIX:
-                os.write(self._device.fileno(), data)
-            else:
-                self._device.write(data)
+            self._write_now(data)
 
     def close(self) -> None:
         if not self._closing and not self._port.is_forked:
@@ -222,8 +227,7 @@ class _SerialLine(Line):
 
     def close_without_loop(self) -> None:
         self._closing = True
-        if self._reader is not None:
-            self._reader.release()
+        self._reader.release()
         if not self._device.is_open:
             return
         self._discard_output()
@@ -238,8 +242,7 @@ class _SerialLine(Line):
 
     def _stop(self) -> None:
         self._closing = True
-        if self._reader is not None:
-            self._reader.stop()
+        self._reader.stop()
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -279,15 +282,14 @@ class _SerialLine(Line):
 
     def lost(self, error: Exception | None) -> None:
         """The transport has ended: hand over what was held, close the port, and report it."""
-        if self._reader is not None:
-            self._reader.hand_over()
+        self._reader.hand_over()
         with contextlib.suppress(*_FOREIGN):
             self._device.close()
         self._closing = True
         self._port.connection_lost(self._error or error)
 
     def received(self, data: bytes) -> None:
-        """The transport has read; only where there is no `Reader`, and before it has started."""
+        """The transport has read, before `Reader` has started."""
         self._port.data_received(data)
 
 

@@ -24,6 +24,7 @@ from lidario.sim.device import SimulatedDevice, is_network
 from lidario.sim.faults import Faults, parse_faults
 from lidario.sim.rooms import make_world
 from lidario.sim.serve import MemoryLine, PtyServer, TcpServer, UdpServer, usual_way
+from lidario.simulation import serial_of
 from lidario.source import Source, quoted
 
 __all__ = ["Simulation", "connect_in_memory", "make_device", "open_simulated"]
@@ -44,7 +45,7 @@ def make_device(source: Source) -> tuple[SimulatedDevice, Faults | None]:
         seed = int(options.get("seed", "0"))
         world = make_world(options["world"], seed=seed) if "world" in options else None
         faults = parse_faults(options["fault"], seed=seed) if "fault" in options else None
-        serial = bytes.fromhex(options["serial"]) if "serial" in options else None
+        serial = serial_of(options.get("serial"))
         device = family.simulate(source.address, world=world, serial=serial, seed=seed)
     except ValueError as error:
         raise ConnectFailed(f"{quoted(source.text)}: {error}", reason="source") from error

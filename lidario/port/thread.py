@@ -27,6 +27,7 @@ from contextlib import suppress
 
 from lidario.port.inbox import Inbox
 from lidario.port.repeat import Repeat
+from lidario.port.start import start_thread
 
 __all__ = ["ReadingThread", "Watched", "reading_thread"]
 
@@ -124,6 +125,8 @@ class ReadingThread:
     def add(self, watched: Watched) -> None:
         """Read this port from now on; starts the thread where it does not run.
 
+        Where Ctrl-C ends it, the port may be read all the same, until `remove` is called.
+
         Raises:
             RuntimeError: The system allows no more threads.
         """
@@ -132,13 +135,11 @@ class ReadingThread:
             if self._thread is not None:
                 self._wake()
                 return
-            thread = threading.Thread(target=self._run, name="lidario: read ports", daemon=True)
             try:
-                thread.start()
+                self._thread = start_thread(self._run, "lidario: read ports")
             except RuntimeError:
                 self._ports.clear()
                 raise
-            self._thread = thread
 
     def remove(self, watched: Watched) -> None:
         """Stop reading this port; the last one ends the thread. Ignored where it is not there.
@@ -163,6 +164,12 @@ class ReadingThread:
             self._sleep.release()
 
     def _run(self) -> None:
+        with self._lock:
+            # Noted here too: Ctrl-C may have ended `add` before it was noted there.
+            if self._thread is None:
+                self._thread = threading.current_thread()
+            elif self._thread is not threading.current_thread():
+                return
         while True:
             until = self.serve()
             if until is None:

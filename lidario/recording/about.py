@@ -47,7 +47,7 @@ class About:
     def as_texts(self) -> dict[str, str]:
         """The metadata record."""
         info, health = self.info, self.health
-        return {
+        texts = {
             "format": FORMAT,
             "lidario": self.lidario,
             "family": info.family,
@@ -64,6 +64,8 @@ class About:
             "received_before": str(self.received_before),
             "events": "\n".join(text_of(event) for event in self.events),
         }
+        # The name of a port or a file may hold bytes that are no text.
+        return {name: text.encode("utf-8", "replace").decode() for name, text in texts.items()}
 
     @classmethod
     def of(cls, texts: dict[str, str]) -> About:

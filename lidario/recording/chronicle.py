@@ -1,4 +1,4 @@
-"""What a session knows and its bytes alone do not tell: when each stream began and ended, and what was answered.
+"""What a session knows and its bytes alone do not tell: when each stream began and ended, and the responses.
 
 The session keeps one `Chronicle` from its first request on. So a recording that begins later still knows what the
 device responded when it was opened. A recording writes down all that is known when it begins, and then each thing
@@ -98,7 +98,7 @@ class Responded:
 
     Attributes:
         request: The bytes of the request.
-        kind: Answer type of the response.
+        kind: Its type.
         payload: The response without its descriptor.
     """
 
@@ -140,7 +140,7 @@ class Chronicle:
             self._tell(event)
 
     def started(self, request: bytes) -> None:
-        """A request for a stream was answered by its descriptor."""
+        """The device has sent the descriptor of a stream that was asked for by `request`."""
         self._started_by = request
 
     def began(

@@ -8,13 +8,13 @@ from __future__ import annotations
 import mmap
 import os
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
+from lidario.arguments import path_of
 from lidario.recording.files import open_stored
 from lidario.recording.offline import OfflineDecoder, ScanArrays
-from lidario.recording.read import StoredStreams
+from lidario.recording.read import StoredStreams, unreadable
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.scan import Scan
 from lidario.wire.events import Packets
@@ -35,7 +35,7 @@ class FileDecoder:
         sample_us: As for `decode_file`.
 
     Raises:
-        RecordingError: Nothing can be read of it.
+        RecordingError: Nothing can be read of it; or, while it is iterated over, it cannot be read any more.
 
     Attributes:
         recording: The file.
@@ -48,13 +48,16 @@ class FileDecoder:
         self, path: str | os.PathLike[str], *, family: str | None = None, sample_us: float | None = None
     ) -> None:
         self._sample_us = sample_us
-        self.recording: StoredStreams = open_stored(Path(path), family, sample_us)
+        self.recording: StoredStreams = open_stored(path_of(path, "a recording"), family, sample_us)
         self.skipped_bytes: int = 0
         self.packets: int = 0
         self.stats: AssemblerStats = AssemblerStats()
 
     def __iter__(self) -> Iterator[Scan]:
-        return self._timed() if self.recording.timed else self._untimed()
+        try:
+            yield from self._timed() if self.recording.timed else self._untimed()
+        except OSError as error:
+            raise unreadable(self.recording.path, error) from error
 
     def _untimed(self) -> Iterator[Scan]:
         with open(self.recording.path, "rb") as file:
@@ -128,8 +131,8 @@ def decode_file(
         sample_us: Of bare bytes, microseconds a sample; None for what the format usually takes.
 
     Raises:
-        RecordingError: Nothing can be read of it.
-        InvalidValue: `sample_us` is no number that can be right.
+        RecordingError: Nothing can be read of it; or, while it is iterated over, it cannot be read any more.
+        InvalidValue: `path` cannot be the name of a file, or `sample_us` is no number that can be right.
         ConnectFailed: There is no such family (reason ``source``).
     """
     return iter(FileDecoder(path, family=family, sample_us=sample_us))

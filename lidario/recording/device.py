@@ -1,8 +1,8 @@
 """A recorded device: it responds what the real one had responded, through the family's own code.
 
-The scripts of the family run as with a live device; each request is answered from the recording, without a line and
-without waiting. What was never asked while it was recorded cannot be answered, and nothing can be set: both raise
-`Unsupported`, which says so.
+The scripts of the family run as with a live device; each request gets its response from the recording,
+without a line and without waiting. What was never asked while it was recorded is not known, and nothing can be set:
+both raise `Unsupported`, which says so.
 """
 
 from __future__ import annotations
@@ -165,5 +165,5 @@ class RecordedDevice(Device):
 
 
 def mode_type(stream: StoredStream) -> int:
-    """The answer type in the descriptor of a recorded stream."""
+    """The response type in the descriptor of a recorded stream."""
     return stream.began.mode.response_type

@@ -18,8 +18,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from lidario.arguments import finite, shown
 from lidario.errors import InvalidValue, RecordingError
-from lidario.families.arguments import finite
 from lidario.families.base import Family, RawStream, Stream
 from lidario.families.registry import FAMILIES, family_named
 from lidario.revolution.assemble import Assembler, AssemblerStats
@@ -79,9 +79,8 @@ def decode(data: RawBytes, *, family: str | None = None, sample_us: float | None
 
     Raises:
         RecordingError: There is no measurement stream in the bytes. Damaged bytes raise nothing.
-        InvalidValue: `sample_us` is not a number above 0 and up to 1000000.
+        InvalidValue: `data` is not bytes, or `sample_us` is not a number above 0 and up to 1000000.
         ConnectFailed: There is no such family (reason ``source``).
-        TypeError: `data` is not bytes.
     """
     return iter(OfflineDecoder(data, family=family, sample_us=sample_us))
 
@@ -96,9 +95,8 @@ def decode_arrays(data: RawBytes, *, family: str | None = None, sample_us: float
 
     Raises:
         RecordingError: There is no measurement stream in the bytes.
-        InvalidValue: `sample_us` is not a number above 0 and up to 1000000.
+        InvalidValue: `data` is not bytes, or `sample_us` is not a number above 0 and up to 1000000.
         ConnectFailed: There is no such family (reason ``source``).
-        TypeError: `data` is not bytes.
     """
     scans = list(OfflineDecoder(data, family=family, sample_us=sample_us))
     starts = np.zeros(len(scans) + 1, np.int64)
@@ -128,9 +126,8 @@ class OfflineDecoder:
 
     Raises:
         RecordingError: There is no measurement stream in the bytes.
-        InvalidValue: `sample_us` is not a number above 0 and up to 1000000.
+        InvalidValue: `data` is not bytes, or `sample_us` is not a number above 0 and up to 1000000.
         ConnectFailed: There is no such family (reason ``source``).
-        TypeError: `data` is not bytes.
 
     Attributes:
         family: The family whose stream it is.
@@ -139,7 +136,10 @@ class OfflineDecoder:
     """
 
     def __init__(self, data: RawBytes, *, family: str | None = None, sample_us: float | None = None) -> None:
-        self._data = memoryview(data).cast("B")
+        try:
+            self._data = memoryview(data).cast("B")
+        except (TypeError, ValueError):
+            raise InvalidValue(f"recorded bytes are bytes in one piece, not {shown(data)}") from None
         if sample_us is not None and not 0 < finite(sample_us, "sample_us") <= _MOST_US:
             raise InvalidValue(f"sample_us is above 0 and at most {_MOST_US:.0f}, not {sample_us!r}")
         known, found = _recognise(self._data, family, None if sample_us is None else float(sample_us))

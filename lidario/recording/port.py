@@ -31,7 +31,7 @@ __all__ = ["Audience", "ReplayPort", "open_replay"]
 TICK_S = 0.002
 """Pieces that are due within this time are handed over together."""
 MOST_AT_ONCE = 64
-"""Pieces after which other tasks have their turn, where nothing is waited for."""
+"""Pieces after which other tasks may run, where nothing is waited for."""
 LOOP_GAP_NS = 1_000_000_000
 """Between the end of the recording and its beginning, in a loop."""
 
@@ -208,7 +208,7 @@ class _ReplayLine(Line):
                 return
             piece = self._peek()
             if piece is None or piece.stream != self._number:
-                self._turn(piece)
+                self._go_on(piece)
                 return
             if self._rate:
                 if self._due() > self._loop.time():
@@ -234,7 +234,7 @@ class _ReplayLine(Line):
                 self._end(error)
         return self._next
 
-    def _turn(self, piece: Piece | None) -> None:
+    def _go_on(self, piece: Piece | None) -> None:
         """The stream is over: go on with the next one, or end."""
         self._wanted = False
         self._base = None

@@ -21,6 +21,7 @@ from typing import Protocol
 
 from lidario.entered import Entered
 from lidario.errors import CannotRecord, LocalProtocolError
+from lidario.port.start import start_thread
 from lidario.recording.about import About
 from lidario.recording.write import FileWriter
 from lidario.scan import Scan
@@ -67,7 +68,7 @@ class Recording(Entered):
         scans: Full revolutions that were decoded meanwhile.
     """
 
-    how = "a recording is made asynchronously: write `async with lidar.record(path):`"
+    _instead = "a recording is made asynchronously: write `async with lidar.record(path):`"
 
     def __init__(self, path: Path, session: Recorded, *, scans: bool, overwrite: bool) -> None:
         self.path: Path = path
@@ -110,17 +111,18 @@ class Recording(Entered):
     async def start(self) -> None:
         """Create the file and begin; ``async with`` does so.
 
+        Cancelling it leaves a file without scans, or none. So does Ctrl-C; the session goes on without a recording.
+
         Raises:
-            CannotRecord: The file cannot be written, or exists already. Cancelling leaves a file without scans.
+            CannotRecord: The file cannot be written, or exists already.
         """
         if self._thread is not None:
             raise LocalProtocolError("a recording can be started once: lidar.record() makes another one")
-        self._about = self._session.begin_recording(self)
-        self._offset_ns = self._about.clock_offset_ns
-        # A daemon: a disk that hangs must not keep the program from ending.
-        self._thread = threading.Thread(target=self._run, name="lidario: recording", daemon=True)
-        self._thread.start()
         try:
+            self._about = self._session.begin_recording(self)
+            self._offset_ns = self._about.clock_offset_ns
+            # A daemon: a disk that hangs must not keep the program from ending.
+            self._thread = start_thread(self._run, "lidario: recording")
             await _until(lambda: self._open.is_set() or self.error is not None, CLOSE_TIMEOUT_S)
         except BaseException:
             self._end()

@@ -17,6 +17,7 @@ from dataclasses import replace
 from lidario.families.base import Samples, Stream
 from lidario.revolution.build import DatedRevolution, build_scan, turned_by
 from lidario.revolution.count import Beginning, RevolutionCount
+from lidario.revolution.ended import EndedRevolution
 from lidario.revolution.judge import FALSE_PART, beginning_of, is_broken, is_complete, least_of
 from lidario.revolution.ordinary import ordinary_beginning
 from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
@@ -180,16 +181,31 @@ class Assembler:
 
     def _end(self, split: Split, following: bytes) -> Scan | None:
         """End the revolution in the making before the packet `following`, and begin the next."""
-        ended, self._partial = self._partial, PartialRevolution(whole=not split.broken)
-        self._partial.moved = split.moved
-        arrays, samples, lost = ended.carried, None, ended.lost_behind_carried
+        partial, self._partial = self._partial, PartialRevolution(whole=not split.broken, moved=split.moved)
+        ended = self._ended(partial, split, following)
+        if ended is None:
+            return None
+        if split.broken or split.moved:
+            # Only the first mark may stand elsewhere by right. A false one moves the seam there and back.
+            if partial.whole and not partial.moved and (split.broken or self._last_spanned_ns):
+                samples = ended.samples
+                part = samples is not None and samples.certain and split.moved
+                if not (part and samples and len(ended.arrays) < FALSE_PART * samples.revolution_samples):
+                    self.stats.break_scan()
+            self._count.restart((self._seam.angle or 0) / self._stream.format.full_turn)
+            return None
+        return self._scan(ended)
+
+    def _ended(self, partial: PartialRevolution, split: Split, following: bytes) -> EndedRevolution | None:
+        """Decode a revolution, and carry over to the next what lies behind the seam; None when it has no sample."""
+        arrays, samples, lost = partial.carried, None, partial.lost_behind_carried
         gaps: list[tuple[int, int]] | None = []
-        packets = ended.packets()
+        packets = partial.packets()
         if packets is not None:
             if self._count.needs_speed:
                 self._count.learn_speed(dated_angles(self._stream.format, packets))
             room = 0 if arrays is None else len(arrays)
-            samples = self._decode(ended, packets, split, following, room)
+            samples = self._decode(partial, packets, split, following, room)
             self.stats.lost_packets += samples.lost
             self._partial.behind_gap = samples.lost_behind > 0 or not samples.certain
             lost += samples.lost
@@ -197,32 +213,20 @@ class Assembler:
             if arrays is not None:
                 here.begin_with(arrays)
             unknown = 0
-            if ended.carried_packets and samples.certain:
-                unknown = ended.revoke_carried(samples.revolution_packets)
+            if partial.carried_packets and samples.certain:
+                unknown = partial.revoke_carried(samples.revolution_packets)
                 self.stats.lost_packets += unknown
                 lost += unknown
             crossed = room + samples.before_seam
             if crossed < len(here):
-                self._partial.carried = here.part(crossed)
-                self._partial.carried_ns = ended.last_ns
-                self._partial.lost_behind_carried = samples.lost_behind
-                self._partial.carried_packets = 0.0 if samples.certain else samples.revolution_packets
+                self._partial.carry(here.part(crossed), partial.last_ns, samples)
                 lost -= samples.lost_behind
             if samples.gaps or lost:
-                self._partial.skipped_behind_carried = samples.skipped_behind
-                gaps = ended.gaps(samples, room, crossed, revoked=bool(unknown))
+                gaps = partial.gaps(samples, room, crossed, revoked=bool(unknown))
             arrays = here.part(room if unknown else 0, crossed)
         if arrays is None or not len(arrays):
             return None
-        if split.broken or split.moved:
-            # Only the first mark may stand elsewhere by right. A false one moves the seam there and back.
-            if ended.whole and not ended.moved and (split.broken or self._last_spanned_ns):
-                part = samples is not None and samples.certain and split.moved
-                if not (part and samples and len(arrays) < FALSE_PART * samples.revolution_samples):
-                    self.stats.break_scan()
-            self._count.restart((self._seam.angle or 0) / self._stream.format.full_turn)
-            return None
-        return self._scan(arrays, ended, packets, samples, lost, gaps)
+        return EndedRevolution(partial, packets, samples, arrays, lost, gaps)
 
     def _decode(
         self,
@@ -240,98 +244,83 @@ class Assembler:
             None if split.marked or split.broken else self._seam.angle,
         )
 
-    def _scan(
-        self,
-        arrays: SampleArrays,
-        ended: PartialRevolution,
-        packets: Packets | None,
-        samples: Samples | None,
-        lost: int,
-        gaps: list[tuple[int, int]] | None,
-    ) -> Scan | None:
+    def _scan(self, ended: EndedRevolution) -> Scan | None:
         """Date a revolution and build its scan; None when it is not whole, or parts of two have met in it."""
-        start_ns = first_sample_ns(
-            ended,
-            packets,
-            samples,
-            sample_ns=self._stream.sample_ns,
-            packet_bytes=self._stream.format.shortest if packets is None else len(packets.data) / packets.count,
-            byte_ns=self._byte_ns,
-        )
-        elapsed_ns = ended.last_ns - start_ns
-        sample_ns = self._sample_ns(len(arrays), elapsed_ns, lost)
-        spanned_ns = len(arrays) * sample_ns
-        wire, stats, beginning = self._stream.format, self.stats, None
-        number = stats.scans + stats.missed_scans - self._told_unseen - (not ended.whole)
-        if packets is not None and samples is not None and not lost:
-            beginning = ordinary_beginning(
-                wire,
-                ended,
-                packets,
-                samples,
-                start_ns=start_ns,
-                elapsed_ns=elapsed_ns,
-                spanned_ns=spanned_ns,
-                ordinary_ns=self._last_spanned_ns or spanned_ns,
-                sample_ns=sample_ns,
-                number=number,
-                packets_before=stats.all_packets - packets.count,
-            )
+        self._date(ended)
+        stats, packets, lost = self.stats, ended.packets, ended.lost
+        ordinary_ns = self._last_spanned_ns or ended.spanned_ns
+        number = stats.scans + stats.missed_scans - self._told_unseen - (not ended.partial.whole)
+        before = stats.all_packets - (0 if packets is None else packets.count)
+        beginning = ordinary_beginning(self._stream.format, ended, ordinary_ns, number, before)
         if beginning is not None:
             revolution_ns = self._reckon(beginning)
         else:
-            if samples is not None:
-                spanned_ns += lost * sample_ns * samples.ends[-1] / len(samples.ends)
-            broken = is_broken(
-                packets,
-                samples,
-                len(arrays),
-                elapsed_ns=elapsed_ns,
-                spanned_ns=spanned_ns,
-                ordinary_ns=self._last_spanned_ns or spanned_ns,
-                sample_ns=sample_ns,
-            )
-            seam = self._seam.angle or 0
-            if ended.whole and not self._is_numbered and self._ended_at is not None:
-                least_ns = least_of(wire, ended, samples, seam, sample_ns, spanned_ns, self._count.usual_ns)
-                # Angles hide whole revolutions; so it counts when the packet behind it came.
-                if least_ns and self._part(*self._ended_at).received_ns - start_ns < least_ns:
-                    return None
-            if packets is None or samples is None or not (ended.whole or wire.first_seam is not None):
-                # Where only marks tell where revolutions begin, the first part may be longer than one.
-                self._count.restart()
-                revolution_ns = math.nan
-            else:
-                beginning = beginning_of(
-                    wire,
-                    ended,
-                    packets,
-                    samples,
-                    seam=seam,
-                    start_ns=start_ns,
-                    spanned_ns=spanned_ns,
-                    sample_ns=sample_ns,
-                    gap_behind=self._partial.carried is None,
-                    broken=broken,
-                    number=number,
-                    packets_before=stats.all_packets - packets.count - samples.lost,
-                )
-                revolution_ns = self._reckon(beginning)
-            if not ended.whole:
+            judged = self._judge(ended, ordinary_ns, number, before)
+            if judged is None:
                 return None
-            if broken:
-                stats.break_scan()
-                return None
-        self._last_spanned_ns = spanned_ns
+            revolution_ns = judged
+        spanned_ns = self._last_spanned_ns = ended.spanned_ns
+        samples, arrays = ended.samples, ended.arrays
         if math.isnan(revolution_ns) and not lost:
             # The revolution before was not seen: what this one holds tells its speed.
-            turn_ns = samples.revolution_samples * sample_ns if samples and samples.certain else math.inf
+            turn_ns = samples.revolution_samples * ended.sample_ns if samples and samples.certain else math.inf
             if is_complete(spanned_ns, turn_ns):
                 revolution_ns = spanned_ns
         arrays.angle = turned_by(arrays.angle, self._stream.zero_offset_deg)
         reported_rpm = math.nan if samples is None else samples.reported_rpm
-        made = DatedRevolution(arrays, start_ns, spanned_ns, revolution_ns, reported_rpm, gaps)
-        return self._deliver(made, sample_ns, lost)
+        made = DatedRevolution(arrays, ended.start_ns, spanned_ns, revolution_ns, reported_rpm, ended.gaps)
+        return self._deliver(made, ended.sample_ns, lost)
+
+    def _date(self, ended: EndedRevolution) -> None:
+        """Fill in the times, as if nothing were missing."""
+        packets, count = ended.packets, len(ended.arrays)
+        packet_bytes = self._stream.format.shortest if packets is None else len(packets.data) / packets.count
+        ended.sample_ns = self._stream.sample_ns
+        ended.start_ns = first_sample_ns(ended, packet_bytes=packet_bytes, byte_ns=self._byte_ns)
+        ended.elapsed_ns = ended.partial.last_ns - ended.start_ns
+        if not ended.sample_ns:
+            # The device does not say: as the last revolution without a gap took.
+            if not ended.lost or not self._measured_sample_ns:
+                self._measured_sample_ns = ended.elapsed_ns / count
+            ended.sample_ns = self._measured_sample_ns
+        ended.spanned_ns = count * ended.sample_ns
+
+    def _judge(self, ended: EndedRevolution, ordinary_ns: float, number: int, packets_before: int) -> float | None:
+        """Count one that is not ordinary; return what it took, NaN when unknown; None where it makes no scan."""
+        partial, packets, samples, wire = ended.partial, ended.packets, ended.samples, self._stream.format
+        if samples is not None:
+            ended.spanned_ns += ended.lost * ended.sample_ns * samples.ends[-1] / len(samples.ends)
+            ordinary_ns = self._last_spanned_ns or ended.spanned_ns
+        broken = is_broken(ended, ordinary_ns)
+        seam = self._seam.angle or 0
+        if partial.whole and not self._is_numbered and self._ended_at is not None:
+            least_ns = least_of(wire, ended, seam, self._count.usual_ns)
+            # Angles hide whole revolutions; so it counts when the packet behind it came.
+            if least_ns and self._part(*self._ended_at).received_ns - ended.start_ns < least_ns:
+                return None
+        if packets is None or samples is None or not (partial.whole or wire.first_seam is not None):
+            # Where only marks tell where revolutions begin, the first part may be longer than one.
+            self._count.restart()
+            revolution_ns = math.nan
+        else:
+            beginning = beginning_of(
+                wire,
+                ended,
+                packets,
+                samples,
+                seam=seam,
+                gap_behind=self._partial.carried is None,
+                broken=broken,
+                number=number,
+                packets_before=packets_before - samples.lost,
+            )
+            revolution_ns = self._reckon(beginning)
+        if not partial.whole:
+            return None
+        if broken:
+            self.stats.break_scan()
+            return None
+        return revolution_ns
 
     def _deliver(self, made: DatedRevolution, sample_ns: float, lost: int) -> Scan:
         if self.stats.left_off is not None:
@@ -355,11 +344,3 @@ class Assembler:
         self.stats.lost_packets += passed.lost
         self.stats.missed_scans += passed.unseen - min(passed.unseen, self._told_unseen)
         return passed.revolution_ns
-
-    def _sample_ns(self, samples: int, elapsed_ns: int, lost: int) -> float:
-        """Nanoseconds a sample: as the device says, or as the last revolution without a gap took."""
-        if self._stream.sample_ns:
-            return self._stream.sample_ns
-        if not lost or not self._measured_sample_ns:
-            self._measured_sample_ns = elapsed_ns / samples
-        return self._measured_sample_ns

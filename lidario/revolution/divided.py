@@ -35,7 +35,7 @@ __all__ = [
 ROUNDING: Final = 1e-9
 """Much less than a packet, and more than what rounding makes of a whole number."""
 RETREAT_PART: Final = 12
-"""Part of 360 degrees by which headings may tremble back, as in `Seam`."""
+"""Headings may tremble back by this part of 360 degrees, a twelfth, as in `Seam`."""
 
 
 @cache
@@ -127,12 +127,6 @@ class DividedRevolution:
         self.gap: bool = partial.carried is not None and partial.lost_behind_carried > 0
         self.seq: int | None = None
         self.unseen = 0
-
-    @property
-    def packet_samples(self) -> float:
-        """Samples in a packet, on average."""
-        fresh = self.samples - (0 if self.partial.carried is None else len(self.partial.carried))
-        return fresh / self.packets if self.packets else 0.0
 
     def skipped(self, begin: int) -> int:
         """Samples that are missing before number `begin` of those that came."""

@@ -6,6 +6,7 @@ from typing import Final
 
 from lidario.families.base import Samples
 from lidario.revolution.count import NOISE, Beginning
+from lidario.revolution.ended import EndedRevolution
 from lidario.revolution.partial import PartialRevolution
 from lidario.wire.blocks import Block, some_blocks
 from lidario.wire.events import Packets
@@ -49,27 +50,15 @@ _WHOLE: Final = 0.99
 """Share of a revolution that samples without a gap must be, for their time to tell the speed."""
 
 
-def is_broken(
-    packets: Packets | None,
-    samples: Samples | None,
-    count: int,
-    *,
-    elapsed_ns: int,
-    spanned_ns: float,
-    ordinary_ns: float,
-    sample_ns: float,
-) -> bool:
+def is_broken(ended: EndedRevolution, ordinary_ns: float) -> bool:
     """Whether parts of two revolutions may have met in one.
 
     Args:
-        packets: Its packets; None when it has none.
-        samples: What they were decoded to.
-        count: Its samples.
-        elapsed_ns: Time from its first sample to the arrival of its last packet.
-        spanned_ns: Time that its samples take, and those that are known to be missing.
+        ended: The revolution, dated.
         ordinary_ns: What the revolution before took.
-        sample_ns: Nanoseconds a sample.
     """
+    packets, samples = ended.packets, ended.samples
+    elapsed_ns, spanned_ns = ended.elapsed_ns, ended.spanned_ns
     if elapsed_ns > spanned_ns + BROKEN_SHARE * ordinary_ns:
         return True
     if packets is None or samples is None:
@@ -78,10 +67,10 @@ def is_broken(
         return True
     if samples.certain:
         # More than one revolution by its angles: they went back by so little that it looked like jitter.
-        within = count + (samples.lost - samples.lost_behind) * samples.ends[-1] / len(samples.ends)
-        return within > UNEVEN * samples.revolution_samples
+        missing = (samples.lost - samples.lost_behind) * samples.ends[-1] / len(samples.ends)
+        return len(ended.arrays) + missing > UNEVEN * samples.revolution_samples
     # Nothing must speak against the angles where their step is not certain.
-    expected_ns = (packets.count + samples.lost) * samples.ends[-1] / packets.count * sample_ns
+    expected_ns = (packets.count + samples.lost) * samples.ends[-1] / packets.count * ended.sample_ns
     return packets.count < _FEWEST_PACKETS or elapsed_ns > UNEVEN * expected_ns
 
 
@@ -98,49 +87,38 @@ def is_complete(spanned_ns: float, revolution_ns: float) -> bool:
     return spanned_ns > _WHOLE * revolution_ns
 
 
-def least_of(
-    wire: StreamFormat,
-    ended: PartialRevolution,
-    samples: Samples | None,
-    seam: int,
-    sample_ns: float,
-    spanned_ns: float,
-    usual_ns: float,
-) -> float:
+def least_of(wire: StreamFormat, ended: EndedRevolution, seam: int, usual_ns: float) -> float:
     """The time below which what has ended is only a part of a revolution; 0 where enough of one came.
 
     Args:
         wire: The format.
-        ended: What has ended.
-        samples: What it was decoded to.
+        ended: What has ended, dated.
         seam: Heading at which revolutions begin.
-        sample_ns: Nanoseconds a sample.
-        spanned_ns: Time that its samples take, and those that are known to be missing.
         usual_ns: What a revolution takes, by those before; 0 where that is not known.
     """
     if wire.first_seam is None:
         # Where only marks tell where revolutions begin, a check value keeps false ones away.
         return 0.0
+    samples = ended.samples
     if samples is None or not samples.certain:
         return FALSE_PART * usual_ns
-    turn_ns = samples.revolution_samples * sample_ns
+    turn_ns = samples.revolution_samples * ended.sample_ns
     least_ns = FALSE_PART * turn_ns
     # What is missing at its beginning was lost.
-    if spanned_ns >= least_ns or spanned_ns + share_before(wire, ended, samples, seam) * turn_ns >= least_ns:
+    if ended.spanned_ns >= least_ns:
+        return 0.0
+    if ended.spanned_ns + share_before(wire, ended.partial, samples, seam) * turn_ns >= least_ns:
         return 0.0
     return least_ns
 
 
 def beginning_of(
     wire: StreamFormat,
-    ended: PartialRevolution,
+    ended: EndedRevolution,
     packets: Packets,
     samples: Samples,
     *,
     seam: int,
-    start_ns: int,
-    spanned_ns: float,
-    sample_ns: float,
     gap_behind: bool,
     broken: bool,
     number: int,
@@ -150,27 +128,24 @@ def beginning_of(
 
     Args:
         wire: The format.
-        ended: The revolution.
+        ended: The revolution, dated.
         packets: Its packets.
         samples: What they were decoded to.
         seam: Heading at which revolutions begin.
-        start_ns: When its first sample was measured.
-        spanned_ns: Time that its samples take, and those that are known to be missing.
-        sample_ns: Nanoseconds a sample.
         gap_behind: Whether what is missing behind its last packet belongs to it.
         broken: Whether it is broken, though its beginning was seen.
         number: As in `Beginning`.
         packets_before: As in `Beginning`.
     """
-    revolution_ns = samples.revolution_samples * sample_ns if samples.certain else 0.0
-    packet_ns, revolution_packets, ordinary = packet_time(wire, packets, samples, sample_ns)
+    revolution_ns = samples.revolution_samples * ended.sample_ns if samples.certain else 0.0
+    packet_ns, revolution_packets, ordinary = packet_time(wire, packets, samples, ended.sample_ns)
     # A read that was completed only behind a gap dates what came before it too late. What follows is on time.
     behind_ns = samples.lost_behind * packet_ns if gap_behind else 0.0
-    from_end_ns = round(ended.last_ns - spanned_ns + behind_ns)
-    late = samples.certain and start_ns - from_end_ns > NOISE * revolution_ns
+    from_end_ns = round(ended.partial.last_ns - ended.spanned_ns + behind_ns)
+    late = samples.certain and ended.start_ns - from_end_ns > NOISE * revolution_ns
     return Beginning(
-        from_end_ns if late else start_ns,
-        over=share_before(wire, ended, samples, seam),
+        from_end_ns if late else ended.start_ns,
+        over=share_before(wire, ended.partial, samples, seam),
         revolution_ns=revolution_ns,
         revolution_packets=revolution_packets,
         packet_ns=packet_ns,
@@ -180,6 +155,7 @@ def beginning_of(
         number=number,
         packets_before=packets_before,
         ordinary=ordinary,
+        behind=0 if gap_behind else samples.lost_behind,
     )
 
 

@@ -83,19 +83,33 @@ class PartialRevolution:
         if len(runs) <= 1:
             return runs[0] if runs else None
         arrivals: list[Arrival] = []
-        blocks: list[Block] = []
-        before = 0
+        before, size, alike = 0, runs[0].blocks[0].size, True
         for run in runs:
             for count, at_ns in run.arrivals:
                 arrivals.append((before + count, at_ns))
             before = arrivals[-1][0]
-            blocks += run.blocks
+            alike = alike and len(run.blocks) == 1 and run.blocks[0].size == size
         data = b"".join([run.data for run in runs])
-        if len({size for size, _ in blocks}) == 1:
-            return Packets(data, (Block(blocks[0].size, before),), tuple(arrivals))
+        if alike:
+            return Packets(data, (Block(size, before),), tuple(arrivals))
         joined: list[Block] = []
-        join_blocks(joined, blocks)
+        for run in runs:
+            join_blocks(joined, run.blocks)
         return Packets(data, tuple(joined), tuple(arrivals))
+
+    def carry(self, arrays: SampleArrays, at_ns: int, samples: Samples) -> None:
+        """Begin with what lies behind the seam in the last packet of the revolution before.
+
+        Args:
+            arrays: These samples.
+            at_ns: Arrival of that packet.
+            samples: What the revolution before was decoded to.
+        """
+        self.carried = arrays
+        self.carried_ns = at_ns
+        self.lost_behind_carried = samples.lost_behind
+        self.skipped_behind_carried = samples.skipped_behind
+        self.carried_packets = 0.0 if samples.certain else samples.revolution_packets
 
     def revoke_carried(self, revolution_packets: float) -> int:
         """Drop the carried samples if their packet was stretched over a gap; return the packets missing there.

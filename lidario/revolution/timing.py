@@ -11,9 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from lidario.families.base import Samples
-from lidario.revolution.partial import PartialRevolution
-from lidario.wire.events import Packets
+from lidario.revolution.ended import EndedRevolution
 
 __all__ = ["DEVICE_DELAY_SAMPLES", "byte_ns_at", "earliest_ns", "first_sample_ns"]
 
@@ -24,25 +22,15 @@ _KNOWN_GAPS = 8
 """Gaps over which samples are counted. Of each, a sample more or less may be missing than its angles tell."""
 
 
-def first_sample_ns(
-    revolution: PartialRevolution,
-    packets: Packets | None,
-    samples: Samples | None,
-    *,
-    sample_ns: float,
-    packet_bytes: float,
-    byte_ns: float,
-) -> int:
+def first_sample_ns(ended: EndedRevolution, *, packet_bytes: float, byte_ns: float) -> int:
     """When the first sample was measured, by the least delayed packet before there are too many gaps.
 
     Args:
-        revolution: The revolution; it has carried samples, or packets.
-        packets: Its packets; None when it has none.
-        samples: What they were decoded to.
-        sample_ns: Nanoseconds a sample.
+        ended: The revolution; it has carried samples, or packets. Of its times, only `sample_ns` is read.
         packet_bytes: Mean length of a packet.
         byte_ns: Nanoseconds that a byte takes on the line.
     """
+    revolution, packets, samples, sample_ns = ended.partial, ended.packets, ended.samples, ended.sample_ns
     carried = 0 if revolution.carried is None else len(revolution.carried)
     earliest = revolution.carried_ns - (carried - 1) * sample_ns if carried else math.inf
     if packets is None or samples is None:

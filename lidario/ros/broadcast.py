@@ -20,6 +20,7 @@ from contextlib import suppress
 from functools import partial
 from typing import Final
 
+from lidario.arguments import text_of
 from lidario.entered import Entered
 from lidario.errors import ConnectFailed, LidarError, LocalProtocolError
 from lidario.model import ScanMode
@@ -86,12 +87,13 @@ class Broadcast(Entered):
 
     form: str
 
-    how = "a publisher is entered asynchronously: write `async with`"
+    _instead = "a publisher is entered asynchronously: write `async with`"
 
     def __init__(self, lidar: Lidar, router: str = DEFAULT_ROUTER, robot: str | None = None) -> None:
         self.lidar = lidar
         self.router = router
-        self.robot: str = robot or platform.node() or "unknown"
+        named = "" if robot is None else text_of(robot, "the name of a robot")
+        self.robot: str = named or platform.node() or "unknown"
         self.on_change: Callable[[bool], None] | None = None
         self.news: str = ""
         self.scans: int = 0

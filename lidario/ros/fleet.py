@@ -10,6 +10,7 @@ import asyncio
 import time
 from typing import Final, Self
 
+from lidario.arguments import shown, whole
 from lidario.entered import Entered
 from lidario.errors import Busy, InvalidValue, LocalProtocolError, SessionClosed
 from lidario.laserscan import LaserScan
@@ -54,11 +55,12 @@ class Fleet(Entered):
         InvalidValue: `keys` cannot be one, or `depth` is below 1.
     """
 
-    how = "a fleet is entered asynchronously: write `async with`"
+    _instead = "a fleet is read asynchronously: write `async with Fleet(...) as fleet:`, `async for each in fleet:`"
 
     def __init__(self, keys: str, *, router: str = DEFAULT_ROUTER, depth: int = 8) -> None:
+        depth = whole(depth, "depth")
         if depth < 1:
-            raise InvalidValue(f"a reader keeps at least one scan of each lidar, not {depth!r}")
+            raise InvalidValue(f"a reader keeps at least one scan of each lidar, not {shown(depth)}")
         self._keys = check_key(keys, wildcards=True)
         self._router = router
         self._scans = WaitingScans(depth)

@@ -18,6 +18,7 @@ import re
 from dataclasses import dataclass
 from typing import Final, Literal
 
+from lidario.arguments import shown, text_of, whole
 from lidario.errors import InvalidValue
 
 __all__ = [
@@ -97,14 +98,15 @@ class Node:
     distro: Distro = "jazzy"
 
     def __post_init__(self) -> None:
+        text_of(self.name, "the name of a node")
         if not _NAME.fullmatch(self.name) or len(self.name) > _LONGEST:
             raise InvalidValue(f"{self.name!r} is not the name of a node: letters, digits and _ are")
         if self.namespace != "/":
             qualified(self.namespace, "/")
-        if not 0 <= self.domain <= MOST_DOMAIN:
-            raise InvalidValue(f"a domain is a number from 0 to {MOST_DOMAIN}, not {self.domain}")
-        if self.distro not in DISTROS:
-            raise InvalidValue(f"{self.distro!r} is not known; these are: {', '.join(DISTROS)}")
+        if not 0 <= whole(self.domain, "a domain") <= MOST_DOMAIN:
+            raise InvalidValue(f"a domain is a number from 0 to {MOST_DOMAIN}, not {shown(self.domain)}")
+        if text_of(self.distro, "a release of ROS 2") not in DISTROS:
+            raise InvalidValue(f"{shown(self.distro)} is not known; these are: {', '.join(DISTROS)}")
 
     def topic(self, name: str) -> str:
         """The full name of a topic: ``/scan`` for ``scan``; one that begins with a slash is full already."""
@@ -132,6 +134,7 @@ def qualified(name: str, namespace: str) -> str:
     Raises:
         InvalidValue: It cannot be one.
     """
+    text_of(name, "a name in ROS")
     full = name if name.startswith("/") else f"{namespace.rstrip('/')}/{name}"
     if len(full) > _LONGEST or not all(_NAME.fullmatch(part) for part in full[1:].split("/")):
         raise InvalidValue(

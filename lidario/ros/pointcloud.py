@@ -7,7 +7,6 @@ which is that of the first return).
 
 from __future__ import annotations
 
-import math
 import struct
 from dataclasses import dataclass
 from typing import Final
@@ -15,7 +14,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from lidario.arguments import finite, shown, text_of
 from lidario.cdr import LITTLE_ENDIAN, CdrWriter
+from lidario.errors import InvalidValue
 from lidario.scan import Scan
 
 __all__ = ["POINT", "PointCloud2", "pointcloud2"]
@@ -82,10 +83,11 @@ def pointcloud2(scan: Scan, *, frame_id: str = "laser", mount_yaw: float = 0.0) 
         mount_yaw: Angle of the device's forward axis in the frame, radians counter-clockwise.
 
     Raises:
-        ValueError: `mount_yaw` is not finite.
+        InvalidValue: `scan` is no `Scan`, `frame_id` no text, or `mount_yaw` not finite.
     """
-    if not math.isfinite(mount_yaw):
-        raise ValueError(f"mount_yaw must be finite, not {mount_yaw}")
+    if not isinstance(scan, Scan):
+        raise InvalidValue(f"pointcloud2() takes a Scan, not {shown(scan)}")
+    frame_id, mount_yaw = text_of(frame_id, "frame_id"), finite(mount_yaw, "mount_yaw")
     hit = scan.valid
     times_ns = scan.times_ns[hit]
     first_ns = int(times_ns[0]) if len(times_ns) else scan.stamp_ns

@@ -9,12 +9,11 @@ the mode was changed.
 
 from __future__ import annotations
 
-import math
 import time
 from typing import Final
 
-from lidario.errors import InvalidValue
-from lidario.laserscan import BeamOrder, NoReturn, Preset
+from lidario.arguments import text_of
+from lidario.laserscan import BeamOrder, NoReturn, Preset, beam_count, check_options
 from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.status import Status
 from lidario.ros.broadcast import Broadcast, Outlet
@@ -60,7 +59,7 @@ class Publisher(Broadcast):
         preset: As there.
 
     Raises:
-        InvalidValue: A name, the domain, the release, `beams` or `mount_yaw` cannot be right.
+        InvalidValue: An argument cannot be right.
     """
 
     form = "ros"
@@ -86,15 +85,13 @@ class Publisher(Broadcast):
         preset: Preset = "rep103",
     ) -> None:
         super().__init__(lidar, router, robot)
+        text_of(namespace, "a namespace")
         self._node = Node(node, "/" if namespace == "/" else qualified(namespace, "/"), domain, distro)
         self._topic = self._node.topic(topic)
         self._frame_id = frame_id
-        if beams is not None and beams < 1:
-            raise InvalidValue(f"a grid needs at least one beam, not {beams}")
-        if not math.isfinite(mount_yaw):
-            raise InvalidValue(f"mount_yaw must be finite, not {mount_yaw}")
+        check_options(order, frame_id, range_min, range_max, no_return, mount_yaw, preset)
         self._fixed = beams is not None
-        self._beams = beams or 0
+        self._beams = 0 if beams is None else beam_count(beams)
         self._unlike = 0
         self._order: BeamOrder = order
         self._range_min, self._range_max = range_min, range_max

@@ -11,6 +11,7 @@ import asyncio
 from pathlib import Path
 from typing import Any, Final, cast
 
+from lidario.arguments import yes_or_no
 from lidario.errors import LidarError, Unsupported
 from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.keys import check_key
@@ -59,6 +60,7 @@ class Share(Broadcast):
         robot: str | None = None,
     ) -> None:
         super().__init__(lidar, router, robot)
+        raw = yes_or_no(raw, "raw")
         self.form = "raw" if raw else "scan"
         self._key = check_key(key)
         self._outlet: Outlet | None = None

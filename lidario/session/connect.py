@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import anyio
 
-from lidario.errors import ConnectFailed, ResponseTimeout
+from lidario.errors import ConnectFailed, DeviceLost, ResponseTimeout
 from lidario.families.base import Device, Family
 from lidario.families.registry import FAMILIES, families_of_model, family_named, family_of_simulated
 from lidario.port.port import Port
@@ -88,9 +88,53 @@ async def connect(
         return await connect_recording(source, family)
     if source.kind == "zenoh":
         return await connect_remote(source)
-    named = family or source.family
+    port, tries, adapter = await _opened(source, family or source.family, baudrate or source.baudrate, simulation)
+    # Where Ctrl-C has ended it, what follows is run by the garbage collector.
+    loop = asyncio.get_running_loop()
+    received = ReceivedInSilence()
+    asked: list[Dialogue] = []
+
+    def began(dialogue: Dialogue) -> None:
+        asked.append(dialogue)
+        if on_dialogue is not None:
+            on_dialogue(dialogue)
+
+    port.add_tap(received.see)
+    try:
+        connection, tries = await _find(port, tries, patient=patient, on_dialogue=began)
+        if connection is None and len(tries) == 1 and source.model is None:
+            connection = await _find_by_dtr(port, tries)
+        if connection is not None:
+            if adapter is not None:
+                remember(adapter, connection.family.name, port.baudrate)
+            return connection
+        port.close_soon()
+    except BaseException as error:
+        # Ctrl-C may come when the device has responded, and before its connection is returned.
+        for dialogue in asked:
+            dialogue.hang_up()
+        if not asked and not port.is_closing:
+            port.close_soon()
+        if source.kind == "udp" and isinstance(error, DeviceLost) and not received.total:
+            # Such a port opens wherever it leads; only the first request shows that nobody is there.
+            raise ConnectFailed(
+                f"{source.text}: nothing listens at this UDP port. Are address and port right?", reason="refused"
+            ) from error
+        raise
+    finally:
+        port.remove_tap(received.see)
+        if port.is_closing and not loop.is_closed():
+            with anyio.CancelScope(shield=True):
+                await port.wait_closed()
+    asked_at = [each.baudrate for each in tries if each.baudrate]
+    raise received.nothing_responds(source, [each.family for each in tries], asked_at)
+
+
+async def _opened(
+    source: Source, named: str | None, speed: int | None, simulation: Simulation | None
+) -> tuple[Port, list[_Try], str | None]:
+    """An open port, what is to be tried on it, and its adapter where the speed behind that is to be remembered."""
     families = (family_named(named),) if named else FAMILIES
-    speed = baudrate or source.baudrate
     if source.model is not None:
         families = families_of_model(source.model, named)
     adapter: str | None = None
@@ -121,40 +165,7 @@ async def connect(
             # Sorting keeps the order of all others.
             tries = sorted(_by_likelihood(families), key=lambda each: (each.family.name, each.baudrate) != known)
         port = await open_serial(source.address, tries[0].baudrate)
-    # Where Ctrl-C has ended it, what follows is run by the garbage collector.
-    loop = asyncio.get_running_loop()
-    received = ReceivedInSilence()
-    asked: list[Dialogue] = []
-
-    def began(dialogue: Dialogue) -> None:
-        asked.append(dialogue)
-        if on_dialogue is not None:
-            on_dialogue(dialogue)
-
-    port.add_tap(received.see)
-    try:
-        connection, tries = await _find(port, tries, patient=patient, on_dialogue=began)
-        if connection is None and len(tries) == 1 and source.model is None:
-            connection = await _find_by_dtr(port, tries)
-        if connection is not None:
-            if adapter is not None:
-                remember(adapter, connection.family.name, port.baudrate)
-            return connection
-        port.close_soon()
-    except BaseException:
-        # Ctrl-C may come when the device has responded, and before its connection is returned.
-        for dialogue in asked:
-            dialogue.hang_up()
-        if not asked and not port.is_closing:
-            port.close_soon()
-        raise
-    finally:
-        port.remove_tap(received.see)
-        if port.is_closing and not loop.is_closed():
-            with anyio.CancelScope(shield=True):
-                await port.wait_closed()
-    asked_at = [each.baudrate for each in tries if each.baudrate]
-    raise received.nothing_responds(source, [each.family for each in tries], asked_at)
+    return port, tries, adapter
 
 
 def _made(port: Port, attempt: _Try) -> Device:

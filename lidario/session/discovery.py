@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import asyncio
 import os
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
 
-from lidario.errors import ConnectFailed, ConnectReason, LidarError
+from lidario.arguments import path_of, shown
+from lidario.errors import ConnectFailed, ConnectReason, InvalidValue, LidarError
 from lidario.model import DeviceInfo
 from lidario.port.background import run_in_thread
 from lidario.session.connect import connect
@@ -88,7 +90,7 @@ def list_serial_ports() -> list[PortInfo]:
     ]
 
 
-async def list_lidars(paths: tuple[str, ...] = ()) -> list[Found]:
+async def list_lidars(paths: Iterable[str | os.PathLike[str]] = ()) -> list[Found]:
     """Ask which device is at each port, at all ports at the same time.
 
     A device that streams is stopped by this. Where no port has a lidar, all are asked again for 8 s, which is
@@ -99,8 +101,14 @@ async def list_lidars(paths: tuple[str, ...] = ()) -> list[Found]:
 
     Returns:
         One entry for each port that was asked. Errors of a port are in its entry; none is raised.
+
+    Raises:
+        InvalidValue: `paths` is no list of paths, as the path of one port is none.
     """
-    named = {path: PortInfo(path, "", "", "") for path in paths}
+    if isinstance(paths, str | bytes) or not isinstance(paths, Iterable):
+        raise InvalidValue(f"write list_lidars(['/dev/ttyUSB0']): it takes a list of ports, not {shown(paths)}")
+    names = [str(path_of(path, "a port")) for path in paths]
+    named = {name: PortInfo(name, "", "", "") for name in names}
     # Off the loop: it reads a few files of each port.
     ports = list(named.values()) or [port for port in await run_in_thread(list_serial_ports) if port.adapter]
     found: list[Found] = []

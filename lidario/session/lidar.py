@@ -16,10 +16,11 @@ import asyncio
 import os
 import weakref
 from collections.abc import Callable
-from pathlib import Path
 from types import TracebackType
 from typing import NoReturn, Self
 
+from lidario.arguments import callable_of, path_of, yes_or_no
+from lidario.entered import AsyncOnly
 from lidario.errors import LocalProtocolError, SessionClosed
 from lidario.model import Health, ScanMode, Stats
 from lidario.port.line import Tap
@@ -39,7 +40,7 @@ from lidario.session.twin import twin_of
 __all__ = ["Lidar"]
 
 
-class Lidar(Questions):
+class Lidar(Questions, AsyncOnly):
     """One open device; made by `open_lidar`, and best used as its context manager.
 
     Its methods belong to the event loop in which it was opened; in another one they raise `LocalProtocolError`.
@@ -52,6 +53,8 @@ class Lidar(Questions):
         source: The source it was opened from.
         info: What the device says it is.
     """
+
+    _instead = "a lidar is used asynchronously: write `async with`, and `async for scan in lidar.scans():`"
 
     def __init__(
         self,
@@ -196,8 +199,13 @@ class Lidar(Questions):
         await self._scanner.stop()
 
     def tap(self, tap: Tap) -> None:
-        """Have `tap` called with every chunk of raw bytes, in and out. One that raises is removed, and logged."""
+        """Have `tap` called with every chunk of raw bytes, in and out. One that raises is removed, and logged.
+
+        Raises:
+            InvalidValue: `tap` cannot be called.
+        """
         self._check_open()
+        callable_of(tap, "a tap")
         self._dialogue.add_tap(tap)
 
     def untap(self, tap: Tap) -> None:
@@ -218,9 +226,15 @@ class Lidar(Questions):
 
         Raises:
             CannotRecord: When the block is entered: the file cannot be made, or ``mcap`` is not installed.
+            InvalidValue: `path` cannot be the name of a file.
         """
         self._check_open()
-        return Recording(Path(path), self._recorded, scans=scans, overwrite=overwrite)
+        return Recording(
+            path_of(path, "a recording"),
+            self._recorded,
+            scans=yes_or_no(scans, "scans"),
+            overwrite=yes_or_no(overwrite, "overwrite"),
+        )
 
     async def close(self) -> None:
         """Stop laser and motor and close the port; returns when it is closed. Harmless when done before.
@@ -253,12 +267,6 @@ class Lidar(Questions):
 
     def __aiter__(self) -> NoReturn:
         raise LocalProtocolError("a lidar may have several streams: write `async for scan in lidar.scans():`")
-
-    def __enter__(self) -> NoReturn:
-        raise LocalProtocolError("a lidar is left asynchronously: write `async with`")
-
-    def __exit__(self, *_: object) -> None:
-        """Never reached; `with` looks for it before `__enter__` can say what to write."""
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

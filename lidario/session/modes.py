@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from numbers import Integral
 from typing import NamedTuple
 
+from lidario.arguments import shown
 from lidario.errors import LocalProtocolError, Unsupported
 from lidario.model import ScanMode
 
@@ -55,14 +57,15 @@ def choose_mode(modes: tuple[ScanMode, ...], wanted: str | int | None) -> ScanMo
     Raises:
         Unsupported: There is no such mode; the text lists the modes of the device.
     """
+    number: object = wanted  # whole numbers of numpy are none of Python's
     for mode in modes:
         if wanted is None and mode.typical:
             return mode
         if isinstance(wanted, str) and mode.name.casefold() == wanted.casefold():
             return mode
-        if isinstance(wanted, int) and mode.id == wanted:
+        if isinstance(number, Integral) and mode.id == number:
             return mode
     if wanted is None:
         return modes[0]
     known = ", ".join(f"{mode.name} ({mode.id})" for mode in modes)
-    raise Unsupported(f"this device has no scan mode {wanted!r}; it has {known}")
+    raise Unsupported(f"this device has no scan mode {shown(wanted)}; it has {known}")

@@ -9,6 +9,8 @@ from collections.abc import Generator
 from types import TracebackType
 from typing import TYPE_CHECKING, NoReturn
 
+from lidario.arguments import finite, shown, whole, yes_or_no
+from lidario.entered import AsyncOnly
 from lidario.errors import InvalidValue, LocalProtocolError, Unsupported
 from lidario.families.registry import check_source
 from lidario.session.connect import connect
@@ -16,7 +18,7 @@ from lidario.session.discovery import find_source
 from lidario.session.handshake import healthy
 from lidario.session.lidar import Lidar
 from lidario.session.reconnect import Reconnect, Reconnector
-from lidario.source import Source, as_source
+from lidario.source import MOST_BAUD, Source, as_source
 
 if TYPE_CHECKING:
     from lidario.sim.device import SimulatedDevice
@@ -29,8 +31,10 @@ DEFAULT_LATENCY_S = 0.005
 _WRITE = "write `async with lidario.open_lidar(...) as lidar:`"
 
 
-class OpenLidar:
+class OpenLidar(AsyncOnly):
     """What `open_lidar` returns: a context manager, or something to ``await`` and close by hand."""
+
+    _instead = f"opening a lidar takes time: {_WRITE}, or `with lidario.open_sync(...) as lidar:`"
 
     def __init__(
         self,
@@ -61,12 +65,6 @@ class OpenLidar:
     ) -> None:
         if self._lidar is not None:
             await self._lidar.close()
-
-    def __enter__(self) -> NoReturn:
-        raise LocalProtocolError(f"opening a lidar takes time: {_WRITE}")
-
-    def __exit__(self, *_: object) -> None:
-        """Never reached; `with` looks for it before `__enter__` can say what to write."""
 
     def __aiter__(self) -> NoReturn:
         raise LocalProtocolError(f"the lidar is not open yet: {_WRITE}, then `async for scan in lidar.scans():`")
@@ -148,10 +146,17 @@ def open_lidar(
         DeviceLost: The port died meanwhile.
         RecordingError: Nothing can be read of a recording.
         RemoteProtocolError: It says each time that it is another device: the line damages what it carries.
-        InvalidValue: `keep_spinning` of a recording.
+        InvalidValue: An argument is no such thing: `baudrate` is a whole number above 0, `latency` a number of
+            seconds from 0 on; or `keep_spinning` of a recording.
         Unsupported: `keep_spinning` on a device whose motor stops with its laser.
     """
     where = as_source(source)
     check_source(where, family)
-    policy = reconnect if isinstance(reconnect, Reconnect) else Reconnect() if reconnect else None
-    return OpenLidar(where, family, baudrate, latency, keep_spinning, policy)
+    if baudrate is not None and not 0 < (baudrate := whole(baudrate, "a baud rate")) <= MOST_BAUD:
+        raise InvalidValue(f"a baud rate is a number of bits per second, such as 115200, not {shown(baudrate)}")
+    if (latency := finite(latency, "the latency")) < 0:
+        raise InvalidValue(f"the latency is a number of seconds from 0 on, not {latency:g}")
+    policy = reconnect if isinstance(reconnect, Reconnect) else None
+    if policy is None and yes_or_no(reconnect, "reconnect"):
+        policy = Reconnect()
+    return OpenLidar(where, family, baudrate, latency, yes_or_no(keep_spinning, "keep_spinning"), policy)

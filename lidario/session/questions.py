@@ -10,6 +10,7 @@ import asyncio
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 
+from lidario.arguments import finite, shown, whole, yes_or_no
 from lidario.errors import InvalidValue, RemoteProtocolError, Unsupported
 from lidario.families.base import Device, Script
 from lidario.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
@@ -102,7 +103,7 @@ class Questions(ABC):
             Unsupported: It cannot be set on this device.
             RemoteProtocolError: The device turns at another speed even after ten seconds.
         """
-        device = self._open_device()
+        device, verify = self._open_device(), yes_or_no(verify, "verify")
         value = await self._scanner.ask(lambda: device.set_scan_frequency(hertz))
         self._remember("scan frequency", lambda device: device.set_scan_frequency(hertz))
         if verify and self._scanner.is_scanning:
@@ -111,10 +112,7 @@ class Questions(ABC):
 
     async def set_motor_speed(self, rpm: float, *, verify: bool = True) -> float:
         """As `set_scan_frequency`, in revolutions a minute."""
-        try:
-            hertz = rpm / 60
-        except TypeError:
-            raise InvalidValue(f"{rpm!r} is no number of revolutions a minute") from None
+        hertz = finite(rpm, "a motor speed") / 60
         return 60 * await self.set_scan_frequency(hertz, verify=verify)
 
     async def get_zero_offset(self) -> float:
@@ -129,7 +127,7 @@ class Questions(ABC):
 
         Streams that run add it, or do not, from the next revolution on. Raises Unsupported where there is none.
         """
-        device = self._open_device()
+        device, on = self._open_device(), yes_or_no(on, "the zero-angle offset")
         self._scanner.set_zero_offset(await self._scanner.ask(lambda: device.apply_zero_offset(on)))
         self._remember("zero offset", lambda device: device.apply_zero_offset(on))
 
@@ -141,7 +139,7 @@ class Questions(ABC):
         it where lidar and host have separate power supplies. It lasts longer than the session: the next program
         finds it as this one left it. Raises Unsupported where there is none.
         """
-        device = self._open_device()
+        device, on = self._open_device(), yes_or_no(on, "power-down protection")
         state = await self._scanner.ask(lambda: device.power_down_protection(on))
         self._remember("protection", lambda device: device.power_down_protection(on))
         return state
@@ -184,8 +182,9 @@ class Questions(ABC):
             ConnectFailed: The adapter cannot do that speed; it is as before.
             ResponseTimeout: The device has confirmed the speed, and does not respond at it.
         """
-        if not isinstance(baudrate, int) or not SLOWEST_LINE <= baudrate <= FASTEST_LINE:
-            raise InvalidValue(f"{baudrate!r} is no speed from {SLOWEST_LINE} to {FASTEST_LINE} baud")
+        baudrate = whole(baudrate, "a baud rate")
+        if not SLOWEST_LINE <= baudrate <= FASTEST_LINE:
+            raise InvalidValue(f"{shown(baudrate)} is no speed from {SLOWEST_LINE} to {FASTEST_LINE} baud")
         device, dialogue = self._open_device(), self._dialogue
         before = dialogue.baudrate
         if not before:

@@ -15,6 +15,9 @@ from collections.abc import Coroutine
 from contextlib import suppress
 from typing import Any, TypeVar
 
+from lidario.arguments import shown
+from lidario.errors import InvalidValue, LocalProtocolError
+
 __all__ = ["run"]
 
 T = TypeVar("T")
@@ -39,7 +42,15 @@ def run(main: Coroutine[Any, Any, T], *, debug: bool | None = None) -> T:
     Raises:
         SystemExit: A signal ended it; the code is 128 plus the number of the signal.
         KeyboardInterrupt: Ctrl-C ended it.
+        InvalidValue: `main` is no coroutine, such as a function that was not called.
+        LocalProtocolError: An event loop runs in this thread already, as in a notebook.
     """
+    given: object = main
+    if not isinstance(given, Coroutine):
+        raise InvalidValue(f"write `lidario.run(main())`: it takes a coroutine, not {shown(given)}")
+    if _loop_runs():
+        main.close()
+        raise LocalProtocolError("an event loop runs here already, as in a notebook: write `await main()`")
     caught: list[int] = []
 
     async def guarded() -> T:
@@ -55,6 +66,14 @@ def run(main: Coroutine[Any, Any, T], *, debug: bool | None = None) -> T:
         raise
     finally:
         main.close()
+
+
+def _loop_runs() -> bool:
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        return False
+    return True
 
 
 def _let_signals_cancel(caught: list[int]) -> None:

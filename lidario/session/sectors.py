@@ -10,11 +10,13 @@ import math
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from types import TracebackType
-from typing import NoReturn, Self, cast
+from typing import Self, cast
 
 import numpy as np
 
-from lidario.errors import InvalidValue, LocalProtocolError
+from lidario.arguments import finite, shown
+from lidario.entered import AsyncOnly
+from lidario.errors import InvalidValue
 from lidario.revolution.sectors import MOST_PARTS
 from lidario.scan import Scan
 from lidario.sector import Sector
@@ -38,13 +40,14 @@ def parts_of(degrees: float) -> int:
         InvalidValue: 360 degrees are no whole number of them, or they are smaller than 5 degrees.
     """
     try:
-        parts = 360.0 / degrees
+        parts = 360.0 / finite(degrees, "the size of a sector")
         whole = round(parts)
-    except (TypeError, ValueError, ZeroDivisionError, OverflowError):
+    except (ValueError, ZeroDivisionError, OverflowError):
         whole, parts = 0, math.nan
     if not 1 <= whole <= MOST_PARTS or not abs(parts - whole) <= _WHOLE * whole:
         raise InvalidValue(
-            f"a sector has at least {360 // MOST_PARTS} degrees, and 360 is a multiple of it; not so {degrees!r}"
+            f"a sector has at least {360 // MOST_PARTS} degrees, and 360 is a multiple of it; "
+            f"not so {shown(degrees)}"
         )
     return whole
 
@@ -114,7 +117,7 @@ class SectorPace(Pace):
         return min(self.sector_due, now + LONGEST_HOLD_S) - _JUST_BEFORE_S
 
 
-class SectorStream:
+class SectorStream(AsyncOnly):
     """An asynchronous iterator of parts of revolutions; made by `Lidar.sectors`.
 
     It begins, ends and fails as a `ScanStream` does, in ``async for`` and ``async with``. The first sectors are
@@ -122,6 +125,8 @@ class SectorStream:
 
     Cancelling ``__anext__`` loses no sector, and does not end the stream.
     """
+
+    _instead = "sectors come asynchronously: write `async for sector in lidar.sectors():`"
 
     def __init__(
         self,
@@ -155,9 +160,6 @@ class SectorStream:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         await self.aclose()
-
-    def __iter__(self) -> NoReturn:
-        raise LocalProtocolError("sectors come asynchronously: write `async for sector in lidar.sectors():`")
 
     async def aclose(self) -> None:
         """As `ScanStream.aclose`."""

@@ -16,8 +16,10 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from types import TracebackType
-from typing import NoReturn, Protocol, Self, cast
+from typing import Protocol, Self, cast
 
+from lidario.arguments import shown, whole, yes_or_no
+from lidario.entered import AsyncOnly
 from lidario.errors import Busy, InvalidValue, LidarError, LocalProtocolError
 from lidario.measured import with_dropped
 from lidario.scan import Scan
@@ -43,8 +45,9 @@ class Mailbox:
     """
 
     def __init__(self, depth: int, parts: int = 0) -> None:
-        if not isinstance(depth, int) or depth < 1:
-            raise InvalidValue(f"a reader keeps at least one {'sector' if parts else 'scan'}, not {depth!r}")
+        depth = whole(depth, "depth")
+        if depth < 1:
+            raise InvalidValue(f"a reader keeps at least one {'sector' if parts else 'scan'}, not {shown(depth)}")
         self.parts: int = parts
         self.dropped: int = 0
         self.total_dropped: int = 0
@@ -208,7 +211,7 @@ class ScanSource(Protocol):
         ...
 
 
-class ScanStream:
+class ScanStream(AsyncOnly):
     """An asynchronous iterator of full revolutions; made by `Lidar.scans`.
 
     The device begins to scan at the first ``await``. Used as a context manager the stream is left at the end of
@@ -224,6 +227,8 @@ class ScanStream:
     Cancelling ``__anext__`` loses no scan, and does not end the stream.
     """
 
+    _instead = "scans come asynchronously: write `async for scan in lidar.scans():`, or `async with` first"
+
     def __init__(
         self,
         source: ScanSource,
@@ -235,7 +240,7 @@ class ScanStream:
     ) -> None:
         self._source = source
         self._mode = mode
-        self._force = force
+        self._force = yes_or_no(force, "force")
         self._mailbox = Mailbox(depth, parts)
         self._let_go: weakref.finalize[..., ScanStream] | None = None
         self._left = False
@@ -272,9 +277,6 @@ class ScanStream:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         await self.aclose()
-
-    def __iter__(self) -> NoReturn:
-        raise LocalProtocolError("scans come asynchronously: write `async for scan in lidar.scans():`")
 
     async def aclose(self) -> None:
         """Leave the stream. The last one to be left stops laser and motor. Harmless when done before.

@@ -238,7 +238,7 @@ class CheckedWorld:
         returned = f"{_kind(self.world)}.ranges_mm returned"
         try:
             ranges: Floats = np.array(found, dtype=np.float64)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise ValueError(f"{returned} {_kind(found)} that is not an array of numbers") from error
         if ranges.shape != angles_deg_clockwise.shape:
             raise ValueError(f"{returned} shape {ranges.shape} for angles of shape {angles_deg_clockwise.shape}")
@@ -272,7 +272,7 @@ def walls_around(walls: Iterable[Wall]) -> World:
     """
     try:
         table = np.asarray(list(walls), dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"walls are ((x1, y1), (x2, y2)) in metres: {error}") from error
     if table.size and table.shape[1:] != (2, 2):
         raise ValueError(f"walls are ((x1, y1), (x2, y2)) in metres, an array (n, 2, 2) and not {table.shape}")

@@ -11,6 +11,7 @@ import threading
 from collections.abc import Iterable
 
 from lidario import InvalidValue, Received, SimulatedDevice, Wall, WorldLike, simulate
+from lidario.arguments import number, shown, text_of
 from lidario.sim.faults import Faults, parse_faults
 from lidario.sim.memory import MemoryLine
 from lidario.testing.clock import FAST, clock_of
@@ -64,11 +65,12 @@ class SimulatedLidar:
         serial: str | bytes | None = None,
         pace: float | None = None,
     ) -> None:
-        bodies = tuple(bodies)
-        if world is not None and (walls is not None or bodies):
+        if world is not None and (walls is not None or bodies != ()):
             raise InvalidValue("give either a world, or walls and bodies")
-        if pace is not None and not 1.0 <= pace <= 1e6:
-            raise InvalidValue(f"pace is a number from 1 on, how many times as fast the clock goes, not {pace}")
+        if pace is not None and not 1.0 <= number(pace, "pace") <= 1e6:
+            raise InvalidValue(
+                f"pace is a number from 1 on, how many times as fast the clock goes, not {shown(pace)}"
+            )
         self._surroundings: Surroundings | None = None
         if world is None:
             world = self._surroundings = Surroundings(room() if walls is None else walls, bodies, noise, seed)
@@ -121,6 +123,7 @@ class SimulatedLidar:
         Raises:
             InvalidValue: There is no such fault.
         """
+        text_of(fault, "a fault")
         try:
             faults = parse_faults(fault, seed=self._seed) if fault else None
             line = MemoryLine(self._device, faults)

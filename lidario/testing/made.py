@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lidario import InvalidValue, Scan, Sector
+from lidario.arguments import finite, nanoseconds, shown, whole
 
 __all__ = ["make_scan", "make_sector"]
 
@@ -62,9 +63,10 @@ def make_scan(
 
     Raises:
         InvalidValue: The shapes do not fit together, an angle is not finite, a range is negative, an intensity is
-            not from 0 to 255, or `rpm` is not positive.
+            not from 0 to 255, `rpm` is not positive, or a stamp is no number of nanoseconds.
     """
     clockwise, millimetres, strengths = _samples(angles, ranges, intensities, rpm)
+    stamp_ns, wall_stamp_ns = nanoseconds(stamp_ns, "stamp_ns"), nanoseconds(wall_stamp_ns, "wall_stamp_ns")
     order = np.argsort(clockwise, kind="stable")
     duration_ns = round(60e9 / rpm)
     return Scan(
@@ -134,6 +136,7 @@ def make_sector(
             or the revolution has no sector `index`.
     """
     clockwise, millimetres, strengths = _samples(angles, ranges, intensities, rpm)
+    degrees, seq = finite(degrees, "the size of a sector"), whole(seq, "seq")
     parts = round(360.0 / degrees) if degrees >= SMALLEST_DEGREES else 0
     if not parts or not math.isclose(360.0 / degrees, parts):
         raise InvalidValue(f"a sector has at least 5 degrees, and 360 is a multiple of it; not so {degrees!r}")
@@ -149,10 +152,10 @@ def make_sector(
         if spread > degrees + ROUNDING_DEG:
             raise InvalidValue(f"the samples of a sector of {degrees:g} degrees spread over {spread:.1f}")
         middle = (float(clockwise[order[0]]) + spread / 2) % 360.0
-    index = min(int(middle / degrees), parts - 1) if index is None else index
+    index = min(int(middle / degrees), parts - 1) if index is None else whole(index, "index")
     if not 0 <= index < parts:
         raise InvalidValue(
-            f"a revolution has sectors 0 to {parts - 1} of {degrees:g} degrees, and no sector {index}"
+            f"a revolution has sectors 0 to {parts - 1} of {degrees:g} degrees, and no sector {shown(index)}"
         )
     duration_ns = round(60e9 / rpm / parts)
     since_ns = (seq * parts + index) * duration_ns
@@ -160,8 +163,10 @@ def make_sector(
         device_angles=_read_only(clockwise[order]),
         device_distances=_read_only(millimetres[order]),
         intensities=None if strengths is None else _read_only(strengths[order]),
-        stamp_ns=_STAMP_NS + since_ns if stamp_ns is None else stamp_ns,
-        wall_stamp_ns=_WALL_STAMP_NS + since_ns if wall_stamp_ns is None else wall_stamp_ns,
+        stamp_ns=_STAMP_NS + since_ns if stamp_ns is None else nanoseconds(stamp_ns, "stamp_ns"),
+        wall_stamp_ns=(
+            _WALL_STAMP_NS + since_ns if wall_stamp_ns is None else nanoseconds(wall_stamp_ns, "wall_stamp_ns")
+        ),
         time_increment_ns=duration_ns // max(1, len(clockwise)),
         duration_ns=duration_ns,
         rpm=rpm,
@@ -183,10 +188,12 @@ def _samples(
     Raises:
         InvalidValue: They cannot be so.
     """
-    given = np.atleast_1d(np.asarray(angles, np.float64))
+    given = np.atleast_1d(_numbers(angles, "angles"))
+    metres = _numbers(ranges, "ranges")
+    strengths = None if intensities is None else _numbers(intensities, "intensities")
     try:
-        metres = np.broadcast_to(np.asarray(ranges, np.float64), given.shape)
-        strengths = None if intensities is None else np.broadcast_to(np.asarray(intensities), given.shape)
+        metres = np.broadcast_to(metres, given.shape)
+        strengths = None if strengths is None else np.broadcast_to(strengths, given.shape)
     except ValueError:
         raise InvalidValue(
             f"there are {given.size} angles; ranges and intensities must be as many, or one number"
@@ -197,13 +204,20 @@ def _samples(
         raise InvalidValue("ranges are metres from 0 on, or NaN where nothing comes back")
     if strengths is not None and (not (strengths >= 0).all() or not (strengths <= 255).all()):
         raise InvalidValue("intensities are numbers from 0 to 255")
-    if not 0.0 < rpm < math.inf:
+    if finite(rpm, "rpm") <= 0.0:
         raise InvalidValue(f"rpm is a positive number of revolutions a minute, not {rpm}")
     degrees = (-np.degrees(given)) % 360.0
     clockwise = degrees.astype(np.float32)
     clockwise[clockwise >= 360.0] = 0.0  # just below 360, single precision rounds up
     millimetres = np.where(np.isfinite(metres), metres * 1000.0, 0.0).astype(np.float32)
     return clockwise, millimetres, None if strengths is None else strengths.astype(np.uint8)
+
+
+def _numbers(values: ArrayLike, what: str) -> NDArray[np.float64]:
+    try:
+        return np.asarray(values, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidValue(f"{what} are numbers, not {shown(values)}") from None
 
 
 def _read_only(array: ArrayT) -> ArrayT:

@@ -6,7 +6,8 @@ import os
 from functools import cached_property
 from pathlib import Path
 
-from lidario import Scan, decode_file
+from lidario import RecordingError, Scan, decode_file
+from lidario.arguments import path_of
 
 __all__ = ["RecordedLidar"]
 
@@ -18,16 +19,17 @@ class RecordedLidar:
         path: The file, ``run.mcap`` or ``raw.bin``.
 
     Raises:
-        FileNotFoundError: There is no such file.
+        RecordingError: There is no such file.
+        InvalidValue: `path` cannot be the name of a file.
 
     Attributes:
         path: The file.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path: Path = Path(path)
-        if not self.path.is_file():
-            raise FileNotFoundError(f"there is no recording {self.path}")
+        self.path: Path = path_of(path, "a recording")
+        if not os.path.isfile(self.path):  # Path.is_file raises for names that are too long
+            raise RecordingError(f"there is no recording {self.path}")
 
     def __repr__(self) -> str:
         return f"<RecordedLidar {self.path}>"

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lidario import InvalidValue, Wall
+from lidario.arguments import finite, shown, whole
 from lidario.sim.world import DIRECTIONS, Floats, World, cast
 
 __all__ = ["Body", "Surroundings", "room"]
@@ -42,15 +43,16 @@ class Body:
         table: Floats
         try:
             table = np.asarray(self.path, np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             table = np.zeros(0)
         if table.ndim != 2 or table.shape[1:] != (3,) or not len(table) or not np.isfinite(table).all():
             raise InvalidValue(
-                f"the path of a body is [(seconds, x, y), ...], metres, at least one of them, not {self.path!r}"
+                "the path of a body is [(seconds, x, y), ...], metres, at least one of them, not "
+                f"{shown(self.path)}"
             )
         if (np.diff(table[:, 0]) < 0).any():
             raise InvalidValue(f"the path of a body goes forward in time, and this one goes back: {self.path!r}")
-        if not 0.0 < self.radius < float("inf"):
+        if finite(self.radius, "the radius of a body") <= 0.0:
             raise InvalidValue(f"the radius of a body is a positive number of metres, not {self.radius}")
 
     def at(self, seconds: float) -> tuple[float, float]:
@@ -80,8 +82,11 @@ def room(width: float = 4.0, depth: float = 4.0) -> list[Wall]:
     Args:
         width: Metres from the left wall to the right one.
         depth: Metres from the wall ahead to the one behind.
+
+    Raises:
+        InvalidValue: One of them is no finite number.
     """
-    x, y = depth / 2, width / 2
+    x, y = finite(depth, "the depth of a room") / 2, finite(width, "the width of a room") / 2
     corners = [(x, y), (-x, y), (-x, -y), (x, -y), (x, y)]
     return list(pairwise(corners))
 
@@ -96,12 +101,13 @@ class Surroundings(World):
         seed: Seed of the noise.
 
     Raises:
-        InvalidValue: The walls are not numbers of that shape.
+        InvalidValue: The walls are not numbers of that shape, or one of the others cannot be right.
     """
 
     def __init__(self, walls: Iterable[Wall], bodies: Iterable[Body], noise: float, seed: int) -> None:
-        super().__init__(_cast(walls), noise_mm=noise * 1000.0, seed=seed)
-        self.bodies: tuple[Body, ...] = tuple(bodies)
+        noise_mm = finite(noise, "the noise of the ranges") * 1000.0
+        super().__init__(_cast(walls), noise_mm=noise_mm, seed=whole(seed, "a seed"))
+        self.bodies: tuple[Body, ...] = _bodies(bodies)
         self._begun_s: float | None = None
 
     def begin(self, now: int) -> None:
@@ -114,7 +120,7 @@ class Surroundings(World):
         if walls is not None:
             self._static = _cast(walls)
         if bodies is not None:
-            self.bodies, self._begun_s = tuple(bodies), None
+            self.bodies, self._begun_s = _bodies(bodies), None
 
     def ranges_mm(self, angles_deg_clockwise: ArrayLike, t_seconds: ArrayLike) -> Floats:
         """As `World.ranges_mm`, with the bodies in front of the walls."""
@@ -128,10 +134,21 @@ class Surroundings(World):
         return ranges
 
 
+def _bodies(bodies: Iterable[Body]) -> tuple[Body, ...]:
+    given: object = bodies
+    try:
+        found = tuple(bodies)
+    except TypeError:
+        found = (given,)  # type: ignore[assignment]
+    if not all(isinstance(body, Body) for body in found):
+        raise InvalidValue(f"bodies are a list of Body(...), not {shown(given)}")
+    return found
+
+
 def _cast(walls: Iterable[Wall]) -> Floats:
     try:
         table = np.asarray(list(walls), np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         table = np.full(1, np.nan)
     if not table.size:
         return np.zeros(DIRECTIONS)

@@ -89,7 +89,14 @@ class _Viewer:
 
 
 class LiveServer:
-    """Serves the page and the scans of some feeds; a context manager.
+    """Serves the page and the scans of some feeds; an asynchronous context manager.
+
+    Args:
+        feeds: What is shown.
+        mounts: Where each of them is mounted.
+        host: Address to listen at.
+        port: Port to listen at; 0 for any.
+        token: What everyone must know who connects; empty for none.
 
     Attributes:
         url: The address to open, with the token where one is needed.
@@ -99,7 +106,6 @@ class LiveServer:
     def __init__(
         self, feeds: Sequence[Feed], mounts: Sequence[Mount], *, host: str, port: int, token: str = ""
     ) -> None:
-        """Args: what is shown and where it is mounted; address and port to listen at, 0 for any; the token."""
         self.url: str = ""
         self.sent: int = 0
         self._feeds, self._mounts = list(feeds), list(mounts)

@@ -47,7 +47,7 @@ class Response:
     received_ns: int
 
 
-# Not frozen: that makes it three times as dear to create, and one is created for every read.
+# Not frozen: creating a frozen one takes three times as long, and one is created for every read.
 @dataclass(slots=True)
 class Packets:
     """At least one intact packet of the stream's format; several of them follow each other on the wire.

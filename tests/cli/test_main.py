@@ -10,6 +10,13 @@ import pytest
 
 import lidario
 from lidario.cli.output import emit
+from lidario.cli.plot import plot
+from lidario.cli.publish import publish
+from lidario.cli.record import record
+from lidario.cli.scan import scan
+from lidario.cli.stats import stats
+from lidario.cli.view import view
+from lidario.cli.watch import watch
 from tests.cli.processes import BOUND, ROOT, invoke, run
 
 
@@ -158,6 +165,15 @@ def test_a_closed_stderr_hides_messages_alone() -> None:
     )  # fmt: skip
     assert ended.returncode == 0
     assert ended.stdout.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "mode"), [("1", 1), ("DenseBoost", "DenseBoost"), ("²", "²"), ("9" * 5000, "9" * 5000), ("-1", "-1")]
+)
+def test_a_scan_mode_is_named_alike_in_every_verb(text: str, mode: str | int) -> None:
+    for command in (plot, publish, record, scan, stats, view, watch):
+        (option,) = (each for each in command.params if each.name == "mode")
+        assert option.type.convert(text, None, None) == mode
 
 
 def test_a_pipe_on_windows_takes_what_its_code_page_has(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -43,6 +43,20 @@ def test_record_ends_by_itself_and_names_its_file(tmp_path: Path) -> None:
     assert 0.9 < json.loads(invoke("info", path, "--json").stdout)["duration_s"] < 1.3
 
 
+@pytest.mark.parametrize("name", ["x.txt", "x", "", "x.bin"])
+def test_a_name_by_which_nothing_could_open_it_is_refused(name: str, tmp_path: Path) -> None:
+    done = invoke("record", "sim://rplidar-s2?via=memory", "-n", "1", "-o", name and str(tmp_path / name))
+    assert done.exit_code == 2
+    assert "does not end in .mcap" in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_rate_that_is_no_number_is_refused(live: Live) -> None:
+    done = invoke("play", str(live.path), "--rate", "nan")
+    assert done.exit_code == 2
+    assert "'nan' is not a finite number" in done.stderr
+
+
 def test_other_verbs_read_a_recording_to_its_end(live: Live, tmp_path: Path) -> None:
     path = str(live.path)
     done = invoke("stats", f"{path}?rate=0", "-t", "30s", "--json")

@@ -8,7 +8,8 @@ import signal
 import pytest
 
 import lidario
-from lidario.cli.stats import Measured, verdict
+from lidario.cli.record import record
+from lidario.cli.stats import Measured, stats, verdict
 from lidario.web.traffic import Traffic, traffic
 from tests.cli.processes import BOUND, invoke, invoke_driven, served, started
 from tests.support.children import until
@@ -112,6 +113,15 @@ def test_what_is_no_duration(time: str) -> None:
     ended = invoke("stats", S2, "-t", time)
     assert ended.exit_code == 2
     assert "is not a duration" in ended.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"), [("10s", 10), ("500 ms", 0.5), (".5", 0.5), ("2m", 120), ("2min", 120), ("1h", 3600)]
+)
+def test_durations_are_written_alike_for_every_verb(text: str, seconds: float) -> None:
+    for command in (stats, record):
+        (option,) = (each for each in command.params if each.name == "seconds")
+        assert option.type.convert(text, None, None) == seconds
 
 
 def test_a_silent_device_is_no_data() -> None:

@@ -15,7 +15,7 @@ from lidario.sim.serve import PtyServer
 from tests.port.test_thread import Steady
 from tests.support.children import is_still, until
 from tests.support.devices import make_rig
-from tests.support.ports import terminal_pair
+from tests.support.ports import terminal_pair, written
 
 REQUEST = b"\xa5\x60"
 
@@ -80,7 +80,7 @@ async def test_the_thread_writes_it_while_the_loop_is_blocked_and_taps_see_it_in
         port.set_repeat(b"", 0.0)
         repeated = port.repeated
         assert repeated >= 3
-        assert os.read(master, 100) == repeated * REQUEST
+        assert written(master, repeated * len(REQUEST)) == repeated * REQUEST
         port.poll()
         out = [now for direction, data, now in seen if (direction, data) == ("out", REQUEST)]
         assert len(out) == repeated

@@ -2,6 +2,7 @@
 
 import math
 import mmap
+import os
 import pickle
 import random
 import subprocess
@@ -17,9 +18,13 @@ import pytest
 
 import lidario
 from lidario.errors import ConnectFailed, InvalidValue, RecordingError
+from lidario.recording.decode_file import FileDecoder
+from lidario.recording.export import export_mcap
 from lidario.recording.offline import OfflineDecoder
 from tests.support.cases import CASES, KINDS, Case, named
 from tests.support.ledger import PACKETS, assert_link_closes
+from tests.support.loop import run_driven
+from tests.support.recorded import record
 from tests.support.streams import assembled
 
 every_case = pytest.mark.parametrize("case", CASES, ids=named)
@@ -178,7 +183,7 @@ def test_a_time_of_a_sample_that_cannot_be_is_refused(sample_us: Any) -> None:
 
 
 def test_text_is_not_bytes() -> None:
-    with pytest.raises(TypeError):
+    with pytest.raises(InvalidValue):
         lidario.decode("raw.bin")  # type: ignore[arg-type]
 
 
@@ -194,3 +199,31 @@ def test_no_event_loop_is_loaded_for_it() -> None:
     program = "import sys, lidario; lidario.decode; print('asyncio' in sys.modules or 'serial' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
     assert done.stdout.strip() == "False"
+
+
+def test_a_source_whose_name_is_no_text_is_recorded_and_exported(tmp_path: Path) -> None:
+    """The system allows any bytes in the name of a file; Python reads those that are no text as lone surrogates."""
+    raw = tmp_path / os.fsdecode(b"\xff.bin")
+    raw.write_bytes(whole(KINDS[4]))
+
+    async def main() -> None:
+        async with lidario.open_lidar(f"{raw}?rate=0") as lidar, lidar.record(tmp_path / "a.mcap") as recording:
+            await lidar.scan()
+        assert recording.error is None
+
+    run_driven(main)
+    assert lidario.summarize(tmp_path / "a.mcap").source.endswith("?.bin?rate=0")
+    assert export_mcap(FileDecoder(raw), tmp_path / "b.mcap") == lidario.summarize(raw).scans
+
+
+@pytest.mark.parametrize("name", ["a.bin", "a.mcap"])
+def test_a_file_that_is_gone_before_it_was_decoded(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    if name.endswith(".bin"):
+        path.write_bytes(whole(KINDS[4]))
+    else:
+        record(path, "sim://rplidar-s2", 2)
+    scans = lidario.decode_file(path)
+    path.unlink()
+    with pytest.raises(RecordingError, match="cannot be read: no such file"):
+        next(scans)

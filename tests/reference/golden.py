@@ -1,5 +1,6 @@
 """Streams with the vendors' own decoding of them, from ``tests/data``; its README describes the arrays."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -8,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 DATA = Path(__file__).resolve().parent.parent / "data"
+GRID_Q6 = 1 / 64
+"""Degrees: the step of angles that are told in 64ths."""
 
 RPLIDAR_NAMES = (
     *(f"rplidar_{rate}_{response_type:x}" for rate in ("32k", "9k") for response_type in range(0x81, 0x87)),
@@ -77,3 +80,10 @@ def load(name: str) -> Golden:
             quality=arrays["quality"],
             start=arrays["start"],
         )
+
+
+def angle_errors(stream: Golden, angles: Sequence[float]) -> NDArray[np.float64]:
+    """How far the vendor's angles lie past ours, the short way round."""
+    difference = stream.angle_deg.astype(np.float64) - np.array(angles)
+    shortest: NDArray[np.float64] = (difference + 180.0) % 360.0 - 180.0
+    return shortest

@@ -9,6 +9,7 @@ import pytest
 
 from lidario.families.base import Samples
 from lidario.families.rplidar.formats import DenseFormat
+from lidario.revolution.ended import EndedRevolution
 from lidario.revolution.judge import beginning_of, is_broken, least_of
 from lidario.revolution.ordinary import ordinary_beginning
 from lidario.revolution.partial import PartialRevolution, SampleArrays
@@ -38,27 +39,31 @@ def decoded(packets: int, revolution_packets: float, **changes: Any) -> Samples:
     )
 
 
-def ended(packets: int, last_ns: int, **changes: Any) -> PartialRevolution:
+def partial(packets: int, last_ns: int, **changes: Any) -> PartialRevolution:
     run = Packets(bytes(84 * packets), (Block(84, packets),), ((packets, last_ns),))
     carried = SampleArrays(NOTHING, NOTHING, None)
     return replace(PartialRevolution(whole=True, behind_gap=False, carried=carried, runs=[run]), **changes)
 
 
-def glance(revolution: PartialRevolution, samples: Samples, start_ns: int, ordinary_ns: float) -> object:
-    packets = revolution.runs[0]
-    return ordinary_beginning(
-        DenseFormat(),
+def ended(revolution: PartialRevolution, samples: Samples, start_ns: int) -> EndedRevolution:
+    count = samples.ends[-1]
+    arrays = SampleArrays(np.empty(count, np.float32), np.empty(count, np.float32), None)
+    return EndedRevolution(
         revolution,
-        packets,
+        revolution.runs[0],
         samples,
+        arrays,
+        samples.lost,
+        [],
         start_ns=start_ns,
         elapsed_ns=revolution.last_ns - start_ns,
-        spanned_ns=samples.ends[-1] * SAMPLE_NS,
-        ordinary_ns=ordinary_ns,
         sample_ns=SAMPLE_NS,
-        number=7,
-        packets_before=500,
+        spanned_ns=count * SAMPLE_NS,
     )
+
+
+def glance(here: EndedRevolution, ordinary_ns: float) -> object:
+    return ordinary_beginning(DenseFormat(), here, ordinary_ns, number=7, packets_before=500)
 
 
 @pytest.mark.parametrize("share", [0.3, 0.49, 0.51, 0.97, 1.0, 1.03, 1.45, 1.55, 2.5])
@@ -68,33 +73,22 @@ def test_what_is_told_is_what_the_judges_find(share: float, late: float, before:
     packets = 80
     samples = decoded(packets, packets / share)
     spanned_ns = samples.ends[-1] * SAMPLE_NS
-    revolution = ended(packets, 10**12)
     start_ns = round(10**12 - spanned_ns * (1 + late))
-    told = glance(revolution, samples, start_ns, before * spanned_ns)
-    broken = is_broken(
-        revolution.runs[0],
-        samples,
-        samples.ends[-1],
-        elapsed_ns=10**12 - start_ns,
-        spanned_ns=spanned_ns,
-        ordinary_ns=before * spanned_ns,
-        sample_ns=SAMPLE_NS,
-    )
+    here = ended(partial(packets, 10**12), samples, start_ns)
+    told = glance(here, before * spanned_ns)
+    broken = is_broken(here, before * spanned_ns)
     found = beginning_of(
         DenseFormat(),
-        revolution,
-        revolution.runs[0],
+        here,
+        here.partial.runs[0],
         samples,
         seam=0,
-        start_ns=start_ns,
-        spanned_ns=spanned_ns,
-        sample_ns=SAMPLE_NS,
         gap_behind=False,
         broken=broken,
         number=7,
         packets_before=500,
     )
-    unusual = broken or least_of(DenseFormat(), revolution, samples, 0, SAMPLE_NS, spanned_ns, 0.0) > 0
+    unusual = broken or least_of(DenseFormat(), here, 0, 0.0) > 0
     # Where a read came too late for its stamp, the beginning is told by the end.
     unusual |= found.start_ns != start_ns
     assert told is None if unusual else told == found or elapsed_too_long(late)
@@ -105,8 +99,11 @@ def elapsed_too_long(late: float) -> bool:
     return late > 0.5
 
 
+ORDINARY_START_NS = 10**12 - 80 * EACH * 31250
+
+
 def test_an_ordinary_revolution_is_one() -> None:
-    assert glance(ended(80, 10**12), decoded(80, 80.0), 10**12 - 80 * EACH * 31250, 1e8) is not None
+    assert glance(ended(partial(80, 10**12), decoded(80, 80.0), ORDINARY_START_NS), 1e8) is not None
 
 
 @pytest.mark.parametrize(
@@ -119,5 +116,5 @@ def test_an_ordinary_revolution_is_one() -> None:
     ],
 )
 def test_what_may_be_unusual_is_left_to_the_judges(revolution: dict[str, Any], samples: dict[str, Any]) -> None:
-    told = glance(ended(80, 10**12, **revolution), decoded(80, 80.0, **samples), 10**12 - 80 * EACH * 31250, 1e8)
-    assert told is None
+    here = ended(partial(80, 10**12, **revolution), decoded(80, 80.0, **samples), ORDINARY_START_NS)
+    assert glance(here, 1e8) is None

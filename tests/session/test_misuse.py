@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,13 +18,26 @@ from tests.support.loop import driven
 
 
 def test_open_lidar_is_not_for_a_plain_with() -> None:
-    with pytest.raises(LocalProtocolError, match="async with"), lidario.open_lidar("sim://rplidar-s2"):
+    with pytest.raises(LocalProtocolError, match=r"async with.*open_sync"), lidario.open_lidar("sim://rplidar-s2"):
         raise AssertionError("never here")
+    with pytest.raises(LocalProtocolError, match=r"async with.*open_sync"):
+        iter(lidario.open_lidar("sim://rplidar-s2"))
 
 
 def test_open_lidar_is_not_iterated() -> None:
     with pytest.raises(LocalProtocolError, match=r"async with.*scans\(\)"):
         aiter(lidario.open_lidar("sim://rplidar-s2"))
+
+
+@driven
+async def test_a_recording_is_not_for_a_plain_with(tmp_path: Path) -> None:
+    rig = make_rig("rplidar")
+    async with rig.open() as lidar:
+        with (
+            pytest.raises(LocalProtocolError, match=r"async with lidar\.record"),
+            lidar.record(tmp_path / "x.mcap"),
+        ):
+            raise AssertionError("never here")
 
 
 @driven
@@ -34,8 +48,11 @@ async def test_a_lidar_is_neither_iterated_nor_entered_by_a_plain_with() -> None
             aiter(lidar)
         with pytest.raises(LocalProtocolError, match="async with"), lidar:
             raise AssertionError("never here")
-        with pytest.raises(LocalProtocolError, match="async for"):
-            iter(lidar.scans())
+        for each in (lidar, lidar.scans(), lidar.sectors()):
+            with pytest.raises(LocalProtocolError, match="async for"):
+                iter(each)
+            with pytest.raises(LocalProtocolError, match="async"), each:
+                raise AssertionError("never here")
 
 
 def test_without_an_asyncio_loop_one_sentence_says_so() -> None:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import logging
+import re
 
+import numpy as np
 import pytest
 
 from lidario import HealthStatus, Unsupported
 from lidario.families.rplidar.simulated.device import Profile, SimulatedRplidar
 from lidario.families.rplidar.simulated.requests import Request
+from lidario.sim.rooms import make_world
 from tests.support.devices import Rig, both_families, change_info, left_still, make_rig, names, take
 from tests.support.loop import driven
 
@@ -150,3 +153,97 @@ def start_dense(device: SimulatedRplidar, request: Request) -> str:
     dense = device.profile.mode(1)
     assert dense is not None
     return device._start(dense, request)
+
+
+@driven
+async def test_modes_with_holes_in_their_numbers_are_all_found() -> None:
+    rig = make_rig("rplidar", "rplidar-holes")
+    async with rig.open() as lidar:
+        told = {mode.name: mode for mode in await lidar.get_modes()}
+        assert len(told) == len(rig.device.profile.modes)
+        (typical,) = [mode for mode in told.values() if mode.typical]
+        assert typical.response_type == 0x83
+        scan = await lidar.scan()
+        assert scan.mode == typical.name
+        assert scan.intensities is not None
+
+
+@pytest.mark.parametrize(
+    ("model", "mode"),
+    [
+        ("rplidar-zero-us", "DenseBoost"),
+        ("rplidar-no-modes", "Standard"),
+        ("rplidar-old-firmware", "Express"),
+        ("rplidar-unknown-response", None),
+    ],
+)
+@driven
+async def test_awkward_devices_do_what_they_can(model: str, mode: str | None) -> None:
+    rig = make_rig("rplidar", model, world=make_world("circle"))
+    async with rig.open() as lidar:
+        scans = await take(lidar, 3)
+        if mode is not None:
+            assert scans[0].mode == mode
+        np.testing.assert_allclose(scans[-1].ranges, 2.0, atol=0.005)
+        assert scans[-1].time_increment_ns == pytest.approx(scans[-1].duration_ns / len(scans[-1]), rel=0.02)
+        strange = [each for each in await lidar.get_modes() if each.response_type == 0x8E]
+        if strange:
+            with pytest.raises(Unsupported, match="0x8E"):
+                await lidar.scan(strange[0].name)
+            assert len(await take(lidar, 1)) == 1
+
+
+@driven
+async def test_time_stamps_between_the_packets_cost_nothing() -> None:
+    rig = make_rig("ydlidar", "ydlidar-4ros-stamps", world=make_world("circle"))
+    async with rig.open() as lidar:
+        scans = await take(lidar, 3)
+        assert (lidar.stats.lost_packets, lidar.stats.skipped_bytes) == (0, 0)
+    assert [each.lost_packets for each in scans] == [0, 0, 0]
+    np.testing.assert_allclose(scans[-1].ranges, 2.0, atol=0.002)
+
+
+@driven
+async def test_turns_are_told_apart_even_if_the_device_never_marks_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = make_rig("ydlidar", world=make_world("circle"))
+    clean = rig.device.transmit
+
+    def without_marks(now: int) -> bytes:
+        # The low bit of the third byte is the mark; without it the check value fails, and the packet is lost.
+        data: bytes = clean(now)
+        return re.sub(rb"\xaa\x55[\x01-\xff]\x01", b"\xaa\x55\x00\x00", data, flags=re.DOTALL)
+
+    rig.device.transmit = without_marks
+    async with rig.open() as lidar:
+        scans = await take(lidar, 4)
+    turn = 20_000 * rig.turn_s
+    assert [len(scan) for scan in scans] == pytest.approx([turn] * 4, rel=0.01)
+    for scan in scans:
+        np.testing.assert_allclose(scan.ranges, 2.0, atol=0.002)
+
+
+@pytest.mark.parametrize("model", ["rplidar-s2", "rplidar-s1"])
+@pytest.mark.parametrize("name", ["Legacy express", "legacy EXPRESS"])
+@driven
+async def test_a_legacy_express_scan_can_be_asked_for_by_name(model: str, name: str) -> None:
+    rig = make_rig("rplidar", model, world=make_world("circle"))
+    async with rig.open() as lidar:
+        async with lidar.scans(name) as stream:
+            scans = [await anext(stream) for _ in range(3)]
+        assert name.casefold() not in [mode.name.casefold() for mode in await lidar.get_modes()]
+        assert scans[-1].mode == "Legacy express"
+        np.testing.assert_allclose(scans[-1].ranges, 2.0, atol=0.005)
+        samples = 1e9 * rig.turn_s / (rig.device.profile.modes[-1].us_q8 / 0.256)
+        assert len(scans[-1]) == pytest.approx(samples, rel=0.02)
+        # Its number is that of another mode.
+        assert (await lidar.scan(0)).mode == "Standard"
+    (request,) = [each.data for each in rig.device.log if each.name == "express_scan"]
+    assert request == bytes.fromhex("A58205000000000022")
+
+
+@driven
+async def test_what_old_firmware_calls_express_is_no_second_mode() -> None:
+    rig = make_rig("rplidar", "rplidar-old-firmware")
+    async with rig.open() as lidar:
+        with pytest.raises(Unsupported, match="no scan mode 'Legacy express'"):
+            await lidar.scan("Legacy express")

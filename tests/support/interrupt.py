@@ -1,13 +1,26 @@
-"""Ctrl-C at a chosen line, as the interpreter raises it: between any two lines of the main thread."""
+"""Ctrl-C at a chosen place of the main thread: between any two lines, or only where the interpreter raises it.
+
+CPython looks for a signal where a Python function begins and where a C function has returned. So it never raises
+KeyboardInterrupt between the last line of a ``with lock:`` and the release of the lock, as a line tracer does. Code
+that takes no lock is tested at every line; code that takes one, at every call.
+"""
 
 from __future__ import annotations
 
+import _thread
 import sys
+import threading
+import time
 from collections.abc import Callable
 from types import FrameType
 from typing import Any
 
-__all__ = ["interrupted"]
+__all__ = ["all_threads_ended", "interrupted", "interrupted_at_call"]
+
+PATIENCE_S = 20.0
+NOT_OURS = ("_weakrefset.py", "selectors.py")
+"""Python ignores what is raised in the callback of a weak reference; an event loop is broken where its own selector
+was interrupted."""
 
 
 def interrupted(line: int, function: Callable[[], object]) -> None:
@@ -35,3 +48,51 @@ def interrupted(line: int, function: Callable[[], object]) -> None:
         function()
     finally:
         sys.settrace(before)
+
+
+def interrupted_at_call(number: int, function: Callable[[], object]) -> str:
+    """Call `function`, and raise KeyboardInterrupt at the n-th call, if there are so many.
+
+    Args:
+        number: Which call, from 0 on: where a Python function begins, or a C function has returned.
+        function: What to call; what it calls is counted too.
+
+    Returns:
+        Where that was; "" when there are fewer, or it was raised where Python ignores it.
+    """
+    left, place = number, ""
+
+    def profile(frame: FrameType, event: str, called: Any) -> None:
+        nonlocal left, place
+        if event not in ("call", "c_return") or frame.f_code.co_filename.endswith(NOT_OURS):
+            return
+        left -= 1
+        if left < 0:
+            sys.setprofile(None)
+            after = f" after {called.__name__}" if event == "c_return" else ""
+            place = f"{frame.f_code.co_qualname}:{frame.f_lineno}{after}"
+            raise KeyboardInterrupt(place)
+
+    before = sys.getprofile()
+    sys.setprofile(profile)
+    try:
+        function()
+    except KeyboardInterrupt:
+        return place
+    finally:
+        sys.setprofile(before)
+    return place
+
+
+def all_threads_ended(before: int, place: str) -> None:
+    """Wait until no more threads run than `before`, also those that Ctrl-C has caught while they began.
+
+    Args:
+        before: What ``_thread._count()`` said before.
+        place: Where Ctrl-C came, for the message.
+    """
+    deadline = time.monotonic() + PATIENCE_S
+    while _thread._count() > before:
+        assert time.monotonic() < deadline, (place, threading.enumerate())
+        time.sleep(0.0005)
+    assert not (left := threading.enumerate()[1 + before :]), (place, left)

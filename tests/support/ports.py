@@ -1,4 +1,4 @@
-"""What tests of the port share: a receiver that keeps everything, and a pseudo-terminal."""
+"""What tests of the port share: receivers that keep everything, a schedule, and a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ import pytest
 
 from lidario.errors import DeviceLost
 from lidario.families.registry import FAMILIES
+from lidario.port.port import Port
 
-__all__ = ["PATIENCE_S", "Sink", "impatient", "open_files", "terminal_pair", "written"]
+__all__ = ["PATIENCE_S", "Plan", "Seen", "Sink", "impatient", "open_files", "terminal_pair", "written"]
 
 PATIENCE_S = 20.0
 
@@ -54,6 +55,41 @@ class Sink:
         await self.until(1 << 60)
         (error,) = self.lost
         return error
+
+
+class Plan:
+    """A schedule that the test writes."""
+
+    def __init__(self, *rests: float, hold: float = 0.0, interval: float = 60.0) -> None:
+        self.rests = list(rests)
+        self.interval = interval
+        self.until = hold
+
+    def rest(self, now: float) -> float:
+        return self.rests.pop(0) if self.rests else 0.0
+
+    def hold(self, now: float) -> float:
+        return self.until
+
+
+class Seen:
+    """A tap that keeps what it is shown."""
+
+    def __init__(self, port: Port) -> None:
+        self.reads: list[tuple[bytes, int]] = []
+        self.more = asyncio.Event()
+        port.add_tap(self)
+
+    def __call__(self, direction: str, data: bytes, now: int) -> None:
+        if direction == "in":
+            self.reads.append((data, now))
+            self.more.set()
+
+    async def until(self, count: int) -> None:
+        async with asyncio.timeout(PATIENCE_S):
+            while sum(len(data) for data, _ in self.reads) < count:
+                self.more.clear()
+                await self.more.wait()
 
 
 @contextmanager

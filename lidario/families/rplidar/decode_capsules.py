@@ -45,12 +45,20 @@ from lidario.wire.events import Packets
 __all__ = ["CapsuleDecoder", "DenseDecoder", "ExpressDecoder", "UltraDecoder", "UltraDenseDecoder", "in_turn"]
 
 
-def in_turn(angles: Floats, full_turn: float) -> Floats:
-    """Angles brought into [0, full_turn); they are at most 360 degrees outside. Changes and returns `angles`."""
-    np.add(angles, full_turn, out=angles, where=angles < 0)
-    # A tiny negative angle plus 360 degrees rounds up to 360 degrees.
+def in_turn(angles: Floats, full_turn: int, *, back: bool) -> None:
+    """Bring angles that are at most 360 degrees outside into [0, full_turn), in place.
+
+    To compare all of a revolution takes half the time of finding the few packets that lie across 0.
+
+    Args:
+        angles: Whole numbers, or fractions, of which a revolution has `full_turn`.
+        full_turn: 360 degrees.
+        back: Whether some may be below 0.
+    """
+    if back:
+        np.add(angles, full_turn, out=angles, where=angles < 0)
+    # A tiny negative angle plus 360 degrees rounds up to 360 degrees, so this comes last.
     np.subtract(angles, full_turn, out=angles, where=angles >= full_turn)
-    return angles
 
 
 class Capsules(NamedTuple):
@@ -77,13 +85,13 @@ class CapsuleDecoder(ABC):
         size: Bytes of one packet.
         start_at: Offset of the start angle.
         samples: Samples in one packet.
-        reach: How far corrections may take an angle back, and how far ahead, in 1/64 degrees.
+        corrected: Whether samples have corrections, which may take an angle back over 0.
     """
 
     size: ClassVar[int]
     start_at: ClassVar[int] = CapsuleFormat.start_at
     samples: ClassVar[int]
-    reach: ClassVar[tuple[int, int]] = (0, 0)
+    corrected: ClassVar[bool] = False
 
     def __init__(self) -> None:
         self._rotation = Rotation(FULL_TURN_Q6)
@@ -151,7 +159,7 @@ class CapsuleDecoder(ABC):
         each[:, 0], each[:, 1] = starts, arc
         np.matmul(each, self._steps, out=grid)
         intensity = self._payload(capsules, distance[room:].reshape(-1, self.samples), grid)
-        self._bring_into_turn(grid, starts, arc)
+        in_turn(grid, FULL_TURN_Q6 * self.samples, back=self.corrected)
         angle[room:] /= self._units
         if intensity is not None and room:
             intensity = np.concatenate((np.empty(room, np.uint8), intensity))
@@ -163,20 +171,6 @@ class CapsuleDecoder(ABC):
     @abstractmethod
     def _payload(self, capsules: Capsules, distance: Floats, angle: Floats) -> Bytes | None:
         """Write distances in mm, take corrections off the angles, both (packets, samples); return intensities."""
-
-    def _bring_into_turn(self, angle: Floats, starts: Ints, arc: Ints | NDArray[np.float64]) -> None:
-        """Take 360 degrees off the angles of those few packets that may lie across 0."""
-        back, ahead = self.reach
-        full_turn = FULL_TURN_Q6 * self.samples
-        beyond = _places(starts > FULL_TURN_Q6 - ahead - np.maximum.reduce(arc))
-        if beyond is not None:
-            # Of several revolutions a copy: the packets do not lie side by side.
-            few = angle[beyond]
-            np.subtract(few, full_turn, out=few, where=few >= full_turn)
-            angle[beyond] = few
-        behind = _places(starts < back) if back else None
-        if behind is not None:
-            angle[behind] = in_turn(angle[behind], full_turn)
 
     def _before_seam(self, packets: int, start: int, arc: float, seam: int) -> int:
         """How many samples lie before the rotor passed `seam` in the last of so many packets."""
@@ -200,7 +194,7 @@ class ExpressDecoder(CapsuleDecoder):
 
     size: ClassVar[int] = ExpressFormat.shortest
     samples: ClassVar[int] = 32
-    reach: ClassVar[tuple[int, int]] = (8 << 6, 0)
+    corrected: ClassVar[bool] = True
 
     def _payload(self, capsules: Capsules, distance: Floats, angle: Floats) -> None:
         millimetres, eighths = express_cabins(np.ascontiguousarray(capsules.words[:, 2:]))
@@ -213,7 +207,7 @@ class UltraDecoder(CapsuleDecoder):
 
     size: ClassVar[int] = UltraFormat.shortest
     samples: ClassVar[int] = 96
-    reach: ClassVar[tuple[int, int]] = (8 << 6, 30 << 6)
+    corrected: ClassVar[bool] = True
 
     def __init__(self) -> None:
         super().__init__()
@@ -250,15 +244,6 @@ class UltraDenseDecoder(CapsuleDecoder):
         """As `CapsuleDecoder._remember`: the last distance, for the smoothing of the next one."""
         missing_behind = capsules.missing is not None and capsules.missing[-1] > 0
         self._last_q2 = 0 if missing_behind else int(distance[-1] * 4)
-
-
-def _places(these: NDArray[np.bool_]) -> slice | NDArray[np.intp] | None:
-    """Where these packets are: one stretch, if they follow each other; None where there is none."""
-    places = these.nonzero()[0]
-    if not len(places):
-        return None
-    first, last = int(places[0]), int(places[-1])
-    return slice(first, last + 1) if last - first < len(places) else places
 
 
 def _in_range(starts: Ints) -> Ints:

@@ -23,8 +23,8 @@ from dataclasses import replace
 from enum import Enum
 from typing import Final
 
+from lidario.arguments import finite
 from lidario.errors import InvalidValue, ResponseTimeout, Unsupported
-from lidario.families.arguments import finite
 from lidario.families.base import Script
 from lidario.families.rplidar import commands
 from lidario.families.rplidar.commands import Conf

@@ -32,9 +32,9 @@ def find_stream(data: memoryview, sample_us: float | None) -> RawStream | None:
         descriptor = parse_descriptor(bytes(found.group()))
         wire = None if descriptor is None else FORMATS.get(descriptor.type)
         if descriptor is not None and wire is not None and descriptor.size == wire.shortest:
-            answer = descriptor.type
+            kind = descriptor.type
             return raw_stream(
-                found.start() + DESCRIPTOR_SIZE, wire(), DECODERS[answer](), sample_us or _USUAL_US[answer]
+                found.start() + DESCRIPTOR_SIZE, wire(), DECODERS[kind](), sample_us or _USUAL_US[kind]
             )
     return None
 

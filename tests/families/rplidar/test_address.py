@@ -8,9 +8,9 @@ import pytest
 from benchmarks.relayed import Relayed
 from lidario import InvalidValue, NetworkAddress, RemoteProtocolError, Unsupported, open_lidar
 from lidario.families.rplidar.commands import Conf, get_lidar_conf, set_lidar_conf
-from tests.families.rplidar.test_device import S2, identified
 from tests.support.devices import make_rig, names
 from tests.support.loop import driven
+from tests.support.rplidar_device import S2, identified
 from tests.support.scripts import drive
 
 ADDRESS = NetworkAddress("192.168.11.3", "255.255.255.0", "192.168.11.1")

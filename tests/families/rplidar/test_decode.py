@@ -195,7 +195,8 @@ def test_what_leans_on_a_lost_packet_has_no_distance(major: int, behind_gap: int
 
 def test_angles_are_brought_into_the_turn() -> None:
     degrees = np.array([-1e-16, -0.5, 0.0, 359.75, 360.0, 400.0], np.float32)
-    assert in_turn(degrees, 360.0).tolist() == [0.0, 359.5, 0.0, 359.75, 0.0, 40.0]
+    in_turn(degrees, 360, back=True)
+    assert degrees.tolist() == [0.0, 359.5, 0.0, 359.75, 0.0, 40.0]
 
 
 # ------------------------------------------------------------------------------------------ several revolutions

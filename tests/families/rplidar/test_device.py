@@ -1,8 +1,7 @@
-"""The scripts of an RPLIDAR, driven by hand: what is sent, and what is made of the answers."""
+"""The scripts of an RPLIDAR, driven by hand: what it is, how it is started, and at which speed."""
 
 import math
 import struct
-from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -11,57 +10,22 @@ import pytest
 
 from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.base import Stream
-from lidario.families.rplidar.commands import Conf, get_lidar_conf
+from lidario.families.rplidar.commands import Conf
 from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.device import RplidarDevice
 from lidario.families.rplidar.formats import FORMATS
 from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, ScanMode
+from tests.support.rplidar_device import (
+    A1,
+    DENSE_BOOST,
+    S1,
+    S2,
+    STANDARD,
+    conf,
+    identified,
+    info,
+)
 from tests.support.scripts import Answers, drive
-
-SERIAL = bytes(range(0xA0, 0xB0))
-S1, S2, C1, A1 = 0x61, 0x71, 0x41, 0x18
-
-
-def info(model: int = S2, firmware: tuple[int, int] = (1, 29), hardware: int = 18) -> bytes:
-    major, minor = firmware
-    return struct.pack("<BBBB16s", model, minor, major, hardware, SERIAL)
-
-
-def identified(model: int = S2, firmware: tuple[int, int] = (1, 29)) -> RplidarDevice:
-    device = RplidarDevice()
-    drive(device.identify(), {b"\xa5\x50": info(model, firmware)})
-    return device
-
-
-def conf(kind: Conf, value: bytes | None, mode: int | None = None) -> dict[bytes, bytes | None]:
-    answer = None if value is None else struct.pack("<I", kind) + value
-    return {get_lidar_conf(kind, mode).data: answer}
-
-
-def packed(layout: str, value: int | None) -> bytes | None:
-    return None if value is None else struct.pack(layout, value)
-
-
-def mode_answers(
-    mode: int, name: bytes | None, us_q8: int | None, metres_q8: int | None, answer: int | None
-) -> dict[bytes, bytes | None]:
-    return {
-        **conf(Conf.MODE_NAME, name, mode),
-        **conf(Conf.SAMPLE_DURATION, packed("<I", us_q8), mode),
-        **conf(Conf.MAX_DISTANCE, packed("<I", metres_q8), mode),
-        **conf(Conf.RESPONSE_TYPE, packed("<B", answer), mode),
-    }
-
-
-LISTED: dict[bytes, bytes | None] = {
-    **conf(Conf.MODE_COUNT, b"\x02\0"),
-    **conf(Conf.TYPICAL_MODE, b"\x01\0"),
-    **mode_answers(0, b"Standard\0", 16000, 4096, 0x81),
-    **mode_answers(1, b"DenseBoost\0", 8000, 7680, 0x85),
-}
-DENSE_BOOST = ScanMode(1, "DenseBoost", 31.25, 30.0, 0x85, typical=True)
-STANDARD = ScanMode(0, "Standard", 62.5, 16.0, 0x81)
-
 
 # -------------------------------------------------------------------------------------------------- identity
 
@@ -124,108 +88,6 @@ def test_sample_rate() -> None:
     assert rate == SampleRate(62.0, 31.0)
     old, sent = drive(identified(A1, (1, 16)).sample_rate(), {})
     assert (old, sent) == (SampleRate(476.0, 476.0), [])
-
-
-# ----------------------------------------------------------------------------------------------------- modes
-
-
-def test_modes_are_the_devices_own() -> None:
-    modes, sent = drive(identified().modes(), LISTED)
-    assert modes == (STANDARD, DENSE_BOOST)
-    assert modes[1].samples_per_second == 32000
-    assert sent[0].data == get_lidar_conf(Conf.MODE_COUNT).data
-    assert len(sent) == 2 + 2 * 4
-
-
-@pytest.mark.parametrize(
-    ("raw", "name"),
-    [
-        (b"Dense\x1b[31mBoost\0rubbish", "Dense[31mBoost"),
-        (b"\x07\x08Boost\r\n", "Boost"),
-        (b"  Spaced  ", "Spaced"),
-        (b"", "mode 0"),
-        (b"\0\0", "mode 0"),
-        (b"\x01\x02\x7f", "mode 0"),
-        (None, "mode 0"),
-        (b"B\xfcro", "B\N{REPLACEMENT CHARACTER}ro"),
-    ],
-)
-def test_mode_names_are_safe_to_print(raw: bytes | None, name: str) -> None:
-    answers = {**LISTED, **conf(Conf.MODE_COUNT, b"\x01\0"), **conf(Conf.MODE_NAME, raw, 0)}
-    (mode,), _ = drive(identified().modes(), answers)
-    assert mode.name == name
-    assert mode.name.isprintable()
-
-
-def test_values_that_are_missing_or_cut_short_are_nothing() -> None:
-    answers = {
-        **conf(Conf.MODE_COUNT, b"\x02\0"),
-        **mode_answers(0, None, None, None, 0x81),
-        **mode_answers(1, b"X", 8000, 7680, None),
-        **conf(Conf.MAX_DISTANCE, b"\0\x1e", 1),
-        **conf(Conf.TYPICAL_MODE, b"\x01"),
-    }
-    modes, _ = drive(identified().modes(), answers)
-    # What the second sends is not told: it is none. So the first is the typical one.
-    assert modes == (ScanMode(0, "mode 0", 0.0, 0.0, 0x81, typical=True),)
-
-
-def test_mode_numbers_may_have_holes() -> None:
-    moved = mode_answers(4, b"DenseBoost", 8000, 7680, 0x85)
-    silent = mode_answers(1, None, None, None, None)
-    modes, _ = drive(identified().modes(), {**LISTED, **silent, **moved, **conf(Conf.TYPICAL_MODE, b"\x04\0")})
-    assert modes == (STANDARD, replace(DENSE_BOOST, id=4))
-
-
-def test_a_typical_mode_nobody_can_read_is_not_typical() -> None:
-    answers = {
-        **LISTED,
-        **conf(Conf.MODE_COUNT, b"\x03\0"),
-        **conf(Conf.TYPICAL_MODE, b"\x02\0"),
-        **mode_answers(2, b"Newest", 4000, 7680, 0x87),
-    }
-    modes, _ = drive(identified().modes(), answers)
-    assert [mode.typical for mode in modes] == [False, True, False]
-    assert modes[2].response_type == 0x87
-
-
-def test_a_device_of_only_unknown_modes_has_no_typical_one() -> None:
-    answers = {**LISTED, **conf(Conf.MODE_COUNT, b"\x01\0"), **conf(Conf.RESPONSE_TYPE, b"\x99", 0)}
-    (mode,), _ = drive(identified().modes(), answers)
-    assert not mode.typical
-
-
-@pytest.mark.parametrize("count", [b"\0\0", b"", None])
-def test_an_empty_list_falls_back_on_the_plain_scan(count: bytes | None) -> None:
-    answers = {**conf(Conf.MODE_COUNT, count), b"\xa5\x59": struct.pack("<HH", 63, 31)}
-    modes, _ = drive(identified().modes(), answers)
-    assert modes == (ScanMode(0, "Standard", 63.0, 16.0, 0x81, typical=True),)
-    # Even where it tells no sample rate either.
-    modes, _ = drive(identified().modes(), conf(Conf.MODE_COUNT, count))
-    assert modes == (ScanMode(0, "Standard", 0.0, 16.0, 0x81, typical=True),)
-
-
-def test_an_absurd_number_of_modes_ends() -> None:
-    modes, sent = drive(identified().modes(), conf(Conf.MODE_COUNT, b"\xff\xff"))
-    assert [mode.response_type for mode in modes] == [0x81]
-    assert len(sent) < 100
-    modes, _ = drive(identified().modes(), {**LISTED, **conf(Conf.MODE_COUNT, b"\xff\xff")})
-    assert modes == (STANDARD, DENSE_BOOST)
-
-
-def test_old_firmware_is_not_asked_for_what_it_lacks() -> None:
-    modes, sent = drive(identified(A1, (1, 23)).modes(), {b"\xa5\x59": struct.pack("<HH", 500, 250)})
-    assert [request.name for request in sent] == ["GET_SAMPLERATE"]
-    assert modes == (
-        ScanMode(0, "Standard", 500.0, 16.0, 0x81),
-        ScanMode(1, "Express", 250.0, 16.0, 0x82, typical=True),
-    )
-    oldest, sent = drive(identified(A1, (1, 16)).modes(), {})
-    assert (sent, oldest) == ([], (ScanMode(0, "Standard", 476.0, 16.0, 0x81, typical=True),))
-    _, sent = drive(identified(A1, (1, 24)).modes(), LISTED)
-    assert sent[0].data == get_lidar_conf(Conf.MODE_COUNT).data
-    _, sent = drive(identified(C1, (1, 0)).modes(), LISTED)
-    assert sent[0].data == get_lidar_conf(Conf.MODE_COUNT).data
 
 
 # ----------------------------------------------------------------------------------------------------- start
@@ -351,22 +213,3 @@ def test_what_the_family_cannot_do_says_so() -> None:
             script()
     with pytest.raises(Unsupported):
         device.power_down_protection(True)
-
-
-def test_a_device_silent_about_its_modes_is_not_asked_for_a_minute() -> None:
-    count = conf(Conf.MODE_COUNT, b"\x10\0")
-    for told in (
-        {},
-        {key: value for mode in range(16) for key, value in conf(Conf.RESPONSE_TYPE, b"\x81", mode).items()},
-    ):
-        answers = {**count, **told}
-        modes, sent = drive(identified().modes(), answers)
-        assert modes
-        assert sum(each.timeout * each.attempts for each in sent if answers.get(each.data) is None) <= 6.0
-
-
-def test_mode_names_are_utf_8() -> None:
-    name = "H\N{LATIN SMALL LETTER O WITH DIAERESIS}he \N{CJK UNIFIED IDEOGRAPH-5BC6}"
-    answers = {**LISTED, **conf(Conf.MODE_COUNT, b"\x01\0"), **conf(Conf.MODE_NAME, name.encode() + b"\0", 0)}
-    (mode,), _ = drive(identified().modes(), answers)
-    assert mode.name == name

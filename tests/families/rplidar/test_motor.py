@@ -8,7 +8,7 @@ from lidario.errors import Unsupported
 from lidario.families.rplidar.commands import Conf
 from lidario.families.rplidar.device import HQ_SCAN, RplidarDevice
 from lidario.model import ScanMode
-from tests.families.rplidar.test_device import A1, C1, S2, STANDARD, conf, identified
+from tests.support.rplidar_device import A1, C1, S2, STANDARD, conf, identified
 from tests.support.scripts import Answers, drive
 
 A2, A3 = 0x2C, 0x31

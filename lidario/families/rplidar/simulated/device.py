@@ -16,9 +16,9 @@ It discards what a real device discards:
 * where the motor is driven by an accessory board or by DTR, a scan does not start it: the descriptor comes, and no
   packet before the motor turns.
 
-What turns the motor is told in `drive`, how the speed of the line is changed in `speed`. STOP leaves the motor
-running. Section numbers are not given: the manual's editions number them differently. An address that
-SET_LIDAR_CONF has set is in force after the next RESET, as with the vendor's tool.
+What turns the motor is told in `drive`, what the device tells of itself in `identity`, how the speed of the line is
+changed in `speed`. STOP leaves the motor running. Section numbers are not given: the manual's editions number them
+differently.
 
 `SimulatedRplidar.log` tells of every request, with the reason where it was discarded. To put the device
 into a state that occurs in practice, use its documented attributes, `begin_streaming` and `protection_stop`; a
@@ -27,12 +27,11 @@ request that a killed program left unfinished is simply received: the bytes ``A5
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable
 from typing import ClassVar
 
-from lidario.families.rplidar.simulated import responses
 from lidario.families.rplidar.simulated.drive import Drive
+from lidario.families.rplidar.simulated.identity import Identity
 from lidario.families.rplidar.simulated.profile import Mode, Profile
 from lidario.families.rplidar.simulated.profiles import PROFILES
 from lidario.families.rplidar.simulated.requests import IGNORED_IN_PROTECTION_STOP, PAYLOADS, Request, RequestReader
@@ -48,7 +47,6 @@ __all__ = ["PROFILES", "Mode", "Profile", "SimulatedRplidar", "describe", "make_
 _MS = 1_000_000
 _SETTLE_AFTER_STOP = 10 * _MS  # S-series interface manual, STOP
 _SETTLE_AFTER_RESET = 500 * _MS  # S-series interface manual, RESET
-_DHCP = bytes(12)
 
 
 class SimulatedRplidar(Chassis[MeasurementStream]):
@@ -64,7 +62,6 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         profile: What it is.
         serial: Its serial number.
         health: Status (0 good, 1 warning, 2 Protection Stop) and error code; this and more as in `Chassis`.
-        address: Of an Ethernet device: address, mask and gateway; all zero for DHCP.
 
     Raises:
         ValueError: The serial number has not 16 bytes.
@@ -81,8 +78,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         super().__init__(profile.baudrate, world, seed, profile.model)
         self.profile = profile
         self.serial: bytes = self._random.bytes(16) if serial is None else bytes(serial)
-        if len(self.serial) != 16:
-            raise ValueError(f"a serial number has 16 bytes, not {len(self.serial)}")
+        self._identity = Identity(self.serial)
         self.response_delay_s: float = 0.0015
         self.boot_s: float = profile.boot_s
         self._motor = Motor(turns=float(self._random.random()))
@@ -90,13 +86,16 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         self._reader = RequestReader()
         self._speed = LineSpeed(profile.baudrate)
         self._waiting: Mode | None = None  # a stream that was announced, while the motor is off
-        self.address: bytes = _DHCP
-        self._next_address = _DHCP
 
     @property
     def is_network(self) -> bool:
         """Whether it is reached by UDP."""
         return self.profile.is_network
+
+    @property
+    def address(self) -> bytes:
+        """Of an Ethernet device: address, mask and gateway, four bytes each; all zero for DHCP."""
+        return self._identity.address
 
     @property
     def scanning(self) -> bool:
@@ -221,7 +220,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         given, wanted = len(request.payload), PAYLOADS.get(request.name, 0)
         if given < wanted or (given > wanted and request.name != "get_lidar_conf"):
             return f"payload of {given} bytes"
-        if request.name == "get_lidar_conf" and self._conf(request) is None:
+        if request.name == "get_lidar_conf" and self._identity.conf(self.profile, request.payload) is None:
             return "unknown to this firmware"
         return ""
 
@@ -245,7 +244,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         self._reader.clear()
         self._drive.protect(now)
         self._recover()
-        self.address = self._next_address
+        self._identity.restart()
         self._deaf_until, self._deaf_why = up, "still booting"
         self._queue.push(self.profile.banner, up)
 
@@ -299,41 +298,10 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         self._drive.set_duty(int.from_bytes(request.payload, "little"), request.ended)
         return ""
 
-    def _get_acc_board_flag(self, request: Request) -> str:
-        return self._respond(responses.BOARD, struct.pack("<I", 1), request)
-
-    def _get_info(self, request: Request) -> str:
-        major, minor = self.profile.firmware
-        head = bytes([self.profile.model, minor, major, self.profile.hardware])
-        return self._respond(responses.INFO, head + self.serial, request)
-
-    def _get_health(self, request: Request) -> str:
-        return self._respond(responses.HEALTH, struct.pack("<BH", *self.health), request)
-
-    def _get_samplerate(self, request: Request) -> str:
-        standard = self.profile.standard.said_us_q8
-        express = standard if self.profile.express is None else self.profile.express.said_us_q8
-        return self._respond(responses.SAMPLERATE, struct.pack("<HH", standard >> 8, express >> 8), request)
-
-    def _get_lidar_conf(self, request: Request) -> str:
-        return self._respond(responses.CONF, request.payload[:4] + (self._conf(request) or b""), request)
-
-    def _conf(self, request: Request) -> bytes | None:
-        """The value that GET_LIDAR_CONF asks for; None where the firmware does not know its type."""
-        kind = int.from_bytes(request.payload[:4], "little")
-        if kind == responses.ADDRESS and self.is_network:
-            return self.address
-        return self.profile.conf(kind, request.payload[4:])
-
-    def _set_lidar_conf(self, request: Request) -> str:
-        kind, value = int.from_bytes(request.payload[:4], "little"), request.payload[4:]
-        if kind != responses.ADDRESS:
-            return "unknown to this firmware"
-        self._next_address = value
-        return self._respond(responses.CONF_SET, struct.pack("<II", kind, 0), request)
-
-    def _new_baudrate_confirm(self, request: Request) -> str:
-        return self._speed.confirm(request.payload)
+    def _tell(self, request: Request) -> str:
+        """Respond to a question, or to a setting of what the device tells."""
+        told = self._identity.respond(request, self.profile, self.health)
+        return "unknown to this firmware" if told is None else self._respond(*told, request)
 
     def _respond(self, kind: int, data: bytes, request: Request) -> str:
         """Send a single response, or noise of the same length when it is to be garbled."""
@@ -341,21 +309,24 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         self._respond_with(response, self._response_at(request.ended), request.name)
         return ""
 
+    def _new_baudrate_confirm(self, request: Request) -> str:
+        return self._speed.confirm(request.payload)
+
     _HANDLERS: ClassVar[dict[str, Callable[[SimulatedRplidar, Request], str]]] = {
         "stop": _stop,
         "reset": _reset,
         "scan": _scan,
         "force_scan": _force_scan,
         "express_scan": _express_scan,
-        "get_info": _get_info,
-        "get_health": _get_health,
-        "get_samplerate": _get_samplerate,
-        "get_lidar_conf": _get_lidar_conf,
+        "get_info": _tell,
+        "get_health": _tell,
+        "get_samplerate": _tell,
+        "get_lidar_conf": _tell,
         "motor_speed_ctrl": _motor_speed_ctrl,
         "hq_scan": _hq_scan,
         "set_motor_pwm": _set_motor_pwm,
-        "get_acc_board_flag": _get_acc_board_flag,
-        "set_lidar_conf": _set_lidar_conf,
+        "get_acc_board_flag": _tell,
+        "set_lidar_conf": _tell,
         "new_baudrate_confirm": _new_baudrate_confirm,
     }
 

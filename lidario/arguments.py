@@ -1,0 +1,136 @@
+"""Checks of what users hand over, the same everywhere: a wrong argument raises `InvalidValue`, and nothing else.
+
+A session lives long, and its streams start in other tasks than the one that asked. So an argument is checked where
+it is given: there the traceback shows the line that is wrong. Numbers of numpy are taken as those of Python; texts
+are not taken for numbers.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+import os
+import reprlib
+from collections.abc import Callable
+from numbers import Real
+from pathlib import Path
+
+from lidario.errors import InvalidValue
+
+__all__ = ["callable_of", "finite", "nanoseconds", "number", "path_of", "shown", "text_of", "whole", "yes_or_no"]
+
+_MOST_SHOWN = 80
+_MOST_NS = 1 << 62
+_short = reprlib.Repr()
+_short.maxstring = _short.maxother = _short.maxlong = _MOST_SHOWN
+
+
+def shown(value: object) -> str:
+    """A value as an error text shows it: not all of it where that is long."""
+    try:
+        return _short.repr(value)
+    except ValueError:  # a number of so many digits that Python refuses to write it down
+        return f"a very long {type(value).__name__}"
+
+
+def number(value: object, what: str) -> float:
+    """The value as a float, if it is a number; it may be infinite.
+
+    Raises:
+        InvalidValue: It is none, or NaN; the message begins with `what`.
+    """
+    if not isinstance(value, Real):
+        raise InvalidValue(f"{what} is a number, not {shown(value)}")
+    try:
+        result = float(value)
+    except OverflowError:
+        # A whole number that is larger than every float.
+        result = math.inf if operator.gt(value, 0) else -math.inf
+    if math.isnan(result):
+        raise InvalidValue(f"{what} is a number, not {shown(value)}")
+    return result
+
+
+def finite(value: object, what: str) -> float:
+    """The value as a float, if it is a finite number.
+
+    Raises:
+        InvalidValue: It is not; the message begins with `what`.
+    """
+    result = number(value, what)
+    if not math.isfinite(result):
+        raise InvalidValue(f"{what} is a finite number, not {shown(value)}")
+    return result
+
+
+def whole(value: object, what: str) -> int:
+    """The value as an int, if it is a whole number.
+
+    Raises:
+        InvalidValue: It is none; the message begins with `what`.
+    """
+    try:
+        return operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        raise InvalidValue(f"{what} is a whole number, not {shown(value)}") from None
+
+
+def nanoseconds(value: object, what: str) -> int:
+    """The value as an int, if it is a number of nanoseconds that clocks count; sums of two fit in 64 bits.
+
+    Raises:
+        InvalidValue: It is none; the message begins with `what`.
+    """
+    result = whole(value, what)
+    if abs(result) > _MOST_NS:
+        raise InvalidValue(f"{what} is a time in nanoseconds, of some decades at most, not {shown(value)}")
+    return result
+
+
+def yes_or_no(value: object, what: str) -> bool:
+    """Whether the value is as good as true.
+
+    Raises:
+        InvalidValue: It is neither, as an array; the message begins with `what`.
+    """
+    try:
+        return bool(value)
+    except (TypeError, ValueError):
+        raise InvalidValue(f"{what} is True or False, not {shown(value)}") from None
+
+
+def text_of(value: object, what: str) -> str:
+    """The value, if it is a text.
+
+    Raises:
+        InvalidValue: It is none; the message begins with `what`.
+    """
+    if not isinstance(value, str):
+        raise InvalidValue(f"{what} is a text, not {shown(value)}")
+    return value
+
+
+def callable_of(value: object, what: str) -> Callable[..., object]:
+    """The value, if it can be called.
+
+    Raises:
+        InvalidValue: It cannot; the message begins with `what`.
+    """
+    if not callable(value):
+        raise InvalidValue(f"{what} is a function, not {shown(value)}")
+    return value
+
+
+def path_of(value: object, what: str) -> Path:
+    """The value as a path that a file may have.
+
+    Raises:
+        InvalidValue: It is no text or path, or no file may be called so; the message begins with `what`.
+    """
+    try:
+        name = os.fspath(value)  # type: ignore[call-overload]
+        if isinstance(name, str) and "\0" not in name and os.fsencode(name):
+            return Path(name)
+    except (TypeError, UnicodeError):
+        pass
+    raise InvalidValue(f"{what} is the name of a file, not {shown(value)}")

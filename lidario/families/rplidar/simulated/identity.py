@@ -1,0 +1,80 @@
+"""What a device tells of itself: the content of every single response.
+
+GET_INFO, GET_HEALTH, GET_SAMPLERATE and GET_LIDAR_CONF as in the S-series interface manual; the flag of the
+accessory board and the static address as in vendor SDK 2.1.0. An address that SET_LIDAR_CONF has set is in force
+after the next RESET, as with the vendor's tool.
+"""
+
+from __future__ import annotations
+
+import struct
+
+from lidario.families.rplidar.simulated import responses
+from lidario.families.rplidar.simulated.profile import Profile
+from lidario.families.rplidar.simulated.requests import Request
+
+__all__ = ["Identity"]
+
+_DHCP = bytes(12)
+
+
+class Identity:
+    """What tells one device from others of its model, and what it was set to.
+
+    Args:
+        serial: The serial number.
+
+    Attributes:
+        address: Of an Ethernet device: address, mask and gateway; all zero for DHCP.
+
+    Raises:
+        ValueError: The serial number has not 16 bytes.
+    """
+
+    def __init__(self, serial: bytes) -> None:
+        if len(serial) != 16:
+            raise ValueError(f"a serial number has 16 bytes, not {len(serial)}")
+        self.address: bytes = _DHCP
+        self._serial = serial
+        self._next_address = _DHCP
+
+    def restart(self) -> None:
+        """What was set comes into force."""
+        self.address = self._next_address
+
+    def respond(self, request: Request, profile: Profile, health: tuple[int, int]) -> tuple[int, bytes] | None:
+        """Type and payload of the response to a question or a setting; None where the firmware does not know it."""
+        match request.name:
+            case "get_info":
+                major, minor = profile.firmware
+                head = bytes([profile.model, minor, major, profile.hardware])
+                return responses.INFO, head + self._serial
+            case "get_health":
+                return responses.HEALTH, struct.pack("<BH", *health)
+            case "get_samplerate":
+                standard = profile.standard.said_us_q8
+                express = standard if profile.express is None else profile.express.said_us_q8
+                return responses.SAMPLERATE, struct.pack("<HH", standard >> 8, express >> 8)
+            case "get_lidar_conf":
+                value = self.conf(profile, request.payload)
+                return None if value is None else (responses.CONF, request.payload[:4] + value)
+            case "set_lidar_conf":
+                return self._set_conf(request.payload)
+            case "get_acc_board_flag":
+                return responses.BOARD, struct.pack("<I", 1)
+            case _:
+                return None
+
+    def conf(self, profile: Profile, payload: bytes) -> bytes | None:
+        """The value that GET_LIDAR_CONF asks for; None where the firmware does not know its type."""
+        kind = int.from_bytes(payload[:4], "little")
+        if kind == responses.ADDRESS and profile.is_network:
+            return self.address
+        return profile.conf(kind, payload[4:])
+
+    def _set_conf(self, payload: bytes) -> tuple[int, bytes] | None:
+        kind = int.from_bytes(payload[:4], "little")
+        if kind != responses.ADDRESS:
+            return None
+        self._next_address = payload[4:]
+        return responses.CONF_SET, struct.pack("<II", kind, 0)

@@ -1,0 +1,41 @@
+"""A revolution that has ended: its samples, what is missing in it, and its times, before it is judged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lidario.families.base import Samples
+from lidario.revolution.partial import PartialRevolution, SampleArrays
+from lidario.wire.events import Packets
+
+__all__ = ["EndedRevolution"]
+
+
+# Not frozen: with so many fields that would cost as much as a call of numpy, once a revolution.
+@dataclass(slots=True, eq=False)
+class EndedRevolution:
+    """What is known of a revolution when it has ended. The times are 0 until it is dated.
+
+    Attributes:
+        partial: What was known of it before.
+        packets: Its packets; None when it has none, only samples that were carried over.
+        samples: What they were decoded to; None when it has none.
+        arrays: Its own samples, from the seam at its beginning to the seam at its end.
+        lost: Packets that are missing in it.
+        gaps: Where its own samples are missing, as `PartialRevolution.gaps` tells it.
+        start_ns: When its first sample was measured.
+        elapsed_ns: Time from then to the arrival of its last packet.
+        sample_ns: Nanoseconds a sample.
+        spanned_ns: Time that its samples take, and those that are known to be missing.
+    """
+
+    partial: PartialRevolution
+    packets: Packets | None
+    samples: Samples | None
+    arrays: SampleArrays
+    lost: int
+    gaps: list[tuple[int, int]] | None
+    start_ns: int = 0
+    elapsed_ns: int = 0
+    sample_ns: float = 0.0
+    spanned_ns: float = 0.0

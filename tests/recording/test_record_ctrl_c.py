@@ -1,0 +1,39 @@
+"""Ctrl-C at every call that begins a recording, on a loop that does not handle it: no thread and no tap is left."""
+
+from __future__ import annotations
+
+import _thread
+import asyncio
+from contextlib import closing
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from tests.support.devices import make_rig
+from tests.support.interrupt import all_threads_ended, interrupted_at_call
+from tests.support.loop import DrivenLoop
+
+
+@pytest.mark.exhaustive("stride", sample=[4], full=[1])
+def test_ctrl_c_at_every_call_of_starting(stride: int, tmp_path: Path) -> None:
+    before = _thread._count()
+    with closing(DrivenLoop()) as loop:
+        lidar = loop.run_until_complete(make_rig("rplidar").open()._open())
+        number, place = stride // 2, "at first"
+        while place:
+            recording = lidar.record(tmp_path / f"{number}.mcap")
+            starting = recording.start()
+            asyncio._set_running_loop(loop)
+            place = interrupted_at_call(number, partial(next, starting.__await__(), None))
+            asyncio._set_running_loop(None)
+            starting.close()
+            if not place:
+                loop.run_until_complete(recording.close())
+            assert not recording.is_running, place
+            assert not lidar._recorded._running, place
+            assert not lidar._dialogue.taps, place
+            all_threads_ended(before, place)
+            number += stride
+        assert number > 40
+        loop.run_until_complete(lidar.close())

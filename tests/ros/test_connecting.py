@@ -1,0 +1,108 @@
+"""Through a router: who is not there, or does not respond, is told, and nothing is waited for without a bound."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import lidario
+from lidario.errors import ConnectFailed, InvalidValue, Unsupported
+from lidario.network.bus import Bus
+from lidario.network.keys import Token, token_key
+from tests.support.network import BOUND_S
+from tests.support.router import Router
+
+
+async def test_nobody_and_no_router(router: Router, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidario.network.connect.WAIT_S", 0.05)
+    with pytest.raises(ConnectFailed, match="no lidar is published under nothing/here") as caught:
+        await lidario.open_lidar(f"zenoh:nothing/here?router={router.address}")
+    assert caught.value.reason == "silent"
+    with pytest.raises(ConnectFailed, match=r"no zenoh router responds at tcp/127\.0\.0\.1:1") as caught:
+        await lidario.open_lidar("zenoh:nothing/here?router=tcp/127.0.0.1:1")
+    assert caught.value.reason == "refused"
+    with pytest.raises(InvalidValue, match="is not the address of a router"):
+        await Bus.open("7447")
+
+
+async def test_a_router_that_says_nothing_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidario.network.bus.OPEN_S", 0.05)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        async with asyncio.timeout(BOUND_S):
+            with pytest.raises(ConnectFailed, match="no zenoh router responds") as caught:
+                await Bus.open(f"tcp/127.0.0.1:{server.getsockname()[1]}")
+    assert caught.value.reason == "refused"
+
+
+async def test_a_publisher_that_does_not_respond_is_not_waited_for(router: Router) -> None:
+    """It takes the request and keeps it."""
+    silent, asking = await Bus.open(router.address), await Bus.open(router.address)
+    kept: list[Any] = []
+    silent._session.declare_queryable("silent/key", kept.append)
+    async with asyncio.timeout(BOUND_S):
+        while not kept:
+            assert await asking.query("silent/key", 0.05) == []
+    for query in kept:
+        query.drop()
+    await silent.close()
+    await asking.close()
+
+
+async def test_a_configuration_of_zenoh_is_taken(
+    router: Router, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("ZENOH_CONFIG", str(tmp_path / "client.json5"))
+    with pytest.raises(InvalidValue, match=r"or ZENOH_CONFIG=.* is no configuration of zenoh"):
+        await Bus.open(router.address)
+    (tmp_path / "client.json5").write_text('{id: "abc123", mode: "peer"}')
+    bus = await Bus.open(router.address)
+    assert bus.id == "abc123"
+    await bus.close()
+
+
+async def test_no_exception_of_zenoh_leaves(router: Router) -> None:
+    bus = await Bus.open(router.address)
+    for call in (
+        bus.sender,
+        bus.token,
+        lambda key: bus.subscribe(key, print),
+        lambda key: bus.watch_tokens(key, print),
+    ):
+        with pytest.raises(ConnectFailed, match=r"the zenoh session with .* failed"):
+            call("a//b")
+    with pytest.raises(ConnectFailed, match=r"the zenoh session with .* failed"):
+        await bus.query("a//b", 1.0)
+    await bus.close()
+    await bus.close()
+    with pytest.raises(ConnectFailed, match=r"the zenoh session with .* failed"):
+        await bus.tokens("a", 1.0)
+
+
+async def test_a_missing_package_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "zenoh", None)
+    with pytest.raises(Unsupported, match=r"^zenoh needs .* pip install 'lidario-asyncio\[zenoh\]'$"):
+        await lidario.open_lidar("zenoh:robots/r7/scan")
+
+
+async def test_cancelling_an_opening_leaves_nothing(router: Router) -> None:
+    opening = asyncio.ensure_future(lidario.open_lidar(f"zenoh:nothing/there?router={router.address}")._open())
+    await asyncio.sleep(0.05)  # anywhere on the way: wherever that is, nothing may be left
+    opening.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await opening
+
+
+async def test_a_publisher_that_hangs_is_not_nobody(router: Router, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidario.network.connect.WAIT_S", 0.05)
+    bus = await Bus.open(router.address)
+    bus.token(token_key(Token("hung/scan", "scan", "r9", "S2", "1")))
+    with pytest.raises(
+        ConnectFailed, match=r"zenoh:hung/scan is published by r9, which does not respond"
+    ) as caught:
+        await lidario.open_lidar(f"zenoh:hung/scan?router={router.address}")
+    assert caught.value.reason == "silent"
+    await bus.close()

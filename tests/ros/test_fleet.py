@@ -1,0 +1,95 @@
+"""Many lidars behind one router: one reader has the scans of all of them."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import AsyncExitStack
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import lidario
+from lidario.errors import ConnectFailed
+from lidario.ros import Fleet, FleetScan, Share
+from lidario.scan import Scan
+from tests.support.network import BOUND_S, Rig, until
+from tests.support.router import Router
+from tests.test_model import FOUR
+
+
+async def test_many_lidars_are_one_fleet_or_have_to_be_named(router: Router) -> None:
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        fleet = await stack.enter_async_context(Fleet("many/*/scan", router=router.address, depth=4))
+        shares = []
+        for robot in ("a", "b"):
+            share = Share(await rig.open(), f"many/{robot}/scan", router=router.address)
+            shares.append(await stack.enter_async_context(share))
+        with pytest.raises(
+            ConnectFailed, match=r"2 lidars .* name one:\nzenoh:many/a/scan\nzenoh:many/b"
+        ) as caught:
+            await lidario.open_lidar(f"zenoh:many/*/scan?router={router.address}")
+        assert caught.value.reason == "ambiguous"
+        first, second = (share._outlet for share in shares)
+        assert first is not None
+        assert second is not None
+        # The reader does nothing meanwhile. The busier lidar pushes out no scan of the other one.
+        for number in range(6):
+            if number == 3:
+                first.sent += 2
+            shares[0].publish(replace(FOUR, seq=number))
+        shares[1].publish(FOUR)
+        await until(lambda: len(fleet._scans) == 5)
+        seen = [await anext(fleet) for _ in range(5)]
+        assert [(each.scan.seq, each.lost) for each in seen if each.key == "many/a/scan"] == [
+            (2, 2), (3, 2), (4, 0), (5, 0),
+        ]  # fmt: skip
+        assert {each.key for each in seen} == {"many/a/scan", "many/b/scan"}
+        assert (fleet.lost, fleet.dropped, fleet.bad_messages) == (2, 2, 0)
+        second.send(b"junk")
+        await until(lambda: fleet.bad_messages)
+        reading = asyncio.ensure_future(anext(fleet))
+        await asyncio.sleep(0)
+        await fleet.close()
+        with pytest.raises(StopAsyncIteration):
+            await reading
+
+
+async def test_a_fleet_decodes_raw_bytes(router: Router) -> None:
+    """Beside whole scans, of two families; a raw message that is lost is told."""
+    async with AsyncExitStack() as stack:
+        fleet = await stack.enter_async_context(Fleet("bytes/*/scan", router=router.address))
+        sent: dict[str, dict[int, Scan]] = {}
+        for name, family, raw in (("a", "rplidar", True), ("b", "ydlidar", True), ("c", "rplidar", False)):
+            rig = Rig(stack, router)
+            key = f"bytes/{name}/scan"
+            share = Share(await rig.open(family), key, raw=raw, router=router.address)
+            rig.run(await stack.enter_async_context(share))
+            sent[key] = {}
+            rig.sent = _ByTime(sent[key])  # type: ignore[assignment]
+        got: dict[str, list[FleetScan]] = {key: [] for key in sent}
+        async with asyncio.timeout(BOUND_S):
+            while min(map(len, got.values())) < 4:
+                each = await anext(fleet)
+                got[each.key].append(each)
+        for key, scans in got.items():
+            for each in scans:
+                at = round(each.scan.wall_stamp_ns, -5)
+                await until(lambda key=key, at=at: at in sent[key])  # type: ignore[misc]
+                before = sent[key][at]
+                np.testing.assert_array_equal(each.scan.device_angles, before.device_angles)
+                np.testing.assert_array_equal(each.scan.device_distances, before.device_distances)
+                assert each.scan.mode == before.mode
+                assert each.lost == 0
+        assert (fleet.lost, fleet.bad_messages) == (0, 0)
+
+
+class _ByTime:
+    """Takes scans as a list does, and keeps them by their stamps."""
+
+    def __init__(self, scans: dict[int, Scan]) -> None:
+        self._scans = scans
+
+    def append(self, scan: Scan) -> None:
+        self._scans[round(scan.wall_stamp_ns, -5)] = scan

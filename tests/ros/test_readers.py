@@ -1,0 +1,200 @@
+"""What a reader is told through a router: loss, a second publisher, a lidar or a publisher that is away, noise."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import AsyncExitStack
+from dataclasses import replace
+
+import pytest
+
+import lidario
+from lidario.errors import ConnectFailed, Unsupported
+from lidario.model import Health, HealthStatus
+from lidario.network.bus import Bus
+from lidario.network.status import Status
+from lidario.ros import Publisher, Share
+from tests.support.network import BOUND_S, Rig, until
+from tests.support.router import Router
+from tests.test_model import FOUR
+
+
+async def test_a_session_comes_back_when_the_robot_does(router: Router) -> None:
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        lidar = await rig.open()
+        source = f"zenoh:back/scan?router={router.address}"
+        async with Share(lidar, "back/scan", raw=True, router=router.address) as share:
+            rig.run(share)
+            await until(lambda: rig.sent)
+            remote = await stack.enter_async_context(lidario.open_lidar(source, reconnect=True))
+            scans = await stack.enter_async_context(remote.scans())
+            first = await anext(scans)
+        await until(lambda: not remote.is_connected)
+        await stack.enter_async_context(Share(lidar, "back/scan", raw=True, router=router.address))
+        async with asyncio.timeout(BOUND_S):
+            assert (await anext(scans)).wall_stamp_ns > first.wall_stamp_ns
+            while not remote.stats.reconnects:
+                await anext(scans)
+
+
+async def test_a_reader_may_come_before_the_first_scan(router: Router) -> None:
+    """The publisher's lidar does not scan yet, so its mode is not known."""
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        share = await stack.enter_async_context(Share(await rig.open(), "early/scan", router=router.address))
+        remote = await stack.enter_async_context(lidario.open_lidar(f"zenoh:early/scan?router={router.address}"))
+        scans = await stack.enter_async_context(remote.scans())
+        reading = asyncio.ensure_future(anext(scans))
+        rig.run(share)
+        async with asyncio.timeout(BOUND_S):
+            assert (await reading).mode == "DenseBoost"
+
+
+@pytest.mark.parametrize("form", ["scan", "ros"])
+async def test_scans_that_were_lost_are_a_jump_in_the_numbers(router: Router, form: str) -> None:
+    """They were dropped by zenoh, as it does where a line is busy."""
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        lidar = await rig.open()
+        if form == "ros":
+            publisher: Publisher | Share = Publisher(lidar, topic="lossy", router=router.address)
+        else:
+            publisher = Share(lidar, "lossy/scan", router=router.address)
+        await stack.enter_async_context(publisher)
+        source = f"zenoh:{publisher.key}?router={router.address}"
+        remote = await stack.enter_async_context(lidario.open_lidar(source))
+        scans = await stack.enter_async_context(remote.scans(depth=8))
+        outlet = publisher._scans if isinstance(publisher, Publisher) else publisher._outlet
+        assert outlet is not None
+        reading = asyncio.ensure_future(anext(scans))
+        while not reading.done():  # until its stream runs
+            publisher.publish(replace(FOUR, seq=7))
+            await asyncio.sleep(0.02)
+        publisher.publish(replace(FOUR, seq=8))
+        outlet.sent += 3
+        publisher.publish(replace(FOUR, seq=12))
+        async with asyncio.timeout(BOUND_S):
+            last = (await reading).seq
+            while (after := (await anext(scans)).seq) == last + 1:
+                last = after
+        assert after == last + 4
+        assert remote.stats.missed_scans == 3
+
+
+async def test_two_publishers_under_one_key(router: Router, caplog: pytest.LogCaptureFixture) -> None:
+    """The second one is told, and a reader that is there goes on with the first one."""
+    async with AsyncExitStack() as stack:
+        rig, other = Rig(stack, router), Rig(stack, router)
+        key = "rival/scan"
+        share = await stack.enter_async_context(
+            Share(await rig.open(), key, raw=True, router=router.address, robot="a")
+        )
+        rig.run(share)
+        remote = await stack.enter_async_context(lidario.open_lidar(f"zenoh:{key}?router={router.address}"))
+        scans = await stack.enter_async_context(remote.scans(depth=8))
+        async with asyncio.timeout(BOUND_S):
+            await anext(scans)
+            # The reader may have come in the midst of a packet.
+            skipped = remote.stats.skipped_bytes
+            second = Share(await other.open("ydlidar"), key, raw=True, router=router.address, robot="b")
+            other.run(await stack.enter_async_context(second))
+            await until(lambda: len(other.sent) >= 3)
+            for _ in range(4):
+                assert (await anext(scans)).mode == "DenseBoost"
+        assert remote.stats.skipped_bytes == skipped
+        assert [text for text in caplog.messages if "the second one is ignored" in text]
+        serial = second.lidar.info.serial
+        told = f"YDLIDAR_4ROS {serial} of b is published under {key}, too: give each lidar a key of its own"
+        await until(lambda: told in caplog.messages)
+        with pytest.raises(
+            ConnectFailed, match=r"two publishers send under zenoh:rival/scan \(a and b\): give each"
+        ):
+            await lidario.open_lidar(f"zenoh:{key}?router={router.address}")
+
+
+async def test_a_reader_is_told_that_the_lidar_is_away(router: Router, caplog: pytest.LogCaptureFixture) -> None:
+    """Its publisher is there, so the session goes on."""
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        share = await stack.enter_async_context(Share(await rig.open(), "away/scan", router=router.address))
+        source = f"zenoh:away/scan?router={router.address}"
+        remote = await stack.enter_async_context(lidario.open_lidar(source))
+        status = share.status()
+        assert share._status is not None
+        away, back = (f"zenoh:away/scan: the lidar is {each} its publisher" for each in ("away from", "back at"))
+        # Again and again: the publisher's side may not know of the reader yet.
+        async with asyncio.timeout(BOUND_S):
+            for lost, told in (("the lidar is away from its publisher", away), ("", back)):
+                while told not in caplog.messages:
+                    share._status.send(replace(status, lost=lost).to_bytes(whole=False))
+                    await asyncio.sleep(0.02)
+        assert caplog.messages.count(away) == 1
+        assert remote.is_connected
+
+
+async def test_a_publisher_that_sends_nothing_is_told(
+    router: Router, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its process is there, so nothing is lost; it may hang, or its lidar may stand still."""
+    monkeypatch.setattr("lidario.network.port.SILENCE_S", 0.05)
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        share = await stack.enter_async_context(Share(await rig.open(), "mute/scan", router=router.address))
+        remote = await stack.enter_async_context(lidario.open_lidar(f"zenoh:mute/scan?router={router.address}"))
+        scans = await stack.enter_async_context(remote.scans())
+        reading = asyncio.ensure_future(anext(scans))
+        said = "although its publisher is there. Does its lidar scan?"
+        await until(lambda: any(said in text for text in caplog.messages))
+        while not reading.done():
+            share.publish(FOUR)
+            await asyncio.sleep(0.01)
+        assert len(await reading) == len(FOUR)
+
+
+@pytest.mark.parametrize("raw", [True, False])
+async def test_noise_under_a_key_keeps_nobody_from_reading(router: Router, raw: bool) -> None:
+    """Neither as messages nor as a status, before the first message of the publisher and after it."""
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        key = f"noise/{raw}"
+        share = await stack.enter_async_context(Share(await rig.open(), key, raw=raw, router=router.address))
+        noise = await Bus.open(router.address)
+        stack.push_async_callback(noise.close)
+        senders = [noise.sender(key), noise.sender(f"{key}/@lidario/status")]
+        unwell = replace(share.status().about, health=Health(HealthStatus.ERROR, 1, "evil"), events=())
+        evil = Status("raw", "evil", unwell).to_bytes(whole=True)
+
+        async def disturb() -> None:
+            while True:
+                for sender in senders:
+                    for payload in (b"", b"LDS1" + bytes(90), b"LDR1" + bytes(9), evil):
+                        sender.put(payload, b"")
+                        sender.put(payload, bytes(33))
+                await asyncio.sleep(0.02)
+
+        disturbing = asyncio.create_task(disturb())
+        stack.callback(disturbing.cancel)
+        rig.run(share)
+        await until(lambda: rig.sent)
+        remote = await stack.enter_async_context(lidario.open_lidar(f"zenoh:{key}?router={router.address}"))
+        scans = await stack.enter_async_context(remote.scans(depth=8))
+        async with asyncio.timeout(BOUND_S):
+            for _ in range(3):
+                assert (await anext(scans)).mode == "DenseBoost"
+        assert await remote.get_health() == share.lidar.health
+        assert remote.info == share.lidar.info
+
+
+async def test_whole_scans_have_no_raw_bytes_to_pass_on(router: Router) -> None:
+    """A relay that sends nothing would look like a lidar that stands still."""
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        rig.run(await stack.enter_async_context(Share(await rig.open(), "relayed/scan", router=router.address)))
+        await until(lambda: rig.sent)
+        source = f"zenoh:relayed/scan?router={router.address}"
+        remote = await stack.enter_async_context(lidario.open_lidar(source))
+        relay = await stack.enter_async_context(Share(remote, "relay/scan", raw=True, router=router.address))
+        async with asyncio.timeout(BOUND_S):
+            with pytest.raises(Unsupported, match="arrives as whole scans, so there are no raw bytes to publish"):
+                await relay.run()

@@ -1,0 +1,205 @@
+"""Serving a device over a real pseudo-terminal.
+
+The device here is a stand-in; see `tests.support.parrot`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from lidario.sim.faults import parse_faults
+from lidario.sim.serve import PtyServer
+from tests.support.parrot import BOUND, Parrot, eventually, opened, read_exactly
+
+pytestmark = pytest.mark.usefixtures("no_thread_is_left")
+
+
+class TestPty:
+    def test_answers_and_stays_raw(self) -> None:
+        with PtyServer(Parrot()) as server, opened(server.path) as port:
+            os.write(port, b"a\r\n\x03\x04\x11\x13\x7fz")
+            assert read_exactly(port, 9) == b"A\r\n\x03\x04\x11\x13\x7fZ"
+
+    def test_clients_come_and_go(self) -> None:
+        with PtyServer(Parrot()) as server:
+            for word in (b"one", b"two", b"three"):
+                with opened(server.path) as port:
+                    os.write(port, word)
+                    assert read_exactly(port, len(word)) == word.upper()
+
+    def test_streams_without_being_asked_again_at_true_pace(self) -> None:
+        with PtyServer(Parrot(), chunk=64) as server, opened(server.path) as port:
+            began = time.monotonic()
+            os.write(port, b"#")
+            data = read_exactly(port, 10_000)
+            assert time.monotonic() - began >= 10_000 * 20e-6  # 50 kB/s and no faster
+            assert data == (bytes(range(256)) * 40)[:10_000]
+            assert server.lost == 0
+
+    def test_what_the_terminal_cannot_take_is_lost(self) -> None:
+        with PtyServer(Parrot()) as server, opened(server.path) as port:
+            os.write(port, b"#")
+            eventually(lambda: server.lost > 0)  # nobody reads
+
+    def test_unplug_kills_the_port(self) -> None:
+        with PtyServer(Parrot()) as server, opened(server.path) as port:
+            os.write(port, b"x")
+            assert read_exactly(port, 1) == b"X"
+            server.unplug()
+            assert server.unplugged
+            assert select.select([port], [], [], BOUND)[0]
+            with contextlib.suppress(OSError):
+                assert os.read(port, 10) == b""
+            with pytest.raises(OSError, match=r"."):
+                os.write(port, b"y")
+
+    def test_a_fault_unplugs_it(self) -> None:
+        with PtyServer(Parrot(), faults=parse_faults("unplug:20ms")) as server, opened(server.path) as port:
+            os.write(port, b"#")
+            eventually(lambda: server.unplugged)
+
+    def test_faults_reach_the_client(self) -> None:
+        with PtyServer(Parrot(), faults=parse_faults("insert:100%")) as server, opened(server.path) as port:
+            os.write(port, b"abc")
+            assert read_exactly(port, 6)[1::2] == b"ABC"
+
+    def test_what_is_held_back_comes_though_nothing_follows(self) -> None:
+        faults = parse_faults("stall:990ms")
+        with PtyServer(Parrot(), faults=faults) as server, opened(server.path) as port:
+            sent = 0
+
+            def held_back() -> bool:
+                nonlocal sent
+                sent += os.write(port, b"a")
+                return faults.holding
+
+            eventually(held_back)
+            assert read_exactly(port, sent) == b"A" * sent
+
+    def test_close_twice_and_after_unplug(self) -> None:
+        server = PtyServer(Parrot())
+        server.unplug()
+        server.close()
+        server.close()
+        assert server.unplugged
+
+    def test_a_failing_device_is_reported_by_close(self) -> None:
+        server = PtyServer(Parrot())
+        with opened(server.path) as port:
+            os.write(port, b"!")
+            eventually(lambda: server.unplugged)
+        with pytest.raises(RuntimeError, match="device failed") as caught:
+            server.close()
+        assert isinstance(caught.value.__cause__, ZeroDivisionError)
+        server.close()
+
+    def test_replug_gives_the_port_another_name(self) -> None:
+        with PtyServer(Parrot()) as server:
+            first = server.path
+            with opened(first) as port:
+                os.write(port, b"a")
+                assert read_exactly(port, 1) == b"A"
+                server.replug(0.05)
+                with pytest.raises(OSError, match=r"."):
+                    os.write(port, b"b")
+            assert server.plugged.wait(BOUND)
+            assert server.path != first
+            assert not server.unplugged
+            with opened(server.path) as port:
+                os.write(port, b"c")
+                assert read_exactly(port, 1) == b"C"
+
+    def test_replug_as_often_as_one_likes_costs_no_descriptors(self) -> None:
+        with PtyServer(Parrot()) as server:
+            before = len(os.listdir("/proc/self/fd"))
+            names = [server.path]
+            for _ in range(5):
+                server.replug(0.0)
+                assert server.plugged.wait(BOUND)
+                names.append(server.path)
+            assert all(a != b for a, b in pairwise(names))
+            # The name before the last one is held.
+            assert len(os.listdir("/proc/self/fd")) == before + 1
+
+    @pytest.mark.parametrize("gap_s", [None, 0.0], ids=["unplugged", "replugged"])
+    def test_the_name_of_a_port_that_is_gone_is_given_to_nobody(self, gap_s: float | None) -> None:
+        """Whoever tries to open it again would write to somebody else's terminal."""
+        with PtyServer(Parrot()) as server:
+            gone = server.path
+            if gap_s is None:
+                server.unplug()
+            else:
+                server.replug(gap_s)
+                assert server.plugged.wait(BOUND)
+            assert not os.path.exists(gone)
+            pairs = [os.openpty() for _ in range(3)]
+            names = {os.ttyname(slave) for _, slave in pairs}
+            for handle in (each for pair in pairs for each in pair):
+                os.close(handle)
+            assert gone not in names
+
+    def test_a_link_leads_to_the_new_port(self, tmp_path: Path) -> None:
+        link = tmp_path / "by-id"
+        with PtyServer(Parrot()) as server:
+            server.link(link)
+            server.replug(0.3)
+            assert not link.is_symlink()
+            assert server.plugged.wait(BOUND)
+            assert os.readlink(link) == server.path
+            with opened(str(link)) as port:
+                os.write(port, b"a")
+                assert read_exactly(port, 1) == b"A"
+        assert not link.is_symlink()
+
+    def test_a_replug_of_a_link_that_is_taken(self, tmp_path: Path) -> None:
+        (tmp_path / "by-id").touch()
+        with PtyServer(Parrot()) as server, pytest.raises(FileExistsError):
+            server.link(tmp_path / "by-id")
+        assert (tmp_path / "by-id").exists()
+
+    def test_a_fault_replugs_it(self) -> None:
+        with PtyServer(Parrot(), faults=parse_faults("replug:50ms")) as server:
+            first = server.path
+            with opened(first) as port:
+                os.write(port, b"#")
+                eventually(lambda: not server.plugged.is_set())
+            assert server.plugged.wait(BOUND)
+            assert server.path != first
+            with opened(server.path) as port:
+                assert len(read_exactly(port, 100)) == 100
+
+    def test_a_replug_with_an_unplug_behind_it_ends(self) -> None:
+        faults = parse_faults("replug:10ms,unplug:100ms")
+        with PtyServer(Parrot(), faults=faults) as server, opened(server.path) as port:
+            os.write(port, b"#")
+            eventually(lambda: server.unplugged)
+
+    def test_close_while_the_cable_is_out(self) -> None:
+        server = PtyServer(Parrot())
+        server.replug(600.0)
+        server.close()
+        assert server.unplugged
+        assert not server.plugged.is_set()
+        with pytest.raises(ValueError, match="unplugged"):
+            server.replug()
+        with PtyServer(Parrot()) as other, pytest.raises(ValueError, match="negative"):
+            other.replug(-1.0)
+
+    @pytest.mark.parametrize("wrong", [{"tick": 0.0}, {"chunk": 0}])
+    def test_misuse_is_refused(self, wrong: dict[str, int]) -> None:
+        with pytest.raises(ValueError, match="positive"):
+            PtyServer(Parrot(), **wrong)  # type: ignore[arg-type]
+
+    def test_the_device_can_be_touched_under_the_lock(self) -> None:
+        device = Parrot()
+        with PtyServer(device) as server, opened(server.path) as port:
+            with server.lock:
+                device.receive(b"from within", time.monotonic_ns())
+            assert read_exactly(port, 11) == b"FROM WITHIN"  # although the thread was asleep

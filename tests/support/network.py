@@ -1,0 +1,58 @@
+"""A simulated lidar that is published through a router, and its readers."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from contextlib import AsyncExitStack
+
+import lidario
+from lidario.ros import Publisher, Share
+from lidario.scan import Scan
+from tests.support.router import Router
+
+BOUND_S = 30.0
+MODELS = {"rplidar": "rplidar-s2", "ydlidar": "ydlidar-4ros"}
+
+
+async def until(condition: Callable[[], object]) -> None:
+    async with asyncio.timeout(BOUND_S):
+        while not condition():
+            await asyncio.sleep(0.002)
+
+
+class Rig:
+    """A simulated lidar that is open, and a list of its scans."""
+
+    def __init__(self, stack: AsyncExitStack, router: Router) -> None:
+        self.stack = stack
+        self.router = router.address
+        self.sent: list[Scan] = []
+
+    async def open(self, family: str = "rplidar") -> lidario.Lidar:
+        device = lidario.simulate(MODELS[family], spin_up=0)
+        return await self.stack.enter_async_context(lidario.open_lidar(device))
+
+    def run(self, publisher: Publisher | Share) -> None:
+        """Publish all scans of its lidar in a task."""
+
+        async def work() -> None:
+            async with publisher.lidar.scans(depth=64) as stream:
+                async for scan in stream:
+                    self.sent.append(scan)
+                    publisher.publish(scan)
+
+        task = asyncio.create_task(work())
+
+        async def end() -> None:
+            task.cancel()
+            await asyncio.wait([task])
+
+        self.stack.push_async_callback(end)
+
+    async def take(self, key: str, count: int) -> tuple[lidario.Lidar, list[Scan]]:
+        """So many scans of ``zenoh:KEY``."""
+        lidar = await self.stack.enter_async_context(lidario.open_lidar(f"zenoh:{key}?router={self.router}"))
+        stream = await self.stack.enter_async_context(lidar.scans(depth=64))
+        async with asyncio.timeout(BOUND_S):
+            return lidar, [await anext(stream) for _ in range(count)]

@@ -1,0 +1,278 @@
+"""Every public function with every kind of wrong value: it works, or says what is wrong by an error of lidario."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Coroutine, Iterable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lidario
+from lidario.arguments import finite, number, path_of, shown, text_of, whole, yes_or_no
+from lidario.ros import Fleet, Publisher, Share, pointcloud2
+from lidario.testing import Body, RecordedLidar, SimulatedLidar, make_scan, make_sector, room
+from tests.support.devices import both_families, make_rig, take
+from tests.support.loop import driven
+
+
+class NamedByBytes:
+    def __fspath__(self) -> bytes:
+        return b"/dev/ttyUSB0"
+
+
+class NamedByNothing:
+    def __fspath__(self) -> int:
+        return 3
+
+
+WRONG: list[Any] = [
+    *(None, True, np.True_, 0, -1, 2, 1.5, 10**400, -(10**5000), 1j, np.int64(5), np.float32("nan"), np.float64(9)),
+    *(float("nan"), float("inf"), float("-inf"), np.array(1.0), np.array([1.0, 2.0]), np.array([])),
+    *("", "x", "1", "\0", "\ud800", "ß" * 1000, "\n", b"", b"x", bytearray(b"x"), np.str_("x")),
+    *([], [1], (), (1.0, 2.0), (1.0, float("nan")), ("a", "b"), (10**400, 1), [[1, 2], [3]], {}, {"a": 1}, set()),
+    *(
+        object(),
+        object,
+        ...,
+        Path("/nonexistent/x"),
+        Path("a\0b"),
+        Path("\ud800"),
+        NamedByBytes(),
+        NamedByNothing(),
+    ),
+]
+"""Some of them are right for some arguments. What follows says only that none makes a foreign exception leave."""
+
+SCAN = make_scan([-0.1, 0.0, 0.1], [1.2, 0.4, 1.3])
+SECTOR = make_sector([-0.1, -0.2], [1.0, 2.0])
+
+
+def by_name(function: Callable[..., object], *names: str) -> Iterable[tuple[str, Callable[[Any], object]]]:
+    def giving(name: str) -> Callable[[Any], object]:
+        return lambda value: function(**{name: value})
+
+    for name in names:
+        yield f"{function.__name__}({name})", giving(name)
+
+
+def opened(**arguments: Any) -> object:
+    return lidario.open_lidar(lidario.simulate(), **arguments)
+
+
+def made(**arguments: Any) -> object:
+    return make_scan(**{"angles": [0.1, 0.2], "ranges": [1.0, 2.0], **arguments})
+
+
+def made_sector(**arguments: Any) -> object:
+    return make_sector(**{"angles": [0.1, 0.2], "ranges": [1.0, 2.0], **arguments})
+
+
+def embodied(**arguments: Any) -> object:
+    return SimulatedLidar(bodies=[Body(**{"path": [(0, 1, 0)], **arguments})])
+
+
+def walled(**arguments: Any) -> object:
+    return SimulatedLidar(walls=room(**arguments))
+
+
+def published(**arguments: Any) -> object:
+    unused: Any = None
+    return Publisher(unused, **arguments)
+
+
+def shared(**arguments: Any) -> object:
+    unused: Any = None
+    return Share(unused, **{"key": "robots/r7/scan", **arguments})
+
+
+def fleet(**arguments: Any) -> object:
+    return Fleet(**{"keys": "robots/*/scan", **arguments})
+
+
+CALLS: dict[str, Callable[[Any], object]] = {
+    "open_lidar": lidario.open_lidar,
+    **dict(by_name(opened, "family", "baudrate", "latency", "keep_spinning", "reconnect")),
+    **dict(by_name(lidario.simulate, "model", "world", "spin_up", "seed", "serial")),
+    **dict(by_name(lidario.Reconnect, "limit_s", "first_wait_s", "longest_wait_s")),
+    **dict(by_name(lidario.Mount, "x", "y", "yaw")),
+    **dict(by_name(lidario.Velocity, "x", "y", "yaw")),
+    "nearest": SCAN.nearest,
+    "Sector.nearest": SECTOR.nearest,
+    **dict(by_name(SCAN.select, "mask", "between", "range_min", "range_max")),
+    "at": SCAN.at,
+    "at(within)": lambda value: SCAN.at(0.0, within=value),
+    **dict(by_name(SCAN.points, "mount")),
+    "points(at_ns)": lambda value: SCAN.points(motion=lidario.Velocity(x=1.0), at_ns=value),
+    "points(motion)": lambda value: None if callable(value) else SCAN.points(motion=value),
+    **dict(by_name(SCAN.to_laserscan, "beams", "order", "frame_id", "range_min", "range_max")),
+    **dict(by_name(SCAN.to_laserscan, "no_return", "mount_yaw", "preset")),
+    "from_cdr": lidario.LaserScan.from_cdr,
+    "merge": lidario.merge,
+    "run": lidario.run,
+    "decode": lidario.decode,
+    "decode_arrays": lidario.decode_arrays,
+    "decode_file": lidario.decode_file,
+    "decode_file_arrays": lidario.decode_file_arrays,
+    "summarize": lidario.summarize,
+    "decode(family)": lambda value: lidario.decode(b"", family=value),
+    "decode(sample_us)": lambda value: lidario.decode(b"", sample_us=value),
+    **dict(by_name(made, "angles", "ranges", "intensities", "rpm", "stamp_ns", "wall_stamp_ns")),
+    **dict(by_name(made_sector, "angles", "degrees", "index", "seq", "stamp_ns")),
+    **dict(by_name(SimulatedLidar, "model", "walls", "bodies", "world", "fault", "noise", "seed", "pace")),
+    **dict(by_name(SimulatedLidar().show, "walls", "bodies")),
+    **dict(by_name(embodied, "path", "radius")),
+    **dict(by_name(walled, "width", "depth")),
+    "RecordedLidar": RecordedLidar,
+    **dict(by_name(pointcloud2, "scan")),
+    "pointcloud2(frame_id)": lambda value: pointcloud2(SCAN, frame_id=value),
+    "pointcloud2(mount_yaw)": lambda value: pointcloud2(SCAN, mount_yaw=value),
+    **dict(by_name(published, "topic", "frame_id", "domain", "distro", "namespace", "node", "robot", "beams")),
+    **dict(by_name(published, "order", "range_min", "range_max", "no_return", "mount_yaw", "preset")),
+    **dict(by_name(shared, "key", "robot")),
+    **dict(by_name(fleet, "keys", "depth")),
+}
+
+
+def tried(call: Callable[[Any], object], value: object) -> str | None:
+    """What foreign exception leaves."""
+    try:
+        call(value)
+    except lidario.LidarError as error:
+        # Its text can be printed anywhere, and is no longer than a few lines.
+        str(error).encode("utf-8")
+        return f"{shown(value)}: {len(str(error))} characters" if len(str(error)) > 1500 else None
+    except Exception as error:
+        return f"{shown(value)}: {error!r}"[:200]
+    return None
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_no_foreign_exception_leaves_a_function(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with np.errstate(all="ignore"):
+        left = [tried(CALLS[name], value) for value in WRONG]
+    assert [each for each in left if each is not None] == []
+
+
+async def tried_in_session(call: Callable[[Any], Coroutine[Any, Any, object]], value: object) -> str | None:
+    try:
+        await call(value)
+    except (lidario.InternalError, lidario.SessionClosed) as error:
+        return f"{shown(value)}: {error!r}"[:200]
+    except lidario.LidarError:
+        return None
+    except Exception as error:
+        return f"{shown(value)}: {error!r}"[:200]
+    return None
+
+
+@both_families
+@driven
+async def test_no_foreign_exception_leaves_a_session(family: str) -> None:
+    """Nor does one end it: the streams are started by another task than the one that made the mistake."""
+    rig = make_rig(family)
+    left = []
+    async with rig.open() as lidar:
+
+        async def named(
+            method: Callable[..., lidario.ScanStream | lidario.SectorStream], name: str, value: object
+        ) -> None:
+            stream = method(**{name: value})
+            # What works is tried elsewhere. Here a wrong word must be refused where it is given, or when it starts.
+            if name != "depth":
+                await anext(stream)
+            await stream.aclose()
+
+        async def recorded(**arguments: Any) -> None:
+            lidario.Lidar.record(lidar, **{"path": "x", **arguments})
+
+        async def tapped(value: Any) -> None:
+            lidar.tap(value)
+            lidar.untap(value)
+
+        calls: dict[str, Callable[[Any], Coroutine[Any, Any, object]]] = {
+            "set_scan_frequency": lidar.set_scan_frequency,
+            "set_motor_speed": lidar.set_motor_speed,
+            "set_zero_offset": lidar.set_zero_offset,
+            "set_power_down_protection": lidar.set_power_down_protection,
+            "set_network_address": lidar.set_network_address,
+            "set_baudrate": lidar.set_baudrate,
+            **{f"scans({name})": partial(named, lidar.scans, name) for name in ("mode", "depth", "force")},
+            **{f"sectors({name})": partial(named, lidar.sectors, name) for name in ("mode", "depth", "force")},
+            "sectors(degrees)": lambda value: named(lidar.sectors, "degrees", value),
+            "record(path)": lambda value: recorded(path=value),
+            "record(scans)": lambda value: recorded(scans=value),
+            "record(overwrite)": lambda value: recorded(overwrite=value),
+            "tap": tapped,
+        }
+        for name, call in calls.items():
+            for value in WRONG:
+                error = await tried_in_session(call, value)
+                if error is not None:
+                    left.append(f"{name}: {error}")
+        assert left == []
+        # It has done no harm.
+        assert len(await take(lidar, 1)) == 1
+
+
+@driven
+async def test_whole_numbers_of_numpy_are_whole_numbers() -> None:
+    rig = make_rig("rplidar")
+    async with rig.open() as lidar:
+        first = (await lidar.get_modes())[0]
+        scan = await lidar.scan(np.int64(first.id))  # type: ignore[arg-type]
+        assert scan.mode == first.name
+        assert lidar.scans(depth=np.int32(3)) is not None  # type: ignore[arg-type]
+        assert scan.to_laserscan(np.uint16(90)).ranges.shape == (90,)
+
+
+def test_a_function_that_was_not_called_is_no_program() -> None:
+    async def main() -> None: ...
+
+    with pytest.raises(lidario.InvalidValue, match=r"lidario\.run\(main\(\)\)"):
+        lidario.run(main)  # type: ignore[arg-type]
+
+
+async def test_no_loop_is_begun_where_one_runs() -> None:
+    """As in a notebook."""
+
+    async def main() -> None: ...
+
+    with pytest.raises(lidario.LocalProtocolError, match=r"await main\(\)"):
+        lidario.run(main())
+
+
+async def test_one_port_is_no_list_of_ports() -> None:
+    with pytest.raises(lidario.InvalidValue, match="takes a list of ports, not '/dev/ttyUSB0'"):
+        await lidario.list_lidars("/dev/ttyUSB0")
+    wrong: Any
+    for wrong in (None, 3, [3], ["a\0b"], ["\ud800"], [b"/dev/ttyUSB0"]):
+        with pytest.raises(lidario.InvalidValue):
+            await lidario.list_lidars(wrong)
+
+
+def test_speeds_and_delays_that_cannot_be() -> None:
+    for arguments in ({"baudrate": 0}, {"baudrate": 2.5}, {"latency": -0.1}, {"latency": float("nan")}):
+        with pytest.raises(lidario.InvalidValue, match=r"^(a baud rate|the latency) is a .*number"):
+            lidario.open_lidar("/dev/ttyUSB0", **arguments)
+
+
+def test_checks_say_what_is_wrong() -> None:
+    checks: list[tuple[Callable[[Any, str], object], object, str]] = [
+        (finite, "1", "x is a number, not '1'"),
+        (finite, 10**400, "x is a finite number, not 1000"),
+        (number, float("nan"), "x is a number, not nan"),
+        (whole, 1.0, "x is a whole number, not 1.0"),
+        (yes_or_no, np.zeros(2), "x is True or False, not array"),
+        (text_of, b"", "x is a text, not b''"),
+        (path_of, "a\0b", r"x is the name of a file, not 'a\x00b'"),
+        (path_of, "", "x is the name of a file, not ''"),
+    ]
+    for check, value, text in checks:
+        with pytest.raises(lidario.InvalidValue) as caught:
+            check(value, "x")
+        assert str(caught.value).startswith(text)
+        assert len(str(caught.value)) < 150
