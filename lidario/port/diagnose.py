@@ -78,8 +78,8 @@ def why_not_opened(path: str, error: Exception) -> ConnectFailed:
     text = str(error)
     if code in (errno.EACCES, errno.EPERM):
         return _forbidden(path)
-    # On Windows pyserial keeps the cause in its text alone. There a port has no permissions: one that is open elsewhere
-    # is denied.
+    # On Windows pyserial keeps the cause in its text alone. There a port has no permissions, and one that is open
+    # elsewhere is denied.
     if code in _LOCKED or "exclusively lock" in text or "PermissionError" in text:
         return busy(path)
     if code in _NOT_SERIAL or "configure port" in text:
