@@ -26,7 +26,7 @@ from lidario.errors import ConnectFailed, InvalidValue
 from lidario.families.registry import FAMILIES, family_of_simulated
 from lidario.sim.device import SimulatedDevice
 from lidario.sim.rooms import make_world
-from lidario.sim.world import Wall, WorldLike, as_world, walls_around
+from lidario.sim.world import Wall, WorldLike, as_world, measures, walls_around
 
 __all__ = ["serial_of", "simulate"]
 
@@ -84,7 +84,7 @@ def _world(world: str | WorldLike | Iterable[Wall], seed: int) -> WorldLike:
     try:
         if isinstance(world, str):
             return make_world(world, seed=seed)
-        if isinstance(world, WorldLike):
+        if measures(world):
             found = as_world(world)
         elif isinstance(world, Iterable):
             return walls_around(world)

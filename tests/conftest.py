@@ -47,28 +47,46 @@ NEEDS = {
 }
 """Test modules that are not run where a program is not installed; the summary says so."""
 NEEDS_LINUX = re.compile(
-    r"^\s*(import|from) (pty|tty|termios|fcntl|resource)\b|PtyServer|tests\.support\.terminals|/proc/"
-    r"|import .*\bserved\b|\bterminal_pair\b",
+    r"^\s*(import|from) (pty|tty|termios|fcntl|resource)\b|PtyServer|/proc/"
+    r"|tests\.support\.(terminals|shells)\b|benchmarks\.soak\b|os\.fork\b"
+    r"|import .*\b(served|terminal_pair|paired)\b|via=pty",
     re.MULTILINE,
 )
-"""Pseudo-terminals at any baud rate, signals between processes, /proc: what only Linux has."""
+"""Pseudo-terminals at any baud rate, terminals of shells, /proc: what only Linux has."""
+NEEDS_POSIX = re.compile(r"os\.(kill|pipe)\b|\bsend_signal\b|\bSIGKILL\b|\bsymlink_to\b")
+"""What Windows has in another way: signals to a process, pipes that can be polled, links."""
 
 
 def pytest_ignore_collect(collection_path: Path) -> bool | None:
-    """Elsewhere, leave out the test modules that are about what only Linux has."""
-    needed = NEEDS.get(collection_path.name)
-    if needed is not None and (not is_installed(needed) or platform.system() != "Linux"):
-        return True
-    if platform.system() == "Linux" or not re.fullmatch(r"test_\w+\.py", collection_path.name):
-        return None
-    return True if NEEDS_LINUX.search(collection_path.read_text(encoding="utf-8")) else None
+    """Elsewhere, leave out the test modules that are about what this system does not have."""
+    return True if _why_not_here(collection_path) else None
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Say what was not run, and how it can be."""
-    for name, needed in NEEDS.items():
-        if not is_installed(needed):
-            terminalreporter.write_line(f"not run: {name}: no {needed} is installed; sudo apt-get install {needed}")
+    folder = Path(__file__).parent
+    left_out: dict[str, list[str]] = {}
+    for module in sorted(folder.rglob("test_*.py")):
+        if reason := _why_not_here(module):
+            left_out.setdefault(reason, []).append(module.relative_to(folder).as_posix())
+    for reason, names in left_out.items():
+        terminalreporter.write_line(f"not run: {', '.join(names)}: {reason}")
+
+
+def _why_not_here(path: Path) -> str:
+    """Why a test module is not run on this system; empty where it is."""
+    system = platform.system()
+    needed = NEEDS.get(path.name)
+    if system == "Linux":
+        if needed is None or is_installed(needed):
+            return ""
+        return f"no {needed} is installed; sudo apt-get install {needed}"
+    if not re.fullmatch(r"test_\w+\.py", path.name):
+        return ""
+    text = path.read_text(encoding="utf-8")
+    if needed is not None or NEEDS_LINUX.search(text):
+        return "about what only Linux has"
+    return "about what Windows does not have" if system == "Windows" and NEEDS_POSIX.search(text) else ""
 
 
 def is_installed(program: str) -> bool:

@@ -115,10 +115,11 @@ def emit(text: str) -> None:
 def _write(stream: TextIO, text: str) -> None:
     try:
         handle = _handle(stream)
-        if handle is None:
-            click.echo(text, file=stream, nl=False)
-            return
         data = text.encode(stream.encoding, "replace")
+        if handle is None:
+            # A pipe on Windows has the code page of the system, in which many characters are missing.
+            click.echo(data.decode(stream.encoding), file=stream, nl=False)
+            return
         while data:
             data = data[os.write(handle, data) :]
     except BrokenPipeError as error:

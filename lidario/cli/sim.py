@@ -27,15 +27,14 @@ if TYPE_CHECKING:
     from lidario.sim.faults import Faults
     from lidario.sim.serve import PtyServer, TcpServer, UdpServer
 
-__all__ = ["HAS_PTY", "name_of", "on_pty", "on_tcp", "on_udp", "sim"]
+__all__ = ["name_of", "on_pty", "on_tcp", "on_udp", "sim"]
 
 POLL_S = 0.1
-HAS_PTY = sys.platform != "win32"
 
 
 @click.command()
 @click.argument("model", required=False)
-@click.option("--pty", is_flag=True, help="On a pseudo-terminal: the default where the system has them.")
+@click.option("--pty", is_flag=True, help="On a pseudo-terminal: the default on Linux.")
 @click.option(
     "--tcp", metavar="[HOST]:PORT", help="On a TCP port of this machine, or of that address; port 0 is any."
 )
@@ -67,6 +66,7 @@ def sim(
     from lidario import simulate
     from lidario.families.registry import FAMILIES
     from lidario.sim.device import is_network
+    from lidario.sim.serve import usual_way
 
     if list_models:
         emit(_model_table())
@@ -81,7 +81,7 @@ def sim(
     happening = _faults(faults, seed)
     if udp is not None or (is_network(device) and tcp is None and not pty):
         return _serve(on_udp(device, udp or ":0", happening), model)
-    if tcp is not None or not (pty or HAS_PTY):
+    if tcp is not None or not (pty or usual_way() == "pty"):
         return _serve(on_tcp(device, tcp or ":0", happening), model)
     return _serve(on_pty(device, happening), model)
 

@@ -1,6 +1,6 @@
 """A port with a simulated device at its other end.
 
-Four ways to get there: ``via=pty`` (the default where the system has pseudo-terminals) takes the whole path a
+Four ways to get there: ``via=pty`` (the default on Linux) takes the whole path a
 real device takes, through the kernel and pyserial-asyncio; ``via=tcp`` the same through a socket, and ``via=udp``
 (the default of Ethernet models) by datagrams; ``via=memory`` hands the bytes over inside the event loop, on the
 loop's own clock, so that a test that drives the loop's time drives the device with it.
@@ -12,7 +12,6 @@ cause of the `DeviceLost` that the receiver is told.
 from __future__ import annotations
 
 import asyncio
-import os
 from weakref import WeakValueDictionary
 
 from lidario.errors import ConnectFailed, DeviceLost
@@ -25,7 +24,7 @@ from lidario.port.udp import open_udp
 from lidario.sim.device import SimulatedDevice, is_network
 from lidario.sim.faults import Faults, parse_faults
 from lidario.sim.rooms import make_world
-from lidario.sim.serve import MemoryLine, PtyServer, TcpServer, UdpServer
+from lidario.sim.serve import MemoryLine, PtyServer, TcpServer, UdpServer, usual_way
 from lidario.simulation import serial_of
 from lidario.source import Source, quoted
 
@@ -148,7 +147,7 @@ async def open_simulated(source: Source) -> Port:
 
 
 def _way(source: Source) -> str:
-    way = source.options.get("via", "pty" if os.name == "posix" else "tcp")
+    way = source.options.get("via", usual_way())
     if way not in _WAYS:
         raise ConnectFailed(
             f"{quoted(source.text)}: via={quoted(way)} is not known; use {', '.join(_WAYS)}", reason="source"

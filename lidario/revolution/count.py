@@ -27,7 +27,8 @@ FEWEST_PACKETS: Final = 6
 """Packets of a revolution from which its speed is believed; no mode has fewer. Of a few packets, all others being
 lost, the gaps may be alike by chance, and then tell of a rotor that is many times too fast."""
 MORE_THAN_ONE: Final = 1.005
-"""Times the packets of a revolution from which a broken one holds parts of two for certain."""
+"""Times the packets of a revolution from which a broken one holds parts of two for certain; where it has 33 and a
+third, it has 34 by right at times."""
 PATIENCE: Final = 2
 """Revolutions for which stamps must stay late, where no packet is known to be missing."""
 UNEVEN_SPEED: Final = 0.005
@@ -62,6 +63,7 @@ class Beginning:
         ordinary: Whether `packet_ns` is that of an ordinary packet. If not, only short ones came, and it is that of
             the longest packet of the format.
         borrowed: Whether its speed is that of a revolution before, since its own is not known.
+        behind: Of those that are lost, how many are missing behind the place where the next one begins.
     """
 
     start_ns: int
@@ -76,6 +78,7 @@ class Beginning:
     packets_before: int = 0
     ordinary: bool = True
     borrowed: bool = False
+    behind: int = 0
 
 
 class Passed(NamedTuple):
@@ -204,11 +207,14 @@ class RevolutionCount:
         elapsed = here.start_ns - last.start_ns
         extra = elapsed / last.revolution_ns - (1 + here.over - last.over)
         # More than one revolution has: an outage of almost one lies in it, and its angles fell back by little.
-        met = last.broken and last.packets > MORE_THAN_ONE * last.revolution_packets
+        most = max(MORE_THAN_ONE * last.revolution_packets, last.revolution_packets + 1)
+        met = last.broken and last.packets >= most
+        # The stamp of the one before was late by this already: what the line had kept was read behind a pause.
+        late_ns = self._late * last.revolution_ns
         unseen = self._unseen(extra, met or last.lost > 0)
         lost = round(unseen * last.revolution_packets)
         if unseen and last.broken:
-            lost = self._lost_by_time(last, elapsed)
+            lost = self._lost_by_time(last, elapsed + late_ns)
         if not self._late and here.revolution_ns:
             self._count_to(here, unseen, lost)
         return Passed(unseen, lost, math.nan if unseen else self._interval(here, last))
@@ -304,9 +310,9 @@ class RevolutionCount:
         self._late, self._waited = 0.0, 0
         return unseen
 
-    def _lost_by_time(self, last: Beginning, elapsed: int) -> int:
+    def _lost_by_time(self, last: Beginning, elapsed: float) -> int:
         """Packets missing beyond those known, by what one takes; of a whole revolution only if most are."""
         if not self._packet_ns:
             return 0
-        missing = max(0, round(elapsed / self._packet_ns) - last.packets - last.lost)
+        missing = max(0, round(elapsed / self._packet_ns) - last.packets - last.lost + last.behind)
         return missing if last.broken or missing > max(last.packets, FEWEST_PACKETS) else 0

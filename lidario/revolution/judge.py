@@ -155,6 +155,7 @@ def beginning_of(
         number=number,
         packets_before=packets_before,
         ordinary=ordinary,
+        behind=0 if gap_behind else samples.lost_behind,
     )
 
 

@@ -10,9 +10,17 @@ mistake cannot hide in both.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeGuard
 
-__all__ = ["HasControlLine", "Received", "SimulatedDevice", "is_network"]
+__all__ = [
+    "HasControlLine",
+    "HasSpeed",
+    "Received",
+    "SimulatedDevice",
+    "has_control_line",
+    "has_speed",
+    "is_network",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +81,6 @@ class SimulatedDevice(Protocol):
         ...
 
 
-@runtime_checkable
 class HasControlLine(Protocol):
     """A device for which a control line of the serial port means something."""
 
@@ -82,13 +89,25 @@ class HasControlLine(Protocol):
         ...
 
 
-@runtime_checkable
 class HasSpeed(Protocol):
     """A device that notices at which speed the host's port runs."""
 
     def set_host_baudrate(self, baudrate: int, now: int) -> None:
         """The host sets the speed of its port."""
         ...
+
+
+def has_control_line(device: object) -> TypeGuard[HasControlLine]:
+    """Whether DTR means something to the device; also one that passes on what it is asked for (``__getattr__``).
+
+    `isinstance` with a protocol calls ``__getattr__`` in Python 3.11 only.
+    """
+    return callable(getattr(device, "set_dtr", None))
+
+
+def has_speed(device: object) -> TypeGuard[HasSpeed]:
+    """Whether the device notices at which speed the host's port runs."""
+    return callable(getattr(device, "set_host_baudrate", None))
 
 
 def is_network(device: SimulatedDevice) -> bool:

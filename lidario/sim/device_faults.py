@@ -12,9 +12,9 @@ simulated device that is built on `Chassis` does.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeGuard
 
-__all__ = ["ERROR_CODE", "REPLUG_GAP_S", "CanFail", "DeviceFaults"]
+__all__ = ["ERROR_CODE", "REPLUG_GAP_S", "CanFail", "DeviceFaults", "can_fail"]
 
 ERROR_CODE = 0x8001
 """What health tells after the fault ``protect``; no document gives a meaning to any code."""
@@ -25,7 +25,6 @@ REPLUG_GAP_S = 1.0
 _SECOND = 1_000_000_000
 
 
-@runtime_checkable
 class CanFail(Protocol):
     """A simulated device in which device faults can happen; all times are monotonic nanoseconds."""
 
@@ -43,6 +42,11 @@ class CanFail(Protocol):
     def protection_stop(self, error_code: int) -> None:
         """Stop because of an error, which health reports."""
         ...
+
+
+def can_fail(device: object) -> TypeGuard[CanFail]:
+    """Whether device faults can happen in it."""
+    return all(hasattr(device, each) for each in ("wrong_responses", "reboot", "freeze", "protection_stop"))
 
 
 @dataclass(slots=True)
@@ -87,7 +91,7 @@ class DeviceFaults:
             ValueError: The device offers no such faults.
         """
         wanted = (self.reboot_s, self.freeze_s, self.protect_s)
-        if isinstance(device, CanFail):
+        if can_fail(device):
             if self.wrong_response:
                 device.wrong_responses = self.wrong_response
         elif self.wrong_response or any(each is not None for each in wanted):
@@ -110,7 +114,7 @@ class DeviceFaults:
     def strike(self, device: object) -> None:
         """Let the next event happen; the device must have sent what left it before `next_at`."""
         at, name = self._ahead.pop(0)
-        if not isinstance(device, CanFail):
+        if not can_fail(device):
             return  # `check` has let pass a replug, which such a device survives as it is
         if name == "reboot":
             device.reboot(at)

@@ -6,7 +6,7 @@ faults change the bytes on their way to the host.
 
 from __future__ import annotations
 
-from lidario.sim.device import HasControlLine, HasSpeed, SimulatedDevice
+from lidario.sim.device import SimulatedDevice, has_control_line, has_speed
 from lidario.sim.faults import Faults
 
 __all__ = ["MemoryLine"]
@@ -43,12 +43,12 @@ class MemoryLine:
 
     def set_dtr(self, asserted: bool, now: int) -> None:
         """The host sets DTR; it means something to few devices."""
-        if isinstance(self.device, HasControlLine):
+        if has_control_line(self.device):
             self.device.set_dtr(asserted, now)
 
     def set_baudrate(self, baudrate: int, now: int) -> None:
         """The host sets the speed of its port; few devices notice."""
-        if isinstance(self.device, HasSpeed):
+        if has_speed(self.device):
             self.device.set_host_baudrate(baudrate, now)
 
     def read(self, now: int) -> bytes:

@@ -23,7 +23,16 @@ from lidario.sim.faults import Faults
 from lidario.sim.memory import MemoryLine
 from lidario.sim.server import READ, Server
 
-__all__ = ["MemoryLine", "PtyServer", "TcpServer", "UdpServer"]
+__all__ = ["MemoryLine", "PtyServer", "TcpServer", "UdpServer", "usual_way"]
+
+
+def usual_way() -> str:
+    """How a device is served where nobody says it: ``"pty"`` on Linux, else ``"tcp"``.
+
+    Windows has no pseudo-terminals. On macOS they take the speeds of POSIX alone; pyserial sets another one, such
+    as 256000 or 1000000, by an ioctl of serial adapters, which a pseudo-terminal refuses (ENOTTY).
+    """
+    return "pty" if sys.platform == "linux" else "tcp"
 
 
 class PtyServer(Server):

@@ -16,7 +16,7 @@ from types import TracebackType
 from typing import Self
 
 from lidario.sim.device import SimulatedDevice
-from lidario.sim.device_faults import REPLUG_GAP_S, CanFail
+from lidario.sim.device_faults import REPLUG_GAP_S, can_fail
 from lidario.sim.faults import Faults
 from lidario.sim.memory import MemoryLine
 
@@ -124,7 +124,7 @@ class Server(ABC):
         if self._gap_wanted is not None:
             gap_s, self._gap_wanted = self._gap_wanted, None
             with self.lock:
-                if isinstance(self.device, CanFail):
+                if can_fail(self.device):
                     self.device.reboot(now, off_s=gap_s)
             return self._stay_out(now + round(gap_s * 1e9))
         if self._faults is not None and self._faults.unplugged(now):

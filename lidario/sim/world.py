@@ -16,7 +16,7 @@ scanner's frame, x forward and y to the left. A distance of 0 means no return.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Protocol, TypeAlias, runtime_checkable
+from typing import Protocol, TypeAlias, TypeGuard, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,7 @@ __all__ = [
     "WorldLike",
     "as_world",
     "cast",
+    "measures",
     "walls_around",
 ]
 
@@ -150,6 +151,14 @@ class WorldLike(Protocol):
             (n,) numbers, millimetres, finite and not negative; 0 = no return.
         """
         ...
+
+
+def measures(thing: object) -> TypeGuard[WorldLike]:
+    """Whether an object is a world; also one that passes on what it is asked for (``__getattr__``).
+
+    `isinstance` with `WorldLike` asks such an object in Python 3.11 only.
+    """
+    return hasattr(thing, "ranges_mm")
 
 
 class World:

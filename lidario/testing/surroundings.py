@@ -40,6 +40,7 @@ class Body:
     radius: float = 0.25
 
     def __post_init__(self) -> None:
+        table: Floats
         try:
             table = np.asarray(self.path, np.float64)
         except (TypeError, ValueError, OverflowError):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import subprocess
 import sys
 
 import pytest
 
 import lidario
+from lidario.cli.output import emit
 from lidario.cli.plot import plot
 from lidario.cli.publish import publish
 from lidario.cli.record import record
@@ -172,3 +174,12 @@ def test_a_scan_mode_is_named_alike_in_every_verb(text: str, mode: str | int) ->
     for command in (plot, publish, record, scan, stats, view, watch):
         (option,) = (each for each in command.params if each.name == "mode")
         assert option.type.convert(text, None, None) == mode
+
+
+def test_a_pipe_on_windows_takes_what_its_code_page_has(monkeypatch: pytest.MonkeyPatch) -> None:
+    """There, text goes through the stream, and a character that the code page lacks is an error of its own."""
+    written = io.BytesIO()
+    monkeypatch.setattr("lidario.cli.output._handle", lambda stream: None)
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, encoding="cp1252", write_through=True))
+    emit("5 → 7 m, 90°")
+    assert written.getvalue() == b"5 ? 7 m, 90\xb0"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
+import sys
 import threading
 from math import inf
 from typing import Any
@@ -15,7 +16,7 @@ from lidario import DeviceLost, open_lidar
 from lidario.errors import ConnectFailed
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
-from lidario.port.simulated import connect_in_memory, open_simulated
+from lidario.port.simulated import _way, connect_in_memory, open_simulated
 from lidario.source import parse_source
 from tests.support.devices import both_families, make_rig
 from tests.support.loop import driven, run_driven
@@ -59,6 +60,13 @@ def check(error: DeviceLost | None) -> None:
     assert "the simulated device" in str(error)
     assert "failed: Mistake: in a user's world" in str(error)
     assert isinstance(error.__cause__, Mistake)
+
+
+@pytest.mark.parametrize(("platform", "way"), [("linux", "pty"), ("darwin", "tcp"), ("win32", "tcp")])
+def test_a_way_that_the_system_has_is_the_default(monkeypatch: pytest.MonkeyPatch, platform: str, way: str) -> None:
+    """On macOS a pseudo-terminal refuses the speed of most models."""
+    monkeypatch.setattr(sys, "platform", platform)
+    assert _way(parse_source("sim://rplidar-s2")) == way
 
 
 @pytest.mark.parametrize("calls", [0, 3])

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import sys
 from collections.abc import Iterator
 from types import ModuleType
 from typing import Any
 
 import pytest
-import uvloop
 
 from lidario import ConnectFailed, DeviceLost, open_lidar
 from lidario.families.registry import FAMILIES
@@ -21,7 +21,13 @@ from lidario.source import as_source
 from tests.support.devices import left_still, make_rig, names
 from tests.support.ports import PATIENCE_S, Sink, impatient, open_files
 
-both_loops = pytest.mark.parametrize("library", [asyncio, uvloop], ids=["asyncio", "uvloop"])
+LIBRARIES: list[Any] = [asyncio]
+if sys.platform != "win32":
+    import uvloop
+
+    LIBRARIES.append(uvloop)
+
+both_loops = pytest.mark.parametrize("library", LIBRARIES, ids=lambda library: library.__name__)
 
 
 @pytest.fixture

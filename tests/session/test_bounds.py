@@ -43,8 +43,8 @@ def harm(rig: Rig, how: str) -> None:
         rig.device.mute = True
     else:
         random = np.random.default_rng(1)
-        rig.device.transmit = lambda now: random.bytes(256)
-        rig.device.wakeup = lambda now: now + 5_000_000
+        rig.device.transmit = lambda now: random.bytes(1024)
+        rig.device.wakeup = lambda now: now + 20_000_000
 
 
 async def seconds(rig: Rig, call: str, how: str, *, scanning: bool) -> float:

@@ -17,10 +17,10 @@ LIMIT_S = 3.0
 """The device's patience (4ROS development manual, power-down protection)."""
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def coarse_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An hour of bytes in fewer, larger deliveries."""
-    monkeypatch.setattr("lidario.port.simulated._TICK_S", 0.1)
+    """Minutes of bytes in fewer, larger deliveries: here nothing depends on when a packet comes."""
+    monkeypatch.setattr("lidario.port.simulated._TICK_S", 0.05)
 
 
 def pauses(rig: Rig) -> list[float]:
@@ -45,7 +45,6 @@ async def scan_for(lidar: Lidar, seconds: float, block_s: float = 0.0) -> int:
 
 
 @pytest.mark.exhaustive("minutes", sample=[2], full=[60])
-@pytest.mark.usefixtures("coarse_line")
 @driven
 async def test_an_hour_with_protection_on(minutes: int) -> None:
     seconds = minutes * MINUTE_S

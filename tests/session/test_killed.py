@@ -15,7 +15,7 @@ import pytest
 import lidario
 from lidario.sim.serve import PtyServer
 from tests.cli.processes import served
-from tests.support.children import child, is_still, requests, until
+from tests.support.children import child, forget, is_still, requests, until
 
 pytestmark = pytest.mark.discards("a new program cannot know which response the killed one was waiting for")
 
@@ -42,9 +42,9 @@ asyncio.run(main())
 def kill_at_random(server: PtyServer, family: str, dice: random.Random) -> bool:
     """Kill a program after its first request, or once it scans; whether it has left the device scanning."""
     scans = dice.random() < 0.5
-    heard = len(requests(server))
+    forget(server)
     with child(PROGRAM, server.path, family, str(dice.randrange(1000))) as process:
-        until(lambda: len(requests(server)) > heard or process.poll() is not None)
+        until(lambda: requests(server) or process.poll() is not None)
         if scans:
             until(lambda: not is_still(server) or process.poll() is not None)
         time.sleep(dice.uniform(0.0, LONGEST_S))

@@ -9,6 +9,8 @@ each:
 * after the session was closed it is still, and no timer is left (tasks, threads and descriptors: `tests.conftest`);
 * the strict device has discarded no request (`tests.support.discards` asserts that in every test).
 
+Where the device falls silent at that moment, nothing but task B ends what A waits for: then it ends at once.
+
 The loop is driven, so a step is a step, whatever the machine is doing.
 """
 
@@ -31,6 +33,8 @@ SAMPLE_OF_OTHERS = 1
 """The same of a family whose devices hear nothing: no step of theirs waits for a response."""
 LONGEST_S = 20.0
 """No call takes longer: the longest are a speed that is not reached (10 s) and a boot (8 s)."""
+AT_ONCE_S = 0.15
+"""No call takes longer to be stopped, closed or cancelled. The stop requests wait for a response for 0.1 s."""
 
 
 @dataclass
@@ -62,6 +66,7 @@ class Scene:
 
 
 Work = Callable[[Scene], Awaitable[object]]
+Cell = Callable[[str, Work, Work, int], Awaitable[None]]
 
 
 async def start(scene: Scene) -> None:
@@ -137,6 +142,8 @@ async def b_cancels(scene: Scene) -> None:
 
 
 A: tuple[Work, ...] = (start, read, ask, ask_while_scanning, set_speed, change_mode, reset, leave, stop, close)
+READERS: tuple[Work, ...] = (start, read, leave, change_mode)
+"""What a stop ends; a question goes on."""
 B: tuple[Work, ...] = (b_stops, b_closes, b_cancels, b_starts, b_asks)
 
 
@@ -156,16 +163,32 @@ def timers(loop: asyncio.AbstractEventLoop) -> list[asyncio.TimerHandle]:
     return [timer for timer in loop._scheduled if not timer.cancelled()]  # type: ignore[attr-defined]
 
 
-async def both(scene: Scene, a: Work, b: Work, step: int) -> None:
-    """Run A, and B when the loop has gone round `step` times; then look at what is left."""
+async def both(scene: Scene, a: Work, b: Work, step: int, *, silent: bool = False) -> float:
+    """Run A, and B when the loop has gone round `step` times; then look at what is left.
+
+    Args:
+        scene: What both see.
+        a: What A does.
+        b: What B does.
+        step: When B begins.
+        silent: Whether the device falls silent when B begins.
+
+    Returns:
+        Seconds from the begin of B to the end of A.
+    """
     loop = asyncio.get_running_loop()
     assert isinstance(loop, DrivenLoop)
     task_a = asyncio.ensure_future(a(scene))
     tasks = {task_a}
     first = loop.turns + step
+    times: list[float] = []
+    ended: list[float] = []
+    task_a.add_done_callback(lambda _: ended.append(loop.time()))
 
     def act(now: int) -> None:
         if now == first:
+            scene.rig.device.mute = silent
+            times.append(loop.time())
             tasks.add(asyncio.ensure_future(b(scene)))
             if b is b_cancels:
                 task_a.cancel()
@@ -180,6 +203,7 @@ async def both(scene: Scene, a: Work, b: Work, step: int) -> None:
         error = asyncio.CancelledError() if task.cancelled() else task.exception()
         if error is not None and not may_end_with(a, b, error, of_b=task is not task_a):
             raise AssertionError(f"{task} ended with {error!r}") from error
+    return ended[0] - times[0]
 
 
 async def as_it_should_be(scene: Scene) -> None:
@@ -253,13 +277,36 @@ def test_two_tasks(family: str, a: Work, b: Work, stride: int, every_step: bool)
     two_tasks(family, a, b, 1 if every_step else stride)
 
 
-def two_tasks(family: str, a: Work, b: Work, stride: int) -> None:
+def two_tasks(family: str, a: Work, b: Work, stride: int, run: Cell = cell) -> None:
     steps = steps_of(family, a)
     for step in chosen(steps, stride, SAMPLE if family in FAMILIES else SAMPLE_OF_OTHERS):
         try:
-            run_driven(lambda step=step: cell(family, a, b, step))  # type: ignore[misc]
+            run_driven(lambda step=step: run(family, a, b, step))  # type: ignore[misc]
         except Exception as error:
             raise AssertionError(f"{a.__name__} x {b.__name__} at step {step} of {steps}: {error}") from error
+
+
+async def silent_cell(family: str, a: Work, b: Work, step: int) -> None:
+    rig = make_rig(family)
+    loop = asyncio.get_running_loop()
+    lidar = await rig.open()
+    took = await both(Scene(rig, lidar), a, b, step, silent=True)
+    assert took < AT_ONCE_S, f"it waited for {took:.3f} s"
+    await lidar.close()
+    await asyncio.sleep(0)
+    assert left_still(rig)
+    assert not discarded(rig), [(each.name, each.why) for each in rig.device.log][-8:]
+    assert not timers(loop), timers(loop)
+
+
+@pytest.mark.exhaustive("stride", sample=[0], full=[8])
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("b", [b_stops, b_closes, b_cancels], ids=lambda work: work.__name__)
+def test_the_other_task_ends_what_a_silent_device_does_not(
+    family: str, b: Work, stride: int, every_step: bool
+) -> None:
+    for a in READERS if b is b_stops else A:
+        two_tasks(family, a, b, 1 if every_step else stride, silent_cell)
 
 
 @pytest.mark.exhaustive("stride", sample=[0], full=[1])
@@ -294,3 +341,10 @@ def test_the_matrix_can_fail(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.session.dialogue.Dialogue.interrupt", lambda self, error: None)
     with pytest.raises(AssertionError, match="start x b_stops"):
         two_tasks("rplidar", start, b_stops, 1)
+
+
+def test_the_matrix_can_fail_where_the_device_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without an end of the waiting, a question goes on until it has waited long enough for its response."""
+    monkeypatch.setattr("lidario.session.waiting.Waiting._raise", lambda self, error: None)
+    with pytest.raises(AssertionError, match=r"ask x b_closes at step .*: it waited for"):
+        two_tasks("rplidar", ask, b_closes, 1, silent_cell)

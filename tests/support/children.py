@@ -17,7 +17,7 @@ from pathlib import Path
 from lidario.sim.device import Received
 from lidario.sim.serve import PtyServer
 
-__all__ = ["BOUND", "child", "is_still", "line_of", "requests", "until", "was_stopped"]
+__all__ = ["BOUND", "child", "forget", "is_still", "line_of", "requests", "until", "was_stopped"]
 
 BOUND = 30.0
 _ROOT = Path(__file__).parents[2]
@@ -62,6 +62,12 @@ def requests(server: PtyServer) -> list[Received]:
     """Every request that the device has received."""
     with server.lock:
         return list(server.device.log)
+
+
+def forget(server: PtyServer) -> None:
+    """Forget the requests that the device has received; it keeps the last 4096, which some tests would exceed."""
+    with server.lock:
+        server.device.log.clear()
 
 
 def is_still(server: PtyServer) -> bool:

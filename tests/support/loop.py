@@ -28,13 +28,13 @@ class _DrivenSelector(selectors.DefaultSelector):
         self.now = START
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        # Looked at first: what a blocking call that has ended told last is there by now.
+        waits = _in_a_thread()
         events: list[tuple[selectors.SelectorKey, int]] = super().select(0)
-        while not events and _in_a_thread():
+        while waits and not events:
             # A blocking call takes no time of this clock.
-            events = super().select(0.001)
-        if not events:
-            # What it told last.
-            events = super().select(0)
+            waits = _in_a_thread()
+            events = super().select(0.001 if waits else 0)
         if not events:
             if timeout is None:
                 raise AssertionError("nothing is due and nothing can arrive: this would wait for ever")

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
-import pty
 import select
-import tty
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -97,6 +95,9 @@ class Seen:
 @contextmanager
 def terminal_pair() -> Iterator[tuple[int, int, str]]:
     """Both ends of a pseudo-terminal, the controlling one first, and the path of the other."""
+    import pty  # not on Windows, where the rest of this module is needed
+    import tty
+
     master, slave = pty.openpty()
     tty.setraw(slave)
     try:
@@ -120,8 +121,8 @@ def written(master: int, size: int) -> bytes:
 
 
 def open_files() -> int:
-    """How many file descriptors this process holds."""
-    return len(os.listdir("/dev/fd"))
+    """How many file descriptors this process holds; always 0 on Windows, which does not tell."""
+    return len(os.listdir("/dev/fd")) if os.path.isdir("/dev/fd") else 0
 
 
 def impatient(patch: pytest.MonkeyPatch) -> None:

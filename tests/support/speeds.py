@@ -7,7 +7,6 @@ Here bytes become the levels of the wire and are sampled by the other side's clo
 from __future__ import annotations
 
 import asyncio
-import fcntl
 import struct
 from operator import itemgetter
 from typing import Any
@@ -92,6 +91,8 @@ class SpeedPtyServer(PtyServer):
     @property
     def client_speed(self) -> int:
         """Bits a second."""
+        import fcntl  # not on Windows, where the rest of this module is needed
+
         state = fcntl.ioctl(self._slave, _TCGETS2, bytes(44))
         return int(struct.unpack_from("<I", state, _SPEED_AT)[0])
 

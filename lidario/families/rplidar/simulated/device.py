@@ -78,7 +78,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         super().__init__(profile.baudrate, world, seed, profile.model)
         self.profile = profile
         self.serial: bytes = self._random.bytes(16) if serial is None else bytes(serial)
-        self._identity = Identity(profile, self.serial)
+        self._identity = Identity(self.serial)
         self.response_delay_s: float = 0.0015
         self.boot_s: float = profile.boot_s
         self._motor = Motor(turns=float(self._random.random()))
@@ -220,7 +220,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         given, wanted = len(request.payload), PAYLOADS.get(request.name, 0)
         if given < wanted or (given > wanted and request.name != "get_lidar_conf"):
             return f"payload of {given} bytes"
-        if request.name == "get_lidar_conf" and self._identity.conf(request.payload) is None:
+        if request.name == "get_lidar_conf" and self._identity.conf(self.profile, request.payload) is None:
             return "unknown to this firmware"
         return ""
 
@@ -300,7 +300,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
 
     def _tell(self, request: Request) -> str:
         """Respond to a question, or to a setting of what the device tells."""
-        told = self._identity.respond(request, self.health)
+        told = self._identity.respond(request, self.profile, self.health)
         return "unknown to this firmware" if told is None else self._respond(*told, request)
 
     def _respond(self, kind: int, data: bytes, request: Request) -> str:

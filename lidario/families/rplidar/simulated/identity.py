@@ -19,10 +19,9 @@ _DHCP = bytes(12)
 
 
 class Identity:
-    """What one device is, and what it was set to.
+    """What tells one device from others of its model, and what it was set to.
 
     Args:
-        profile: The model.
         serial: The serial number.
 
     Attributes:
@@ -32,11 +31,10 @@ class Identity:
         ValueError: The serial number has not 16 bytes.
     """
 
-    def __init__(self, profile: Profile, serial: bytes) -> None:
+    def __init__(self, serial: bytes) -> None:
         if len(serial) != 16:
             raise ValueError(f"a serial number has 16 bytes, not {len(serial)}")
         self.address: bytes = _DHCP
-        self._profile = profile
         self._serial = serial
         self._next_address = _DHCP
 
@@ -44,9 +42,8 @@ class Identity:
         """What was set comes into force."""
         self.address = self._next_address
 
-    def respond(self, request: Request, health: tuple[int, int]) -> tuple[int, bytes] | None:
+    def respond(self, request: Request, profile: Profile, health: tuple[int, int]) -> tuple[int, bytes] | None:
         """Type and payload of the response to a question or a setting; None where the firmware does not know it."""
-        profile = self._profile
         match request.name:
             case "get_info":
                 major, minor = profile.firmware
@@ -59,7 +56,7 @@ class Identity:
                 express = standard if profile.express is None else profile.express.said_us_q8
                 return responses.SAMPLERATE, struct.pack("<HH", standard >> 8, express >> 8)
             case "get_lidar_conf":
-                value = self.conf(request.payload)
+                value = self.conf(profile, request.payload)
                 return None if value is None else (responses.CONF, request.payload[:4] + value)
             case "set_lidar_conf":
                 return self._set_conf(request.payload)
@@ -68,12 +65,12 @@ class Identity:
             case _:
                 return None
 
-    def conf(self, payload: bytes) -> bytes | None:
+    def conf(self, profile: Profile, payload: bytes) -> bytes | None:
         """The value that GET_LIDAR_CONF asks for; None where the firmware does not know its type."""
         kind = int.from_bytes(payload[:4], "little")
-        if kind == responses.ADDRESS and self._profile.is_network:
+        if kind == responses.ADDRESS and profile.is_network:
             return self.address
-        return self._profile.conf(kind, payload[4:])
+        return profile.conf(kind, payload[4:])
 
     def _set_conf(self, payload: bytes) -> tuple[int, bytes] | None:
         kind = int.from_bytes(payload[:4], "little")
