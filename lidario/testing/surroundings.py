@@ -135,13 +135,12 @@ class Surroundings(World):
 
 
 def _bodies(bodies: Iterable[Body]) -> tuple[Body, ...]:
-    given: object = bodies
     try:
         found = tuple(bodies)
     except TypeError:
-        found = (given,)  # type: ignore[assignment]
-    if not all(isinstance(body, Body) for body in found):
-        raise InvalidValue(f"bodies are a list of Body(...), not {shown(given)}")
+        found = None
+    if found is None or not all(isinstance(body, Body) for body in found):
+        raise InvalidValue(f"bodies are a list of Body(...), not {shown(bodies)}")
     return found
 
 
