@@ -249,7 +249,8 @@ class _ReplayLine(Line):
         self._number = 0 if piece is None else piece.stream
         if self._audience is None or self._closing:
             return
-        if ended and not self._again:
+        if ended and (piece is None or not self._again):
+            # A recording without a byte would begin anew for ever.
             self._audience.finish()
         else:
             self._audience.restart()
