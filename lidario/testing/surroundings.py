@@ -135,7 +135,6 @@ class Surroundings(World):
 
 
 def _bodies(bodies: Iterable[Body]) -> tuple[Body, ...]:
-    given: object = bodies
     try:
         found = tuple(bodies)
         right = all(isinstance(body, Body) for body in found)
