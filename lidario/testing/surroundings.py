@@ -141,7 +141,7 @@ def _bodies(bodies: Iterable[Body]) -> tuple[Body, ...]:
     except TypeError:
         found, right = (), False
     if not right:
-        raise InvalidValue(f"bodies are a list of Body(...), not {shown(given)}")
+        raise InvalidValue(f"bodies are a list of Body(...), not {shown(bodies)}")
     return found
 
 
