@@ -49,12 +49,12 @@ NEEDS = {
 NEEDS_LINUX = re.compile(
     r"^\s*(import|from) (pty|tty|termios|fcntl|resource)\b|PtyServer|/proc/"
     r"|tests\.support\.(terminals|shells)\b|benchmarks\.soak\b|os\.fork\b"
-    r"|import .*\b(served|terminal_pair|paired)\b|via=pty",
+    r"|import .*\b(served|terminal_pair|paired|walked)\b|via=pty",
     re.MULTILINE,
 )
 """Pseudo-terminals at any baud rate, terminals of shells, /proc: what only Linux has."""
-NEEDS_POSIX = re.compile(r"os\.(kill|pipe)\b|\bsend_signal\b|\bSIGKILL\b|\bsymlink_to\b")
-"""What Windows has in another way: signals to a process, pipes that can be polled, links."""
+NEEDS_POSIX = re.compile(r"os\.(kill|pipe)\b|\bline_of\b|\bsend_signal\b|\bSIGKILL\b|\bsymlink_to\b")
+"""What Windows has in another way: signals to a process, pipes that `select` waits for, links."""
 
 
 def pytest_ignore_collect(collection_path: Path) -> bool | None:

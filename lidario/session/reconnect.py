@@ -73,12 +73,14 @@ class Reconnect:
     longest_wait_s: float = 0.5
 
     def __post_init__(self) -> None:
-        limit_s, first_s = number(self.limit_s, "limit_s"), finite(self.first_wait_s, "first_wait_s")
-        if not (limit_s > 0 and 0 < first_s <= finite(self.longest_wait_s, "longest_wait_s")):
-            raise InvalidValue(
-                f"limit_s={limit_s:g}, first_wait_s={first_s:g}: the limit and the waits are seconds above 0, and "
-                "the first wait is the shortest"
-            )
+        rule = "the limit and the waits are seconds above 0, and the first wait is the shortest"
+        try:
+            limit_s, first_s = number(self.limit_s, "limit_s"), finite(self.first_wait_s, "first_wait_s")
+            longest_s = finite(self.longest_wait_s, "longest_wait_s")
+        except InvalidValue as error:
+            raise InvalidValue(f"{error}; {rule}") from None
+        if not (limit_s > 0 and 0 < first_s <= longest_s):
+            raise InvalidValue(f"not {limit_s:g}, {first_s:g} and {longest_s:g}: {rule}")
         # As a float: a clock cannot add a whole number of any size.
         object.__setattr__(self, "limit_s", limit_s)
 
