@@ -254,10 +254,14 @@ class Lidar(Questions, AsyncOnly):
         if self._reconnector is not None:
             self._reconnector.cancel()
         await self._dialogue.close()
-        if self._reconnector is not None:
+        # Where the loop is closed the coroutine is being collected, and nothing can be waited for.
+        ended = self._loop.is_closed()
+        if self._reconnector is not None and not ended:
             await self._reconnector.ended()
         # Not earlier: a KeyboardInterrupt may come anywhere above, and then the finalizer stops the device.
         self._abandoned.detach()
+        if ended:
+            return
         await self._scanner.ended()
         await self._recorded.close()
 

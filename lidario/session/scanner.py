@@ -72,6 +72,7 @@ class Scanner:
         self._dialogue = dialogue
         self._device = device
         self._lock = asyncio.Lock()
+        self._loop = asyncio.get_running_loop()
         self._failures = Failures(self._control, dialogue, self._readers, self._inquiry, trouble)
         self._starter = Starter(
             self._control, dialogue, device, self._readers, self._inquiry, self._failures, self._lock
@@ -140,6 +141,8 @@ class Scanner:
 
     async def left(self) -> None:
         """As `ScanSource`."""
+        if self._loop.is_closed():
+            return  # the coroutine is being collected, and nothing can be waited for
         with anyio.CancelScope(shield=True), anyio.move_on_after(LEAVE_TIMEOUT_S):
             await self._dialogue.stopped()
 

@@ -63,7 +63,8 @@ class Starter:
 
     def work_soon(self) -> None:
         """Have done what is to be done, if there is anything."""
-        if self._task is None and self._has_work and not self._control.is_away:
+        # A coroutine that is collected after its loop was closed comes by here, too.
+        if self._task is None and self._has_work and not (self._control.is_away or self._loop.is_closed()):
             self._task = self._loop.create_task(self._work(), name="lidario: start the stream")
 
     async def ended(self) -> None:

@@ -28,6 +28,9 @@ from lidario.session.twin import again, twin_of
 
 __all__ = ["Hub", "Mailbox", "ScanSource", "ScanStream"]
 
+_HOLD_S = 30 * 86400.0
+"""How long a reader may wait that nobody but its event loop holds."""
+
 
 class Mailbox:
     """Holds the latest scans for one reader, or the latest sectors.
@@ -53,7 +56,9 @@ class Mailbox:
         self.total_dropped: int = 0
         self._depth = depth
         self._scans: deque[Scan | Sector] = deque()
-        self._waiter: asyncio.Future[None] | None = None
+        # Held by its task and its timer. A finalizer reaches this object, and must not reach the frames of a task:
+        # else, where Ctrl-C ends the loop of a plain program, the session is no garbage, and the device goes on.
+        self._waiter: weakref.ref[asyncio.Future[None]] | None = None
         self._ended = False
         self._error: LidarError | None = None
         self.on_taken: Callable[[], None] | None = None
@@ -104,10 +109,15 @@ class Mailbox:
                 raise again(self._error)
             if self._ended:
                 raise StopAsyncIteration
-            self._waiter = asyncio.get_running_loop().create_future()
+            loop = asyncio.get_running_loop()
+            waiter: asyncio.Future[None] = loop.create_future()
+            self._waiter = weakref.ref(waiter)
+            # The timer only holds the reader: a task that the program does not hold must not be collected.
+            holding = loop.call_later(_HOLD_S, waiter.done)
             try:
-                await self._waiter
+                await waiter
             finally:
+                holding.cancel()
                 self._waiter = None
         scan = self._scans.popleft()
         if self.on_taken is not None:
@@ -118,8 +128,9 @@ class Mailbox:
         return scan
 
     def _wake(self) -> None:
-        if self._waiter is not None and not self._waiter.done():
-            self._waiter.set_result(None)
+        waiter = None if self._waiter is None else self._waiter()
+        if waiter is not None and not waiter.done() and not waiter.get_loop().is_closed():
+            waiter.set_result(None)
 
 
 class Hub:

@@ -86,7 +86,8 @@ class Waiting:
 
     def _pending(self) -> asyncio.Future[bytes] | None:
         waiter = None if self._waiter is None else self._waiter()
-        return None if waiter is None or waiter.done() else waiter
+        # After the loop was closed, waiters are collected: none can be woken any more.
+        return None if waiter is None or waiter.done() or self._loop.is_closed() else waiter
 
 
 def _time_out(waiter: asyncio.Future[bytes]) -> None:

@@ -137,9 +137,10 @@ class Surroundings(World):
 def _bodies(bodies: Iterable[Body]) -> tuple[Body, ...]:
     try:
         found = tuple(bodies)
+        right = all(isinstance(body, Body) for body in found)
     except TypeError:
-        found = None
-    if found is None or not all(isinstance(body, Body) for body in found):
+        found, right = (), False
+    if not right:
         raise InvalidValue(f"bodies are a list of Body(...), not {shown(bodies)}")
     return found
 

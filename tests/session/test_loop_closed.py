@@ -96,3 +96,45 @@ def test_ended_at_every_turn_of_the_loop(
         if any("scan" in name for name in names(rig)):
             assert left_still(rig), (at, names(rig)[-4:])
         assert not discarded(rig), at
+
+
+def run_plain(rig: Rig, work: Callable[[Lidar], Awaitable[None]], at: int, monkeypatch: pytest.MonkeyPatch) -> int:
+    """As `run_and_close`, on a loop that cancels nothing when KeyboardInterrupt comes out of it."""
+    loop = DrivenLoop()
+    monkeypatch.setattr("lidario.port.port.time.sleep", loop.block)
+
+    async def main() -> None:
+        async with rig.open() as lidar:
+            await work(lidar)
+
+    def act(turn: int) -> None:
+        if turn == at:
+            raise KeyboardInterrupt
+
+    loop.at_turn = act
+    try:
+        loop.run_until_complete(main())
+    except KeyboardInterrupt:
+        pass
+    finally:
+        loop.close()
+    gc.collect()
+    return loop.turns
+
+
+@pytest.mark.usefixtures("quick_collection")
+@pytest.mark.filterwarnings("ignore:coroutine .* was never awaited")  # a task that the loop had not begun yet
+@both_families
+@pytest.mark.parametrize("work", WORK)
+@pytest.mark.exhaustive("points", sample=[8], full=[60])
+def test_a_plain_loop_is_ended_at_every_turn(
+    family: str, work: Callable[[Lidar], Awaitable[None]], points: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`loop.run_until_complete`, Ctrl-C, `loop.close`: the session is garbage then, also where a reader waited."""
+    turns = run_plain(make_rig(family), work, 0, monkeypatch)
+    for at in range(2, turns, max(1, turns // points)):
+        rig = make_rig(family)
+        run_plain(rig, work, at, monkeypatch)
+        if any("scan" in name for name in names(rig)):
+            assert left_still(rig), (at, names(rig)[-4:])
+        assert not discarded(rig), at

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 from typing import Any
 
 import numpy as np
@@ -53,6 +54,21 @@ async def test_cancelling_a_reader_loses_nothing() -> None:
     with pytest.raises(asyncio.CancelledError):
         await reading
     assert (await mailbox.get()).seq == 3
+
+
+@driven
+async def test_a_reader_that_only_the_loop_holds_is_not_collected() -> None:
+    mailbox, got = Mailbox(1), list[int]()
+
+    async def read() -> None:
+        got.append((await mailbox.get()).seq)
+
+    asyncio.ensure_future(read())  # noqa: RUF006 - that is the point
+    await asyncio.sleep(0)
+    gc.collect()
+    mailbox.put(numbered(3))
+    await asyncio.sleep(0.001)
+    assert got == [3]
 
 
 @driven
