@@ -39,13 +39,7 @@ def number(value: object, what: str) -> float:
     Raises:
         InvalidValue: It is none, or NaN; the message begins with `what`.
     """
-    if not isinstance(value, Real):
-        raise InvalidValue(f"{what} is a number, not {shown(value)}")
-    try:
-        result = float(value)
-    except OverflowError:
-        # A whole number that is larger than every float.
-        result = math.inf if operator.gt(value, 0) else -math.inf
+    result = _as_float(value, what)
     if math.isnan(result):
         raise InvalidValue(f"{what} is a number, not {shown(value)}")
     return result
@@ -57,10 +51,20 @@ def finite(value: object, what: str) -> float:
     Raises:
         InvalidValue: It is not; the message begins with `what`.
     """
-    result = number(value, what)
+    result = _as_float(value, what)
     if not math.isfinite(result):
         raise InvalidValue(f"{what} is a finite number, not {shown(value)}")
     return result
+
+
+def _as_float(value: object, what: str) -> float:
+    if not isinstance(value, Real):
+        raise InvalidValue(f"{what} is a number, not {shown(value)}")
+    try:
+        return float(value)
+    except OverflowError:
+        # A whole number that is larger than every float.
+        return math.inf if operator.gt(value, 0) else -math.inf
 
 
 def whole(value: object, what: str) -> int:

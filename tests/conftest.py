@@ -28,7 +28,7 @@ from benchmarks.browser import find_browser
 from tests.support.discards import all_obeyed, devices_made, may_discard, some_discarded
 from tests.support.leaks import leaves_no_task, leaves_nothing
 from tests.support.ledger import ledgers_made
-from tests.support.names import names_are_safe
+from tests.support.names import names_are_safe, needs_all_names
 
 PROPERTIES = Path(__file__).parent / "properties"
 LONG = {"rounds", "soak"}
@@ -49,12 +49,12 @@ NEEDS = {
 NEEDS_LINUX = re.compile(
     r"^\s*(import|from) (pty|tty|termios|fcntl|resource)\b|PtyServer|/proc/"
     r"|tests\.support\.(terminals|shells)\b|benchmarks\.soak\b|os\.fork\b"
-    r"|import .*\b(served|terminal_pair|paired)\b|via=pty",
+    r"|import .*\b(served|terminal_pair|paired|walked)\b|via=pty",
     re.MULTILINE,
 )
 """Pseudo-terminals at any baud rate, terminals of shells, /proc: what only Linux has."""
-NEEDS_POSIX = re.compile(r"os\.(kill|pipe)\b|\bsend_signal\b|\bSIGKILL\b|\bsymlink_to\b")
-"""What Windows has in another way: signals to a process, pipes that can be polled, links."""
+NEEDS_POSIX = re.compile(r"os\.(kill|pipe)\b|\bline_of\b|\bsend_signal\b|\bSIGKILL\b|\bsymlink_to\b")
+"""What Windows has in another way: signals to a process, pipes that `select` waits for, links."""
 
 
 def pytest_ignore_collect(collection_path: Path) -> bool | None:
@@ -127,12 +127,18 @@ def _named(value: object) -> str:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Have async tests watched by `leaves_no_task`, and the longest begin first."""
+    """Have async tests watched by `leaves_no_task`, and those first that take or wait longest."""
     for item in items:
         if isinstance(item, pytest.Function) and inspect.iscoroutinefunction(item.obj):
             item.obj = leaves_no_task(item.obj)
-    # The longest first: at the end, every worker still finds something to do.
-    items.sort(key=lambda item: not (item.get_closest_marker("exhaustive") or LONG & set(_fixtures(item))))
+    # The longest first: at the end, every worker still finds something to do. Before them those that wait until no
+    # other process uses pseudo-terminals: at the beginning none does. Later they have waited for minutes.
+    items.sort(
+        key=lambda item: (
+            not needs_all_names(item.path),
+            not (item.get_closest_marker("exhaustive") or LONG & set(_fixtures(item))),
+        )
+    )
 
 
 @pytest.hookimpl(wrapper=True)
@@ -142,7 +148,7 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     What these tests alone reach counts as not covered. (pytest-cov's `no_cover` does nothing in xdist's workers.)
     """
     trace = sys.gettrace()
-    often = PROPERTIES in item.path.parents or item.get_closest_marker("exhaustive")
+    often = PROPERTIES in item.path.parents or any(map(item.get_closest_marker, ("exhaustive", "repeats")))
     if not often or not type(trace).__module__.startswith("coverage"):
         return (yield)
     sys.settrace(None)

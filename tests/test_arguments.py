@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Coroutine, Iterable
 from functools import partial
 from pathlib import Path
@@ -50,12 +51,30 @@ SCAN = make_scan([-0.1, 0.0, 0.1], [1.2, 0.4, 1.3])
 SECTOR = make_sector([-0.1, -0.2], [1.0, 2.0])
 
 
-def by_name(function: Callable[..., object], *names: str) -> Iterable[tuple[str, Callable[[Any], object]]]:
+def by_name(
+    function: Callable[..., object], *names: str, called: str = ""
+) -> Iterable[tuple[str, Callable[[Any], object]]]:
     def giving(name: str) -> Callable[[Any], object]:
         return lambda value: function(**{name: value})
 
     for name in names:
-        yield f"{function.__name__}({name})", giving(name)
+        yield f"{called or function.__name__}({name})", giving(name)
+
+
+async def nothing() -> None: ...
+
+
+def decoding(function: Callable[..., object], given: object, name: str, value: object) -> object:
+    return function(given, **{name: value})
+
+
+DECODING: dict[Callable[..., object], object] = {
+    lidario.decode: b"",
+    lidario.decode_arrays: b"",
+    lidario.decode_file: "raw.bin",
+    lidario.decode_file_arrays: "raw.bin",
+    lidario.summarize: "raw.bin",
+}
 
 
 def opened(**arguments: Any) -> object:
@@ -94,31 +113,38 @@ def fleet(**arguments: Any) -> object:
 
 CALLS: dict[str, Callable[[Any], object]] = {
     "open_lidar": lidario.open_lidar,
-    **dict(by_name(opened, "family", "baudrate", "latency", "keep_spinning", "reconnect")),
-    **dict(by_name(lidario.simulate, "model", "world", "spin_up", "seed", "serial")),
+    **dict(by_name(opened, "family", "baudrate", "latency", "keep_spinning", "reconnect", called="open_lidar")),
+    "simulate": lidario.simulate,
+    **dict(by_name(lidario.simulate, "world", "spin_up", "seed", "serial")),
     **dict(by_name(lidario.Reconnect, "limit_s", "first_wait_s", "longest_wait_s")),
     **dict(by_name(lidario.Mount, "x", "y", "yaw")),
     **dict(by_name(lidario.Velocity, "x", "y", "yaw")),
     "nearest": SCAN.nearest,
     "Sector.nearest": SECTOR.nearest,
-    **dict(by_name(SCAN.select, "mask", "between", "range_min", "range_max")),
+    "select": SCAN.select,
+    **dict(by_name(SCAN.select, "between", "range_min", "range_max")),
     "at": SCAN.at,
     "at(within)": lambda value: SCAN.at(0.0, within=value),
-    **dict(by_name(SCAN.points, "mount")),
+    "points": SCAN.points,
     "points(at_ns)": lambda value: SCAN.points(motion=lidario.Velocity(x=1.0), at_ns=value),
     "points(motion)": lambda value: None if callable(value) else SCAN.points(motion=value),
-    **dict(by_name(SCAN.to_laserscan, "beams", "order", "frame_id", "range_min", "range_max")),
+    "to_laserscan": SCAN.to_laserscan,
+    **dict(by_name(SCAN.to_laserscan, "order", "frame_id", "range_min", "range_max")),
     **dict(by_name(SCAN.to_laserscan, "no_return", "mount_yaw", "preset")),
     "from_cdr": lidario.LaserScan.from_cdr,
     "merge": lidario.merge,
     "run": lidario.run,
+    "run(debug)": lambda value: lidario.run(nothing(), debug=value),
     "decode": lidario.decode,
     "decode_arrays": lidario.decode_arrays,
     "decode_file": lidario.decode_file,
     "decode_file_arrays": lidario.decode_file_arrays,
     "summarize": lidario.summarize,
-    "decode(family)": lambda value: lidario.decode(b"", family=value),
-    "decode(sample_us)": lambda value: lidario.decode(b"", sample_us=value),
+    **{
+        f"{function.__name__}({name})": partial(decoding, function, given, name)
+        for function, given in DECODING.items()
+        for name in ("family", "sample_us")
+    },
     **dict(by_name(made, "angles", "ranges", "intensities", "rpm", "stamp_ns", "wall_stamp_ns")),
     **dict(by_name(made_sector, "angles", "degrees", "index", "seq", "stamp_ns")),
     **dict(by_name(SimulatedLidar, "model", "walls", "bodies", "world", "fault", "noise", "seed", "pace")),
@@ -134,6 +160,25 @@ CALLS: dict[str, Callable[[Any], object]] = {
     **dict(by_name(shared, "key", "robot")),
     **dict(by_name(fleet, "keys", "depth")),
 }
+
+
+ASYNCHRONOUS = {"list_lidars", "list_serial_ports"}
+AS_ANOTHER = {"open_sync": "open_lidar"}
+
+
+def test_every_argument_of_every_public_function_is_tried() -> None:
+    functions = {name: getattr(lidario, name) for name in lidario.__all__}
+    functions = {name: each for name, each in functions.items() if inspect.isfunction(each)}
+    methods = {
+        name: each for name, each in vars(lidario.Scan).items() if inspect.isfunction(each) and name[0] != "_"
+    }
+    assert len(functions) > 8
+    assert len(methods) > 4
+    for name, function in [*functions.items(), *methods.items()]:
+        arguments = [each for each in inspect.signature(function).parameters if each != "self"]
+        called = AS_ANOTHER.get(name, name)
+        wanted = {called, *(f"{called}({each})" for each in arguments[1:])} if arguments else set()
+        assert name in ASYNCHRONOUS or wanted <= set(CALLS), wanted - set(CALLS)
 
 
 def tried(call: Callable[[Any], object], value: object) -> str | None:
@@ -152,6 +197,7 @@ def tried(call: Callable[[Any], object], value: object) -> str | None:
 @pytest.mark.parametrize("name", CALLS)
 def test_no_foreign_exception_leaves_a_function(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    Path("raw.bin").write_bytes(bytes(10))
     with np.errstate(all="ignore"):
         left = [tried(CALLS[name], value) for value in WRONG]
     assert [each for each in left if each is not None] == []

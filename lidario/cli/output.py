@@ -7,9 +7,10 @@ meanwhile are dropped whole at the mailbox and counted, and a signal still stops
 
 A reader that has closed the pipe is not an error: it becomes `ReaderGone`, which ends the command silently.
 
-What rich draws again and again (`watch`, `progress`) is drawn in a thread too, on a `terminal`. It writes to the
-file descriptor, not through ``sys.stdout`` or ``sys.stderr``: a thread that is blocked in those holds their lock,
-and then neither a message nor the end of the interpreter gets past it.
+What rich draws again and again (`watch`, `progress`) is drawn in a thread too, on a `terminal`, and what is logged
+is written in one (`lidario.cli.log`). They write to the file descriptor, not through ``sys.stdout`` or
+``sys.stderr``: a thread that is blocked in those holds their lock, and then neither a message nor the end of the
+interpreter gets past it.
 """
 
 from __future__ import annotations
@@ -31,7 +32,18 @@ from lidario.cli.errors import CannotWrite, ReaderGone
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
-__all__ = ["Writer", "console", "dump", "emit", "introduced", "message", "progress", "rendered", "terminal"]
+__all__ = [
+    "Writer",
+    "console",
+    "dump",
+    "emit",
+    "introduced",
+    "message",
+    "progress",
+    "rendered",
+    "terminal",
+    "write_above",
+]
 
 PIPE_WIDTH = 160
 """Columns of a table where there is no terminal; wide enough that no cell is folded."""
@@ -124,6 +136,20 @@ def _write(stream: TextIO, text: str) -> None:
             data = data[os.write(handle, data) :]
     except BrokenPipeError as error:
         raise ReaderGone from error
+
+
+def write_above(stream: TextIO, text: str) -> None:
+    """Write lines to stderr, above what `progress` shows there; blocks while the terminal takes no output.
+
+    Raises:
+        ReaderGone: The reader has closed it.
+        OSError: It cannot be written.
+    """
+    if hasattr(stream, "rich_proxied_file"):
+        # rich stands in for stderr while it shows something.
+        stream.write(text)
+    else:
+        _write(stream, text)
 
 
 def _handle(stream: TextIO) -> int | None:

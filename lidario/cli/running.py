@@ -11,6 +11,7 @@ from typing import TypeVar
 
 import lidario
 from lidario.cli.errors import Stopped
+from lidario.cli.log import log_beside
 
 __all__ = ["run"]
 
@@ -30,7 +31,8 @@ def run(work: Callable[[], Awaitable[T]]) -> T:
         return await work()
 
     try:
-        return lidario.run(main())
+        with log_beside():
+            return lidario.run(main())
     except KeyboardInterrupt:
         raise Stopped(signal.SIGINT) from None
     except SystemExit as ended:

@@ -78,7 +78,9 @@ def why_not_opened(path: str, error: Exception) -> ConnectFailed:
     text = str(error)
     if code in (errno.EACCES, errno.EPERM):
         return _forbidden(path)
-    if code in _LOCKED or "exclusively lock" in text:
+    # On Windows pyserial keeps the cause in its text alone. There a port has no permissions, and one that is open
+    # elsewhere is denied.
+    if code in _LOCKED or "exclusively lock" in text or "PermissionError" in text:
         return busy(path)
     if code in _NOT_SERIAL or "configure port" in text:
         return ConnectFailed(f"{path} {_instead(path, text)}", reason="missing")

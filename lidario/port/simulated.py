@@ -12,6 +12,7 @@ cause of the `DeviceLost` that the receiver is told.
 from __future__ import annotations
 
 import asyncio
+from weakref import WeakValueDictionary
 
 from lidario.errors import ConnectFailed, DeviceLost
 from lidario.families.registry import family_of_simulated
@@ -161,9 +162,20 @@ def connect_in_memory(device: SimulatedDevice, faults: Faults | None = None, *, 
         device: The device; any object that offers what `SimulatedDevice` does.
         faults: What happens to its bytes on the way.
         name: For messages.
+
+    Raises:
+        ConnectFailed: Another session has it open (reason ``busy``), as with a serial port.
     """
+    other = _LINES.get(id(device))
+    if other is not None and other.is_open:
+        raise ConnectFailed(
+            "this simulated device is busy: another session has it open. Make a device for each session, or close "
+            "the other one first",
+            reason="busy",
+        )
     port = Port(name, device.baudrate)
-    port.connection_made(_MemoryTransport(asyncio.get_running_loop(), port, MemoryLine(device, faults)))
+    line = _LINES[id(device)] = _MemoryTransport(asyncio.get_running_loop(), port, MemoryLine(device, faults))
+    port.connection_made(line)
     return port
 
 
@@ -185,6 +197,11 @@ class _MemoryTransport(Line):
         # As `open_serial` does.
         line.set_dtr(False, port.now())
         self._arm()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a session may still use it; one whose event loop is closed cannot."""
+        return not self._closing and not self._loop.is_closed()
 
     def is_closing(self) -> bool:
         return self._closing
@@ -266,3 +283,7 @@ class _MemoryTransport(Line):
         if self._timer is not None:
             self._timer.cancel()
         self._loop.call_soon(self._port.connection_lost, error)
+
+
+_LINES: WeakValueDictionary[int, _MemoryTransport] = WeakValueDictionary()
+"""The latest line to each device in memory, by the device's id, which stays its own as long as the line lives."""

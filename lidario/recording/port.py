@@ -32,6 +32,8 @@ TICK_S = 0.002
 """Pieces that are due within this time are handed over together."""
 MOST_AT_ONCE = 64
 """Pieces after which other tasks may run, where nothing is waited for."""
+MOST_IN_VAIN = 2
+"""A recording that was played to its end so often without a scan does not begin anew, also in a loop."""
 LOOP_GAP_NS = 1_000_000_000
 """Between the end of the recording and its beginning, in a loop."""
 
@@ -49,6 +51,11 @@ class Audience(Protocol):
 
     def finish(self) -> None:
         """The recording is at its end: end every stream."""
+        ...
+
+    @property
+    def scans(self) -> int:
+        """Scans that were made so far."""
         ...
 
     @property
@@ -132,6 +139,7 @@ class _ReplayLine(Line):
         self._shift_ns = 0
         self._last_ns = 0
         self._offset_deg = 0.0
+        self._scans_before = self._in_vain = 0
 
     @property
     def stream(self) -> StoredStream:
@@ -249,10 +257,20 @@ class _ReplayLine(Line):
         self._number = 0 if piece is None else piece.stream
         if self._audience is None or self._closing:
             return
-        if ended and not self._again:
+        if ended and (not self._again or piece is None or not self._brings_scans(self._audience)):
             self._audience.finish()
         else:
             self._audience.restart()
+
+    def _brings_scans(self, audience: Audience) -> bool:
+        """Whether to begin anew: who reads a recording without a full revolution would wait for ever."""
+        # The first time a reader may have come when only the end was left.
+        self._in_vain = self._in_vain + 1 if audience.scans == self._scans_before else 0
+        self._scans_before = audience.scans
+        if self._in_vain < MOST_IN_VAIN:
+            return True
+        self._in_vain = 0
+        return False
 
     def _end(self, error: OSError | None = None) -> None:
         if self._closing:

@@ -52,19 +52,29 @@ class OpenLidar(AsyncOnly):
         self._keep_spinning = keep_spinning
         self._reconnect = reconnect
         self._lidar: Lidar | None = None
+        self._entered = False
 
     def __await__(self) -> Generator[object, None, Lidar]:
         return self._open().__await__()
 
     async def __aenter__(self) -> Lidar:
-        self._lidar = await self._open()
+        if self._entered:
+            # It remembers one session, which it closes: the other one would be left open.
+            raise LocalProtocolError("this open_lidar(...) is in use already: call open_lidar() for each session")
+        self._entered = True
+        try:
+            self._lidar = await self._open()
+        except BaseException:
+            self._entered = False
+            raise
         return self._lidar
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._lidar is not None:
-            await self._lidar.close()
+        lidar, self._lidar, self._entered = self._lidar, None, False
+        if lidar is not None:
+            await lidar.close()
 
     def __aiter__(self) -> NoReturn:
         raise LocalProtocolError(f"the lidar is not open yet: {_WRITE}, then `async for scan in lidar.scans():`")

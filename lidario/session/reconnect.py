@@ -30,7 +30,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from lidario.arguments import finite, number
+from lidario.arguments import finite, number, shown
 from lidario.errors import ConnectFailed, DeviceLost, InternalError, InvalidValue, LidarError
 from lidario.families.base import Device, Script
 from lidario.model import Health
@@ -65,7 +65,7 @@ class Reconnect:
             which the device responds again.
 
     Raises:
-        InvalidValue: No numbers, negative ones, no limit at all, or a longest wait below the first.
+        InvalidValue: No numbers, or not above 0, or a longest wait below the first.
     """
 
     limit_s: float = math.inf
@@ -73,14 +73,14 @@ class Reconnect:
     longest_wait_s: float = 0.5
 
     def __post_init__(self) -> None:
-        limit_s, first_s = number(self.limit_s, "limit_s"), finite(self.first_wait_s, "first_wait_s")
-        if not (limit_s > 0 and 0 < first_s <= finite(self.longest_wait_s, "longest_wait_s")):
-            raise InvalidValue(
-                f"limit_s={limit_s:g}, first_wait_s={first_s:g}: the limit and the waits are seconds above 0, and "
-                "the first wait is the shortest"
-            )
-        # As a float: a clock cannot add a whole number of any size.
-        object.__setattr__(self, "limit_s", limit_s)
+        try:
+            limit_s, first_s = number(self.limit_s, "limit_s"), finite(self.first_wait_s, "first_wait_s")
+            fine = limit_s > 0 and 0 < first_s <= finite(self.longest_wait_s, "longest_wait_s")
+        except InvalidValue:
+            limit_s, fine = math.nan, False
+        if not fine:
+            raise InvalidValue(f"{shown(self)}: the limit and the waits are seconds above 0, the first the least")
+        object.__setattr__(self, "limit_s", limit_s)  # clocks cannot add a whole number of any size
 
 
 class Step(Enum):

@@ -15,7 +15,7 @@ from collections.abc import Coroutine
 from contextlib import suppress
 from typing import Any, TypeVar
 
-from lidario.arguments import shown
+from lidario.arguments import shown, yes_or_no
 from lidario.errors import InvalidValue, LocalProtocolError
 
 __all__ = ["run"]
@@ -42,7 +42,8 @@ def run(main: Coroutine[Any, Any, T], *, debug: bool | None = None) -> T:
     Raises:
         SystemExit: A signal ended it; the code is 128 plus the number of the signal.
         KeyboardInterrupt: Ctrl-C ended it.
-        InvalidValue: `main` is no coroutine, such as a function that was not called.
+        InvalidValue: `main` is no coroutine, such as a function that was not called; or `debug` is neither true nor
+            false.
         LocalProtocolError: An event loop runs in this thread already, as in a notebook.
     """
     given: object = main
@@ -51,6 +52,11 @@ def run(main: Coroutine[Any, Any, T], *, debug: bool | None = None) -> T:
     if _loop_runs():
         main.close()
         raise LocalProtocolError("an event loop runs here already, as in a notebook: write `await main()`")
+    try:
+        debug = None if debug is None else yes_or_no(debug, "debug")
+    except InvalidValue:
+        main.close()
+        raise
     caught: list[int] = []
 
     async def guarded() -> T:

@@ -157,6 +157,11 @@ class Scanner:
     # ------------------------------------------------------------------------------------------------ a replay
 
     @property
+    def scans(self) -> int:
+        """As `Audience`."""
+        return self.totals.assembled.scans
+
+    @property
     def is_waiting(self) -> bool:
         """As `Audience`."""
         return self.hub.is_waiting

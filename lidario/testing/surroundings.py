@@ -135,13 +135,13 @@ class Surroundings(World):
 
 
 def _bodies(bodies: Iterable[Body]) -> tuple[Body, ...]:
-    given: object = bodies
     try:
         found = tuple(bodies)
+        right = all(isinstance(body, Body) for body in found)
     except TypeError:
-        found = (given,)  # type: ignore[assignment]
-    if not all(isinstance(body, Body) for body in found):
-        raise InvalidValue(f"bodies are a list of Body(...), not {shown(given)}")
+        found, right = (), False
+    if not right:
+        raise InvalidValue(f"bodies are a list of Body(...), not {shown(bodies)}")
     return found
 
 

@@ -1,6 +1,6 @@
 """A bounded byte queue between the port and the parser.
 
-Bytes are appended at the end and consumed at the front; nothing is copied until a whole packet is taken.
+Bytes are appended at the end and consumed at the front; nothing is copied before a whole packet is there.
 The bound is a guarantee, not a policy: `Link` feeds the buffer in slices and consumes noise at once, so the
 bound is only ever reached by a mistake in the parser, which should show at once and not as growing memory.
 """
@@ -27,31 +27,19 @@ class ReceiveBuffer:
     def __len__(self) -> int:
         return len(self.data)
 
-    @property
-    def room(self) -> int:
-        """How many bytes may still be appended."""
-        return self.limit - len(self.data)
-
     def append(self, chunk: bytes | bytearray | memoryview) -> None:
         """Add bytes at the end; raises OverflowError past the limit."""
         if len(chunk) + len(self.data) > self.limit:
             raise OverflowError(f"{len(chunk)} bytes do not fit: {len(self.data)} of {self.limit} are in use")
         self.data += chunk
 
-    def find(self, pattern: bytes, start: int = 0) -> int:
-        """Offset of the first `pattern` at or after `start`, or -1."""
-        return self.data.find(pattern, start)
+    def find(self, pattern: bytes) -> int:
+        """Offset of the first `pattern`, or -1."""
+        return self.data.find(pattern)
 
     def peek(self, size: int, start: int = 0) -> bytes:
         """A copy of up to `size` bytes from `start`, which stay in the buffer."""
         return bytes(self.data[start : start + size])
-
-    def take(self, size: int) -> bytes:
-        """Remove the first `size` bytes and return them."""
-        with memoryview(self.data) as view:
-            taken = bytes(view[:size])
-        del self.data[:size]
-        return taken
 
     def skip(self, size: int) -> None:
         """Remove the first `size` bytes."""

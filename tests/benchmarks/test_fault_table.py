@@ -21,9 +21,10 @@ MODELS = list(SUFFERERS)
 EVERY_FAULT = [(MODELS[number % len(MODELS)], row) for number, row in enumerate(FIRST_ROWS)]
 """Every fault, at its lowest rate, on one of the devices in turns."""
 EVERY_PLACE = [(model, row) for model in MODELS[:2] for row in ROWS] + [
-    (model, row) for number, model in enumerate(MODELS[2:]) for row in FIRST_ROWS[number % 2 :: 2]
+    (model, row) for number, model in enumerate(MODELS[2:]) for row in FIRST_ROWS[number % 3 :: 3]
 ]
-"""Every row on two devices, every other one on the rest: `make faults` prints them all."""
+"""Every row on two devices, every third one on each of the rest, so that each fault is on two or three of them:
+`make faults` prints them all."""
 
 
 class Bounds(NamedTuple):

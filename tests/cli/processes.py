@@ -59,7 +59,7 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
     """Run the command as a process, to its end."""
     return subprocess.run(
         [sys.executable, "-m", "lidario", *arguments],
-        cwd=ROOT, env=_environment(), capture_output=True, text=True, timeout=BOUND, check=False,
+        cwd=ROOT, env=_environment(), capture_output=True, encoding="utf-8", timeout=BOUND, check=False,
     )  # fmt: skip
 
 
@@ -68,7 +68,7 @@ def started(*arguments: str) -> Iterator[subprocess.Popen[str]]:
     """Start the command as a process; at the end of the block it is gone."""
     process = subprocess.Popen(
         [sys.executable, "-m", "lidario", *arguments],
-        cwd=ROOT, env=_environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        cwd=ROOT, env=_environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, encoding="utf-8",
     )  # fmt: skip
     try:
         with process:

@@ -107,7 +107,7 @@ def test_watch_says_that_a_terminal_cannot_draw() -> None:
 def test_what_shows_that_work_goes_on_does_not_hold_it_up(tmp_path: Path) -> None:
     with (
         served("rplidar-s2") as server,
-        open(tmp_path / "scans", "w") as out,
+        open(tmp_path / "scans", "w", encoding="utf-8") as out,
         on_terminal("scan", server.path, "-n", "3", "--json", stdout=out.fileno()) as (process, _, terminal),
     ):
         os.write(terminal, STOP)
@@ -116,6 +116,20 @@ def test_what_shows_that_work_goes_on_does_not_hold_it_up(tmp_path: Path) -> Non
         os.write(terminal, GO)
         assert process.wait(BOUND) == 0
     assert len((tmp_path / "scans").read_text().splitlines()) == 3
+
+
+def test_a_line_of_the_log_does_not_hold_it_up(tmp_path: Path) -> None:
+    """A warning is logged when a device is opened that cannot be stopped."""
+    with (
+        served("ldrobot-ld06") as server,
+        open(tmp_path / "scans", "w+", encoding="utf-8") as out,
+        on_terminal("scan", server.path, "-n", "3", "--json", stdout=out.fileno()) as (process, screen, terminal),
+    ):
+        os.write(terminal, STOP)
+        until(lambda: (tmp_path / "scans").read_bytes().count(b"\n") == 3)
+        os.write(terminal, GO)
+        screen.until("cannot be stopped from here")
+        assert process.wait(BOUND) == 0
 
 
 def test_a_signal_ends_what_waits_for_a_device() -> None:

@@ -52,6 +52,7 @@ def test_nothing_else_is_taken_for_it(case: Case) -> None:
     assert wrong == 0
 
 
+@pytest.mark.repeats
 @every_case
 def test_one_flip_in_a_thousand_bytes_costs_a_fifth(case: Case) -> None:
     """Of packets of 781 bytes 46 % have no flip and 36 % have one. No point is wrong, each lost packet is told."""

@@ -15,6 +15,9 @@ import serial
 
 from lidario.port.diagnose import busy, holders, is_pseudo_terminal, why_not_opened
 
+NOT_THERE = "FileNotFoundError(2, 'The system cannot find the file specified.', None, 2)"
+DENIED = "PermissionError(13, 'Access is denied.', None, 5)"
+
 
 @pytest.mark.parametrize(
     ("error", "reason", "says"),
@@ -27,6 +30,9 @@ from lidario.port.diagnose import busy, holders, is_pseudo_terminal, why_not_ope
         (serial.SerialException("Could not exclusively lock port"), "busy", "is busy"),
         (serial.SerialException("Could not configure port: (25, 'x')"), "missing", "not a serial port"),
         (ValueError("something else"), "missing", "something else"),
+        # As serialwin32.py of pyserial raises them.
+        (serial.SerialException("could not open port 'COM3': " + NOT_THERE), "missing", "no such port"),
+        (serial.SerialException("could not open port 'COM3': " + DENIED), "busy", "is busy"),
     ],
 )
 def test_each_cause_has_its_word(error: Exception, reason: str, says: str) -> None:

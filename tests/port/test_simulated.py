@@ -18,8 +18,8 @@ from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.simulated import _way, connect_in_memory, open_simulated
 from lidario.source import parse_source
-from tests.support.devices import make_rig
-from tests.support.loop import driven
+from tests.support.devices import both_families, make_rig
+from tests.support.loop import driven, run_driven
 from tests.support.ports import PATIENCE_S, Sink, open_files
 
 
@@ -194,3 +194,35 @@ async def test_a_source_that_is_no_good(text: str, words: str) -> None:
     with pytest.raises(ConnectFailed, match=words) as caught:
         await open_simulated(parse_source(text))
     assert caught.value.reason == "source"
+
+
+@both_families
+@driven
+async def test_a_device_in_memory_is_opened_for_nobody_else_beside(family: str) -> None:
+    """As a serial port: two sessions would take each other's bytes, and stop each other's stream."""
+    rig = make_rig(family)
+    async with rig.open() as first:
+        with pytest.raises(ConnectFailed, match="another session has it open") as caught:
+            await rig.open()
+        assert caught.value.reason == "busy"
+        await first.scan()
+    async with rig.open() as second:
+        await second.scan()
+
+
+@pytest.mark.discards("the first session cannot be closed any more, so nobody knows when its STOP was written")
+def test_a_device_of_a_loop_that_is_closed_is_free() -> None:
+    rig = make_rig("rplidar")
+    kept = []
+
+    async def leave_open() -> None:
+        kept.append(await rig.open())
+
+    run_driven(leave_open)
+
+    async def again() -> None:
+        async with rig.open() as lidar:
+            await lidar.scan()
+
+    run_driven(again)
+    kept.clear()

@@ -7,7 +7,6 @@ must be read by one as ever, and nothing may hang.
 
 from __future__ import annotations
 
-import _thread
 import asyncio
 import os
 import threading
@@ -24,7 +23,7 @@ from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.thread import ReadingThread, Watched, reading_thread
 from tests.port.test_thread import Steady, block_until_read, threads
-from tests.support.interrupt import all_threads_ended, interrupted_at_call
+from tests.support.interrupt import StartedThreads, interrupted_at_call
 from tests.support.ports import PATIENCE_S, Sink, terminal_pair
 
 pytestmark = pytest.mark.usefixtures("quick_collection")
@@ -62,25 +61,25 @@ def is_read(thread: ReadingThread, place: str) -> None:
 @pytest.mark.parametrize("at", ["add", "remove"])
 @pytest.mark.parametrize("others", [0, 1])
 def test_ctrl_c_at_every_call_of_adding_and_removing(at: str, others: int) -> None:
-    before = _thread._count()
     number = 0
-    while True:
-        thread, other = ReadingThread(), Reads().watched()
-        for _ in range(others):
-            thread.add(other)
-        watched = Reads().watched()
-        if at == "add":
-            place = interrupted_at_call(number, partial(thread.add, watched))
-        else:
-            thread.add(watched)
-            place = interrupted_at_call(number, partial(thread.remove, watched))
-        thread.remove(watched)
-        is_read(thread, place)
-        thread.remove(other)
-        all_threads_ended(before, place)
-        if not place:
-            break
-        number += 1
+    with StartedThreads() as started:
+        while True:
+            thread, other = ReadingThread(), Reads().watched()
+            for _ in range(others):
+                thread.add(other)
+            watched = Reads().watched()
+            if at == "add":
+                place = interrupted_at_call(number, partial(thread.add, watched))
+            else:
+                thread.add(watched)
+                place = interrupted_at_call(number, partial(thread.remove, watched))
+            thread.remove(watched)
+            is_read(thread, place)
+            thread.remove(other)
+            started.all_ended(place)
+            if not place:
+                break
+            number += 1
     assert number >= 3
 
 
@@ -95,9 +94,8 @@ def plain_loop() -> Iterator[asyncio.AbstractEventLoop]:
 @pytest.mark.parametrize("at", ["begin", "end"])
 @pytest.mark.exhaustive("stride", sample=[5], full=[1])
 def test_ctrl_c_at_every_call_of_a_stream(at: str, stride: int) -> None:
-    before = _thread._count()
     number = stride // 2
-    with terminal_pair() as (master, _, path), plain_loop() as loop:
+    with StartedThreads() as started, terminal_pair() as (master, _, path), plain_loop() as loop:
         while True:
             port = loop.run_until_complete(open_serial(path, 1_000_000))
             sink = Sink()
@@ -109,11 +107,8 @@ def test_ctrl_c_at_every_call_of_a_stream(at: str, stride: int) -> None:
                 place = interrupted_at_call(number, partial(port.set_polling, 0.0, None))
             reads_as_ever(port, sink, master, place)
             loop.run_until_complete(port.close())
-            all_threads_ended(before, place)
-            deadline = time.monotonic() + PATIENCE_S
-            while reading_thread().is_running:
-                assert time.monotonic() < deadline, place
-                time.sleep(0.0005)
+            started.all_ended(place)
+            assert not reading_thread().is_running, place
             if not place:
                 break
             number += stride
@@ -136,9 +131,8 @@ def reads_as_ever(port: Port, sink: Sink, master: int, place: str) -> None:
 
 
 def test_ctrl_c_at_every_call_of_a_blocking_call() -> None:
-    before = _thread._count()
     number = 0
-    with plain_loop() as loop:
+    with StartedThreads() as started, plain_loop() as loop:
         while True:
             made: list[object] = []
             discarded: list[object] = []
@@ -146,14 +140,11 @@ def test_ctrl_c_at_every_call_of_a_blocking_call() -> None:
             asyncio._set_running_loop(loop)
             place = interrupted_at_call(number, partial(coroutine.send, None))
             asyncio._set_running_loop(None)
-            all_threads_ended(before, place)
+            started.all_ended(place)
             # What the thread has told the loop.
             loop.run_until_complete(asyncio.sleep(0))
             coroutine.close()
-            deadline = time.monotonic() + PATIENCE_S
-            while discarded != made:
-                assert time.monotonic() < deadline, place
-                loop.run_until_complete(asyncio.sleep(0.0005))
+            assert discarded == made, place
             if not place:
                 break
             number += 1

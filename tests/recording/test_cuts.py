@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import random
 import struct
 import tracemalloc
@@ -239,3 +240,18 @@ def test_texts_of_a_file_are_made_printable(tmp_path: Path, live: Live) -> None:
     # A terminal would obey it, if it were printed as it stands.
     path.write_bytes(live.path.read_bytes().replace(live.info.model[:4].encode(), b"\x1b[2J"))
     assert open_stored(path).about.info.model.isprintable()
+
+
+def test_a_recording_without_a_byte_ends_also_in_a_loop(live: Live, tmp_path: Path) -> None:
+    stored = open_stored(live.path)
+    path = tmp_path / "empty.mcap"
+    events = (*stored.about.events, stored.streams[0].began)
+    FileWriter(path, replace(stored.about, events=events)).close()
+
+    async def main() -> None:
+        for options in ("", "?loop=1", "?loop=1&rate=0"):
+            async with asyncio.timeout(10), lidario.open_lidar(f"{path}{options}") as lidar:
+                async for _ in lidar.scans():
+                    raise AssertionError("never here")
+
+    run_driven(main)

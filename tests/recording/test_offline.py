@@ -1,5 +1,6 @@
 """Raw bytes to scans: what the live way makes of them, whoever's bytes they are, whatever is wrong with them."""
 
+import asyncio
 import math
 import mmap
 import os
@@ -227,3 +228,17 @@ def test_a_file_that_is_gone_before_it_was_decoded(name: str, tmp_path: Path) ->
     path.unlink()
     with pytest.raises(RecordingError, match="cannot be read: no such file"):
         next(scans)
+
+
+@pytest.mark.parametrize("options", ["", "?loop=1", "?loop=1&rate=0", "?loop=1&rate=50"])
+def test_a_recording_without_a_full_revolution_ends_also_in_a_loop(options: str, tmp_path: Path) -> None:
+    raw = tmp_path / "raw.bin"
+    raw.write_bytes(whole(KINDS[4])[:700])
+
+    async def main() -> None:
+        async with asyncio.timeout(30), lidario.open_lidar(f"{raw}{options}") as lidar:
+            for _ in range(2):
+                async for _ in lidar.scans():
+                    raise AssertionError("never here")
+
+    run_driven(main)

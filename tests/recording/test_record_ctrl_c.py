@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import _thread
 import asyncio
 from contextlib import closing
 from functools import partial
@@ -11,14 +10,13 @@ from pathlib import Path
 import pytest
 
 from tests.support.devices import make_rig
-from tests.support.interrupt import all_threads_ended, interrupted_at_call
+from tests.support.interrupt import StartedThreads, interrupted_at_call
 from tests.support.loop import DrivenLoop
 
 
 @pytest.mark.exhaustive("stride", sample=[4], full=[1])
 def test_ctrl_c_at_every_call_of_starting(stride: int, tmp_path: Path) -> None:
-    before = _thread._count()
-    with closing(DrivenLoop()) as loop:
+    with StartedThreads() as started, closing(DrivenLoop()) as loop:
         lidar = loop.run_until_complete(make_rig("rplidar").open()._open())
         number, place = stride // 2, "at first"
         while place:
@@ -33,7 +31,7 @@ def test_ctrl_c_at_every_call_of_starting(stride: int, tmp_path: Path) -> None:
             assert not recording.is_running, place
             assert not lidar._recorded._running, place
             assert not lidar._dialogue.taps, place
-            all_threads_ended(before, place)
+            started.all_ended(place)
             number += stride
         assert number > 40
         loop.run_until_complete(lidar.close())

@@ -31,8 +31,8 @@ from tests.support.streams import Chunks, assembled, cut_up, open_stream
 from tests.support.streams import stream_of as described
 
 SAMPLE_DEG = 0.6
-EXAMPLES = max(3, settings().max_examples // 4)
-"""Fewer than of other properties: each is two whole streams and more."""
+EXAMPLES = max(3, settings().max_examples // 8)
+"""Fewer than of other properties: each is two whole streams and more, of up to 23 formats."""
 
 
 class Divided(NamedTuple):
@@ -128,6 +128,8 @@ def test_sizes_do_not_disturb_each_other(case: Case, parts: tuple[int, ...]) -> 
     found = divided(case, case.raw, parts)
     for count in parts:
         assert_sum(found, count, stamps_ns=2e9)
+        if len(parts) == 1:
+            continue
         alone = divided(case, case.raw, (count,)).sectors[count]
         for one, other in zip(found.sectors[count], alone, strict=True):
             assert (one.seq, one.index) == (other.seq, other.index)

@@ -74,6 +74,7 @@ async def seconds(rig: Rig, call: str, how: str, *, scanning: bool) -> float:
         return loop.time() - began
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("call", BOUNDS)
 def test_no_call_takes_longer_than_the_table_says(call: str, family: str) -> None:

@@ -44,9 +44,10 @@ async def scan_for(lidar: Lidar, seconds: float, block_s: float = 0.0) -> int:
     return count
 
 
-@pytest.mark.exhaustive("minutes", sample=[2], full=[60])
+@pytest.mark.exhaustive("minutes", sample=[2], full=[20])
 @driven
-async def test_an_hour_with_protection_on(minutes: int) -> None:
+async def test_many_minutes_with_protection_on(minutes: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidario.port.simulated._TICK_S", 0.1)
     seconds = minutes * MINUTE_S
     rig = make_rig("ydlidar")
     async with rig.open() as lidar:

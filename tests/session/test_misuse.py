@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections.abc import Callable
 from pathlib import Path
@@ -27,6 +28,27 @@ def test_open_lidar_is_not_for_a_plain_with() -> None:
 def test_open_lidar_is_not_iterated() -> None:
     with pytest.raises(LocalProtocolError, match=r"async with.*scans\(\)"):
         aiter(lidario.open_lidar("sim://rplidar-s2"))
+
+
+@driven
+async def test_one_opening_is_entered_by_one_block_at_a_time() -> None:
+    opening = lidario.open_lidar("sim://rplidar-s2?via=memory")
+    async with opening as first:
+        with pytest.raises(LocalProtocolError, match="is in use already"):
+            async with opening:
+                raise AssertionError("never here")
+        await first.scan()
+    with pytest.raises(SessionClosed):
+        await first.scan()
+    both = await asyncio.gather(opening.__aenter__(), opening.__aenter__(), return_exceptions=True)
+    assert [type(each).__name__ for each in both] == ["Lidar", "LocalProtocolError"]
+    await opening.__aexit__(None, None, None)
+    task = asyncio.create_task(opening.__aenter__())
+    await asyncio.sleep(0)
+    task.cancel()
+    await asyncio.wait([task])
+    async with opening as third:
+        await third.scan()
 
 
 @driven

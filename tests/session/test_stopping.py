@@ -87,6 +87,7 @@ async def test_close_ends_what_another_task_waits_for(
         assert not discarded(rig)
 
 
+@pytest.mark.repeats
 @both_families
 @driven
 async def test_every_stop_is_followed_by_the_pause_it_demands(family: str) -> None:

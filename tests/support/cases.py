@@ -83,7 +83,7 @@ class Case:
     @property
     def raw(self) -> bytes:
         """The golden bytes; of a stream with other records between its packets, the packets."""
-        return _golden(self.name).raw if self.descriptor else b"".join(self.packets)
+        return _raw(self)
 
     @property
     def packets(self) -> tuple[bytes, ...]:
@@ -108,7 +108,7 @@ class Case:
     @property
     def correction_deg(self) -> float:
         """How far an angle differs from its beam's at most: what the format corrects by the distance."""
-        return max(abs((sample.angle_deg - sample.raw_deg + 180) % 360 - 180) for sample in self.samples)
+        return _correction_deg(self)
 
     def intensities(self, samples: Sequence[Sample]) -> list[int] | None:
         """What a scan has of their qualities: the upper eight bits, where the format has more."""
@@ -120,7 +120,7 @@ class Case:
     @property
     def byte_ns(self) -> float:
         """How long a byte takes at the device's own pace."""
-        return len(self.samples) * self.sample_us * 1e3 / len(self.raw)
+        return _byte_ns(self)
 
 
 _golden = cache(golden.load)
@@ -129,6 +129,21 @@ _golden = cache(golden.load)
 @cache
 def _packets(case: Case) -> tuple[bytes, ...]:
     return tuple(case.split(case.truth.raw))
+
+
+@cache
+def _raw(case: Case) -> bytes:
+    return case.truth.raw if case.descriptor else b"".join(case.packets)
+
+
+@cache
+def _byte_ns(case: Case) -> float:
+    return len(case.samples) * case.sample_us * 1e3 / len(case.raw)
+
+
+@cache
+def _correction_deg(case: Case) -> float:
+    return max(abs((sample.angle_deg - sample.raw_deg + 180) % 360 - 180) for sample in case.samples)
 
 
 @cache

@@ -13,9 +13,9 @@ import threading
 import time
 from collections.abc import Callable
 from types import FrameType
-from typing import Any
+from typing import Any, Self
 
-__all__ = ["all_threads_ended", "interrupted", "interrupted_at_call"]
+__all__ = ["StartedThreads", "interrupted", "interrupted_at_call"]
 
 PATIENCE_S = 20.0
 NOT_OURS = ("_weakrefset.py", "selectors.py")
@@ -84,15 +84,41 @@ def interrupted_at_call(number: int, function: Callable[[], object]) -> str:
     return place
 
 
-def all_threads_ended(before: int, place: str) -> None:
-    """Wait until no more threads run than `before`, also those that Ctrl-C has caught while they began.
+class StartedThreads:
+    """Follows the threads that are started by `_thread.start_new_thread` within a ``with`` block.
 
-    Args:
-        before: What ``_thread._count()`` said before.
-        place: Where Ctrl-C came, for the message.
+    ``_thread._count()`` counts a thread only when it has begun to run, and that may be after the call has returned.
     """
-    deadline = time.monotonic() + PATIENCE_S
-    while _thread._count() > before:
-        assert time.monotonic() < deadline, (place, threading.enumerate())
-        time.sleep(0.0005)
-    assert not (left := threading.enumerate()[1 + before :]), (place, left)
+
+    def __enter__(self) -> Self:
+        self._start = _thread.start_new_thread
+        self._before = threading.active_count()
+        self._asked = 0
+        self._ended = list[None]()
+        _thread.start_new_thread = self._counted  # type: ignore[assignment]
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        _thread.start_new_thread = self._start
+
+    def _counted(self, function: Callable[..., object], arguments: tuple[Any, ...]) -> int:
+        def run() -> None:
+            try:
+                function(*arguments)
+            finally:
+                self._ended.append(None)
+
+        # No call lies between these two, so Ctrl-C never comes there.
+        self._asked += 1
+        return self._start(run, ())
+
+    def all_ended(self, place: str) -> None:
+        """Wait until none of them runs, and no other thread that was not there before.
+
+        Args:
+            place: Where Ctrl-C came, for the message.
+        """
+        deadline = time.monotonic() + PATIENCE_S
+        while len(self._ended) < self._asked or threading.active_count() > self._before:
+            assert time.monotonic() < deadline, (place, threading.enumerate())
+            time.sleep(0.0005)

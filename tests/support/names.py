@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
-__all__ = ["names_are_safe"]
+__all__ = ["names_are_safe", "needs_all_names"]
 
 _USES = re.compile(r"\bserved\b|PtyServer|openpty|tests\.support\.terminals")
 _FREES = re.compile(r"\breconnect=")
@@ -35,6 +35,11 @@ def names_are_safe(module: Path) -> Iterator[None]:
     with _LOCK.with_suffix(f".{Path.home().name}").open("a") as file:
         fcntl.flock(file, fcntl.LOCK_EX if frees else fcntl.LOCK_SH)
         yield
+
+
+def needs_all_names(module: Path) -> bool:
+    """Whether tests of this module wait until no other test process uses pseudo-terminals."""
+    return _kind(module)[1]
 
 
 @cache

@@ -19,11 +19,29 @@ Where the first mark of a stream stands elsewhere, or two in a row do at one pla
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
 
+from lidario.families.rplidar.chains import (
+    BACKWARD_Q6,
+    CHAIN_ALONE,
+    CHAIN_IN_PHASE,
+    CHAIN_NEARBY,
+    FORWARD_Q6,
+    FULL_TURN_Q6,
+    NEAR_Q6,
+    SEAM_Q6,
+    SIZE,
+    angle_at,
+    apart,
+    chain_steps,
+    evenest,
+    fits,
+    next_chain,
+    step_between,
+)
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
 from lidario.wire.formats import (
@@ -37,23 +55,6 @@ from lidario.wire.formats import (
 
 __all__ = ["NODE", "NodeFormat"]
 
-SIZE: Final = 5
-FULL_TURN_Q6: Final = 360 << 6
-BACKWARD_Q6: Final = 3 << 6
-"""How far one node may fall back behind the other: triangulating models correct angles by about that much."""
-FORWARD_Q6: Final = 8 << 6
-"""How far one node may run ahead of the other while in step: a few lost nodes at the slowest rate."""
-NEAR_Q6: Final = 30 << 6
-"""A chain that begins within this of the last angle continues it."""
-SEAM_Q6: Final = 30 << 6
-"""New-scan marks within this of each other stand at the same place."""
-CHAIN_IN_PHASE: Final = 4
-"""Nodes in the old phase that must follow each other, the first of them near the last angle."""
-CHAIN_NEARBY: Final = 8
-"""Nodes in another phase that must follow each other, the first of them near the last angle."""
-CHAIN_ALONE: Final = 16
-"""Nodes that must follow each other where there is no last angle to continue. One wrong phase in four passes the
-check bits of a node, so on random bytes a chain of 16 passes once in 4 billion times."""
 PHASES_BACK: Final = 4
 """Nodes in the old phase that are tried before another phase is looked for."""
 WORTH_AN_ARRAY: Final = 16
@@ -61,17 +62,6 @@ WORTH_AN_ARRAY: Final = 16
 
 WINDOW: Final = (PHASES_BACK + CHAIN_ALONE) * SIZE
 """Bytes that must be there to tell whether nodes go on from a place."""
-
-_CHECKED_CHAIN: Final = re.compile(
-    b"(?:[%b][%b][\\x00-\\xb3][\\x00-\\xff]{2}){%d}"
-    % (
-        b"".join(b"\\x%02x" % byte for byte in range(256) if (byte ^ byte >> 1) & 1),
-        b"".join(b"\\x%02x" % byte for byte in range(1, 256, 2)),
-        CHAIN_IN_PHASE,
-    ),
-    re.DOTALL,
-)
-"""Nodes in a row whose check bits hold and whose angles are below 360 degrees: searched for faster than by hand."""
 
 NODE: Final = np.dtype([("quality", "u1"), ("angle", "<u2"), ("distance", "<u2")])
 _UNMARKED = 2
@@ -108,17 +98,17 @@ class NodeFormat(StreamFormat):
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:  # noqa: ARG002
         """Whether the node at `at` may stand by itself: an angle below 360 degrees."""
-        return _angle(data, at) < FULL_TURN_Q6
+        return angle_at(data, at) < FULL_TURN_Q6
 
     def headings(self, packets: Packets) -> Headings:
         """As `StreamFormat.headings`, in 1/64 degrees. Only marks far from 0 are told: at 0 the angles do."""
         data = packets.data
         if len(data) < HEADINGS_WORTH_AN_ARRAY * SIZE:
-            few = [_angle(data, place) for place in range(0, len(data), SIZE)]
+            few = [angle_at(data, place) for place in range(0, len(data), SIZE)]
             if self._marked_far is False:
                 return few
             for place, first in enumerate(data[::SIZE]):
-                if first & 1 and _apart(few[place], 0) > SEAM_Q6:
+                if first & 1 and apart(few[place], 0) > SEAM_Q6:
                     few[place] |= BEGINS
             return few
         nodes = np.frombuffer(data, NODE)
@@ -127,7 +117,7 @@ class NodeFormat(StreamFormat):
         if self._marked_far is False:
             return many
         for place in (nodes["quality"] & 1).nonzero()[0].tolist():
-            if _apart(int(many[place]), 0) > SEAM_Q6:
+            if apart(int(many[place]), 0) > SEAM_Q6:
                 many[place] |= BEGINS
         return many
 
@@ -148,10 +138,10 @@ class NodeFormat(StreamFormat):
         """Take the node at `at` if it continues the one before."""
         if not self._continues(data, at, self._last):
             return False
-        self._last = _angle(data, at)
+        self._last = angle_at(data, at)
         if data[at] & 1:
             self._mark = self._last if self._mark is None else self._mark
-            self._marked_far = self._marked_far or _apart(self._last, 0) > SEAM_Q6
+            self._marked_far = self._marked_far or apart(self._last, 0) > SEAM_Q6
         return True
 
     def _take_many(self, data: bytearray, at: int, count: int) -> int:
@@ -159,13 +149,13 @@ class NodeFormat(StreamFormat):
         done = 0
         for other in self._not_ordinary(data, at, count):
             if other > done:
-                self._last = _angle(data, at + (other - 1) * SIZE)
+                self._last = angle_at(data, at + (other - 1) * SIZE)
             # It may be right all the same: a new scan's mark, or the first node behind 360 degrees.
             if not self._takes(data, at + other * SIZE):
                 return other
             done = other + 1
         if count > done:
-            self._last = _angle(data, at + (count - 1) * SIZE)
+            self._last = angle_at(data, at + (count - 1) * SIZE)
         return count
 
     def next_stretch(self, data: bytearray, at: int) -> Stretch:
@@ -182,7 +172,7 @@ class NodeFormat(StreamFormat):
             return Stretch((), at, at)
         if place < 0:
             # No phase passes here, and none does where no short chain begins within reach.
-            return Stretch((), at, min(self._next_chain(data, at + 1), len(data) - WINDOW + 1))
+            return Stretch((), at, min(self._next_place(data, at + 1), len(data) - WINDOW + 1))
         self._in_step = True
         self._last = None
         if place > at:
@@ -195,44 +185,39 @@ class NodeFormat(StreamFormat):
             return None
         if self._last is not None:
             for place in range(at, at + PHASES_BACK * SIZE, SIZE):
-                if self._near(data, place) and _chain(data, place, CHAIN_IN_PHASE, self._mark) is not None:
+                if self._near(data, place) and chain_steps(data, place, CHAIN_IN_PHASE, self._mark) is not None:
                     return place
             nearby = [p for p in range(at, at + 2 * SIZE) if self._near(data, p)]
-            best = _evenest(data, nearby, CHAIN_NEARBY, self._mark)
+            best = evenest(data, nearby, CHAIN_NEARBY, self._mark)
             if best is not None:
                 return best
-        best = _evenest(data, range(at, at + SIZE), CHAIN_ALONE, self._mark)
+        best = evenest(data, range(at, at + SIZE), CHAIN_ALONE, self._mark)
         return -1 if best is None else best
 
-    def _next_chain(self, data: bytearray, at: int) -> int:
+    def _next_place(self, data: bytearray, at: int) -> int:
         """The first place from `at` on from which `_find_step` can see a chain, found without looking at each."""
-        place = at
-        while (found := _CHECKED_CHAIN.search(data, place)) is not None:
-            place = found.start()
-            if _chain(data, place, CHAIN_IN_PHASE, self._mark) is not None:
-                return max(at, place - (PHASES_BACK - 1) * SIZE)
-            place += 1
-        return len(data)
+        place = next_chain(data, at, self._last, self._mark)
+        return len(data) if place is None else max(at, place - (PHASES_BACK - 1) * SIZE)
 
     def _near(self, data: bytearray, place: int) -> bool:
-        return self._last is not None and _step(self._last, _angle(data, place)) <= NEAR_Q6
+        return self._last is not None and step_between(self._last, angle_at(data, place)) <= NEAR_Q6
 
     def _continues(self, data: bytearray, at: int, last: int | None) -> bool:
         if self.measure(data, at) != SIZE or not self.intact(data, at, SIZE):
             return False
-        angle = _angle(data, at)
-        if last is not None and _step(last, angle) > FORWARD_Q6:
+        angle = angle_at(data, at)
+        if last is not None and step_between(last, angle) > FORWARD_Q6:
             return False
-        return not data[at] & 1 or _fits(angle, self._mark)
+        return not data[at] & 1 or fits(angle, self._mark)
 
     def _repeats(self, data: bytearray, at: int) -> bool:
         """Whether the node that ended the run is marked where the last one was that was not believed."""
-        angle = _angle(data, at)
+        angle = angle_at(data, at)
         if not data[at] & 1 or self.measure(data, at) != SIZE or not self.intact(data, at, SIZE):
             return False
-        if _fits(angle, self._mark) or self._last is None or _step(self._last, angle) > FORWARD_Q6:
+        if fits(angle, self._mark) or self._last is None or step_between(self._last, angle) > FORWARD_Q6:
             return False
-        again = _apart(angle, self._other_mark) <= BACKWARD_Q6
+        again = apart(angle, self._other_mark) <= BACKWARD_Q6
         self._other_mark = angle
         if again:
             self._mark = angle
@@ -242,7 +227,7 @@ class NodeFormat(StreamFormat):
         """Which nodes from `at` are not ordinary: unmarked, and a small step ahead of the one before."""
         nodes = np.frombuffer(data, NODE, count, at)
         words = np.empty(count + 1, np.uint16)
-        words[0] = _angle(data, at - SIZE) << 1 | 1
+        words[0] = angle_at(data, at - SIZE) << 1 | 1
         words[1:] = nodes["angle"]
         # With the check bits, which are all 1, a step is twice as large; without a sign, what is below 0 is large.
         steps = words[1:] - words[:-1]
@@ -255,64 +240,3 @@ class NodeFormat(StreamFormat):
         if np.maximum.reduce(words) >= 2 * FULL_TURN_Q6:
             other |= words[1:] >= 2 * FULL_TURN_Q6
         return map(int, other.nonzero()[0]) if np.count_nonzero(other) else iter(())
-
-
-def _angle(data: bytes | bytearray, at: int) -> int:
-    return data[at + 1] >> 1 | data[at + 2] << 7
-
-
-def _apart(one: int, other: int) -> int:
-    """Degrees/64 between two angles, the short way."""
-    return min((one - other) % FULL_TURN_Q6, (other - one) % FULL_TURN_Q6)
-
-
-def _fits(angle: int, mark: int | None) -> bool:
-    """Whether a mark may stand at an angle: where the others do, or at 0; anywhere when it is the first."""
-    return mark is None or min(_apart(angle, 0), _apart(angle, mark)) <= SEAM_Q6
-
-
-def _step(earlier: int, later: int) -> int:
-    """Degrees/64 from one angle to the next; falling back a little counts as no step."""
-    step = (later - earlier) % FULL_TURN_Q6
-    return 0 if step >= FULL_TURN_Q6 - BACKWARD_Q6 else step
-
-
-def _chain(data: bytearray, at: int, length: int, mark: int | None) -> list[int] | None:
-    """The steps between `length` nodes from `at`, or None if one of them cannot follow the other."""
-    steps: list[int] = []
-    last, marks = -1, 0
-    for place in range(at, at + length * SIZE, SIZE):
-        first, second = data[place], data[place + 1]
-        if not ((first ^ first >> 1) & second & 1):
-            return None
-        angle = _angle(data, place)
-        if angle >= FULL_TURN_Q6:
-            return None
-        if first & 1:
-            marks += 1
-            # No chain is as long as a revolution: where nothing is known of marks, there is one at most.
-            if not _fits(angle, mark) or (mark is None and marks > 1):
-                return None
-        if last >= 0:
-            step = (angle - last + BACKWARD_Q6) % FULL_TURN_Q6 - BACKWARD_Q6
-            if step > FORWARD_Q6:
-                return None
-            steps.append(step)
-        last = angle
-    return steps
-
-
-def _evenest(data: bytearray, places: Sequence[int], length: int, mark: int | None) -> int | None:
-    """Of the places where a chain begins, the one whose angle advances most evenly."""
-    best: tuple[bool, float, int] | None = None
-    for place in places:
-        steps = _chain(data, place, length, mark)
-        if steps is None:
-            continue
-        total = sum(steps)
-        mean = total / len(steps)
-        unevenness = sum(abs(step - mean) for step in steps) / max(abs(mean), 1.0)
-        rank = (total <= 0, unevenness, place)
-        if best is None or rank < best:
-            best = rank
-    return None if best is None else best[2]

@@ -73,6 +73,7 @@ def packet(count: int = 40, first: int = 100, *, seed: int = 0, marked: bool = T
 CLEAN = [packet(first=500 * n, seed=n) for n in range(12)]
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("name", golden.YDLIDAR_NAMES)
 def test_golden_streams_arrive_whole_in_any_pieces(name: str) -> None:
     raw = golden.load(name).raw
@@ -93,6 +94,7 @@ def test_a_flipped_bit_costs_its_packet_and_nothing_else() -> None:
         assert stats.skipped_stretches == 1
 
 
+@pytest.mark.repeats
 def test_a_flipped_bit_is_the_same_in_any_pieces() -> None:
     for bit in range(0, 8 * 90, 7):
         raw = bytearray(b"".join(CLEAN))
@@ -216,6 +218,7 @@ def test_checking_as_an_array_finds_what_checking_one_by_one_finds(lead: int) ->
         assert wire.run(data, lead) == checked_one_by_one(wire, data, lead)
 
 
+@pytest.mark.repeats
 @given(
     harm=st.sampled_from([damage.flip, damage.drop_bytes, damage.insert_bytes]),
     probability=st.sampled_from([0.0003, 0.003, 0.02]),

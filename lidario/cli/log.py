@@ -1,0 +1,64 @@
+"""What is logged while a command runs, on stderr.
+
+`logging` writes where it is called, and that is mostly the event loop. A terminal that takes no output (Ctrl-S, a
+dead line) would hold up the loop, and with it the port and the handling of signals. Therefore a thread writes here
+what `logging` would have written by itself: warnings and errors, where nobody has chosen another handler.
+"""
+
+from __future__ import annotations
+
+import logging
+import queue
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+from lidario.cli.errors import ReaderGone
+from lidario.cli.output import PROGRESS_GRACE_S, write_above
+
+__all__ = ["log_beside"]
+
+
+class _Beside(logging.Handler):
+    """Writes each record from a thread."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._run, name="lidario: log", daemon=True)
+        self._thread.start()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        try:
+            self._lines.put(self.format(record) + "\n")
+        except Exception:
+            self.handleError(record)
+
+    def close(self) -> None:
+        """Let the thread write what is left, for at most `PROGRESS_GRACE_S`."""
+        super().close()
+        self._lines.put(None)
+        self._thread.join(PROGRESS_GRACE_S)
+
+    def _run(self) -> None:
+        while (line := self._lines.get()) is not None:
+            # The next line may find a reader again, or space on the disk.
+            with suppress(OSError, ReaderGone):
+                write_above(sys.stderr, line)
+
+
+@contextmanager
+def log_beside() -> Iterator[None]:
+    """Have a thread write what is logged in the block; changes nothing where there is a handler already."""
+    root = logging.getLogger()
+    if logging.getLogger("lidario").hasHandlers():
+        yield
+        return
+    handler = _Beside()
+    root.addHandler(handler)
+    try:
+        yield
+    finally:
+        root.removeHandler(handler)
+        handler.close()
