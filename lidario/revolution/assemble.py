@@ -190,7 +190,7 @@ class Assembler:
             if partial.whole and not partial.moved and (split.broken or self._last_spanned_ns):
                 samples = ended.samples
                 part = samples is not None and samples.certain and split.moved
-                if not (part and samples and len(ended.arrays) < FALSE_PART * samples.revolution_samples):
+                if not (part and samples and ended.count < FALSE_PART * samples.revolution_samples):
                     self.stats.break_scan()
             self._count.restart((self._seam.angle or 0) / self._stream.format.full_turn)
             return None
@@ -204,29 +204,30 @@ class Assembler:
         if packets is not None:
             if self._count.needs_speed:
                 self._count.learn_speed(dated_angles(self._stream.format, packets))
-            room = 0 if arrays is None else len(arrays)
+            room = 0 if arrays is None else len(arrays.angle)
             samples = self._decode(partial, packets, split, following, room)
             self.stats.lost_packets += samples.lost
             self._partial.behind_gap = samples.lost_behind > 0 or not samples.certain
             lost += samples.lost
             here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
             if arrays is not None:
-                here.begin_with(arrays)
+                here.begin_with(arrays, room)
             unknown = 0
             if partial.carried_packets and samples.certain:
                 unknown = partial.revoke_carried(samples.revolution_packets)
                 self.stats.lost_packets += unknown
                 lost += unknown
             crossed = room + samples.before_seam
-            if crossed < len(here):
+            if crossed < len(here.angle):
                 self._partial.carry(here.part(crossed), partial.last_ns, samples)
                 lost -= samples.lost_behind
             if samples.gaps or lost:
                 gaps = partial.gaps(samples, room, crossed, revoked=bool(unknown))
             arrays = here.part(room if unknown else 0, crossed)
-        if arrays is None or not len(arrays):
+        count = 0 if arrays is None else len(arrays.angle)
+        if arrays is None or not count:
             return None
-        return EndedRevolution(partial, packets, samples, arrays, lost, gaps)
+        return EndedRevolution(partial, packets, samples, arrays, count, lost, gaps)
 
     def _decode(
         self,
@@ -273,7 +274,7 @@ class Assembler:
 
     def _date(self, ended: EndedRevolution) -> None:
         """Fill in the times, as if nothing were missing."""
-        packets, count = ended.packets, len(ended.arrays)
+        packets, count = ended.packets, ended.count
         packet_bytes = self._stream.format.shortest if packets is None else len(packets.data) / packets.count
         ended.sample_ns = self._stream.sample_ns
         ended.start_ns = first_sample_ns(ended, packet_bytes=packet_bytes, byte_ns=self._byte_ns)
@@ -341,6 +342,7 @@ class Assembler:
     def _reckon(self, beginning: Beginning) -> float:
         """Count what is missing since the revolution before; return what one takes, NaN when it was not seen."""
         passed = self._count.follow(beginning)
-        self.stats.lost_packets += passed.lost
-        self.stats.missed_scans += passed.unseen - min(passed.unseen, self._told_unseen)
+        if passed.lost or passed.unseen:
+            self.stats.lost_packets += passed.lost
+            self.stats.missed_scans += passed.unseen - min(passed.unseen, self._told_unseen)
         return passed.revolution_ns

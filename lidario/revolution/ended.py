@@ -21,6 +21,7 @@ class EndedRevolution:
         packets: Its packets; None when it has none, only samples that were carried over.
         samples: What they were decoded to; None when it has none.
         arrays: Its own samples, from the seam at its beginning to the seam at its end.
+        count: How many these are; at least one.
         lost: Packets that are missing in it.
         gaps: Where its own samples are missing, as `PartialRevolution.gaps` tells it.
         start_ns: When its first sample was measured.
@@ -33,6 +34,7 @@ class EndedRevolution:
     packets: Packets | None
     samples: Samples | None
     arrays: SampleArrays
+    count: int
     lost: int
     gaps: list[tuple[int, int]] | None
     start_ns: int = 0

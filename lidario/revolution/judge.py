@@ -68,7 +68,7 @@ def is_broken(ended: EndedRevolution, ordinary_ns: float) -> bool:
     if samples.certain:
         # More than one revolution by its angles: they went back by so little that it looked like jitter.
         missing = (samples.lost - samples.lost_behind) * samples.ends[-1] / len(samples.ends)
-        return len(ended.arrays) + missing > UNEVEN * samples.revolution_samples
+        return ended.count + missing > UNEVEN * samples.revolution_samples
     # Nothing must speak against the angles where their step is not certain.
     expected_ns = (packets.count + samples.lost) * samples.ends[-1] / packets.count * ended.sample_ns
     return packets.count < _FEWEST_PACKETS or elapsed_ns > UNEVEN * expected_ns

@@ -42,9 +42,8 @@ class SampleArrays:
         intensity = None if self.intensity is None else self.intensity[begin:end]
         return SampleArrays(self.angle[begin:end], self.distance[begin:end], intensity)
 
-    def begin_with(self, earlier: SampleArrays) -> None:
-        """Fill the front, which was left free, with `earlier`."""
-        room = len(earlier)
+    def begin_with(self, earlier: SampleArrays, room: int) -> None:
+        """Fill the front, which was left free, with `earlier`, which are so many samples."""
         self.angle[:room] = earlier.angle
         self.distance[:room] = earlier.distance
         if self.intensity is not None and earlier.intensity is not None:

@@ -53,6 +53,7 @@ def ended(revolution: PartialRevolution, samples: Samples, start_ns: int) -> End
         revolution.runs[0],
         samples,
         arrays,
+        count,
         samples.lost,
         [],
         start_ns=start_ns,
