@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from tests.support.devices import Rig, both_families, left_still, make_rig, names
+from tests.support.interrupt import no_collection
 from tests.support.loop import DrivenLoop
 
 pytestmark = [
@@ -61,7 +62,7 @@ def ctrl_c_in_close(rig: Rig, line: int, monkeypatch: pytest.MonkeyPatch) -> boo
 
     before = sys.gettrace()
     try:
-        with asyncio.Runner(loop_factory=lambda: loop) as runner:
+        with no_collection(), asyncio.Runner(loop_factory=lambda: loop) as runner:
             runner.run(main())
     except KeyboardInterrupt:
         return True

@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from tests.support.devices import Rig, both_families, left_still, make_rig, names
+from tests.support.interrupt import no_collection
 from tests.support.loop import DrivenLoop
 
 pytestmark = [
@@ -68,7 +69,8 @@ def ctrl_c_in_opening(rig: Rig, line: int, orderly: bool, monkeypatch: pytest.Mo
     async def main() -> None:
         sys.settrace(trace)
         try:
-            lidar = await rig.open()
+            with no_collection():
+                lidar = await rig.open()
         finally:
             sys.settrace(before)
         await lidar.close()

@@ -8,19 +8,33 @@ that takes no lock is tested at every line; code that takes one, at every call.
 from __future__ import annotations
 
 import _thread
+import gc
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import FrameType
 from typing import Any, Self
 
-__all__ = ["StartedThreads", "interrupted", "interrupted_at_call"]
+__all__ = ["StartedThreads", "interrupted", "interrupted_at_call", "no_collection"]
 
 PATIENCE_S = 20.0
 NOT_OURS = ("_weakrefset.py", "selectors.py")
 """Python ignores what is raised in the callback of a weak reference; an event loop is broken where its own selector
 was interrupted."""
+
+
+@contextmanager
+def no_collection() -> Iterator[None]:
+    """Garbage is collected at any moment, and Python ignores what is raised in a finalizer."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
 
 
 def interrupted(line: int, function: Callable[[], object]) -> None:
@@ -43,11 +57,12 @@ def interrupted(line: int, function: Callable[[], object]) -> None:
         return trace
 
     before = sys.gettrace()
-    sys.settrace(trace)
-    try:
-        function()
-    finally:
-        sys.settrace(before)
+    with no_collection():
+        sys.settrace(trace)
+        try:
+            function()
+        finally:
+            sys.settrace(before)
 
 
 def interrupted_at_call(number: int, function: Callable[[], object]) -> str:
@@ -74,13 +89,14 @@ def interrupted_at_call(number: int, function: Callable[[], object]) -> str:
             raise KeyboardInterrupt(place)
 
     before = sys.getprofile()
-    sys.setprofile(profile)
-    try:
-        function()
-    except KeyboardInterrupt:
-        return place
-    finally:
-        sys.setprofile(before)
+    with no_collection():
+        sys.setprofile(profile)
+        try:
+            function()
+        except KeyboardInterrupt:
+            return place
+        finally:
+            sys.setprofile(before)
     return place
 
 
