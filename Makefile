@@ -6,8 +6,10 @@ READY := $(VENV)/.ready
 # pyright asks the first `python` in PATH where the packages are. It has --pythonpath too, but --verifytypes ignores that.
 PYRIGHT := PATH="$(BIN):$$PATH" $(BIN)/pyright
 SCANS ?= 3
-# Half of the time tests wait for a process or a clock, so two at a time share a core.
-WORKERS ?= $(shell expr 2 \* `getconf _NPROCESSORS_ONLN`)
+# Tests wait for a process or a clock for half of the time, so several at a time share a core; under coverage they wait less.
+CORES := $(shell getconf _NPROCESSORS_ONLN)
+WORKERS ?= $(shell expr 3 \* $(CORES))
+CHECK_WORKERS ?= $(shell expr 2 \* $(CORES))
 # Without compiled files, each program that the tests start compiles everything again: 0.8 s each time.
 unexport PYTHONDONTWRITEBYTECODE
 SEED ?= 7
@@ -26,7 +28,7 @@ demo: $(READY)  ## live scans of a simulated lidar, as bytes through a real pseu
 	$(BIN)/lidario info sim://rplidar-s2
 	$(BIN)/lidario scan sim://rplidar-s2 -n $(SCANS)
 
-test: $(READY)  ## the tests, two on every core; the longest ones shortened
+test: $(READY)  ## the tests, three on every core; the longest ones shortened
 	$(BIN)/python -m pytest -n $(WORKERS)
 
 check: $(READY)  ## lint, format, types, and all tests at full length under coverage
@@ -36,7 +38,7 @@ check: $(READY)  ## lint, format, types, and all tests at full length under cove
 	$(BIN)/mypy examples
 	$(PYRIGHT)
 	$(PYRIGHT) --verifytypes lidario --ignoreexternal
-	$(BIN)/python -m pytest -n $(WORKERS) --exhaustive --cov --cov-report=term-missing:skip-covered
+	$(BIN)/python -m pytest -n $(CHECK_WORKERS) --exhaustive --cov --cov-report=term-missing:skip-covered
 
 docs: $(READY)  ## the documentation, in .site/; any warning is an error
 	$(BIN)/zensical build --strict --clean
