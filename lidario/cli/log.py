@@ -1,8 +1,8 @@
 """What is logged while a command runs, on stderr.
 
 `logging` writes where it is called, and that is mostly the event loop. A terminal that takes no output (Ctrl-S, a
-dead line) would hold up the loop, and with it the port and the handling of signals. Therefore a thread writes here
-what `logging` would have written by itself: warnings and errors, where nobody has chosen another handler.
+dead line) would hold up the loop, and with it the port and the handling of signals. Therefore a thread writes
+the warnings and errors here. Where the program has chosen a handler of its own, nothing changes.
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ async def run_in_thread(call: Callable[[], T], discard: Callable[[T], None] | No
         start_thread(work, "lidario: blocking call")
         return await future
     except BaseException:
-        # The result may have come in the same iteration of the loop as the cancellation. Else nobody waits for it.
+        # The result may be there already: it came in the same iteration of the loop as the cancellation.
         if not future.cancel() and not future.cancelled() and future.exception() is None:
             throw_away(future.result())
         raise

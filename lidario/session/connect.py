@@ -116,7 +116,7 @@ async def connect(
         if not asked and not port.is_closing:
             port.close_soon()
         if source.kind == "udp" and isinstance(error, DeviceLost) and not received.total:
-            # Such a port opens wherever it leads; only the first request shows that nobody is there.
+            # A UDP port can always be opened. Only the first request shows that nothing listens there.
             raise ConnectFailed(
                 f"{source.text}: nothing listens at this UDP port. Are address and port right?", reason="refused"
             ) from error

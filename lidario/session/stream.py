@@ -29,7 +29,7 @@ from lidario.session.twin import again, twin_of
 __all__ = ["Hub", "Mailbox", "ScanSource", "ScanStream"]
 
 _HOLD_S = 30 * 86400.0
-"""How long a reader may wait that nobody but its event loop holds."""
+"""For how long the event loop keeps a waiting reader alive, where the program itself holds no reference to it."""
 
 
 class Mailbox:

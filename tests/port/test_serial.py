@@ -16,7 +16,7 @@ from lidario.errors import ConnectFailed
 from lidario.port.port import Port
 from lidario.port.reading import Reader
 from lidario.port.serial import open_serial
-from tests.support.ports import PATIENCE_S, Plan, Seen, Sink, open_files, terminal_pair, written
+from tests.support.ports import PATIENCE_S, Plan, Seen, Sink, every_byte_arrives, open_files, terminal_pair, written
 
 LATENCIES = (0.0, 0.005)
 
@@ -24,14 +24,8 @@ LATENCIES = (0.0, 0.005)
 @pytest.mark.parametrize("latency", LATENCIES)
 async def test_every_byte_arrives_in_order(terminal: tuple[int, str], latency: float) -> None:
     master, path = terminal
-    port, sink = await open_serial(path, 1_000_000), Sink()
-    port.attach(sink)
-    port.set_polling(latency, None)
-    sent = bytes(range(256)) * 200
-    for begin in range(0, len(sent), 1000):
-        os.write(master, sent[begin : begin + 1000])
-        await sink.until(min(begin + 1000, len(sent)))
-    assert bytes(sink.data) == sent
+    port = await open_serial(path, 1_000_000)
+    sink = await every_byte_arrives(port, master, 50, latency)
     assert sink.times == sorted(sink.times)
     await port.close()
     assert sink.lost == [None]

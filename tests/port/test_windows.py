@@ -24,7 +24,7 @@ from lidario.session.opening import open_lidar
 from lidario.sim.serve import PtyServer
 from tests.port.test_thread import Steady, block_until_read, threads
 from tests.support.devices import both_families, left_still, make_rig
-from tests.support.ports import PATIENCE_S, Sink, terminal_pair, written
+from tests.support.ports import PATIENCE_S, Sink, every_byte_arrives, terminal_pair, written
 
 REQUEST = b"\xa5\x60"
 
@@ -63,14 +63,8 @@ def terminal() -> Iterator[tuple[int, str]]:
 @pytest.mark.parametrize("latency", [0.0, 0.005])
 async def test_every_byte_arrives_in_order(terminal: tuple[int, str], latency: float) -> None:
     master, path = terminal
-    port, sink = await open_serial(path, 1_000_000), Sink()
-    port.attach(sink)
-    port.set_polling(latency, None)
-    sent = bytes(range(256)) * 40
-    for begin in range(0, len(sent), 1000):
-        os.write(master, sent[begin : begin + 1000])
-        await sink.until(min(begin + 1000, len(sent)))
-    assert bytes(sink.data) == sent
+    port = await open_serial(path, 1_000_000)
+    sink = await every_byte_arrives(port, master, 10, latency)
     assert threads() == []
     await port.close()
     assert sink.lost == [None]

@@ -15,7 +15,17 @@ from lidario.errors import DeviceLost
 from lidario.families.registry import FAMILIES
 from lidario.port.port import Port
 
-__all__ = ["PATIENCE_S", "Plan", "Seen", "Sink", "impatient", "open_files", "terminal_pair", "written"]
+__all__ = [
+    "PATIENCE_S",
+    "Plan",
+    "Seen",
+    "Sink",
+    "every_byte_arrives",
+    "impatient",
+    "open_files",
+    "terminal_pair",
+    "written",
+]
 
 PATIENCE_S = 20.0
 
@@ -118,6 +128,19 @@ def written(master: int, size: int) -> bytes:
     while len(data) < size and select.select([master], [], [], PATIENCE_S)[0]:
         data += os.read(master, size + 16)
     return data
+
+
+async def every_byte_arrives(port: Port, master: int, kilobytes: int, latency: float) -> Sink:
+    """Write at the other end of a port, and find that all of it comes, in order; return what was received."""
+    sink = Sink()
+    port.attach(sink)
+    port.set_polling(latency, None)
+    sent = bytes(range(256)) * 4 * kilobytes
+    for begin in range(0, len(sent), 1000):
+        os.write(master, sent[begin : begin + 1000])
+        await sink.until(min(begin + 1000, len(sent)))
+    assert bytes(sink.data) == sent
+    return sink
 
 
 def open_files() -> int:
