@@ -10,9 +10,12 @@ from __future__ import annotations
 import os
 import sys
 
+from lidario.cli.streams import CannotWrite, ReaderGone, emit, finish, message
+
 __all__ = ["main"]
 
 NO_STDOUT = 2
+CANNOT_WRITE = 4
 NEEDED = ("click", "rich")
 """What the extra `cli` brings and every command needs."""
 MISSING_EXTRA = 2
@@ -21,13 +24,27 @@ MISSING_EXTRA = 2
 def main() -> int:
     """Run the command with the arguments of the process; returns the exit code."""
     if not _standard_streams():
-        sys.stderr.write("error: there is nowhere to write to: stdout is closed\n")
+        message("error: there is nowhere to write to: stdout is closed")
         return NO_STDOUT
-    if sys.argv[1:] == ["--version"]:
-        from lidario import __version__
+    code = _version() if sys.argv[1:] == ["--version"] else _verb()
+    finish()
+    return code
 
-        sys.stdout.write(f"lidario {__version__}\n")
+
+def _version() -> int:
+    from lidario import __version__
+
+    try:
+        emit(f"lidario {__version__}\n")
+    except ReaderGone:
         return 0
+    except CannotWrite as error:
+        message(f"error: {error}")
+        return CANNOT_WRITE
+    return 0
+
+
+def _verb() -> int:
     try:
         from lidario.cli.main import cli
     except KeyboardInterrupt:
@@ -35,8 +52,8 @@ def main() -> int:
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in NEEDED:
             raise
-        sys.stderr.write(
-            f"error: the command needs {error.name}, which is not installed: pip install 'lidario-asyncio[cli]'\n"
+        message(
+            f"error: the command needs {error.name}, which is not installed: pip install 'lidario-asyncio[cli]'"
         )
         return MISSING_EXTRA
     return cli.run(sys.argv[1:])

@@ -102,6 +102,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    # Programs that the tests start write as they do for most users. Containers often set it, and it hides what is
+    # left in a stream's buffer.
+    os.environ.pop("PYTHONUNBUFFERED", None)
     # A shell starts background programs with these ignored, and the programs that tests end would inherit that.
     for number, usual in (
         (signal.SIGINT, signal.default_int_handler),

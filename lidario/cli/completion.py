@@ -14,7 +14,7 @@ import click
 from click.shell_completion import get_completion_class
 
 from lidario.cli.errors import ExitCode
-from lidario.cli.output import emit, message
+from lidario.cli.streams import emit, message
 
 __all__ = ["completion"]
 

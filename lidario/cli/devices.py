@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import click
 
 from lidario.cli.errors import ExitCode, exit_code_of
-from lidario.cli.output import console, dump, emit, message, progress, rendered
+from lidario.cli.output import console, dump, progress, rendered
+from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
     from rich.table import Table

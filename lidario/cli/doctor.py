@@ -16,8 +16,9 @@ import click
 
 from lidario.cli.errors import ExitCode, exit_code
 from lidario.cli.machine import ADAPTERS, Machine
-from lidario.cli.output import console, dump, emit, introduced, progress, rendered
+from lidario.cli.output import console, dump, introduced, progress, rendered
 from lidario.cli.parameters import complete_source
+from lidario.cli.streams import emit
 from lidario.cli.udev import is_unique
 
 if TYPE_CHECKING:

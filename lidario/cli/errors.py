@@ -37,8 +37,9 @@ from lidario import (
     StreamFailed,
     Unsupported,
 )
+from lidario.cli.streams import CannotWrite, ReaderGone, message, say
 
-__all__ = ["CannotWrite", "ExitCode", "ReaderGone", "Stopped", "exit_code", "exit_code_of", "report"]
+__all__ = ["ExitCode", "Stopped", "exit_code", "exit_code_of", "report"]
 
 _PREFIX = "error: "
 
@@ -67,17 +68,6 @@ class Stopped(Exception):
     def __init__(self, number: int) -> None:
         super().__init__(f"stopped by signal {number}")
         self.signal = number
-
-
-class CannotWrite(OSError):
-    """Stdout takes no output: the disk is full, say."""
-
-    def __str__(self) -> str:
-        return f"stdout cannot be written: {self.strerror}. Free some room, or send the output elsewhere"
-
-
-class ReaderGone(Exception):
-    """The reader of our stdout has closed it, as ``head`` does. This is not an error."""
 
 
 _REASONS: dict[ConnectReason, ExitCode] = {
@@ -127,9 +117,9 @@ def report(error: BaseException, *, with_traceback: bool = False) -> None:
     """Write to stderr what went wrong, in one or two lines; nothing where nothing went wrong."""
     text = _words(error)
     if text and with_traceback:
-        click.echo("".join(traceback.format_exception(error)), err=True, nl=False)
+        say("".join(traceback.format_exception(error)))
     if text:
-        click.echo(_PREFIX + text.replace("\n", "\n" + " " * len(_PREFIX)), err=True)
+        message(_PREFIX + text.replace("\n", "\n" + " " * len(_PREFIX)))
 
 
 def _words(error: BaseException) -> str:

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 import click
 
 from lidario.cli.errors import ExitCode
-from lidario.cli.output import message, progress
+from lidario.cli.output import progress
 from lidario.cli.parameters import FiniteRange, complete_file
+from lidario.cli.streams import message
 
 if TYPE_CHECKING:
     from lidario.recording.decode_file import FileDecoder

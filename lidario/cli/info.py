@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import click
 
 from lidario.cli.errors import ExitCode
-from lidario.cli.output import console, dump, emit, progress, rendered
+from lidario.cli.output import console, dump, progress, rendered
 from lidario.cli.parameters import complete_source
+from lidario.cli.streams import emit
 
 if TYPE_CHECKING:
     from rich.table import Table

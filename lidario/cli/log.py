@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import logging
 import queue
-import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 
-from lidario.cli.errors import ReaderGone
-from lidario.cli.output import PROGRESS_GRACE_S, write_above
+from lidario.cli.output import PROGRESS_GRACE_S
+from lidario.cli.streams import say
 
 __all__ = ["log_beside"]
 
@@ -44,8 +43,7 @@ class _Beside(logging.Handler):
     def _run(self) -> None:
         while (line := self._lines.get()) is not None:
             # The next line may find a reader again, or space on the disk.
-            with suppress(OSError, ReaderGone):
-                write_above(sys.stderr, line)
+            say(line)
 
 
 @contextmanager

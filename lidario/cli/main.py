@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -25,6 +25,7 @@ from lidario.cli.record import record
 from lidario.cli.scan import scan
 from lidario.cli.sim import sim
 from lidario.cli.stats import stats
+from lidario.cli.streams import emit
 from lidario.cli.udev import udev
 from lidario.cli.view import view
 from lidario.cli.watch import watch
@@ -64,18 +65,29 @@ class Lidario(click.Group):
         sys.exit(self.run(sys.argv[1:] if args is None else args))
 
 
-def _with_traceback(command: CommandT) -> CommandT:
-    """Accept `--traceback` after any verb as well as before it."""
-    callback: Callable[[click.Context, click.Parameter, bool], None] = _set_traceback
-    option = click.Option(
-        ["--traceback"],
-        is_flag=True,
-        expose_value=False,
-        is_eager=True,
-        callback=callback,
-        help="Show where an error comes from.",
+def _with_common_options(command: CommandT) -> CommandT:
+    """Accept `--traceback` and `--help` after any verb as well as before it.
+
+    click's own `--help` does not tell a stdout that cannot be written from a mistake of ours.
+    """
+    command.params += (
+        click.Option(
+            ["--traceback"],
+            is_flag=True,
+            expose_value=False,
+            is_eager=True,
+            callback=_set_traceback,
+            help="Show where an error comes from.",
+        ),
+        click.Option(
+            ["-h", "--help"],
+            is_flag=True,
+            expose_value=False,
+            is_eager=True,
+            callback=_show_help,
+            help="Show this message and exit.",
+        ),
     )
-    command.params.append(option)
     return command
 
 
@@ -83,9 +95,22 @@ def _set_traceback(context: click.Context, _: click.Parameter, wanted: bool) -> 
     context.ensure_object(Settings).traceback |= wanted
 
 
-@_with_traceback
-@click.group(cls=Lidario, invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(__version__, prog_name="lidario", message="%(prog)s %(version)s")
+def _show_help(context: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if wanted and not context.resilient_parsing:
+        emit(context.get_help() + "\n")
+        context.exit()
+
+
+def _show_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if wanted and not context.resilient_parsing:
+        emit(f"lidario {__version__}\n")
+        context.exit()
+
+
+@_with_common_options
+@click.group(cls=Lidario, invoke_without_command=True)
+@click.option("--version", is_flag=True, expose_value=False, is_eager=True, callback=_show_version,
+              help="Show the version and exit.")  # fmt: skip
 @click.pass_context
 def cli(context: click.Context) -> int | None:
     """2D laser scanners: find them, ask them, read their scans, or simulate one.
@@ -106,6 +131,6 @@ _VERBS: tuple[click.Command, ...] = (
 )  # fmt: skip
 
 for _verb in _VERBS:
-    cli.add_command(_with_traceback(_verb))
+    cli.add_command(_with_common_options(_verb))
     for _part in _verb.commands.values() if isinstance(_verb, click.Group) else ():
-        _with_traceback(_part)
+        _with_common_options(_part)

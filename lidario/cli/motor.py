@@ -10,8 +10,9 @@ from __future__ import annotations
 import click
 
 from lidario.cli.errors import ExitCode
-from lidario.cli.output import dump, emit, progress
+from lidario.cli.output import dump, progress
 from lidario.cli.parameters import FiniteRange, complete_source
+from lidario.cli.streams import emit
 
 __all__ = ["motor"]
 

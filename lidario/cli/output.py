@@ -8,9 +8,7 @@ meanwhile are dropped whole at the mailbox and counted, and a signal still stops
 A reader that has closed the pipe is not an error: it becomes `ReaderGone`, which ends the command silently.
 
 What rich draws again and again (`watch`, `progress`) is drawn in a thread too, on a `terminal`, and what is logged
-is written in one (`lidario.cli.log`). They write to the file descriptor, not through ``sys.stdout`` or
-``sys.stderr``: a thread that is blocked in those holds their lock, and then neither a message nor the end of the
-interpreter gets past it.
+is written in one (`lidario.cli.log`). All of them write to the file descriptor (`lidario.cli.streams`).
 """
 
 from __future__ import annotations
@@ -25,9 +23,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Final, TextIO, cast
 
-import click
-
-from lidario.cli.errors import CannotWrite, ReaderGone
+from lidario.cli.streams import ReaderGone, emit, write
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -36,13 +32,10 @@ __all__ = [
     "Writer",
     "console",
     "dump",
-    "emit",
     "introduced",
-    "message",
     "progress",
     "rendered",
     "terminal",
-    "write_above",
 ]
 
 PIPE_WIDTH = 160
@@ -111,70 +104,9 @@ class Writer:
                 done.get_loop().call_soon_threadsafe(_settle, done, error)
 
 
-def emit(text: str) -> None:
-    """Write data to stdout, at once.
-
-    Raises:
-        ReaderGone: The reader has closed stdout.
-        CannotWrite: It cannot be written.
-    """
-    try:
-        _write(sys.stdout, text)
-    except OSError as error:
-        raise CannotWrite(error.errno, error.strerror) from error
-
-
-def _write(stream: TextIO, text: str) -> None:
-    try:
-        handle = _handle(stream)
-        data = text.encode(stream.encoding, "replace")
-        if handle is None:
-            # A pipe on Windows has the code page of the system, in which many characters are missing.
-            click.echo(data.decode(stream.encoding), file=stream, nl=False)
-            return
-        while data:
-            data = data[os.write(handle, data) :]
-    except BrokenPipeError as error:
-        raise ReaderGone from error
-
-
-def write_above(stream: TextIO, text: str) -> None:
-    """Write lines to stderr, above what `progress` shows there; blocks while the terminal takes no output.
-
-    Raises:
-        ReaderGone: The reader has closed it.
-        OSError: It cannot be written.
-    """
-    if hasattr(stream, "rich_proxied_file"):
-        # rich stands in for stderr while it shows something.
-        stream.write(text)
-    else:
-        _write(stream, text)
-
-
-def _handle(stream: TextIO) -> int | None:
-    """The file descriptor of `stream`, if there is one that takes bytes.
-
-    Writing to it avoids Python's buffer: nothing remains there when the process ends, and a thread that is blocked
-    in a write holds no lock.
-    """
-    if os.name != "posix":
-        return None
-    try:
-        return stream.fileno()
-    except (OSError, ValueError):
-        return None
-
-
 def dump(value: object) -> None:
     """Write `value` to stdout as JSON, indented."""
     emit(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
-
-
-def message(text: str) -> None:
-    """Write a line to stderr; where it cannot be written, as on a full disk, the work goes on without it."""
-    with suppress(OSError):
-        click.echo(text, err=True)
 
 
 def introduced(model: str, serial: str, firmware: str = "") -> str:
@@ -232,7 +164,7 @@ class _Direct:
     def flush(self) -> None:
         text = "".join(self._parts)
         self._parts.clear()
-        _write(self._stream, text)
+        write(self._stream, text)
 
 
 @contextmanager

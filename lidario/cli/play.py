@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 import click
 
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.output import emit, message
 from lidario.cli.parameters import FiniteRange, complete_file
 from lidario.cli.sim import name_of, on_pty, on_tcp
+from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
     from lidario.recording.played import PlayedDevice

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from lidario.cli.errors import ExitCode
-from lidario.cli.output import emit, message, progress
+from lidario.cli.output import progress
 from lidario.cli.parameters import complete_source, mode_option
+from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
     from lidario import DeviceInfo, Scan

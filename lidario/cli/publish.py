@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 from click.core import ParameterSource
 
-from lidario.cli.errors import ExitCode, ReaderGone, Stopped
-from lidario.cli.output import emit, message
+from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.parameters import complete_source, mode_option
+from lidario.cli.streams import ReaderGone, emit, message
 
 if TYPE_CHECKING:
     from lidario import Lidar

@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING
 import click
 
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.output import Writer, console, emit, introduced, message, progress, rendered
+from lidario.cli.output import Writer, console, introduced, progress, rendered
 from lidario.cli.parameters import complete_source, mode_option
+from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
     from lidario import Lidar, Scan

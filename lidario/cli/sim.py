@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import click
 
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.output import emit, message
+from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
     from lidario import ConnectReason

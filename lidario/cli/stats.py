@@ -16,8 +16,9 @@ import click
 import numpy as np
 
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.output import console, dump, emit, introduced, progress, rendered
+from lidario.cli.output import console, dump, introduced, progress, rendered
 from lidario.cli.parameters import Duration, complete_source, mode_option
+from lidario.cli.streams import emit
 
 if TYPE_CHECKING:
     from rich.table import Table

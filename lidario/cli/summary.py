@@ -7,7 +7,8 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from lidario.cli.errors import ExitCode
-from lidario.cli.output import console, dump, emit, message, progress, rendered
+from lidario.cli.output import console, dump, progress, rendered
+from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
     from rich.table import Table

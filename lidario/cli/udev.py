@@ -13,8 +13,9 @@ import click
 
 from lidario.cli.errors import ExitCode
 from lidario.cli.machine import ADAPTERS, Machine
-from lidario.cli.output import dump, emit, message
+from lidario.cli.output import dump
 from lidario.cli.parameters import complete_source
+from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
     from lidario.cli.machine import Usb

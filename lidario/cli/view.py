@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.output import emit, message, progress
+from lidario.cli.output import progress
 from lidario.cli.parameters import complete_source, mode_option
+from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
     from lidario.web.feed import Feed

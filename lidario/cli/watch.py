@@ -21,8 +21,9 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.output import Writer, message, progress, terminal
+from lidario.cli.output import Writer, progress, terminal
 from lidario.cli.parameters import complete_source, mode_option
+from lidario.cli.streams import message
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult

@@ -21,7 +21,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from lidario.cli.main import cli
-from lidario.cli.output import Writer, emit
+from lidario.cli.output import Writer
+from lidario.cli.streams import emit
 from lidario.families.registry import family_of_simulated
 from lidario.sim.serve import PtyServer
 from tests.support.loop import DrivenLoop

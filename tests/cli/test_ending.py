@@ -8,8 +8,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -190,13 +188,3 @@ def test_a_silent_device_is_told_from_a_missing_one(monkeypatch: pytest.MonkeyPa
     assert ended.exit_code == 5
     assert ended.stderr.startswith("error: ")
     assert "nothing responds" in ended.stderr
-
-
-@pytest.mark.parametrize("arguments", [("sim", "--list"), ("scan", "sim://rplidar-s2?via=memory", "-n", "2")])
-def test_stdout_on_a_full_disk_is_told(arguments: tuple[str, ...]) -> None:
-    with open("/dev/full", "wb", buffering=0) as full:
-        command = [sys.executable, "-m", "lidario", *arguments]
-        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=BOUND, check=False)
-    assert done.returncode == 4, done.stderr
-    assert "stdout cannot be written: No space left on device" in done.stderr
-    assert "unexpected" not in done.stderr

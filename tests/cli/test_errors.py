@@ -8,7 +8,8 @@ import click
 import pytest
 
 import lidario
-from lidario.cli.errors import ReaderGone, Stopped, exit_code, report
+from lidario.cli.errors import Stopped, exit_code, report
+from lidario.cli.streams import ReaderGone
 
 
 @pytest.mark.parametrize(

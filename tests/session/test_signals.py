@@ -157,7 +157,8 @@ def test_a_hang_up_that_is_ignored_stays_ignored() -> None:
 
 
 def test_a_handler_of_the_program_is_left_in_place() -> None:
-    program = f"signal.signal(signal.SIGTERM, lambda *_: print('its own handler', flush=True))\n{RUN}"
+    # Not `print`: a handler that comes in the midst of another one must not use the same stream.
+    program = f"import os; signal.signal(signal.SIGTERM, lambda *_: os.write(1, b'its own handler\\n'))\n{RUN}"
     with served(MODELS[0]) as server:
         with child(PROGRAM + program, server.path, family_of(MODELS[0])) as process:
             scanning(process)

@@ -32,7 +32,8 @@ import click
 import pytest
 
 from lidario.cli.main import cli
-from lidario.cli.output import Writer, emit
+from lidario.cli.output import Writer
+from lidario.cli.streams import emit
 from lidario.source import Source, as_source
 from lidario.testing.clock import clock_of
 from tests.cli.processes import invoke

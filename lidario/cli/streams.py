@@ -1,0 +1,101 @@
+"""Text to stdout and stderr, written to their file descriptors at once.
+
+Python's own streams keep what they could not write, on a full disk say. At the end of the process they try again,
+and when that fails too, the exit code is 120, whatever the verb has earned. A thread that is blocked in such a
+stream also holds its lock, and then neither a message nor the end of the interpreter gets past it.
+
+Only the standard library is imported here: `lidario --version` needs nothing else.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from contextlib import suppress
+from typing import TextIO
+
+__all__ = ["CannotWrite", "ReaderGone", "emit", "finish", "message", "say", "write"]
+
+
+class CannotWrite(OSError):
+    """Stdout takes no output: the disk is full, say."""
+
+    def __str__(self) -> str:
+        return f"stdout cannot be written: {self.strerror}. Free some room, or send the output elsewhere"
+
+
+class ReaderGone(Exception):
+    """The reader of our stdout has closed it, as ``head`` does. This is not an error."""
+
+
+def emit(text: str) -> None:
+    """Write data to stdout.
+
+    Raises:
+        ReaderGone: The reader has closed stdout.
+        CannotWrite: It cannot be written.
+    """
+    try:
+        write(sys.stdout, text)
+    except OSError as error:
+        raise CannotWrite(error.errno, error.strerror) from error
+
+
+def message(text: str) -> None:
+    """Write a line to stderr; where it cannot be written, as on a full disk, the work goes on without it."""
+    say(text + "\n")
+
+
+def say(text: str) -> None:
+    """Write to stderr as `message` does, without ending the line."""
+    with suppress(OSError, ReaderGone):
+        write(sys.stderr, text)
+
+
+def write(stream: TextIO, text: str) -> None:
+    """Write text to a stream, past Python's buffer where it has a file descriptor.
+
+    Lines for stderr appear above what `lidario.cli.output.progress` shows there.
+
+    Raises:
+        ReaderGone: The reader has closed it.
+        OSError: It cannot be written.
+    """
+    if hasattr(stream, "rich_proxied_file"):
+        # rich stands in for stderr while it shows something.
+        stream.write(text)
+        return
+    try:
+        handle = _handle(stream)
+        data = text.encode(stream.encoding, "replace")
+        if handle is None:
+            # A pipe on Windows has the code page of the system, in which many characters are missing.
+            stream.write(data.decode(stream.encoding))
+            stream.flush()
+            return
+        while data:
+            data = data[os.write(handle, data) :]
+    except BrokenPipeError as error:
+        raise ReaderGone from error
+
+
+def finish() -> None:
+    """Let nothing remain in the streams that Python would fail on at its end.
+
+    What others have written there (a library that prints, a warning) is lost where it cannot be written.
+    """
+    for name in ("stdout", "stderr"):
+        try:
+            getattr(sys, name).flush()
+        except (OSError, ValueError):
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 - for the end of the process
+
+
+def _handle(stream: TextIO) -> int | None:
+    """The file descriptor of `stream`, if there is one that takes bytes."""
+    if os.name != "posix":
+        return None
+    try:
+        return stream.fileno()
+    except (OSError, ValueError):
+        return None

@@ -1,0 +1,76 @@
+"""What is written on a full disk: the exit code is the one that the verb earned, and stdout's failure is told.
+
+Python keeps what it could not write and tries once more at its end; that ends the process with 120. With
+``PYTHONUNBUFFERED``, which many containers set, it keeps nothing. Both ways are tried.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+from tests.cli.processes import BOUND, ROOT
+
+SIM = "sim://rplidar-s2?via=memory"
+
+
+def ended(arguments: tuple[str, ...], unbuffered: bool, **full: str) -> subprocess.CompletedProcess[str]:
+    """Run the command with one of its streams on a full disk."""
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1" if unbuffered else ""}
+    with open("/dev/full", "wb", buffering=0) as disk:
+        streams: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+        streams |= dict.fromkeys(full, disk)
+        return subprocess.run(
+            [sys.executable, "-m", "lidario", *arguments],
+            cwd=ROOT, env=environment, text=True, timeout=BOUND, check=False, **streams,
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize("unbuffered", [False, True])
+@pytest.mark.parametrize(
+    "arguments",
+    [("--version",), ("--help",), ("scan", "--help"), ("sim", "--list"), ("devices",), ("scan", SIM, "-n", "2")],
+    ids=" ".join,
+)
+def test_stdout_on_a_full_disk_is_told(arguments: tuple[str, ...], unbuffered: bool) -> None:
+    done = ended(arguments, unbuffered, stdout="full")
+    assert done.stderr.count("error: stdout cannot be written: No space left on device") == 1
+    assert "unexpected" not in done.stderr
+    assert "ignored" not in done.stderr
+    assert done.returncode == 4, done.stderr
+
+
+@pytest.mark.parametrize("unbuffered", [False, True])
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (("scan", "/dev/nothing-is-here"), 3),
+        (("scan", "--no-such-option"), 2),
+        (("scan", SIM, "--traceback", "--mode", "none"), 2),
+        (("scan", SIM, "-n", "2"), 0),
+    ],
+    ids=str,
+)
+def test_a_log_on_a_full_disk_changes_no_exit_code(arguments: tuple[str, ...], code: int, unbuffered: bool) -> None:
+    done = ended(arguments, unbuffered, stderr="full")
+    assert done.returncode == code
+    assert bool(done.stdout) is (code == 0)
+
+
+@pytest.mark.parametrize("arguments", [("--version",), ("--help",), ("scan", "--help")], ids=" ".join)
+def test_a_reader_that_is_gone_is_no_error(arguments: tuple[str, ...]) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", "lidario", *arguments],
+            cwd=ROOT, env={**os.environ, "PYTHONUNBUFFERED": ""}, stdout=writer, stderr=subprocess.PIPE, text=True,
+            timeout=BOUND, check=False,
+        )  # fmt: skip
+    finally:
+        os.close(writer)
+    assert (done.returncode, done.stderr) == (0, "")
