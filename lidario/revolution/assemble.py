@@ -170,8 +170,9 @@ class Assembler:
         """Add packets to the revolution in the making."""
         runs = self._partial.runs
         runs.append(packets)
-        self.stats.unfinished_packets += packets.count
-        if packets.arrivals[-1][1] - runs[0].arrivals[0][1] > self._endless_ns:
+        count, received_ns = packets.arrivals[-1]
+        self.stats.unfinished_packets += count
+        if received_ns - runs[0].arrivals[0][1] > self._endless_ns:
             # It will never end as it should; without a bound it would be kept for ever.
             if self._partial.whole:
                 self.stats.break_scan()

@@ -86,8 +86,8 @@ class PartialRevolution:
         for run in runs:
             for count, at_ns in run.arrivals:
                 arrivals.append((before + count, at_ns))
-            before = arrivals[-1][0]
-            alike = alike and len(run.blocks) == 1 and run.blocks[0].size == size
+            before += count
+            alike = alike and run.blocks[0][0] == size and len(run.blocks) == 1
         data = b"".join([run.data for run in runs])
         if alike:
             return Packets(data, (Block(size, before),), tuple(arrivals))
@@ -163,6 +163,14 @@ def part_of(
         wire: Their format.
         sample_ns: Nanoseconds a sample; 0 where the device does not say.
     """
+    if len(packets.arrivals) == len(packets.blocks) == 1 and wire.shortest == wire.longest:
+        # Mostly, where every packet has the same size. What follows would find the same.
+        (size, count), (_, at_ns) = packets.blocks[0], packets.arrivals[0]
+        if end < count:
+            at_ns -= round(wire.samples * (count - end) * sample_ns)
+        return Packets(
+            packets.data[begin * size : end * size], (Block(size, end - begin),), ((end - begin, at_ns),)
+        )
     offsets = offsets or packet_offsets(packets.blocks)
     blocks = some_blocks(packets.blocks, begin, end)
     arrivals: list[Arrival] = []

@@ -17,14 +17,12 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lidario.wire.formats import BEGINS, HEADINGS_WORTH_AN_ARRAY, RESTARTS, Headings
+from lidario.wire.formats import BEGINS, RESTARTS, Headings
 
 __all__ = ["Seam", "Split"]
 
@@ -83,43 +81,43 @@ class Seam:
         return found
 
     def _splits(self, headings: Headings) -> list[Split]:
-        found: list[Split] = []
         if len(headings) == 1:
             split = self._step(0, int(headings[0]))
             return [] if split is None else [split]
-        if self.angle == 0 and len(headings):
-            falls = _falls(headings)
-            if falls is not None and not falls:
-                split = self._step(0, int(headings[0]))
-                self._rise(headings, 0, len(headings))
-                return [] if split is None else [split]
-            if falls is not None:
-                self._follow_rises(headings, headings, falls, 0, found)
-                return found
-        if len(headings) < HEADINGS_WORTH_AN_ARRAY or self.angle is None:
-            plain = headings.tolist() if isinstance(headings, np.ndarray) else headings
-            return [split for index, heading in enumerate(plain) if (split := self._step(index, heading))]
-        array = np.asarray(headings)
+        found: list[Split] = []
+        if isinstance(headings, np.ndarray):
+            flags = headings >= BEGINS
+            flagged = flags.nonzero()[0].tolist() if np.count_nonzero(flags) else ()
+        elif self._skip(headings, 0, found):
+            return found
+        else:
+            flagged = [at for at, heading in enumerate(headings) if heading >= BEGINS]
         begin = 0
-        for at in (array >= BEGINS).nonzero()[0].tolist():
-            self._follow_many(array[begin:at], begin, found)
-            split = self._step(at, int(array[at]))
+        for at in flagged:
+            self._follow(headings[begin:at], begin, found)
+            split = self._step(at, int(headings[at]))
             if split:
                 found.append(split)
             begin = at + 1
-        self._follow_many(array[begin:], begin, found)
+        self._follow(headings[begin:], begin, found)
         return found
 
-    def _follow_many(self, headings: NDArray[np.integer[Any]], offset: int, found: list[Split]) -> None:
-        """Step only onto those headings, `offset` on from the first, that fall back behind the one before."""
-        away = (headings - self.angle) % self._full_turn if self.angle else headings
-        falls = ((away[1:] < away[:-1]).nonzero()[0] + 1).tolist()
-        self._follow_rises(headings, away, falls, offset, found)
+    def _follow(self, headings: Headings, offset: int, found: list[Split]) -> None:
+        """Step along headings without flags, `offset` on from the first."""
+        if len(headings) and not self._skip(headings, offset, found):
+            plain = headings.tolist() if isinstance(headings, np.ndarray) else headings
+            found += [split for at, heading in enumerate(plain, offset) if (split := self._step(at, heading))]
 
-    def _follow_rises(
-        self, headings: Headings, away: Headings, falls: Sequence[int], offset: int, found: list[Split]
-    ) -> None:
-        """The same, where it is known which of them fall back."""
+    def _skip(self, headings: Headings, offset: int, found: list[Split]) -> bool:
+        """As `_follow`, but step only onto those that fall back; False where each has to be stepped onto."""
+        away = headings
+        if self.angle and isinstance(headings, np.ndarray):
+            away = (headings - self.angle) % self._full_turn
+        elif self.angle != 0:
+            return False
+        falls = _falls(away)
+        if falls is None:
+            return False
         begin = 0
         for end in (*falls, len(away)):
             if begin < end:
@@ -129,6 +127,7 @@ class Seam:
             if begin + 1 < end:
                 self._rise(away, begin, end)
             begin = end
+        return True
 
     def _rise(self, away: Headings, begin: int, end: int) -> None:
         """As a walk over readings that rise from the first one, which was stepped onto."""
@@ -205,16 +204,13 @@ class Seam:
 
 
 def _falls(headings: Headings) -> list[int] | None:
-    """Which headings fall back behind the one before; None where one has a flag, or a list has several falls."""
+    """Which headings fall back behind the one before; None where a list has several such, or one with a flag.
+
+    An array has no flags.
+    """
     if isinstance(headings, np.ndarray):
-        # A flag is greater than any angle: there is one before a fall, or at the end, or nowhere.
-        if headings[-1] >= BEGINS:
-            return None
         fell = headings[1:] < headings[:-1]
-        if not np.count_nonzero(fell):
-            return []
-        falls: list[int] = fell.nonzero()[0].tolist()
-        return None if max([headings[at] for at in falls]) >= BEGINS else [at + 1 for at in falls]
+        return [at + 1 for at in fell.nonzero()[0].tolist()] if np.count_nonzero(fell) else []
     # Sorting what is sorted is faster than any comparing by hand.
     rising = sorted(headings)
     if rising[-1] >= BEGINS:

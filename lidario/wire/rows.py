@@ -8,6 +8,7 @@ of that (`Crc8.of_rows`) replaces the loop over the bytes.
 from __future__ import annotations
 
 from abc import abstractmethod
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from lidario.wire.blocks import Block
 from lidario.wire.formats import StreamFormat, Stretch
 
-__all__ = ["Crc8", "RowFormat"]
+__all__ = ["Crc8", "RowFormat", "row_begins"]
 
 
 class RowFormat(StreamFormat):
@@ -41,6 +42,14 @@ class RowFormat(StreamFormat):
     @abstractmethod
     def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
         """Which of the `count` packets from `at` on are intact; they are all there."""
+
+
+@lru_cache(maxsize=256)
+def row_begins(rows: int, step: int) -> NDArray[np.intp]:
+    """Where each of so many rows begins, for ``reduceat``, which is twice as fast as to reduce along rows."""
+    begins = np.arange(0, rows * step, step)
+    begins.flags.writeable = False
+    return begins
 
 
 class Crc8:

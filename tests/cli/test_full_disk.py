@@ -30,7 +30,7 @@ def ended(arguments: tuple[str, ...], unbuffered: bool, **full: str) -> subproce
         )  # fmt: skip
 
 
-@pytest.mark.parametrize("unbuffered", [False, True])
+@pytest.mark.exhaustive("unbuffered", sample=[False], full=[False, True])
 @pytest.mark.parametrize(
     "arguments",
     [("--version",), ("--help",), ("scan", "--help"), ("sim", "--list"), ("devices",), ("scan", SIM, "-n", "2")],
@@ -44,7 +44,7 @@ def test_stdout_on_a_full_disk_is_told(arguments: tuple[str, ...], unbuffered: b
     assert done.returncode == 4, done.stderr
 
 
-@pytest.mark.parametrize("unbuffered", [False, True])
+@pytest.mark.exhaustive("unbuffered", sample=[False], full=[False, True])
 @pytest.mark.parametrize(
     ("arguments", "code"),
     [

@@ -75,18 +75,18 @@ class _UltraTables:
     """0x84: what codes and predictions mean.
 
     Attributes:
-        base: By 12 bits of code: distance in mm, float32.
+        base: By 12 bits of code: distance in mm, int32.
         scale: By 12 bits of code: where in `predicted` its bit scale begins.
-        predicted: By scale and 10 bits of prediction: what to add to a base, in mm, float32.
+        predicted: By scale and 10 bits of prediction: what to add to a base, in mm, int32.
     """
 
     def __init__(self) -> None:
         codes = np.arange(4096)
-        self.base = np.zeros(4096, np.float32)
+        self.base = np.zeros(4096, np.int32)
         self.scale = np.zeros(4096, np.intp)
         bits = np.arange(1024)
         value = (bits ^ 0x200) - 0x200
-        predicted = np.empty((len(_LEVELS), 1024), np.float32)
+        predicted = np.empty((len(_LEVELS), 1024), np.int32)
         for first, base, level in reversed(_LEVELS):
             above = codes >= first
             self.base[above] = base + (codes[above] - first << level)
@@ -99,8 +99,8 @@ _ultra_tables = cache(_UltraTables)
 
 
 def ultra_cabins(
-    cabins: NDArray[np.intp], follower: int | None, missing: NDArray[np.intp] | None, distance: NDArray[np.float32]
-) -> None:
+    cabins: NDArray[np.intp], follower: int | None, missing: NDArray[np.intp] | None
+) -> NDArray[np.int32]:
     """0x84: one distance on a variable bit scale and two predicted from its neighbours, a cabin.
 
     The last prediction of a packet leans on the first cabin of the next packet, so where that one is missing the
@@ -110,18 +110,19 @@ def ultra_cabins(
         cabins: (packets, 32).
         follower: First cabin of the packet behind the last one; None where there is none.
         missing: (packets,), packets missing behind each; None when none is.
-        distance: (packets, 96), written to, in mm.
+
+    Returns:
+        (packets, 96), in mm.
     """
     tables = _ultra_tables()
     words = cabins.reshape(-1)
     codes = words & 0xFFF
     # What each of the three leans on, one after the other: itself, itself unless it has no return, the next cabin.
     leant = np.empty((3, len(words)), np.intp)
-    leant[0] = codes
+    leant[:2] = codes
     leant[2, :-1] = codes[1:]
     leant[2, -1] = 0 if follower is None else follower & 0xFFF
-    np.multiply(leant[2], codes == 0, out=leant[1])
-    leant[1] += codes
+    np.copyto(leant[1], leant[2], where=codes == 0)
     predictions = np.empty((2, len(words)), np.intp)
     np.right_shift(words, 12, out=predictions[0])
     np.right_shift(words, 22, out=predictions[1])
@@ -129,15 +130,17 @@ def ultra_cabins(
     predictions += tables.scale.take(leant[1:])
     sums = tables.base.take(leant)
     sums[1:] += tables.predicted.take(predictions)
-    np.maximum(sums[1:], 0.0, out=sums[1:])
+    np.maximum(sums[1:], 0, out=sums[1:])
+    distance = np.empty((len(cabins), 96), np.int32)
     # A copy each is twice as fast as one of the transposed sums.
     for of_cabin, here in zip(distance.reshape(-1, 3).T, sums, strict=True):
         of_cabin[...] = here
     if missing is not None or follower is None:
         cut_short = np.zeros(len(cabins), np.bool_) if missing is None else missing > 0
         cut_short[-1] |= follower is None
-        distance[cut_short, -1] = 0.0
-        distance[cut_short & (distance[:, -3] == 0.0), -2] = 0.0
+        distance[cut_short, -1] = 0
+        distance[cut_short & (distance[:, -3] == 0), -2] = 0
+    return distance
 
 
 @cache

@@ -39,7 +39,7 @@ from lidario.families.rplidar.formats import (
     UltraDenseFormat,
     UltraFormat,
 )
-from lidario.families.rplidar.rotation import Rotation
+from lidario.families.rplidar.rotation import Arc, Rotation
 from lidario.wire.events import Packets
 
 __all__ = ["CapsuleDecoder", "DenseDecoder", "ExpressDecoder", "UltraDecoder", "UltraDenseDecoder", "in_turn"]
@@ -56,8 +56,15 @@ def in_turn(angles: Floats, full_turn: int, *, back: bool) -> None:
         back: Whether some may be below 0.
     """
     if back:
-        np.add(angles, full_turn, out=angles, where=angles < 0)
-    # A tiny negative angle plus 360 degrees rounds up to 360 degrees, so this comes last.
+        # This takes half the time of two comparisons and what follows from them. Nothing below 360 degrees becomes
+        # a whole turn by rounding when it is divided by one.
+        turns = angles / full_turn
+        np.floor(turns, out=turns)
+        turns *= full_turn
+        angles -= turns
+        if np.maximum.reduce(angles, axis=None) < full_turn:
+            return
+        # A tiny negative angle plus 360 degrees does round up.
     np.subtract(angles, full_turn, out=angles, where=angles >= full_turn)
 
 
@@ -150,7 +157,7 @@ class CapsuleDecoder(ABC):
         after = np.frombuffer(following, "<u2")
         return words, after, starts, (int(after[column]) & ANGLE_MASK) % FULL_TURN_Q6
 
-    def _samples_of(self, capsules: Capsules, starts: Ints, arc: Ints | NDArray[np.float64], room: int) -> Decoded:
+    def _samples_of(self, capsules: Capsules, starts: Ints, arc: Arc, room: int) -> Decoded:
         """Degrees, millimetres and intensities of all samples, behind `room` free places."""
         end = room + len(starts) * self.samples
         angle, distance = np.empty(end, np.float32), np.empty(end, np.float32)
@@ -215,10 +222,12 @@ class UltraDecoder(CapsuleDecoder):
 
     def _payload(self, capsules: Capsules, distance: Floats, angle: Floats) -> None:
         after = capsules.after
-        cabins = np.ascontiguousarray(capsules.words[:, 2:]).view("<u4").astype(np.intp)
+        # Behind the first four bytes of a capsule, each cabin has four.
+        cabins = capsules.words.view("<u4")[:, 1:].astype(np.intp)
         follower = None if after is None else int(after[2]) | int(after[3]) << 16
-        ultra_cabins(cabins, follower, capsules.missing, distance)
-        angle -= self._corrections.take(distance.astype(np.intp))
+        millimetres = ultra_cabins(cabins, follower, capsules.missing)
+        distance[...] = millimetres
+        angle -= self._corrections.take(millimetres)
 
 
 class UltraDenseDecoder(CapsuleDecoder):

@@ -31,7 +31,8 @@ class HqDecoder:
     samples = 96
 
     def __init__(self) -> None:
-        self._rotation = Rotation(FULL_TURN_Q14)
+        # From the first of 96 nodes to the last there are 95 steps.
+        self._rotation = Rotation(FULL_TURN_Q14, inside=(self.samples - 1) / self.samples)
 
     def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         """As `Decoder.decode`."""
@@ -69,14 +70,13 @@ class HqDecoder:
             partial(self._rotation.settle_told, arcs[-1]),
         )
 
-    def _read(self, packets: Packets) -> tuple[NDArray[np.void], Ints, NDArray[np.float64]]:
-        """The nodes, shape (packets, 96), the first angle of each packet, and the way during it."""
+    def _read(self, packets: Packets) -> tuple[NDArray[np.void], Ints, Words]:
+        """The nodes, shape (packets, 96), the first angle of each packet, and the way to its last one."""
         nodes: NDArray[np.void] = np.frombuffer(packets.data, HQ)["nodes"]
         angles = nodes["angle"]
         first = angles[:, 0].astype(np.int32)
-        # Without a sign, 16 bits hold just 360 degrees. From the first of 96 nodes to the last there are 95 steps.
-        inside = (angles[:, -1] - angles[:, 0]) * (self.samples / (self.samples - 1))
-        return nodes, first, inside
+        # Without a sign, 16 bits hold just 360 degrees.
+        return nodes, first, angles[:, -1] - angles[:, 0]
 
     @staticmethod
     def _first_angle(packet: bytes) -> int:
@@ -98,9 +98,13 @@ class HqDecoder:
     @staticmethod
     def _behind_seam(angles: Words, seam: int) -> int:
         """How many nodes of one packet, which all lie ahead of its first one, are behind the seam."""
-        ahead = angles.astype(np.int64) - int(angles[0])
-        ahead[ahead < -FULL_TURN_Q14 // 2] += FULL_TURN_Q14
-        return int(np.count_nonzero(ahead >= FULL_TURN_Q14 - (int(angles[0]) - seam) % FULL_TURN_Q14))
+        first = int(angles[0])
+        left = FULL_TURN_Q14 - (first - seam) % FULL_TURN_Q14
+        if left >= FULL_TURN_Q14 // 2:
+            return 0
+        # Without a sign, 16 bits hold just 360 degrees: what is not yet at the seam is far ahead of it.
+        beyond = angles - np.uint16(seam)
+        return int(np.count_nonzero(beyond < FULL_TURN_Q14 // 2 - left))
 
 
 class NodeDecoder:

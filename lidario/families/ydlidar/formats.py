@@ -162,7 +162,8 @@ class PointCloud(StreamFormat):
         if packets.count >= HEADINGS_WORTH_AN_ARRAY:
             heads = packet_heads(packets)
             angles = (heads[:, 2] >> 1).astype(np.int32) % FULL_TURN_Q6
-            return angles + (heads[:, 1] & START_BIT) * np.int32(BEGINS)
+            starts = heads[:, 1] & START_BIT
+            return angles + starts * np.int32(BEGINS) if np.count_nonzero(starts) else angles
         data, found = packets.data, []
         for at in packet_offsets(packets.blocks)[:-1]:
             angle = (data[at + 4] >> 1 | data[at + 5] << 7) % FULL_TURN_Q6
@@ -200,11 +201,21 @@ class PointCloud(StreamFormat):
     def _intact_many(self, data: bytearray, at: int, blocks: Sequence[Block], count: int) -> int:
         """The same, as one array."""
         words = np.frombuffer(data, "<u2", sum([size * rows for size, rows in blocks]) // 2, at)
-        begins = np.zeros(count, np.intp)
-        lengths = [(size // 2, rows) for size, rows in blocks]
-        np.add.accumulate(np.repeat(*np.array(lengths).T)[:-1], out=begins[1:])
-        good = (words[begins] == MAGIC_WORD) & (np.bitwise_xor.reduceat(words, begins) == 0)
-        return count if np.count_nonzero(good) == count else int(good.argmin())
+        begins = _begins(blocks)
+        wrong = np.bitwise_xor.reduceat(words, begins)
+        wrong |= words.take(begins) ^ MAGIC_WORD
+        return int((wrong != 0).argmax()) if np.count_nonzero(wrong) else count
+
+
+def _begins(blocks: Sequence[Block]) -> NDArray[np.intp]:
+    """At which word each packet begins."""
+    found: list[NDArray[np.intp]] = []
+    at = 0
+    for size, rows in blocks:
+        end = at + (size * rows >> 1)
+        found.append(np.arange(at, end, size >> 1))
+        at = end
+    return found[0] if len(found) == 1 else np.concatenate(found)
 
 
 def samples_a_turn(packets: bytes) -> float:

@@ -199,6 +199,30 @@ def test_angles_are_brought_into_the_turn() -> None:
     assert degrees.tolist() == [0.0, 359.5, 0.0, 359.75, 0.0, 40.0]
 
 
+@pytest.mark.parametrize("back", [False, True])
+@pytest.mark.parametrize("samples", [32, 40, 64, 96])
+def test_an_angle_beside_360_degrees_stays_on_its_side(samples: int, back: bool) -> None:
+    """A division by a whole turn may round; the one number that matters is the greatest below a whole turn."""
+    turn = np.float32(23040 * samples)
+    edges = [
+        turn,
+        np.nextafter(turn, np.float32(0)),
+        np.nextafter(turn, np.float32(np.inf)),
+        turn * np.float32(1.5),
+    ]
+    below = [-np.float32(1e-3), -np.float32(0.25), -turn / 2] if back else []
+    within = np.random.default_rng(0).uniform(-float(turn) if back else 0, 2 * float(turn), 5000)
+    angles = np.array([0.0, *edges, *below, *within], np.float32)
+    expected = []
+    for angle in angles:
+        ahead = angle + turn if angle < 0 else angle
+        expected.append(ahead - turn if ahead >= turn else ahead)
+    in_turn(angles, int(turn), back=back)
+    assert angles.tolist() == expected
+    assert angles.min() >= 0
+    assert angles.max() < turn
+
+
 # ------------------------------------------------------------------------------------------ several revolutions
 
 
