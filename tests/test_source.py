@@ -173,7 +173,8 @@ def test_any_text_is_a_source_or_is_refused(text: str) -> None:
         ("serial:///dev/null?family=hokuyo", "'hokuyo'(.|\n)*rplidar, ydlidar"),
         ("tcp://host:80?family=", "''(.|\n)*rplidar, ydlidar"),
         ("sim://", "name a model(.|\n)*rplidar-s2(.|\n)*ydlidar-4ros"),
-        ("sim://rplidar-s9", "'rplidar-s9'(.|\n)*rplidar-s2(.|\n)*ydlidar-4ros"),
+        ("sim://rplidar-s9", "'rplidar-s9'.*rplidar-s2"),
+        ("sim://nonesuch", "'nonesuch'(.|\n)*rplidar-s2(.|\n)*ydlidar-4ros"),
     ],
 )
 def test_unknown_names_are_told_before_anything_is_opened(text: str, says: str) -> None:

@@ -37,9 +37,10 @@ class _Told:
 @click.argument("source", default="auto", shell_complete=complete_source)
 @click.option("--json", "as_json", is_flag=True, help="One object for programs.")
 def info(source: str, as_json: bool) -> int:
-    """Model, firmware, serial number, health and scan modes of a lidar.
+    """Ask a lidar what it is, and how it is.
 
-    Of a recording: which device, how long, and what is in it; the whole file is decoded for that.
+    Model, firmware, serial number, health and scan modes. Of a recording: which device, how long, and what is in
+    it; the whole file is decoded for that.
     """
     from lidario.cli.running import run
     from lidario.cli.summary import show_summary

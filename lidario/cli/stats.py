@@ -98,10 +98,10 @@ class Measured:
 @mode_option
 @click.option("--json", "as_json", is_flag=True, help="One object for programs.")
 def stats(source: str, seconds: float, mode: str | int | None, as_json: bool) -> int:
-    """Rate, evenness, points, damage, load of the line and of this machine; and a verdict.
+    """Measure rate, damage and load; end with a verdict.
 
-    A revolution before the measuring begins is not counted. The exit code tells whether it could be measured, and
-    the verdict how good it was.
+    Also how even the revolutions are, and how many points have no return. A revolution before the measuring begins
+    is not counted. The exit code tells whether it could be measured, and the verdict how good it was.
     """
     from lidario.cli.running import run
 
