@@ -38,13 +38,15 @@ def plot(source: str, output: str, count: int, polar: bool, mode: str | int | No
 
     The name of the file is printed.
     """
+    from lidario import CannotRecord
     from lidario.cli.running import run
 
     path = Path(output)
     kind = path.suffix.lower()
     if kind not in (".svg", ".png"):
         raise click.BadParameter(f"{output!r} ends neither with .svg nor with .png", param_hint="-o")
-    if path.is_dir() or not path.absolute().parent.is_dir():
+    # Unlike those of Path, these raise nothing in a folder that this user may not enter.
+    if os.path.isdir(path) or not os.path.isdir(path.parent):
         raise click.BadParameter(f"{output!r} is a folder, or its folder does not exist", param_hint="-o")
     if kind == ".png":
         _needs_matplotlib()
@@ -59,7 +61,7 @@ def plot(source: str, output: str, count: int, polar: bool, mode: str | int | No
         else:
             _png(path, scans, title, polar)
     except OSError as error:
-        raise click.FileError(output, error.strerror or str(error)) from error
+        raise CannotRecord(f"{path} cannot be written: {error.strerror or error}") from error
     emit(f"{path}\n")
     if not any(scan.valid.any() for scan in scans):
         message("there is nothing on it: no returns in any direction")

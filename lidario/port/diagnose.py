@@ -132,6 +132,9 @@ def _forbidden(path: str) -> ConnectFailed:
         found = os.stat(path)
     except OSError:
         return ConnectFailed(f"no permission for {path}", reason="permission")
+    if stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode):
+        # The cure for a port would open it to everybody, and it would still be no port.
+        return ConnectFailed(f"{path} {_instead(path, '')}", reason="missing")
     return ConnectFailed(f"no permission for {path}{_cure(path, found)}", reason="permission")
 
 
