@@ -236,7 +236,7 @@ class SectorAssembler(Assembler):
             samples = here.decoded[0]
             over = 0.0
             if partial.runs:
-                over = share_before(self._stream.format, partial, samples, here.began)
+                over = share_before(self._stream.format, partial, samples)
             turn_ns = samples.revolution_samples * self._sample_time_ns
             from_end_ns = round(partial.last_ns - (here.passed / self._stream.format.full_turn - over) * turn_ns)
             # A read that was completed only behind a gap dates what came before it too late, as in `beginning_of`.
