@@ -314,7 +314,7 @@ class Assembler:
                 gap_behind=self._partial.carried is None,
                 broken=broken,
                 number=number,
-                packets_before=packets_before - samples.lost,
+                packets_before=packets_before - samples.lost - partial.lost_behind_carried,
             )
             revolution_ns = self._reckon(beginning)
         if not partial.whole:

@@ -39,6 +39,15 @@ def test_no_more_is_told_than_there_was(name: str, share: float, seed: int) -> N
     assert numbers == sorted(set(numbers))
 
 
+@pytest.mark.parametrize(("name", "share"), [("0x83 HQ", 0.002), ("4ROS points", 0.03)])
+@pytest.mark.exhaustive("seed", sample=[0], full=range(6))
+def test_never_more_than_were_lost(name: str, share: float, seed: int) -> None:
+    """Nearly all are told, and none twice: neither by short packets, nor behind a gap that lies across the seam."""
+    _, _, sent = thinned(name, 0.0, 1)
+    _, stats, packets = thinned(name, share, seed)
+    assert 0.95 * (sent - packets) < stats.lost_packets <= sent - packets
+
+
 ENOUGH_PACKETS = 50
 """Of fewer, in six seconds, nothing tells the speed for long enough."""
 

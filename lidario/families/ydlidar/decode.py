@@ -49,6 +49,8 @@ _STEADY: Final = 2.0
 """Times the mean step that a packet's own step may be; a rotor does not change its speed within a revolution."""
 _ONE_STEP: Final = 1.5
 """Steps: nothing is missing in a jump of one; half a step more is the least that can mean something."""
+_FEWEST: Final = 6
+"""Packets of which the longest is surely an ordinary one: the only short ones of a revolution are its last two."""
 BACKWARD_Q6: Final = 2 << 6
 """How far a packet may begin before the end of the one before, without a revolution being missing."""
 
@@ -64,7 +66,8 @@ class PointCloudDecoder:
 
     def __init__(self) -> None:
         self._seam: int | None = None
-        self._usual = 0.0
+        # Samples of an ordinary packet, or of the longest one while so few came that all may be short.
+        self._ordinary = 0
 
     def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         """As `Decoder.decode`."""
@@ -73,12 +76,13 @@ class PointCloudDecoder:
         ends = np.add.accumulate(counts).tolist()
         angle, distance, intensity = self._samples_of(packets, heads, ends, room)
         most, farthest = int(np.maximum.reduce(counts)), int(np.maximum.reduce(way))
+        self._learn(most, len(counts))
         step = _step(way, counts, most, farthest, ends[-1])
         if farthest > _STEADY * step * (most - 1):
             # A damaged angle must not look like packets lost behind it.
             usual = step * (counts - 1)
             way = np.where(way > _STEADY * usual, np.rint(usual), way).astype(np.int32)
-        missing, skipped = self._missing(first, way, counts, starts, following, step)
+        missing, skipped = self._missing(first, way, starts, following, step)
         gaps = missing.nonzero()[0]
         samples_a_turn = FULL_TURN_Q6 / step if step else 0.0
         return Samples(
@@ -90,7 +94,7 @@ class PointCloudDecoder:
             lost=int(missing.sum()),
             unbroken=int(gaps[0]) + 1 if len(gaps) else len(counts),
             lost_behind=int(missing[-1]) if len(gaps) else 0,
-            revolution_packets=_revolution_packets(samples_a_turn, most) if step else 0.0,
+            revolution_packets=_revolution_packets(samples_a_turn, self._ordinary) if step else 0.0,
             revolution_samples=samples_a_turn,
             certain=step > 0,
             reported_rpm=_reported_rpm(heads, 0, len(counts), self.speed_base),
@@ -118,13 +122,19 @@ class PointCloudDecoder:
         for at, (begin, end) in enumerate(zip(begins, ends, strict=True)):
             steps = packet_ends[at] - (packet_ends[at - 1] if at else 0) - (end - begin)
             step = turned[at] / steps if steps else 0.0
-            if not step or longest[at] > _STEADY * step * (most[at] - 1) or farthest[at] > _ONE_STEP * step:
+            if (
+                end - begin < _FEWEST
+                or not step
+                or longest[at] > _STEADY * step * (most[at] - 1)
+                or farthest[at] > _ONE_STEP * step
+            ):
                 return None
             a_turn.append(FULL_TURN_Q6 / step)
         angle, distance, intensity = self._samples_of(packets, heads, sample_ends, room)
         marked = starts.nonzero()[0]
 
         def settle() -> None:
+            self._ordinary = most[-1]
             if len(marked):
                 self._seam = int(first[marked[-1]])
 
@@ -164,7 +174,6 @@ class PointCloudDecoder:
         self,
         first: Ints,
         way: Ints,
-        counts: Ints,
         starts: NDArray[np.bool_],
         following: bytes | None,
         step: float,
@@ -182,7 +191,6 @@ class PointCloudDecoder:
         missing = np.zeros(len(first) if gaps else 0, np.intp)
         skipped: list[tuple[int, int]] = []
         if gaps:
-            self._usual = float(np.median(counts[counts > 1]))
             marks = [*starts[1:].tolist(), following is not None and bool(following[2] & START_BIT)]
             for at in gaps:
                 missing[at] = self._lost_in(int(tails[at]), int(jumps[at]), marks[at], step)
@@ -191,6 +199,10 @@ class PointCloudDecoder:
         if len(marked):
             self._seam = int(first[marked[-1]])
         return missing, skipped
+
+    def _learn(self, longest: int, packets: int) -> None:
+        """Where most packets are lost, the few that come are mostly short ones: then what came before is right."""
+        self._ordinary = longest if packets >= _FEWEST else max(self._ordinary, longest)
 
     def _lost_in(self, tail: int, jump: int, marked: bool, step: float) -> int:
         """Packets lost between two: `jump` beyond the angle `tail`, the second one a start packet or not."""
@@ -204,10 +216,10 @@ class PointCloudDecoder:
         return self._full_packets(jump / step - 1)
 
     def _full_packets(self, samples: float) -> int:
-        return 0 if samples < SLACK_SAMPLES else max(1, round(samples / self._usual))
+        return 0 if samples < SLACK_SAMPLES else max(1, round(samples / self._ordinary))
 
     def _packets_before_seam(self, samples: float) -> int:
-        return 0 if samples < SLACK_SAMPLES else math.ceil((samples - SLACK_SAMPLES) / self._usual) or 1
+        return 0 if samples < SLACK_SAMPLES else math.ceil((samples - SLACK_SAMPLES) / self._ordinary) or 1
 
 
 class Heads(NamedTuple):

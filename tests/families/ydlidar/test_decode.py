@@ -136,6 +136,18 @@ def test_several_lost_packets_are_counted(count: int) -> None:
         assert lost_behind(turns, range(gone, gone + count)) == (count, gone), f"packets from {gone}"
 
 
+@pytest.mark.parametrize("kept", [[0, -1], [0, 30, -1], [30, -1]], ids=str)
+def test_where_mostly_short_packets_came_no_more_are_told_than_are_missing(kept: list[int]) -> None:
+    """Damage spares short packets. What an ordinary one holds is known from the revolution before."""
+    turns, decoder = turns_of("ydlidar_4ros_room7"), PointCloudDecoder()
+    turn = turns[1]
+    assert [packet[3] for packet in turn[-2:]] == [40, 16]
+    decoder.decode(run_of(turns[0]), turn[0])
+    samples = decoder.decode(run_of([turn[number] for number in kept]), turns[2][0])
+    assert samples.lost == len(turn) - kept[0] - len(kept)
+    assert samples.revolution_packets == pytest.approx(len(turn), abs=1)
+
+
 def test_what_the_angles_cannot_tell_is_not_counted() -> None:
     turn = turns_of("ydlidar_4ros_room10")[0]
     assert decoded(turn[:1]).lost == 0
