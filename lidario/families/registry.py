@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 from lidario.arguments import text_of
 from lidario.errors import ConnectFailed, InvalidValue
 from lidario.families import ldrobot, rplidar, ydlidar
@@ -39,6 +42,12 @@ def family_of_simulated(model: str) -> Family:
     for family in FAMILIES:
         if model in family.simulated:
             return family
+    near = _alike(model, (name for family in FAMILIES for name in family.simulated))
+    if near:
+        raise ConnectFailed(
+            f"there is no simulated lidar {quoted(model)}. Did you mean {near}? `lidario sim --list` names all",
+            reason="source",
+        )
     models = "".join(f"\n  {family.title}: {', '.join(family.simulated)}" for family in FAMILIES)
     fault = (
         f"there is no simulated lidar {quoted(model)}; known are" if model else "name a model, as in sim://MODEL:"
@@ -102,3 +111,8 @@ def check_family(source: Source, family: str | None, own: str | None) -> None:
         raise InvalidValue(f"family={family!r} is not right: {quoted(source.text)} is of the family {own!r}")
     if own and source.family not in (None, own):
         raise ConnectFailed(f"{quoted(source.text)} is of the family {own!r}", reason="source")
+
+
+def _alike(name: str, known: Iterable[str]) -> str:
+    """The known names that a misspelt one may mean, for an error text; empty where none is near."""
+    return " or ".join(get_close_matches(name, known, cutoff=0.75))

@@ -174,13 +174,12 @@ class SectorAssembler(Assembler):
 
     # ------------------------------------------------------------------------------------------------ sectors
 
-    def _pass_end(self, here: DividedRevolution, most: int | None = None) -> None:
-        """The rotor has passed the end of a sector: hand it out, with at most so many samples of the rest."""
+    def _pass_end(self, here: DividedRevolution) -> None:
+        """The rotor has passed the end of a sector: hand it out."""
         end, parts = here.ends[here.at]
         here.at += 1
         if here.rest is not None:
-            upto = here.upto(end)
-            here.give(upto if most is None else min(upto, most))
+            here.give(here.upto(end))
         for count in parts:
             self._finish(here, count)
 

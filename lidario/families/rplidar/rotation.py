@@ -12,13 +12,14 @@ sample, the arc is known from the inside, and nothing needs to be learned.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Arc", "Arcs", "Rotation"]
+__all__ = ["Arc", "Arcs", "FollowsRotation", "Rotation"]
 
 Arc: TypeAlias = NDArray[np.int32] | NDArray[np.uint16] | NDArray[np.float64]
 
@@ -311,6 +312,18 @@ class Rotation:
         self._certain = bool(agreeing >= CERTAIN_SPANS and 2 * agreeing > len(ordinary))
         self._remembered = seen[-REMEMBERED_SPANS:]
         return self._typical
+
+
+class FollowsRotation:
+    """Base of the decoders, whose only memory from revolution to revolution is mostly a `Rotation`."""
+
+    _rotation: Rotation
+
+    def fork(self) -> Self:
+        """As `Decoder.fork`."""
+        twin = copy.copy(self)
+        twin._rotation = copy.copy(self._rotation)  # noqa: SLF001 - its own
+        return twin
 
 
 def _extent(values: NDArray[np.int32] | NDArray[np.uint16]) -> tuple[int, int, int]:
