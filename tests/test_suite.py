@@ -29,6 +29,7 @@ from tests.support.names import names_are_safe
 
 ROOT = Path(__file__).parent.parent
 PATIENCE_S = 60.0
+OF_A_DEVELOPER = {"LIDAR": "/dev/ttyUSB0", "PYTHONASYNCIODEBUG": "1", "PYTHONUNBUFFERED": "1"}
 CULPRITS = """
 import asyncio
 import os
@@ -75,6 +76,10 @@ async def test_innocent_and_async() -> None:
 
 def test_leaves_a_file() -> None:
     os.open(os.devnull, os.O_RDONLY)
+
+
+def test_innocent_as_in_any_environment() -> None:
+    assert not {"LIDAR", "PYTHONASYNCIODEBUG", "PYTHONUNBUFFERED"} & set(os.environ)
 
 
 def test_takes_one_counter_out() -> None:
@@ -243,7 +248,7 @@ def test_the_suite_watches_every_test(tmp_path: Path) -> None:
     ended = subprocess.run(
         [sys.executable, "-m", "pytest", "-c", str(ROOT / "pyproject.toml"), "--rootdir", str(tmp_path),
          "-p", "no:cacheprovider", "-rA", str(tmp_path)],
-        cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)},
+        cwd=tmp_path, env={**os.environ, **OF_A_DEVELOPER, "PYTHONPATH": str(ROOT)},
         capture_output=True, text=True, timeout=PATIENCE_S, check=False,
     )  # fmt: skip
     # A test whose fixture fails after it is reported as passed, and as an error.
