@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import re
+import signal
 import subprocess
 import sys
 import threading
@@ -22,6 +23,7 @@ from lidario.sim.device import Received
 from tests.support import leaks
 from tests.support.devices import make_rig
 from tests.support.discards import all_obeyed, devices_made, some_discarded
+from tests.support.environment import obey_signals
 from tests.support.leaks import leaves_no_task, leaves_nothing
 from tests.support.ledger import BYTES, PACKETS, assert_stats_close, ledgers_made
 from tests.support.loop import driven
@@ -215,6 +217,17 @@ async def test_the_ledger_of_a_session_closes_under_every_fault(faulty: tuple[st
             ledgers.assert_closed()
         setattr(counters, name, right)
     ledgers.assert_closed()
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP", "SIGCHLD"])
+def test_signals_that_the_parent_ignores_are_obeyed(name: str) -> None:
+    number = getattr(signal, name, signal.SIGINT)  # Windows has the first two
+    before = signal.signal(number, signal.SIG_IGN)
+    try:
+        obey_signals()
+        assert signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler)
+    finally:
+        signal.signal(number, before)
 
 
 @pytest.mark.parametrize("home", ["/", "", None])

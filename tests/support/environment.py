@@ -8,8 +8,9 @@ live page asks a proxy for 127.0.0.1. A test that is about such a variable sets 
 from __future__ import annotations
 
 import os
+import signal
 
-__all__ = ["SET_ASIDE", "set_aside"]
+__all__ = ["SET_ASIDE", "obey_signals", "set_aside"]
 
 SET_ASIDE = (
     # Python: containers often set the first one, and it hides what is left in a stream's buffer.
@@ -31,3 +32,11 @@ def set_aside() -> None:
     """Remove these variables from the environment of this process and of those that it starts."""
     for name in SET_ASIDE:
         os.environ.pop(name, None)
+
+
+def obey_signals() -> None:
+    """Let the signals that tests send do in this process, and in those that it starts, what they usually do."""
+    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGCHLD"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, signal.default_int_handler if name == "SIGINT" else signal.SIG_DFL)
