@@ -195,6 +195,34 @@ def test_the_zero_offset_turns_every_angle(offset: float) -> None:
         np.testing.assert_array_equal(after.device_distances, before.device_distances)
 
 
+@pytest.mark.parametrize("run", [1, 200])
+def test_a_zero_offset_may_begin_behind_the_next_scan(run: int) -> None:
+    """Where a part of the revolution in the making was told already, the rest of it keeps its offset."""
+    packets = numbered(24 * 7 + 1, 960)
+    assembler, scans = Assembler(stream_of(DENSE, sample_ns=float(SAMPLE_NS)), BAUD), list[Scan]()
+    for begin in (0, *range(60, len(packets), run)):
+        if begin == 60:
+            assembler.set_zero_offset(30.0, behind=True)
+        end = min(begin + run, len(packets)) if begin else 60
+        scans += assembler.add(arrived(b"".join(packets[begin:end]), end - begin, round(on_time(end - 1))))
+    assert [round(float(scan.device_angles[0])) for scan in scans] == [0, 0, 30, 30, 30, 30]
+
+
+def test_packets_of_a_revolution_that_never_ended_are_counted_as_discarded() -> None:
+    stats = AssemblerStats()
+    assembler = Assembler(stream_of(DENSE, sample_ns=float(SAMPLE_NS)), BAUD, stats=stats)
+    packets = numbered(60, 960)
+    assembler.add(arrived(b"".join(packets), 60, round(on_time(59))))
+    assert (stats.scan_packets, stats.discarded_packets, stats.unfinished_packets) == (24, 24, 12)
+    for _ in range(2):
+        assembler.end()
+        assert (stats.scan_packets, stats.discarded_packets, stats.unfinished_packets) == (24, 36, 0)
+    # The next stream begins somewhere in a revolution: what it begins with is no part of the one before.
+    again = numbered(60, 960, 12 * 960)
+    scans = assembler.add(arrived(b"".join(again), 60, round(on_time(200))))
+    assert [len(scan) for scan in scans] == [960]
+
+
 def test_just_below_a_turn_is_not_the_turn_itself() -> None:
     """In single precision 359.99999 is 360."""
     scans = assemble(numbered(80, 960), zero_offset_deg=-1e-7)
