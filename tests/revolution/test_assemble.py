@@ -111,6 +111,17 @@ def test_a_packet_lost_behind_the_seam_is_missing_in_the_turn_that_begins() -> N
     assert [scan.lost_packets for scan in scans] == [0, 1, 0]
 
 
+@pytest.mark.parametrize("lost", [1, 3, 5])
+def test_a_gap_behind_the_first_packet_of_a_stream_is_not_stretched_over(lost: int) -> None:
+    """That packet crosses the seam. How far it reaches is only known when the revolution has ended."""
+    first = TURN - 512
+    scans = assemble(*without(numbered(24 * 4, 960, first), *range(1, 1 + lost)))
+    assert [scan.lost_packets for scan in scans] == [lost, 0, 0]
+    for scan in scans:
+        expected = (first / 64 + (scan.device_distances.astype(np.float64) - 1) * 0.375) % 360
+        np.testing.assert_allclose(scan.device_angles, expected, atol=1e-4)
+
+
 @pytest.mark.parametrize("turns", [1, 2, 3])
 def test_whole_turns_that_are_missing_are_not_glued_over(turns: int) -> None:
     """From the middle of a turn to the middle of a later one: the angles go on as if nothing had been."""
