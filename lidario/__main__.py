@@ -7,10 +7,9 @@ once, and one sentence for those who installed the library without the command's
 
 from __future__ import annotations
 
-import os
 import sys
 
-from lidario.cli.streams import CannotWrite, ReaderGone, emit, finish, message
+from lidario.cli.streams import CannotWrite, ReaderGone, emit, finish, message, nowhere
 
 __all__ = ["main"]
 
@@ -68,7 +67,7 @@ def _standard_streams() -> bool:
     is_open = sys.stdout is not None
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115 - for as long as it runs
+            setattr(sys, name, nowhere(mode))
     return is_open
 
 

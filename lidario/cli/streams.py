@@ -12,9 +12,9 @@ from __future__ import annotations
 import os
 import sys
 from contextlib import suppress
-from typing import TextIO
+from typing import TextIO, cast
 
-__all__ = ["CannotWrite", "ReaderGone", "emit", "finish", "message", "say", "write"]
+__all__ = ["CannotWrite", "ReaderGone", "emit", "finish", "message", "nowhere", "say", "write"]
 
 
 class CannotWrite(OSError):
@@ -88,7 +88,14 @@ def finish() -> None:
         try:
             getattr(sys, name).flush()
         except (OSError, ValueError):
-            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 - for the end of the process
+            setattr(sys, name, nowhere("w"))
+
+
+def nowhere(mode: str) -> TextIO:
+    """A standard stream, ``r`` or ``w``, that leads nowhere; it stays open until the process ends."""
+    handle = os.open(os.devnull, os.O_RDONLY if mode == "r" else os.O_WRONLY)
+    # Nobody closes it, and without `closefd` Python warns of nothing that is left open.
+    return cast("TextIO", open(handle, mode, encoding="utf-8", closefd=False))
 
 
 def _handle(stream: TextIO) -> int | None:

@@ -39,10 +39,10 @@ def write_whole(path: Path, *, overwrite: bool) -> Iterator[Path]:
     Raises:
         CannotRecord: It cannot be written, or is there already.
     """
-    if path.exists() and not overwrite:
-        raise CannotRecord(f"{path} exists already, and nothing is replaced unless that is asked for")
     part: str | None = None
     try:
+        if path.exists() and not overwrite:
+            raise CannotRecord(f"{path} exists already, and nothing is replaced unless that is asked for")
         handle, part = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         os.close(handle)
         yield Path(part)

@@ -5,7 +5,7 @@ timer is left, and the port is polled no more. Between them two things are watch
 they make full revolutions. What must be repeated to keep the device going is repeated. What is wrong with a device
 whose packets stay away is not judged here: `lidario.session.inquiry` asks it.
 
-`Scanner` makes one of these for each start and holds at most one.
+`StreamControl` makes one of these for each start and holds at most one.
 """
 
 from __future__ import annotations

@@ -9,11 +9,12 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.cli.processes import BOUND, ROOT
+from tests.cli.processes import BOUND, ROOT, invoke_driven
 
 SIM = "sim://rplidar-s2?via=memory"
 
@@ -59,6 +60,25 @@ def test_a_log_on_a_full_disk_changes_no_exit_code(arguments: tuple[str, ...], c
     done = ended(arguments, unbuffered, stderr="full")
     assert done.returncode == code
     assert bool(done.stdout) is (code == 0)
+
+
+@pytest.mark.parametrize("name", ["full.svg", "x" * 300 + ".svg"], ids=["full disk", "long name"])
+def test_a_picture_that_cannot_be_written_is_told(tmp_path: Path, name: str) -> None:
+    (tmp_path / "full.svg").symlink_to("/dev/full")
+    done = invoke_driven("plot", SIM, "-o", str(tmp_path / name))
+    assert f"{name} cannot be written: " in done.stderr
+    assert done.exit_code == 4, done.stderr
+
+
+@pytest.mark.parametrize("kind", [".csv", ".npz", ".mcap"])
+def test_an_export_that_cannot_be_written_is_told(tmp_path: Path, kind: str) -> None:
+    """Whether a file of this name exists cannot be found out either, as in a folder of another user."""
+    recording = tmp_path / "in.mcap"
+    assert invoke_driven("record", SIM, "-n", "1", "-o", str(recording)).exit_code == 0
+    name = "x" * 300 + kind
+    done = invoke_driven("export", str(recording), str(tmp_path / name))
+    assert f"{name} cannot be written: " in done.stderr
+    assert done.exit_code == 4, done.stderr
 
 
 @pytest.mark.parametrize("arguments", [("--version",), ("--help",), ("scan", "--help")], ids=" ".join)

@@ -75,6 +75,8 @@ def test_help_names_every_verb() -> None:
         "completion",
     ):
         assert f"\n  {verb} " in told.stdout
+    # What does not fit in its line is cut.
+    assert "...\n" not in told.stdout.partition("\nCommands:")[2]
 
 
 @pytest.mark.parametrize(
@@ -108,6 +110,11 @@ def test_what_cannot_be_meant_is_a_usage_error(arguments: tuple[str, ...]) -> No
     first, *more = ended.stderr.splitlines()
     assert first.startswith("error: ")
     assert all(line.startswith(" " * 7) for line in more)
+
+
+def test_what_is_no_number_is_said_in_plain_words() -> None:
+    assert "'many' is not a valid whole number" in invoke("scan", "-n", "many").stderr
+    assert "'fast' is not a valid number" in invoke("motor", "speed", "fast").stderr
 
 
 def test_a_missing_port_is_no_device() -> None:
@@ -147,24 +154,35 @@ async def _nothing(paths: tuple[str, ...] = ()) -> list[lidario.Found]:
     return []
 
 
-@pytest.mark.parametrize("closed", [">&-", ">&- 2>&-", ">&- <&-"])
-@pytest.mark.parametrize("arguments", ["scan 'sim://rplidar-s2?via=memory' -n 0", "devices", "--version", "sim"])
-def test_a_closed_stdout_is_said_and_ends_it(arguments: str, closed: str) -> None:
-    ended = subprocess.run(
-        f"{sys.executable} -m lidario {arguments} {closed}",
-        shell=True, cwd=ROOT, capture_output=True, text=True, timeout=BOUND, check=False,
+def with_closed(streams: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the command with some of its streams closed, as a shell closes them; warnings appear on stderr."""
+    return subprocess.run(
+        ["sh", "-c", f'exec "$0" -W error -m lidario "$@" {streams}', sys.executable, *arguments],
+        cwd=ROOT, capture_output=True, text=True, timeout=BOUND, check=False,
     )  # fmt: skip
+
+
+@pytest.mark.parametrize("closed", [">&-", ">&- 2>&-", ">&- <&-"])
+@pytest.mark.parametrize(
+    "arguments",
+    [("scan", "sim://rplidar-s2?via=memory", "-n", "0"), ("devices",), ("--version",), ("sim",)],
+    ids=" ".join,
+)
+def test_a_closed_stdout_is_said_and_ends_it(arguments: tuple[str, ...], closed: str) -> None:
+    ended = with_closed(closed, *arguments)
     assert ended.returncode == 2
     assert ended.stderr == ("" if "2>" in closed else "error: there is nowhere to write to: stdout is closed\n")
 
 
 def test_a_closed_stderr_hides_messages_alone() -> None:
-    ended = subprocess.run(
-        f"{sys.executable} -m lidario scan 'sim://rplidar-s2?via=memory' --json 2>&- <&-",
-        shell=True, cwd=ROOT, capture_output=True, text=True, timeout=BOUND, check=False,
-    )  # fmt: skip
+    ended = with_closed("2>&- <&-", "scan", "sim://rplidar-s2?via=memory", "--json")
     assert ended.returncode == 0
     assert ended.stdout.count("\n") == 1
+
+
+def test_a_closed_stdin_is_not_noticed() -> None:
+    ended = with_closed("<&-", "--version")
+    assert (ended.returncode, ended.stderr) == (0, "")
 
 
 @pytest.mark.parametrize(

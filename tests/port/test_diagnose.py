@@ -8,6 +8,7 @@ import pty
 import stat
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -70,6 +71,16 @@ def test_the_cure_for_a_forbidden_port(
     for words in says:
         assert words in str(failed)
     assert never not in str(failed)
+
+
+@pytest.mark.parametrize("kind", ["file", "directory"])
+def test_no_one_is_told_to_open_a_forbidden_file_to_everybody(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "shadow"
+    path.touch() if kind == "file" else path.mkdir()
+    failed = why_not_opened(str(path), PermissionError(errno.EACCES, "denied"))
+    assert f"{path} is a {kind} and not a serial port" in str(failed)
+    assert "sudo" not in str(failed)
+    assert failed.reason == "missing"
 
 
 def test_who_holds_a_port_is_named() -> None:

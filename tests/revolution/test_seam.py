@@ -63,10 +63,10 @@ def test_the_seam_may_be_anywhere(seam: int) -> None:
 def test_without_a_seam_only_marks_count() -> None:
     assert splits(300, 20, 200, 300, 20, seam=None) == []
     seam = Seam(TURN, None)
-    assert seam.splits([30_000, 10 | BEGINS, 20_000]) == [Split(1, marked=True, broken=False)]
+    assert seam.splits([30_000, 10 | BEGINS, 20_000]) == [Split(1, marked=True, broken=False, seam=10)]
     assert seam.angle == 10
     # From now on the angle tells too, should a mark be lost.
-    assert seam.splits([30_000, 100, 20_000]) == [Split(1, marked=False, broken=False)]
+    assert seam.splits([30_000, 100, 20_000]) == [Split(1, marked=False, broken=False, seam=10)]
 
 
 @pytest.mark.parametrize("many", [tuple, np.array])

@@ -7,6 +7,7 @@ while no other test process uses pseudo-terminals.
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 import tempfile
@@ -32,7 +33,7 @@ def names_are_safe(module: Path) -> Iterator[None]:
     import fcntl
 
     # Another user's file would have to be written to be locked on some systems; each user has one.
-    with _LOCK.with_suffix(f".{Path.home().name}").open("a") as file:
+    with _LOCK.with_suffix(f".{os.getuid()}").open("a") as file:
         fcntl.flock(file, fcntl.LOCK_EX if frees else fcntl.LOCK_SH)
         yield
 

@@ -12,13 +12,14 @@ sample, the arc is known from the inside, and nothing needs to be learned.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Arc", "Arcs", "Rotation"]
+__all__ = ["Arc", "Arcs", "FollowsRotation", "Rotation"]
 
 Arc: TypeAlias = NDArray[np.int32] | NDArray[np.uint16] | NDArray[np.float64]
 
@@ -122,6 +123,11 @@ class Rotation:
             self._strange = 0
             self._last_arc = float(spans[-1])
             return Arcs(spans, None, self._typical, certain=True)
+        if self._certain and following is not None and self._changes_slowly(spans, shortest):
+            # The next revolution goes on where this one ends.
+            self._typical = self._last_arc = float(spans[-1])
+            self._strange = 0
+            return Arcs(spans, None, total / len(spans), certain=True)
         return self._among_gaps(self._signed(spans), following is not None)
 
     def steady(self, headings: NDArray[np.int32], following: int, ends: Sequence[int]) -> SteadyArcs | None:
@@ -171,12 +177,16 @@ class Rotation:
         spans = self._signed(raw)
         if self._typical <= 0:
             return Arcs(told, None, 0.0, certain=False)
-        missing = np.ceil(spans / self._typical - 1 - self._jitter).astype(np.intp)
+        # While the rotor changes its speed, each packet knows best how far it reaches.
+        own = self._typical if steady else np.where(told > 0, told / self._inside, self._typical)
+        missing = np.ceil(spans / own - 1 - self._jitter).astype(np.intp)
         if following is None:
             missing[-1] = 0
         _forgive_falls(missing, spans)
         np.maximum(missing, 0, out=missing)
-        return Arcs(told, missing if missing.any() else None, self._typical, certain=True)
+        if missing.any():
+            return Arcs(told, missing, self._typical, certain=True)
+        return Arcs(told, None, self._typical if steady else mean / self._inside, certain=True)
 
     def steady_told(
         self, headings: NDArray[np.int32], following: int, told: NDArray[np.uint16], ends: Sequence[int]
@@ -222,6 +232,15 @@ class Rotation:
         rough = spans.astype(np.float64)
         np.subtract(rough, self._full_turn, out=rough, where=rough >= self._full_turn - self._retreat)
         return rough
+
+    def _changes_slowly(self, spans: NDArray[np.int32], shortest: int) -> bool:
+        """Whether each span is much as the one before: the rotor changes its speed, and nothing is missing."""
+        if shortest <= 0 or self._last_arc <= 0 or self._jitter > 0.5:
+            return False
+        before = np.empty_like(spans)
+        before[0], before[1:] = round(self._last_arc), spans[:-1]
+        changes = np.abs(spans - before)
+        return bool((changes <= LIKENESS * before).all() and (changes <= LIKENESS * spans).all())
 
     def _among_gaps(self, spans: NDArray[np.float64], followed: bool) -> Arcs:
         """As `arcs`, where spans may hold more than one packet, or less."""
@@ -293,6 +312,18 @@ class Rotation:
         self._certain = bool(agreeing >= CERTAIN_SPANS and 2 * agreeing > len(ordinary))
         self._remembered = seen[-REMEMBERED_SPANS:]
         return self._typical
+
+
+class FollowsRotation:
+    """Base of the decoders, whose only memory from revolution to revolution is mostly a `Rotation`."""
+
+    _rotation: Rotation
+
+    def fork(self) -> Self:
+        """As `Decoder.fork`."""
+        twin = copy.copy(self)
+        twin._rotation = copy.copy(self._rotation)  # noqa: SLF001 - its own
+        return twin
 
 
 def _extent(values: NDArray[np.int32] | NDArray[np.uint16]) -> tuple[int, int, int]:

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lidario.families.rplidar.rotation import Arcs, Rotation
+from lidario.sim.motor import Motor
 
 TURN = 23040
 
@@ -90,3 +91,41 @@ def test_random_losses_are_counted_to_the_packet(arc: int, lost: list[bool], see
             found += missing(result)
             assert np.abs(np.asarray(result.arc) - arc).max() <= 0.03 * arc + 1
     assert found == gaps.tolist()
+
+
+def ramp(first_hz: float, last_hz: float, packet_s: float) -> NDArray[np.int64]:
+    """Where packets begin from half a second before a rotor is told another speed to two seconds behind that."""
+    motor = Motor(spin_up_s=0.0)
+    motor.set_rpm(60 * first_hz, 0)
+    times = np.arange(0.0, 0.5e9, packet_s * 1e9)
+    before = motor.turns(times)
+    motor.set_rpm(60 * first_hz, round(times[-1] + packet_s * 1e9))
+    motor.spin_up_s = 1.0
+    motor.set_rpm(60 * last_hz, round(times[-1] + packet_s * 1e9))
+    behind = motor.turns(np.arange(times[-1] + packet_s * 1e9, 2.5e9, packet_s * 1e9))
+    return np.floor(np.concatenate((before, behind)) * TURN).astype(np.int64)
+
+
+SPEEDS = pytest.mark.parametrize(("first_hz", "last_hz"), [(10.0, 10.0), (15.0, 3.0), (3.0, 15.0), (5.0, 1.0)])
+
+
+@SPEEDS
+@pytest.mark.parametrize("packet_s", [0.00125, 0.003])
+@pytest.mark.parametrize("told", [False, True])
+def test_nothing_is_missing_while_the_rotor_changes_its_speed(
+    first_hz: float, last_hz: float, packet_s: float, *, told: bool
+) -> None:
+    angles = ramp(first_hz, last_hz, packet_s)
+    rotation = Rotation(TURN)
+    turns = angles // TURN
+    for number in range(int(turns[-1])):
+        (of_one,) = np.nonzero(turns == number)
+        following = int(angles[of_one[-1] + 1] % TURN)
+        here = (angles[of_one] % TURN).astype(np.int32)
+        if told:
+            spans = angles[of_one + 1] - angles[of_one]
+            arcs = rotation.arcs_told(here, following, spans.astype(np.uint16))
+        else:
+            arcs = rotation.arcs(here, following)
+        assert arcs.lost == 0, f"revolution {number}"
+        assert TURN / arcs.typical == pytest.approx(len(of_one), rel=0.05, abs=1)
