@@ -279,7 +279,7 @@ async def test_a_session_that_is_dropped_leaves_the_device_still(family: str) ->
 async def test_the_last_reader_leaves_just_as_the_stream_begins(
     family: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """The device has said that it streams; the task that waited for that goes on after the reader left."""
+    """The device has said that it streams; the task that waited for that goes on after the reader has left."""
     rig, leaving = make_rig(family), list[asyncio.Future[None]]()
     async with rig.open() as lidar:
         stream = lidar.scans()
