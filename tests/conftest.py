@@ -16,7 +16,6 @@ import os
 import platform
 import re
 import shutil
-import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,6 +25,7 @@ from hypothesis import HealthCheck, settings
 
 from benchmarks.browser import find_browser
 from tests.support.discards import all_obeyed, devices_made, may_discard, some_discarded
+from tests.support.environment import obey_signals, set_aside
 from tests.support.leaks import leaves_no_task, leaves_nothing
 from tests.support.ledger import ledgers_made
 from tests.support.names import names_are_safe, needs_all_names
@@ -102,16 +102,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    # Programs that the tests start write as they do for most users. Containers often set it, and it hides what is
-    # left in a stream's buffer.
-    os.environ.pop("PYTHONUNBUFFERED", None)
-    # A shell starts background programs with these ignored, and the programs that tests end would inherit that.
-    for number, usual in (
-        (signal.SIGINT, signal.default_int_handler),
-        (getattr(signal, "SIGHUP", 0), signal.SIG_DFL),
-    ):
-        if number and signal.getsignal(number) is signal.SIG_IGN:
-            signal.signal(number, usual)
+    set_aside()
+    obey_signals()
     profile = "ci" if config.getoption("--exhaustive") else "sample"
     settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", profile))
 

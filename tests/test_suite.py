@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import re
+import signal
 import subprocess
 import sys
 import threading
@@ -22,6 +23,7 @@ from lidario.sim.device import Received
 from tests.support import leaks
 from tests.support.devices import make_rig
 from tests.support.discards import all_obeyed, devices_made, some_discarded
+from tests.support.environment import obey_signals
 from tests.support.leaks import leaves_no_task, leaves_nothing
 from tests.support.ledger import BYTES, PACKETS, assert_stats_close, ledgers_made
 from tests.support.loop import driven
@@ -29,6 +31,7 @@ from tests.support.names import names_are_safe
 
 ROOT = Path(__file__).parent.parent
 PATIENCE_S = 60.0
+OF_A_DEVELOPER = {"LIDAR": "/dev/ttyUSB0", "PYTHONASYNCIODEBUG": "1", "PYTHONUNBUFFERED": "1"}
 CULPRITS = """
 import asyncio
 import os
@@ -75,6 +78,10 @@ async def test_innocent_and_async() -> None:
 
 def test_leaves_a_file() -> None:
     os.open(os.devnull, os.O_RDONLY)
+
+
+def test_innocent_as_in_any_environment() -> None:
+    assert not {"LIDAR", "PYTHONASYNCIODEBUG", "PYTHONUNBUFFERED"} & set(os.environ)
 
 
 def test_takes_one_counter_out() -> None:
@@ -212,6 +219,17 @@ async def test_the_ledger_of_a_session_closes_under_every_fault(faulty: tuple[st
     ledgers.assert_closed()
 
 
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP", "SIGCHLD"])
+def test_signals_that_the_parent_ignores_are_obeyed(name: str) -> None:
+    number = getattr(signal, name, signal.SIGINT)  # Windows has the first two
+    before = signal.signal(number, signal.SIG_IGN)
+    try:
+        obey_signals()
+        assert signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler)
+    finally:
+        signal.signal(number, before)
+
+
 @pytest.mark.parametrize("home", ["/", "", None])
 def test_the_lock_of_terminals_needs_no_home(
     home: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -243,7 +261,7 @@ def test_the_suite_watches_every_test(tmp_path: Path) -> None:
     ended = subprocess.run(
         [sys.executable, "-m", "pytest", "-c", str(ROOT / "pyproject.toml"), "--rootdir", str(tmp_path),
          "-p", "no:cacheprovider", "-rA", str(tmp_path)],
-        cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)},
+        cwd=tmp_path, env={**os.environ, **OF_A_DEVELOPER, "PYTHONPATH": str(ROOT)},
         capture_output=True, text=True, timeout=PATIENCE_S, check=False,
     )  # fmt: skip
     # A test whose fixture fails after it is reported as passed, and as an error.

@@ -103,5 +103,5 @@ async def write_at_once(writer: Writer, text: str) -> None:
 
 
 def _environment() -> dict[str, str]:
-    inherited = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "FORCE_COLOR")}
+    inherited = {name: value for name, value in os.environ.items() if name != "COLUMNS"}
     return {**inherited, "PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "utf-8", "PYTHONWARNINGS": "error"}

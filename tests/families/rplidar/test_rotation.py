@@ -51,6 +51,28 @@ def test_what_is_usual_is_remembered_from_turn_to_turn() -> None:
     assert missing(Rotation(TURN).arcs(headings(10000), 12000)) == [0]
 
 
+def test_another_speed_is_believed_when_it_lasts() -> None:
+    """As when the speed was set while the stream could not be read: first it looks like a gap behind each packet."""
+    rotation = Rotation(TURN)
+    rotation.arcs(headings(*range(0, 10000, 500)), 10000)
+    assert missing(rotation.arcs(headings(10000, 11500, 13000), 14500)) == [2, 2, 2]
+    arcs = rotation.arcs(headings(14500, 16000, 17500), 19000)
+    assert (missing(arcs), arcs.typical) == ([0, 0, 0], 1500)
+    # One ordinary span among them, and they were gaps.
+    rotation = Rotation(TURN)
+    rotation.arcs(headings(*range(0, 10000, 500)), 10000)
+    for second, gone in ((1500, 2), (500, 0), (1500, 2)):
+        arcs = rotation.arcs(headings(10000, 11500), 11500 + second)
+        assert (missing(arcs), arcs.typical) == ([2, gone], 500)
+
+
+def test_a_gap_is_counted_by_the_speed_of_its_own_revolution() -> None:
+    rotation = Rotation(TURN)
+    rotation.arcs(headings(*range(0, 10000, 500)), 10000)
+    arcs = rotation.arcs(headings(*range(10000, 16200, 620), 16200 + 4 * 620), 16200 + 5 * 620)
+    assert (missing(arcs), arcs.typical) == ([0] * 9 + [4, 0], 620)
+
+
 def test_a_small_step_back_is_no_lost_turn() -> None:
     rotation = Rotation(TURN, jitter=0.75)
     arcs = rotation.arcs(headings(100, 107, 114, 110, 121, 128), 135)
