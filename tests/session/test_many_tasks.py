@@ -112,7 +112,7 @@ class Program:
         for _ in range(self._random.randint(1, 4)):
             await asyncio.sleep(self._random.choice([0, 0.001, 0.05, 0.3, 1.2]))
             if self._random.random() < 0.1:
-                await self._lose_the_line()
+                self._lose_the_line()
             began = loop.time()
             with suppress(LidarError, TimeoutError, StopAsyncIteration):
                 await self._call(
@@ -130,10 +130,13 @@ class Program:
             with anyio.move_on_after(at_most_s), anyio.CancelScope(shield=self._random.random() < 0.3):
                 await call(self._lidar)
 
-    async def _lose_the_line(self) -> None:
+    def _lose_the_line(self) -> None:
+        """Pull the cable out; it is put in again whatever becomes of this task."""
         self.pulled = True
         self._cable.pull()
-        await asyncio.sleep(self._random.choice([0.01, 0.5]))
+        asyncio.get_running_loop().call_later(self._random.choice([0.01, 0.5]), self._put_in)
+
+    def _put_in(self) -> None:
         if self._cable.device is None:
             self._cable.plug()
 
