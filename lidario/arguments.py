@@ -17,7 +17,18 @@ from pathlib import Path
 
 from lidario.errors import InvalidValue
 
-__all__ = ["callable_of", "finite", "nanoseconds", "number", "path_of", "shown", "text_of", "whole", "yes_or_no"]
+__all__ = [
+    "callable_of",
+    "finite",
+    "nanoseconds",
+    "number",
+    "path_of",
+    "printable",
+    "shown",
+    "text_of",
+    "whole",
+    "yes_or_no",
+]
 
 _MOST_SHOWN = 80
 _MOST_NS = 1 << 62
@@ -31,6 +42,11 @@ def shown(value: object) -> str:
         return _short.repr(value)
     except ValueError:  # a number of so many digits that Python refuses to write it down
         return f"a very long {type(value).__name__}"
+
+
+def printable(text: str) -> str:
+    """A text of a device, a file or a network without what could control a terminal."""
+    return "".join(each for each in text if each.isprintable())
 
 
 def number(value: object, what: str) -> float:

@@ -16,6 +16,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from lidario.arguments import printable
+
 __all__ = ["LITTLE_ENDIAN", "CdrReader", "CdrWriter", "NotCdr", "stamp_bytes"]
 
 LITTLE_ENDIAN: Final = b"\0\1\0\0"
@@ -116,7 +118,7 @@ class CdrReader:
         if size > _LONGEST_TEXT:
             raise NotCdr(f"a text of {size} bytes")
         text = bytes(self.take(size)).rstrip(b"\0").decode("utf-8", "replace")
-        return "".join(each for each in text if each.isprintable())
+        return printable(text)
 
     def stamp_ns(self) -> int:
         """One ``builtin_interfaces/Time``, nanoseconds since the Unix epoch."""

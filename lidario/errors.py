@@ -96,10 +96,9 @@ class StreamFailed(LidarError):
     """A stream ended by itself.
 
     It sent no data, its samples never completed a revolution, or it could not be started again after an
-    interruption; and the device, which was asked, does not respond, or is well without that a restart helped. Once
+    interruption. The device was asked then: it does not respond, or it is well and a restart is of no use. Once
     packets flow, that takes less than a second; before the first one, as long as the rotor may need. Every reader
-    of the stream gets this error. The session goes on: requests are still sent,
-    and a new stream can be started.
+    of the stream gets this error. The session goes on: requests are still sent, and a new stream can be started.
     """
 
 

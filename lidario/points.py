@@ -125,9 +125,9 @@ def place(
         seconds = np.asarray((times_ns - at_ns) * 1e-9, np.float64)
         yaw: NDArray[np.float64] = motion.yaw * seconds
         # The robot drives along an arc. sinc keeps the formula right for a robot that does not turn.
-        along = seconds * np.sinc(yaw / np.pi)
-        aside = seconds * np.sin(yaw / 2) * np.sinc(yaw / (2 * np.pi))
-        driven = np.stack((motion.x * along - motion.y * aside, motion.x * aside + motion.y * along), axis=1)
+        ahead = seconds * np.sinc(yaw / np.pi)
+        sideways = seconds * np.sin(yaw / 2) * np.sinc(yaw / (2 * np.pi))
+        driven = np.stack((motion.x * ahead - motion.y * sideways, motion.x * sideways + motion.y * ahead), axis=1)
         moved: NDArray[np.float64] = _turned(placed, yaw) + driven
         return moved.astype(np.float32)
     callable_of(motion, "motion that is no Velocity")

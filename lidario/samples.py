@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from lidario.arguments import finite, number, shown
 from lidario.errors import InvalidValue
 
-__all__ = ["is_between", "mask_of", "metres_of", "nearest_to", "radians_of", "read_only"]
+__all__ = ["is_between", "mask_of", "metres_of", "nearest_return", "nearest_to", "radians_of", "read_only"]
 
 FloatArray = NDArray[np.float32]
 _ArrayT = TypeVar("_ArrayT", bound=NDArray[np.generic])
@@ -56,6 +56,16 @@ def is_between(angles: FloatArray, between: tuple[float, float]) -> NDArray[np.b
         return np.ones(len(angles), np.bool_)
     turned = (angles.astype(np.float64) - begin) % math.tau
     return turned <= (end - begin) % math.tau
+
+
+def nearest_return(angles: FloatArray, ranges: FloatArray, between: tuple[float, float] | None) -> int | None:
+    """Index of the shortest range, of all or of those at angles `between`; None where nothing came back.
+
+    Raises:
+        InvalidValue: `between` is not two finite angles.
+    """
+    seen = ranges if between is None else np.where(is_between(angles, between), ranges, np.nan)
+    return int(np.nanargmin(seen)) if np.any(seen > 0) else None
 
 
 def nearest_to(angles: FloatArray, angle: float, within: float) -> int | None:

@@ -19,7 +19,7 @@ from lidario.laserscan import BeamOrder, LaserScan, NoReturn, Preset, resample
 from lidario.measured import MeasuredSamples
 from lidario.points import Motion, Mount, Points, place
 from lidario.rotor import Gaps, Rotor, follow_rotor, times_of
-from lidario.samples import is_between, mask_of, nearest_to, read_only
+from lidario.samples import mask_of, nearest_return, nearest_to, read_only
 
 __all__ = ["Return", "Scan", "read_only"]
 
@@ -152,10 +152,8 @@ class Scan(MeasuredSamples):
         Raises:
             InvalidValue: `between` is not two finite angles.
         """
-        ranges = self.ranges if between is None else np.where(is_between(self.angles, between), self.ranges, np.nan)
-        if not np.any(ranges > 0):
-            return None
-        return self._return(int(np.nanargmin(ranges)))
+        index = nearest_return(self.angles, self.ranges, between)
+        return None if index is None else self._return(index)
 
     def at(self, angle: float, *, within: float = math.radians(1.0)) -> Return | None:
         """The sample nearest to an angle; its range is NaN where nothing came back.

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lidario.measured import MeasuredSamples
 from lidario.rotor import Gaps, Rotor, times_of
-from lidario.samples import is_between, read_only
+from lidario.samples import nearest_return, read_only
 from lidario.scan import Return
 
 __all__ = ["Sector"]
@@ -117,8 +117,7 @@ class Sector(MeasuredSamples):
         Raises:
             InvalidValue: `between` is not two finite angles.
         """
-        ranges = self.ranges if between is None else np.where(is_between(self.angles, between), self.ranges, np.nan)
-        if not np.any(ranges > 0):
+        index = nearest_return(self.angles, self.ranges, between)
+        if index is None:
             return None
-        index = int(np.nanargmin(ranges))
-        return Return(float(ranges[index]), float(self.angles[index]), index)
+        return Return(float(self.ranges[index]), float(self.angles[index]), index)

@@ -58,6 +58,10 @@ _FILES = (".mcap", ".bin")
 _MOST_RATE = 1e6
 _EXAMPLES = {"tcp": "192.168.0.7:20108", "udp": "192.168.11.2:8089"}
 """Addresses that lidars, and bridges to them, come with."""
+_KNOWN = (
+    "Known are a port (/dev/ttyUSB0, COM3), serial://, tcp://, udp://, sim://, id:SERIAL, zenoh:KEY, and a "
+    "recording (.mcap, .bin)"
+)
 _SHOWN = 120
 """Longest part of a source that is repeated in a message."""
 
@@ -152,8 +156,7 @@ def parse_source(source: str | os.PathLike[str]) -> Source:
         raise _refused(text, "cannot be read. IPv6 addresses stand in brackets, as in tcp://[::1]:2000") from error
     kind = {"socket": "tcp"}.get(parts.scheme, parts.scheme)
     if kind not in _OPTIONS:
-        known = "Use a serial port, serial://, tcp://, udp:// or sim://"
-        raise _refused(text, f"is not a source: {parts.scheme}:// is not known. {known}")
+        raise _refused(text, f"is not a source: {parts.scheme}:// is not known. {_KNOWN}")
     options = _options(text, kind, parts.query)
     if kind == "serial":
         address = _serial_path(text, parts.netloc, parts.path)

@@ -69,6 +69,21 @@ def test_the_api_has_every_public_name() -> None:
     shown = set(re.findall(r"^::: lidario\.([\w.]+)", text, re.MULTILINE))
     names = {name for name in lidario.__all__ if name != "__version__"}
     assert {name.rsplit(".", 1)[-1] for name in shown} >= names | set(lidario.testing.__all__)
+    assert names_of("ros/__init__.py") <= {name.rsplit(".", 1)[-1] for name in shown}
+
+
+def names_of(path: str) -> set[str]:
+    """The names that a module exports, read without importing it."""
+    for node in ast.parse((ROOT / "lidario" / path).read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.Assign) and [ast.unparse(each) for each in node.targets] == ["__all__"]:
+            return set(ast.literal_eval(node.value))
+    raise AssertionError(f"{path} exports nothing")
+
+
+def test_the_page_for_the_machine_names_all_that_a_device_can_be_asked() -> None:
+    page = (DOCS / "robot.md").read_text(encoding="utf-8")
+    public = [name for name in dir(lidario.Lidar) if not name.startswith("_")]
+    assert [name for name in public if not re.search(rf"\b{name}\b", page)] == []
 
 
 # ---------------------------------------------------------------------------------------------- troubleshooting

@@ -55,6 +55,13 @@ def test_figures_name_their_commands() -> None:
             assert (ROOT / word).exists()
 
 
+def test_every_benchmark_is_told_once() -> None:
+    told = (ROOT / "benchmarks" / "README.md").read_text(encoding="utf-8")
+    table = told[told.index("| benchmark |") : told.index("## Results")]
+    rows = re.findall(r"^\| (\w+) \|", table, re.MULTILINE)[1:]
+    assert sorted(rows) == sorted(measuring.BENCHMARKS)
+
+
 def test_it_is_a_front_page() -> None:
     assert len(README.splitlines()) < 120
     assert re.findall(r"!\[[^]]*\]\(([^)]*)\)", README) == ["docs/pictures/view.png", "docs/pictures/watch.png"]

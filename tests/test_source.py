@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidario import ConnectFailed, open_lidar
+from lidario import ConnectFailed, InvalidValue, open_lidar
 from lidario.families.registry import FAMILIES, check_source
 from lidario.port.simulated import make_device
 from lidario.source import Source, parse_source
@@ -184,7 +184,10 @@ def test_any_text_is_a_source_or_is_refused(text: str) -> None:
         ("serial:///dev/null?family=hokuyo", "'hokuyo'(.|\n)*rplidar, ydlidar"),
         ("tcp://host:80?family=", "''(.|\n)*rplidar, ydlidar"),
         ("sim://", "name a model(.|\n)*rplidar-s2(.|\n)*ydlidar-4ros"),
-        ("sim://rplidar-s9", "'rplidar-s9'(.|\n)*rplidar-s2(.|\n)*ydlidar-4ros"),
+        ("sim://rplidar-s9", "'rplidar-s9'.*rplidar-s2"),
+        ("sim://nonesuch", "'nonesuch'(.|\n)*rplidar-s2(.|\n)*ydlidar-4ros"),
+        ("sim://ydlidar-4ros?family=rplidar", "ydlidar-4ros.*'ydlidar'"),
+        ("sim://rplidar-s2?model=x2", "no model 'x2'"),
     ],
 )
 def test_unknown_names_are_told_before_anything_is_opened(text: str, says: str) -> None:
@@ -217,6 +220,15 @@ def test_a_family_given_beside_the_source_must_be_known_too() -> None:
     with pytest.raises(ConnectFailed, match="hokuyo") as caught:
         open_lidar("auto", family="hokuyo")
     assert caught.value.reason == "source"
+
+
+@pytest.mark.parametrize(
+    ("text", "own"), [("sim://ydlidar-4ros", "ydlidar"), ("serial:///dev/null?family=ldrobot", "ldrobot")]
+)
+def test_a_family_given_beside_the_source_must_be_that_of_the_source(text: str, own: str) -> None:
+    with pytest.raises(InvalidValue, match=f"'rplidar'.*{text[:12]}.*{own}"):
+        open_lidar(text, family="rplidar")
+    open_lidar(text, family=own)
 
 
 @pytest.mark.parametrize(

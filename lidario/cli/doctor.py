@@ -56,10 +56,10 @@ class Finding:
 @click.argument("source", default="auto", shell_complete=complete_source)
 @click.option("--json", "as_json", is_flag=True, help="A list for programs.")
 def doctor(source: str, as_json: bool) -> int:
-    """Examine this machine, its ports and the lidars on them; say what to do.
+    """Find out why a lidar does not work, and the cure.
 
-    Asking a device that scans stops it. Without a SOURCE all ports are examined whose adapter is a kind that lidars
-    are sold with.
+    This machine, its ports and the lidars on them are examined. Asking a device that scans stops it. Without a
+    SOURCE all ports are examined whose adapter is a kind that lidars are sold with.
     """
     from lidario import list_serial_ports
     from lidario.cli.running import run

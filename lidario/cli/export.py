@@ -14,7 +14,7 @@ import click
 
 from lidario.cli.errors import ExitCode
 from lidario.cli.output import progress
-from lidario.cli.parameters import FiniteRange, complete_file
+from lidario.cli.parameters import FiniteRange, WholeRange, complete_file
 from lidario.cli.streams import message
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ FORMS = (".npz", ".csv", ".mcap")
 @click.command()
 @click.argument("files", metavar="FILE...", nargs=-1, required=True, shell_complete=complete_file)
 @click.argument("out", metavar="OUT", shell_complete=complete_file)
-@click.option("-j", "jobs", type=click.IntRange(min=1), default=1, show_default=True, metavar="N",
+@click.option("-j", "jobs", type=WholeRange(min=1), default=1, show_default=True, metavar="N",
               help="How many files at the same time, each on a process. One file is decoded by one.")  # fmt: skip
 @click.option("--family", metavar="NAME", help="Of bare bytes, where it cannot be told from them.")
 @click.option("--sample-us", type=FiniteRange(min=0, min_open=True), metavar="US",
@@ -37,11 +37,11 @@ FORMS = (".npz", ".csv", ".mcap")
 def export(
     files: tuple[str, ...], out: str, jobs: int, family: str | None, sample_us: float | None, force: bool
 ) -> int:
-    """Write the scans of recordings to OUT.npz, OUT.csv or OUT.mcap.
+    """Write the scans of recordings as NPZ, CSV or MCAP.
 
-    Of several files, OUT has {} where the name of each one belongs, as in scans/{}.npz. NPZ holds the device's own
-    figures: clockwise degrees and millimetres. CSV has a row for each sample, as `lidario scan --csv`. MCAP is the
-    recording with each scan on /scan.
+    The name of OUT ends with .npz, .csv or .mcap. Of several files, it has {} where the name of each one belongs,
+    as in scans/{}.npz. NPZ holds the device's own figures: clockwise degrees and millimetres. CSV has a row for
+    each sample, as `lidario scan --csv`. MCAP is the recording with each scan on /scan.
     """
     if Path(out).suffix not in FORMS:
         raise click.BadParameter(f"{out!r} does not end in {', '.join(FORMS)}", param_hint="OUT")

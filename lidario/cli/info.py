@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from lidario.cli.errors import ExitCode
-from lidario.cli.output import console, dump, progress, rendered
+from lidario.cli.output import console, dump, facts, progress, rendered
 from lidario.cli.parameters import complete_source
 from lidario.cli.streams import emit
 
@@ -37,9 +37,10 @@ class _Told:
 @click.argument("source", default="auto", shell_complete=complete_source)
 @click.option("--json", "as_json", is_flag=True, help="One object for programs.")
 def info(source: str, as_json: bool) -> int:
-    """Model, firmware, serial number, health and scan modes of a lidar.
+    """Ask a lidar what it is, and how it is.
 
-    Of a recording: which device, how long, and what is in it; the whole file is decoded for that.
+    Model, firmware, serial number, health and scan modes. Of a recording: which device, how long, and what is in
+    it; the whole file is decoded for that.
     """
     from lidario.cli.running import run
     from lidario.cli.summary import show_summary
@@ -72,15 +73,10 @@ async def _ask(source: str) -> _Told:
 
 
 def _facts(told: _Told) -> Table:
-    from rich.table import Table
-
     device, health = told.info, told.health
     code = f" (code {health.code})" if health.code else ""
     code += f": {health.note}" if health.note else ""
-    table = Table.grid(padding=(0, 2))
-    table.add_column(style="bold")
-    table.add_column(overflow="fold")
-    for name, value in (
+    rows = (
         ("source", told.source),
         ("model", f"{device.model} (number {device.model_id})" if device.model_id else device.model),
         ("firmware", device.firmware),
@@ -88,11 +84,9 @@ def _facts(told: _Told) -> Table:
         ("serial number", device.serial),
         ("health", health.status.value + code),
         ("scan frequency", _frequency(told.frequency, told.limits)),
-    ):
-        # A device that only talks tells little of itself.
-        if value:
-            table.add_row(name, value)
-    return table
+    )
+    # A device that only talks tells little of itself.
+    return facts((name, value) for name, value in rows if value)
 
 
 def _frequency(hertz: float | None, limits: tuple[float, float] | None) -> str:

@@ -19,7 +19,7 @@ import os
 import queue
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Final, TextIO, cast
 
@@ -27,11 +27,13 @@ from lidario.cli.streams import ReaderGone, emit, write
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
+    from rich.table import Table
 
 __all__ = [
     "Writer",
     "console",
     "dump",
+    "facts",
     "introduced",
     "progress",
     "rendered",
@@ -115,13 +117,12 @@ def introduced(model: str, serial: str, firmware: str = "") -> str:
     return ", ".join((model, *(f"{name} {value}" for name, value in told if value)))
 
 
-def console(*, stderr: bool = False) -> Console:
-    """A rich console on stdout or stderr; texts from a device are never interpreted as markup."""
+def console() -> Console:
+    """A rich console on stdout; texts from a device are never interpreted as markup."""
     from rich.console import Console
 
-    stream = sys.stderr if stderr else sys.stdout
-    width = None if stream.isatty() or "COLUMNS" in os.environ else PIPE_WIDTH
-    return Console(stderr=stderr, width=width, markup=False, highlight=False, emoji=False)
+    width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else PIPE_WIDTH
+    return Console(width=width, markup=False, highlight=False, emoji=False)
 
 
 def rendered(target: Console, *parts: RenderableType) -> str:
@@ -130,6 +131,18 @@ def rendered(target: Console, *parts: RenderableType) -> str:
         for part in parts:
             target.print(part)
     return capture.get()
+
+
+def facts(rows: Iterable[tuple[str, str]]) -> Table:
+    """A table of names and values, a line each."""
+    from rich.table import Table
+
+    table = Table.grid(padding=(0, 2))
+    table.add_column(style="bold")
+    table.add_column(overflow="fold")
+    for name, value in rows:
+        table.add_row(name, value)
+    return table
 
 
 def terminal(stream: TextIO) -> Console:

@@ -9,7 +9,7 @@ from typing import Any, Final
 import click
 from click.shell_completion import CompletionItem
 
-__all__ = ["Duration", "FiniteRange", "complete_file", "complete_source", "mode_option"]
+__all__ = ["Duration", "FiniteRange", "WholeRange", "complete_file", "complete_source", "mode_option"]
 
 _UNITS: Final = {"ms": 1e-3, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0}
 _MODE_DIGITS: Final = 9
@@ -32,8 +32,16 @@ class Duration(click.ParamType[float]):
         return seconds
 
 
+class WholeRange(click.IntRange):
+    """As `click.IntRange`, whose errors speak of "a valid integer range"."""
+
+    name = "whole number"
+
+
 class FiniteRange(click.FloatRange):
     """As `click.FloatRange`, which takes ``nan`` for a number of every range."""
+
+    name = "number"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """As `click.ParamType.convert`."""

@@ -67,9 +67,8 @@ def picture(scan: Scan, target: Console, *, size: tuple[int, int] | None = None)
         scan: What to draw.
         target: Where it will be printed; its colours and characters are used.
         size: Columns and rows of the drawing, for one that is drawn again and again: then it has all its rows, and
-        a
-            scale that changes in steps, so that it does not move with each scan. None: to fit `target`, as high as
-            need be.
+            a scale that changes in steps, so that it does not move with each scan. None: to fit `target`, as high
+            as need be.
     """
     if not scan.valid.any():
         return Text("no returns in any direction: there is nothing to draw")

@@ -39,7 +39,7 @@ LINGER_S = 0.5
     "--tcp", metavar="[HOST]:PORT", help="On a TCP port of this machine, or of that address; port 0 is any."
 )
 def play(file: str, rate: float, loop: bool, pty: bool, tcp: str | None) -> int:
-    """Play a recording as a device, for lidario or any other driver.
+    """Play a recording as a device, for any driver.
 
     It responds as the recorded device had responded, and scans when it is asked to in the same way.
     """

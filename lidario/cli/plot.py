@@ -16,7 +16,7 @@ import click
 
 from lidario.cli.errors import ExitCode
 from lidario.cli.output import progress
-from lidario.cli.parameters import complete_source, mode_option
+from lidario.cli.parameters import WholeRange, complete_source, mode_option
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ __all__ = ["plot"]
 @click.argument("source", default="auto", shell_complete=complete_source)
 @click.option("-o", "--output", default="scan.svg", show_default=True, metavar="FILE",
               help="Where to: a name that ends with .svg or .png.")  # fmt: skip
-@click.option("-n", "count", default=1, show_default=True, type=click.IntRange(1, 100), metavar="N",
+@click.option("-n", "count", default=1, show_default=True, type=WholeRange(1, 100), metavar="N",
               help="How many scans, one drawn over the other.")  # fmt: skip
 @click.option("--polar", is_flag=True, help="On rings and rays instead of a grid.")
 @mode_option
@@ -47,7 +47,7 @@ def plot(source: str, output: str, count: int, polar: bool, mode: str | int | No
         raise click.BadParameter(f"{output!r} ends neither with .svg nor with .png", param_hint="-o")
     # Unlike those of Path, these raise nothing in a folder that this user may not enter.
     if os.path.isdir(path) or not os.path.isdir(path.parent):
-        raise click.BadParameter(f"{output!r} is a folder, or stands in none", param_hint="-o")
+        raise click.BadParameter(f"{output!r} is a folder, or its folder does not exist", param_hint="-o")
     if kind == ".png":
         _needs_matplotlib()
     with progress(f"waiting for {source} …"):

@@ -13,7 +13,7 @@ import click
 from click.core import ParameterSource
 
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.parameters import complete_source, mode_option
+from lidario.cli.parameters import WholeRange, complete_source, mode_option
 from lidario.cli.streams import ReaderGone, emit, message
 
 if TYPE_CHECKING:
@@ -47,13 +47,14 @@ _OF_ROS: Final = (
 @click.option("--robot", metavar="NAME", help="Name of this robot in `lidario devices --zenoh`.  [this machine's]")
 @click.option("--topic", default="scan", show_default=True, metavar="NAME", help="Topic of the scans.")
 @click.option("--frame", default="laser", show_default=True, metavar="NAME", help="Coordinate frame.")
-@click.option("--domain", default=0, show_default=True, type=click.IntRange(0, 232), help="ROS_DOMAIN_ID.")
+@click.option("--domain", default=0, show_default=True, type=WholeRange(0, 232), metavar="N",
+              help="ROS_DOMAIN_ID.")  # fmt: skip
 @click.option("--distro", default="jazzy", show_default=True,
               type=click.Choice(["humble", "jazzy", "kilted", "lyrical"]),
               help="Release of the other nodes; humble has other keys than all later ones.")  # fmt: skip
 @click.option("--namespace", default="/", show_default=True, metavar="NAME", help="Namespace of the node.")
 @click.option("--node", default="lidario", show_default=True, metavar="NAME", help="Name of the node.")
-@click.option("--beams", type=click.IntRange(1, 65536), metavar="N",
+@click.option("--beams", type=WholeRange(1, 65536), metavar="N",
               help="Beams of each scan.  [as many as the first scan has samples]")  # fmt: skip
 @click.option("--order", default="counter-clockwise", show_default=True,
               type=click.Choice(["counter-clockwise", "measured"]),

@@ -16,7 +16,7 @@ import click
 
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import progress
-from lidario.cli.parameters import Duration, complete_source, mode_option
+from lidario.cli.parameters import Duration, WholeRange, complete_source, mode_option
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class _Told:
 @click.argument("source", default="auto", shell_complete=complete_source)
 @click.option("-o", "--output", metavar="FILE", help="The file to make; named after the time where not given.")
 @click.option("-t", "seconds", type=Duration(), metavar="TIME", help="How long from the first scan on: 60s, 5m.")
-@click.option("-n", "count", type=click.IntRange(min=1), metavar="N", help="How many scans.")
+@click.option("-n", "count", type=WholeRange(min=1), metavar="N", help="How many scans.")
 @mode_option
 @click.option("--scans", is_flag=True, help="Write each scan too, as LaserScan on the topic /scan.")
 @click.option("--force", is_flag=True, help="Replace a file that is there already.")

@@ -19,7 +19,7 @@ import click
 
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import Writer, console, introduced, progress, rendered
-from lidario.cli.parameters import complete_source, mode_option
+from lidario.cli.parameters import WholeRange, complete_source, mode_option
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class _Tally:
 
 @click.command()
 @click.argument("source", default="auto", shell_complete=complete_source)
-@click.option("-n", "count", default=1, show_default=True, type=click.IntRange(min=0), metavar="N",
+@click.option("-n", "count", default=1, show_default=True, type=WholeRange(min=0), metavar="N",
               help="How many scans; 0: until Ctrl-C.")  # fmt: skip
 @mode_option
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per line and scan.")

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import click
 
 from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.parameters import WholeRange
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ POLL_S = 0.1
 @click.option("--list-faults", is_flag=True, help="List the faults and what they do, and exit.")
 @click.option("--world", metavar="NAME", help="What it sees: room, corridor, circle or empty.")
 @click.option("--serial", metavar="HEX", help="Its serial number.")
-@click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0), metavar="N",
+@click.option("--seed", default=0, show_default=True, type=WholeRange(min=0), metavar="N",
               help="Seed of everything random.")  # fmt: skip
 @click.option("--list", "list_models", is_flag=True, help="List the models by vendor, the default first, and exit.")
 def sim(

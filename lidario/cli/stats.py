@@ -16,7 +16,7 @@ import click
 import numpy as np
 
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.output import console, dump, introduced, progress, rendered
+from lidario.cli.output import console, dump, facts, introduced, progress, rendered
 from lidario.cli.parameters import Duration, complete_source, mode_option
 from lidario.cli.streams import emit
 
@@ -98,10 +98,10 @@ class Measured:
 @mode_option
 @click.option("--json", "as_json", is_flag=True, help="One object for programs.")
 def stats(source: str, seconds: float, mode: str | int | None, as_json: bool) -> int:
-    """Rate, evenness, points, damage, load of the line and of this machine; and a verdict.
+    """Measure rate, damage and load; end with a verdict.
 
-    A revolution before the measuring begins is not counted. The exit code tells whether it could be measured, and
-    the verdict how good it was.
+    Also how even the revolutions are, and how many points have no return. A revolution before the measuring begins
+    is not counted. The exit code tells whether it could be measured, and the verdict how good it was.
     """
     from lidario.cli.running import run
 
@@ -195,30 +195,30 @@ def percent(share: float) -> str:
 
 
 def _table(measured: Measured) -> Table:
-    from rich.table import Table
-
     line = measured.line
     assert line is not None
     word, reason = verdict(measured)
-    table = Table.grid(padding=(0, 2))
-    table.add_column(style="bold")
-    table.add_column(overflow="fold")
     load = f", {percent(line.load)} of the line" if line.load is not None else ""
-    rows = [
-        ("lidar", f"{introduced(measured.model, measured.serial)}, mode {measured.mode}"),
-        ("measured", f"{len(measured.points)} scans in {measured.seconds:.1f} s"),
-        ("rate", f"{measured.hertz:.2f} Hz ({60 * measured.hertz:.0f} rpm)" if measured.periods else "not known"),
-        ("jitter", f"{1000 * measured.jitter:.2f} ms a revolution" if measured.periods else "not known"),
-        ("points", f"{np.mean(measured.points):.0f} a scan, {percent(measured.no_return)} without a return"),
-        ("damage", f"{line.lost_packets} of {line.packets + line.lost_packets} packets ({percent(line.damaged)})"),
-        ("lost", f"{line.missed_scans} revolutions on the line, {line.dropped_scans} scans in this program"),
-        ("link", f"{line.bytes_a_second / 1000:.1f} kB/s{load}"),
-        ("CPU", f"{percent(measured.cpu)} of a core"),
-        ("verdict", f"{word}: {reason}"),
-    ]
-    for name, value in rows:
-        table.add_row(name, value)
-    return table
+    return facts(
+        [
+            ("lidar", f"{introduced(measured.model, measured.serial)}, mode {measured.mode}"),
+            ("measured", f"{len(measured.points)} scans in {measured.seconds:.1f} s"),
+            (
+                "rate",
+                f"{measured.hertz:.2f} Hz ({60 * measured.hertz:.0f} rpm)" if measured.periods else "not known",
+            ),
+            ("jitter", f"{1000 * measured.jitter:.2f} ms a revolution" if measured.periods else "not known"),
+            ("points", f"{np.mean(measured.points):.0f} a scan, {percent(measured.no_return)} without a return"),
+            (
+                "damage",
+                f"{line.lost_packets} of {line.packets + line.lost_packets} packets ({percent(line.damaged)})",
+            ),
+            ("lost", f"{line.missed_scans} revolutions on the line, {line.dropped_scans} scans in this program"),
+            ("link", f"{line.bytes_a_second / 1000:.1f} kB/s{load}"),
+            ("CPU", f"{percent(measured.cpu)} of a core"),
+            ("verdict", f"{word}: {reason}"),
+        ]
+    )
 
 
 def _record(measured: Measured) -> dict[str, object]:

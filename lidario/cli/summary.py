@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from lidario.cli.errors import ExitCode
-from lidario.cli.output import console, dump, progress, rendered
+from lidario.cli.output import console, dump, facts, progress, rendered
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
@@ -37,12 +37,7 @@ def show_summary(file: FileSource, *, as_json: bool) -> int:
 
 
 def _facts(summary: RecordingSummary) -> Table:
-    from rich.table import Table
-
     info = summary.info
-    table = Table.grid(padding=(0, 2))
-    table.add_column(style="bold")
-    table.add_column(overflow="fold")
     rows = [("file", f"{summary.path} ({summary.size / 1e6:.1f} MB)"), ("model", info.model)]
     if info.serial:
         rows += [("serial number", info.serial), ("firmware", info.firmware)]
@@ -58,6 +53,4 @@ def _facts(summary: RecordingSummary) -> Table:
         ("noise", f"{summary.skipped_bytes} bytes that belong to no packet"),
         ("gaps", f"{summary.missed_scans} revolutions missing, {summary.streams - 1} interruptions"),
     ]
-    for name, value in rows:
-        table.add_row(name, value)
-    return table
+    return facts(rows)

@@ -19,7 +19,7 @@ import click
 
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import progress
-from lidario.cli.parameters import complete_source, mode_option
+from lidario.cli.parameters import WholeRange, complete_source, mode_option
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ MOST_LIDARS: Final = 16
 
 @click.command()
 @click.argument("sources", metavar="[SOURCE]...", nargs=-1, shell_complete=complete_source)
-@click.option("--port", default=8080, show_default=True, type=click.IntRange(0, 65535), metavar="N",
+@click.option("--port", default=8080, show_default=True, type=WholeRange(0, 65535), metavar="N",
               help="Port of the page; 0 for any that is free.")  # fmt: skip
 @click.option("--lan", is_flag=True, help="Open to the network, for those who have the printed address.")
 @click.option("--mount", "mounts", multiple=True, metavar="X,Y,YAW",

@@ -250,8 +250,8 @@ class Family:
         baudrates: Line speeds its models use, the likeliest first.
         timing: How long its devices take.
         device: Makes the object for a newly opened port.
-        stream_of: The format and the decoder of a stream, by the answer type of its descriptor; None for a type
-            that is not known.
+        stream_of: The format and the decoder of a stream, by the response type of its descriptor; None for a
+            type that is not known.
         formats: Every packet format it may send.
         simulated: Names of its simulated models.
         models: Its models that may be named, as in ``model=`` of a source, where the device cannot tell its own.

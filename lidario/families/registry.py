@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 from lidario.arguments import text_of
-from lidario.errors import ConnectFailed
+from lidario.errors import ConnectFailed, InvalidValue
 from lidario.families import ldrobot, rplidar, ydlidar
 from lidario.families.base import Family
 from lidario.source import Source, quoted
 
-__all__ = ["FAMILIES", "check_source", "families_of_model", "family_named", "family_of_simulated"]
+__all__ = [
+    "FAMILIES",
+    "check_family",
+    "check_source",
+    "families_of_model",
+    "family_named",
+    "family_of_simulated",
+]
 
 FAMILIES: tuple[Family, ...] = (rplidar.FAMILY, ydlidar.FAMILY, ldrobot.FAMILY)
 """In the order in which an unknown port is probed: the second family's device-info request means something else
@@ -32,6 +42,12 @@ def family_of_simulated(model: str) -> Family:
     for family in FAMILIES:
         if model in family.simulated:
             return family
+    near = _alike(model, (name for family in FAMILIES for name in family.simulated))
+    if near:
+        raise ConnectFailed(
+            f"there is no simulated lidar {quoted(model)}. Did you mean {near}? `lidario sim --list` names all",
+            reason="source",
+        )
     models = "".join(f"\n  {family.title}: {', '.join(family.simulated)}" for family in FAMILIES)
     fault = (
         f"there is no simulated lidar {quoted(model)}; known are" if model else "name a model, as in sim://MODEL:"
@@ -65,11 +81,38 @@ def check_source(source: Source, family: str | None = None) -> None:
 
     Raises:
         ConnectFailed: With reason ``source``, for an unknown family or simulated model; it lists the known ones.
+        InvalidValue: The source is of another family than the one that was named beside it.
     """
     for name in (family, source.family):
         if name is not None:
             family_named(name)
-    if source.model is not None:
-        families_of_model(source.model, family or source.family)
+    own = source.family
     if source.kind == "sim":
-        family_of_simulated(source.address)
+        own = family_of_simulated(source.address).name
+        check_family(source, None, own)
+    check_family(source, family, own)
+    if source.model is not None:
+        families_of_model(source.model, own or family)
+
+
+def check_family(source: Source, family: str | None, own: str | None) -> None:
+    """Check that the family that a user names is the one that the device has.
+
+    Args:
+        source: The source, which may name a family too.
+        family: The family that was named beside it, if any.
+        own: The family of the device; None or an empty text where it is not known.
+
+    Raises:
+        ConnectFailed: With reason ``source``, where the source names another one.
+        InvalidValue: Another one was named beside the source.
+    """
+    if own and family not in (None, own):
+        raise InvalidValue(f"family={family!r} is not right: {quoted(source.text)} is of the family {own!r}")
+    if own and source.family not in (None, own):
+        raise ConnectFailed(f"{quoted(source.text)} is of the family {own!r}", reason="source")
+
+
+def _alike(name: str, known: Iterable[str]) -> str:
+    """The known names that a misspelt one may mean, for an error text; empty where none is near."""
+    return " or ".join(get_close_matches(name, known, cutoff=0.75))

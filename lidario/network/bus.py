@@ -135,10 +135,9 @@ class Bus:
         """The id of this session, as zenoh prints it."""
         return str(self._session.zid())
 
-    def sender(self, key: str, *, blocking: bool = False) -> Sender:
-        """Publish under `key`. A router that does not keep up loses messages, unless `blocking`."""
-        zenoh = _zenoh()
-        control = zenoh.CongestionControl.BLOCK if blocking else zenoh.CongestionControl.DROP
+    def sender(self, key: str) -> Sender:
+        """Publish under `key`. A router that does not keep up loses messages: a lidar waits for nobody."""
+        control = _zenoh().CongestionControl.DROP
         with self._told():
             publisher = self._session.declare_publisher(key, congestion_control=control)
         self._held.append(publisher)

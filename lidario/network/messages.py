@@ -17,6 +17,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from lidario.arguments import printable
 from lidario.recording.chronicle import MOST_NS
 from lidario.scan import Scan, read_only
 
@@ -126,7 +127,7 @@ def parse_scan(data: bytes, wall_offset_ns: int) -> Scan | None:
         seq=seq,
         dropped_before=0,
         lost_packets=lost,
-        mode="".join(each for each in name if each.isprintable()),
+        mode=printable(name),
         max_range=most,
         seam=seam,
         reported_rpm=reported_rpm,

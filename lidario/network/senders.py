@@ -1,4 +1,4 @@
-"""Who has sent a message, and how many of his are missing before it.
+"""Which publisher has sent a message, and how many of its messages are missing before that.
 
 Each publisher numbers its messages and names itself in the attachment. A gap in the numbers is the only trace of a
 message that was lost: zenoh drops what does not fit into the buffer of a line, at the publisher or at a router, and

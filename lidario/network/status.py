@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Final
 
+from lidario.arguments import printable
 from lidario.model import ScanMode
 from lidario.recording.about import About
 from lidario.recording.chronicle import StreamBegan, mode_of
@@ -99,4 +100,4 @@ def mode_record(mode: ScanMode) -> dict[str, object]:
 
 
 def _text(value: object) -> str:
-    return "".join(each for each in str(value)[:200] if each.isprintable())
+    return printable(str(value)[:200])

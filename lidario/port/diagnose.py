@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from lidario.errors import ConnectFailed
+from lidario.families.registry import FAMILIES
 
 __all__ = ["busy", "held", "holders", "is_pseudo_terminal", "why_not_opened"]
 
@@ -83,25 +84,33 @@ def why_not_opened(path: str, error: Exception) -> ConnectFailed:
     if code in _LOCKED or "exclusively lock" in text or "PermissionError" in text:
         return busy(path)
     if code in _NOT_SERIAL or "configure port" in text:
-        return ConnectFailed(f"{path} {_instead(path, text)}", reason="missing")
+        why = os.strerror(code) if code else text
+        return ConnectFailed(f"{path} {_instead(path, why)}. `lidario devices` lists the ports", reason="missing")
     if code in _GONE or "FileNotFoundError" in text or "\0" in path:
-        return ConnectFailed(
-            f"no such port: {path!r}. Is it plugged in? `lidario devices` lists the ports", reason="missing"
-        )
+        return ConnectFailed(f"no such port: {path!r}. {_meant(path)}", reason="missing")
     return ConnectFailed(f"could not open {path!r}: {text}", reason="missing")
 
 
-def _instead(path: str, text: str) -> str:
+def _meant(path: str) -> str:
+    """What somebody may have meant who names a port that is not there."""
+    if any(path in family.simulated for family in FAMILIES):
+        return f"The simulated lidar of that name is sim://{path}"
+    if os.sep not in path and "\0" not in path and os.path.exists(f"/dev/{path}"):
+        return f"Did you mean /dev/{path}?"
+    return "Is it plugged in? `lidario devices` lists the ports"
+
+
+def _instead(path: str, why: str) -> str:
     """What the path is, if it is no serial port."""
     try:
         mode = os.stat(path).st_mode
     except OSError:
         mode = stat.S_IFCHR
     if stat.S_ISDIR(mode):
-        return "is a directory and not a serial port. `lidario devices` lists the ports"
+        return "is a directory and not a serial port"
     if stat.S_ISREG(mode):
-        return "is a file and not a serial port. `lidario devices` lists the ports"
-    return f"is not a serial port, or cannot be set up as one ({text})"
+        return "is a file and not a serial port; the name of a recording ends with .mcap or .bin"
+    return f"is not a serial port, or cannot be set up as one: {why}"
 
 
 def _errno(error: Exception) -> int | None:

@@ -27,7 +27,8 @@ from lidario.port.thread import ReadingThread, Watched, reading_thread
 __all__ = ["Reader"]
 
 HOLD_S = 0.5
-"""Longest time for which bytes are held; below the 0.9 s after which the session takes silence for a failure."""
+"""Longest time for which bytes are held; below the 0.6 s after which the session takes silence for a failure
+(`lidario.session.running.SILENCE_S`)."""
 HOLD_BYTES = 32 * 1024
 """Most bytes that are held: what `Link` takes in one piece."""
 _TIMER_S = 0.001

@@ -1,9 +1,9 @@
 """A port with a simulated device at its other end.
 
-Four ways to get there: ``via=pty`` (the default on Linux) takes the whole path a
-real device takes, through the kernel and pyserial-asyncio; ``via=tcp`` the same through a socket, and ``via=udp``
-(the default of Ethernet models) by datagrams; ``via=memory`` hands the bytes over inside the event loop, on the
-loop's own clock, so that a test that drives the loop's time drives the device with it.
+There are four ways to it. ``via=pty`` (the default on Linux) is the whole path of a real device, through the kernel
+and pyserial-asyncio; ``via=tcp`` is the same through a socket, ``via=udp`` (the default of Ethernet models) by
+datagrams. ``via=memory`` hands the bytes over inside the event loop, on the loop's own clock, so that a test that
+drives the loop's time drives the device with it.
 
 An exception raised inside a simulated device, by a mistake in a user's world for instance, ends the line. It is the
 cause of the `DeviceLost` that the receiver is told.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from lidario.arguments import printable
 from lidario.model import DeviceInfo, Health, HealthStatus
 from lidario.recording.chronicle import MOST_NS, StreamEvent, event_of, text_of
 
@@ -72,7 +73,7 @@ class About:
         """What `as_texts` wrote; what is missing or cannot be right is empty."""
 
         def text(name: str) -> str:
-            return "".join(each for each in texts.get(name, "")[:LONGEST_TEXT] if each.isprintable())
+            return printable(texts.get(name, "")[:LONGEST_TEXT])
 
         def number(name: str) -> int:
             digits = texts.get(name, "")

@@ -13,6 +13,7 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 
+from lidario.arguments import printable
 from lidario.model import ScanMode
 
 __all__ = [
@@ -238,7 +239,7 @@ def mode_of(record: dict[str, object]) -> ScanMode:
     """
     return ScanMode(
         id=_whole(record["id"]),
-        name="".join(each for each in str(record["name"])[:64] if each.isprintable()),
+        name=printable(str(record["name"])[:64]),
         sample_us=_sample(record["sample_us"], 1.0),
         max_distance=_number(record["max_distance"], 0.0, MOST_METRES),
         response_type=_whole(record["response_type"]) & 0xFF,

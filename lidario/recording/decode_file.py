@@ -9,11 +9,9 @@ import mmap
 import os
 from collections.abc import Iterator
 
-import numpy as np
-
 from lidario.arguments import path_of
 from lidario.recording.files import open_stored
-from lidario.recording.offline import OfflineDecoder, ScanArrays
+from lidario.recording.offline import OfflineDecoder, ScanArrays, arrays_of
 from lidario.recording.read import StoredStreams, unreadable
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.scan import Scan
@@ -142,16 +140,4 @@ def decode_file_arrays(
     path: str | os.PathLike[str], *, family: str | None = None, sample_us: float | None = None
 ) -> ScanArrays:
     """As `decode_file`, all scans at once as a few arrays; the arguments and errors are the same."""
-    scans = list(FileDecoder(path, family=family, sample_us=sample_us))
-    starts = np.zeros(len(scans) + 1, np.int64)
-    np.cumsum([len(scan) for scan in scans], out=starts[1:])
-    none = np.empty(0, np.float32)
-    parts = [scan.intensities for scan in scans if scan.intensities is not None]
-    return ScanArrays(
-        device_angles=np.concatenate([none, *(scan.device_angles for scan in scans)]),
-        device_distances=np.concatenate([none, *(scan.device_distances for scan in scans)]),
-        intensities=np.concatenate(parts) if len(parts) == len(scans) and parts else None,
-        starts=starts,
-        stamps_ns=np.array([scan.stamp_ns for scan in scans], np.int64),
-        lost_packets=np.array([scan.lost_packets for scan in scans], np.int64),
-    )
+    return arrays_of(FileDecoder(path, family=family, sample_us=sample_us))

@@ -11,7 +11,7 @@ keeps all of them, some two megabytes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -28,7 +28,7 @@ from lidario.scan import Scan
 from lidario.wire.events import Packets
 from lidario.wire.link import Link, LinkStats
 
-__all__ = ["OfflineDecoder", "RawBytes", "ScanArrays", "decode", "decode_arrays"]
+__all__ = ["OfflineDecoder", "RawBytes", "ScanArrays", "arrays_of", "decode", "decode_arrays"]
 
 RawBytes: TypeAlias = bytes | bytearray | memoryview
 """Or anything else that has one dimension of bytes in one piece, as `mmap` or an array of uint8."""
@@ -98,22 +98,25 @@ def decode_arrays(data: RawBytes, *, family: str | None = None, sample_us: float
         InvalidValue: `data` is not bytes, or `sample_us` is not a number above 0 and up to 1000000.
         ConnectFailed: There is no such family (reason ``source``).
     """
-    scans = list(OfflineDecoder(data, family=family, sample_us=sample_us))
+    return arrays_of(OfflineDecoder(data, family=family, sample_us=sample_us))
+
+
+def arrays_of(decoder: Iterable[Scan]) -> ScanArrays:
+    """All scans of a decoder, as a few arrays."""
+    scans = list(decoder)
     starts = np.zeros(len(scans) + 1, np.int64)
     np.cumsum([len(scan) for scan in scans], out=starts[1:])
+    none = np.empty(0, np.float32)
+    # A file may hold streams of several formats, of which only some carry intensities.
     parts = [scan.intensities for scan in scans if scan.intensities is not None]
     return ScanArrays(
-        device_angles=_joined([scan.device_angles for scan in scans]),
-        device_distances=_joined([scan.device_distances for scan in scans]),
-        intensities=np.concatenate(parts) if parts else None,
+        device_angles=np.concatenate([none, *(scan.device_angles for scan in scans)]),
+        device_distances=np.concatenate([none, *(scan.device_distances for scan in scans)]),
+        intensities=np.concatenate(parts) if parts and len(parts) == len(scans) else None,
         starts=starts,
         stamps_ns=np.array([scan.stamp_ns for scan in scans], np.int64),
         lost_packets=np.array([scan.lost_packets for scan in scans], np.int64),
     )
-
-
-def _joined(parts: list[NDArray[np.float32]]) -> NDArray[np.float32]:
-    return np.concatenate(parts) if parts else np.empty(0, np.float32)
 
 
 class OfflineDecoder:

@@ -1,9 +1,9 @@
 """A recording as a device for anybody's driver, served on a pseudo-terminal or over TCP as a simulated one is.
 
 It responds to each request as the real device had responded, byte for byte. The request that had started a stream
-starts it again, and any stop request pauses it. A device that only talks was never asked: its recording begins with
-the first poll, and no request pauses it. To what was not asked while it was recorded it stays silent, as a
-device does that does not know a request; the log tells.
+starts it again, and any stop request pauses it. A device that only talks was never asked: its recording is played
+from the first call of `transmit` on, and no request pauses it. To what was not asked while it was recorded it stays
+silent, as a device does that does not know a request; the log tells.
 """
 
 from __future__ import annotations

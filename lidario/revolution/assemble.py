@@ -182,7 +182,8 @@ class Assembler:
 
     def _end(self, split: Split, following: bytes) -> Scan | None:
         """End the revolution in the making before the packet `following`, and begin the next."""
-        partial, self._partial = self._partial, PartialRevolution(whole=not split.broken, moved=split.moved)
+        partial = self._partial
+        self._partial = PartialRevolution(whole=not split.broken, moved=split.moved, seam=split.seam)
         ended = self._ended(partial, split, following)
         if ended is None:
             return None
@@ -294,9 +295,10 @@ class Assembler:
             ended.spanned_ns += ended.lost * ended.sample_ns * samples.ends[-1] / len(samples.ends)
             ordinary_ns = self._last_spanned_ns or ended.spanned_ns
         broken = is_broken(ended, ordinary_ns)
-        seam = self._seam.angle or 0
+        if partial.seam is None:
+            partial.seam = self._seam.angle
         if partial.whole and not self._is_numbered and self._ended_at is not None:
-            least_ns = least_of(wire, ended, seam, self._count.usual_ns)
+            least_ns = least_of(wire, ended, self._count.usual_ns)
             # Angles hide whole revolutions; so it counts when the packet behind it came.
             if least_ns and self._part(*self._ended_at).received_ns - ended.start_ns < least_ns:
                 return None
@@ -310,11 +312,10 @@ class Assembler:
                 ended,
                 packets,
                 samples,
-                seam=seam,
                 gap_behind=self._partial.carried is None,
                 broken=broken,
                 number=number,
-                packets_before=packets_before - samples.lost,
+                packets_before=packets_before - samples.lost - partial.lost_behind_carried,
             )
             revolution_ns = self._reckon(beginning)
         if not partial.whole:

@@ -87,13 +87,12 @@ def is_complete(spanned_ns: float, revolution_ns: float) -> bool:
     return spanned_ns > _WHOLE * revolution_ns
 
 
-def least_of(wire: StreamFormat, ended: EndedRevolution, seam: int, usual_ns: float) -> float:
+def least_of(wire: StreamFormat, ended: EndedRevolution, usual_ns: float) -> float:
     """The time below which what has ended is only a part of a revolution; 0 where enough of one came.
 
     Args:
         wire: The format.
         ended: What has ended, dated.
-        seam: Heading at which revolutions begin.
         usual_ns: What a revolution takes, by those before; 0 where that is not known.
     """
     if wire.first_seam is None:
@@ -107,7 +106,7 @@ def least_of(wire: StreamFormat, ended: EndedRevolution, seam: int, usual_ns: fl
     # What is missing at its beginning was lost.
     if ended.spanned_ns >= least_ns:
         return 0.0
-    if ended.spanned_ns + share_before(wire, ended.partial, samples, seam) * turn_ns >= least_ns:
+    if ended.spanned_ns + share_before(wire, ended.partial, samples) * turn_ns >= least_ns:
         return 0.0
     return least_ns
 
@@ -118,7 +117,6 @@ def beginning_of(
     packets: Packets,
     samples: Samples,
     *,
-    seam: int,
     gap_behind: bool,
     broken: bool,
     number: int,
@@ -131,7 +129,6 @@ def beginning_of(
         ended: The revolution, dated.
         packets: Its packets.
         samples: What they were decoded to.
-        seam: Heading at which revolutions begin.
         gap_behind: Whether what is missing behind its last packet belongs to it.
         broken: Whether it is broken, though its beginning was seen.
         number: As in `Beginning`.
@@ -145,7 +142,7 @@ def beginning_of(
     late = samples.certain and ended.start_ns - from_end_ns > NOISE * revolution_ns
     return Beginning(
         from_end_ns if late else ended.start_ns,
-        over=share_before(wire, ended.partial, samples, seam),
+        over=share_before(wire, ended.partial, samples),
         revolution_ns=revolution_ns,
         revolution_packets=revolution_packets,
         packet_ns=packet_ns,
@@ -178,7 +175,7 @@ def packet_time(
     return packet_ns if samples.certain else longest * sample_ns, revolution_packets, True
 
 
-def share_before(wire: StreamFormat, revolution: PartialRevolution, samples: Samples, seam: int) -> float:
+def share_before(wire: StreamFormat, revolution: PartialRevolution, samples: Samples) -> float:
     """Share of the revolution before its first packet; 0 when that one is the first behind the seam."""
     if revolution.carried is not None or not revolution.behind_gap:
         return 0.0
@@ -186,6 +183,6 @@ def share_before(wire: StreamFormat, revolution: PartialRevolution, samples: Sam
     blocks = some_blocks(run.blocks, 0, 1)
     first = Packets(run.data[: blocks[0].size], blocks, ((1, 0),))
     heading = int(wire.headings(first)[0]) & HEADING_MASK
-    over = (heading - seam) % wire.full_turn / wire.full_turn
+    over = (heading - (revolution.seam or 0)) % wire.full_turn / wire.full_turn
     behind = over * samples.revolution_packets
     return over if behind > _FIRST_PACKETS and _FIRST_SHARE < over < 1 - _BEFORE_SEAM else 0.0

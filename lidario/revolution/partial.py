@@ -57,6 +57,7 @@ class PartialRevolution:
     Attributes:
         whole: Whether it began at the seam, so that it can become a scan.
         moved: Whether it began at a mark that stood elsewhere than the one before.
+        seam: Heading at which it should have begun; None where no split began it.
         behind_gap: Whether packets may be missing right before its first one.
         carried: Samples from the packet that crossed the seam at its beginning, if any.
         carried_ns: Arrival of that packet.
@@ -68,6 +69,7 @@ class PartialRevolution:
 
     whole: bool
     moved: bool = False
+    seam: int | None = None
     behind_gap: bool = True
     carried: SampleArrays | None = None
     carried_ns: int = 0

@@ -45,12 +45,14 @@ class Split(NamedTuple):
         marked: The device said so, and the packet is the first of the revolution.
         broken: The stream began anew here: what came before is no revolution.
         moved: The device marks its revolutions elsewhere than was known: what came before is only part of one.
+        seam: Heading at which the revolution that begins here should begin; 0 while none is known.
     """
 
     packet: int
     marked: bool
     broken: bool
     moved: bool = False
+    seam: int = 0
 
 
 class Seam:
@@ -157,7 +159,7 @@ class Seam:
         if away < last - self._retreat and (self._armed or last <= self._far):
             self._armed = away >= self._near
             self._passed_unmarked = not self._armed
-            return Split(index, marked=False, broken=False)
+            return Split(index, marked=False, broken=False, seam=self.angle)
         if away >= self._near:
             self._passed_unmarked = False
             self._armed |= self._forward(last, away)
@@ -193,14 +195,16 @@ class Seam:
                 return self._step(index, heading & ~_FLAGS)
             self._last = None
             self._step(index, heading & ~_FLAGS)
-            return Split(index, marked=False, broken=True)
+            return Split(index, marked=False, broken=True, seam=self.angle or 0)
         before, self.angle = self.angle, heading & ~_FLAGS
         moved = before is not None and self._retreat < (self.angle - before) % self._full_turn <= self._far
         self._last = 0
         self._armed = False
         # A mark just behind the seam that the headings passed belongs to the revolution they began.
         belated, self._passed_unmarked = self._passed_unmarked, False
-        return None if belated and not moved else Split(index, marked=True, broken=False, moved=moved)
+        if belated and not moved:
+            return None
+        return Split(index, marked=True, broken=False, moved=moved, seam=self.angle)
 
 
 def _falls(headings: Headings) -> list[int] | None:

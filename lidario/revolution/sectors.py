@@ -174,13 +174,12 @@ class SectorAssembler(Assembler):
 
     # ------------------------------------------------------------------------------------------------ sectors
 
-    def _pass_end(self, here: DividedRevolution, most: int | None = None) -> None:
-        """The rotor has passed the end of a sector: hand it out, with at most so many samples of the rest."""
+    def _pass_end(self, here: DividedRevolution) -> None:
+        """The rotor has passed the end of a sector: hand it out."""
         end, parts = here.ends[here.at]
         here.at += 1
         if here.rest is not None:
-            upto = here.upto(end)
-            here.give(upto if most is None else min(upto, most))
+            here.give(here.upto(end))
         for count in parts:
             self._finish(here, count)
 
@@ -237,7 +236,7 @@ class SectorAssembler(Assembler):
             samples = here.decoded[0]
             over = 0.0
             if partial.runs:
-                over = share_before(self._stream.format, partial, samples, here.began)
+                over = share_before(self._stream.format, partial, samples)
             turn_ns = samples.revolution_samples * self._sample_time_ns
             from_end_ns = round(partial.last_ns - (here.passed / self._stream.format.full_turn - over) * turn_ns)
             # A read that was completed only behind a gap dates what came before it too late, as in `beginning_of`.

@@ -11,7 +11,7 @@ a restart, or a late arrival is not judged here: `decode_block` then returns Non
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -24,7 +24,7 @@ from lidario.revolution.seam import Split
 from lidario.revolution.timing import earliest_ns
 from lidario.scan import read_only
 from lidario.wire.blocks import Block, join_blocks, packet_offsets, some_blocks
-from lidario.wire.events import Arrival, Packets
+from lidario.wire.events import Packets
 
 __all__ = ["SteadyBlock", "decode_block", "is_ready"]
 
@@ -82,80 +82,119 @@ def decode_block(
         last_spanned_ns: What the revolution before took; 0 when that is not known.
         byte_ns: Nanoseconds that a byte takes on the line.
     """
-    sample_ns, wire = stream.sample_ns, stream.format
-    marked = splits[0].marked
+    marked, last = splits[0].marked, splits[-1].packet
     if len(event.arrivals) != 1:
         return None
     if any(split.broken or split.moved or split.marked != marked for split in splits):
         return None
-    before, arrivals = 0, list[Arrival]()
-    for run in partial.runs:
-        arrivals += [(before + packets, at_ns) for packets, at_ns in run.arrivals]
-        before += run.count
+    before = sum([run.count for run in partial.runs])
     ends = [before + split.packet - first for split in splits]
     if not ends[0]:
         return None
-    last = splits[-1].packet
     packets = _joined(partial, event, offsets, first, last, ends[-1])
     room = 0 if partial.carried is None else len(partial.carried)
     following = event.data[offsets[last] : offsets[last + 1]]
     samples = stream.decoder.decode_steady(packets, following, ends, room, None if marked else seam)
     if samples is None:
         return None
-
+    bounds = [0, *(room + end for end in samples.before_seam)]
     # What stands behind the end of a revolution was measured after it and was there already: so late was the end.
-    behind = wire.samples_in(some_blocks(event.blocks, last, event.count))
-    total = samples.packet_ends[-1]
+    behind = stream.format.samples_in(some_blocks(event.blocks, last, event.count)) + samples.packet_ends[-1]
     now = event.arrivals[0][1]
-    arrived = [now - round((behind + total - end) * sample_ns) for end in samples.packet_ends]
+    arrived = [now - round((behind - end) * stream.sample_ns) for end in samples.packet_ends]
     if splits[0].packet == first:
         arrived[0] = partial.last_ns
-    else:
-        arrivals.append((ends[0], arrived[0]))
-    packet_bytes = [len(packets.data) / packets.count] * len(ends)
-    if byte_ns and len(packets.blocks) > 1:
-        bounds = [0, *(packet_offsets(packets.blocks)[end] for end in ends)]
-        packet_bytes = [
-            (to - begin) / (end - start)
-            for (begin, to), (start, end) in zip(pairwise(bounds), pairwise([0, *ends]), strict=True)
-        ]
+    late_ns = [each * byte_ns for each in _packet_bytes(packets, ends, vary=byte_ns > 0)]
+    starts = [
+        _first_start(stream, partial, packets, samples, ends[0], arrived[0], late_ns[0]),
+        *_later_starts(stream.sample_ns, room, samples, bounds, arrived, late_ns),
+    ]
+    intervals = _intervals(stream.sample_ns, samples, bounds, starts, arrived, count, last_spanned_ns)
+    if intervals is None:
+        return None
+    return _block(
+        stream, partial, samples, bounds, starts, intervals, arrived[-1], ends, last - first, splits[-1].seam
+    )
 
-    bounds = [0, *(room + end for end in samples.before_seam)]
-    estimates = [partial.carried_ns - (room - 1) * sample_ns] if room else []
-    for complete, at_ns in arrivals:
-        known = (
-            samples.packet_ends[0]
-            if complete == ends[0]
-            else wire.samples_in(some_blocks(packets.blocks, 0, complete))
-        )
-        estimates.append(at_ns - (room + known - 1) * sample_ns)
-    starts = [earliest_ns(estimates, sample_ns, packet_bytes[0] * byte_ns)]
-    for at in range(1, len(ends)):
+
+def _packet_bytes(packets: Packets, ends: Sequence[int], *, vary: bool) -> list[float]:
+    """Bytes of a packet, of each revolution, where they `vary` and it matters; else those of them all."""
+    if not vary or len(packets.blocks) == 1:
+        return [len(packets.data) / packets.count] * len(ends)
+    offsets = packet_offsets(packets.blocks)
+    return [(offsets[end] - offsets[begin]) / (end - begin) for begin, end in pairwise([0, *ends])]
+
+
+def _first_start(
+    stream: Stream,
+    partial: PartialRevolution,
+    packets: Packets,
+    samples: SteadySamples,
+    end: int,
+    arrived_ns: int,
+    late_ns: float,
+) -> int:
+    """When the first sample of the first revolution was measured, by all arrivals of its packets."""
+    sample_ns, wire, estimates, room, before = stream.sample_ns, stream.format, list[float](), 0, 0
+    if partial.carried is not None:
+        room = len(partial.carried)
+        estimates.append(partial.carried_ns - (room - 1) * sample_ns)
+    for run in partial.runs:
+        for complete, at_ns in run.arrivals:
+            some = some_blocks(packets.blocks, 0, before + complete)
+            estimates.append(at_ns - (room + wire.samples_in(some) - 1) * sample_ns)
+        before += run.count
+    if before < end:
+        estimates.append(arrived_ns - (room + samples.packet_ends[0] - 1) * sample_ns)
+    return earliest_ns(estimates, sample_ns, late_ns)
+
+
+def _later_starts(
+    sample_ns: float,
+    room: int,
+    samples: SteadySamples,
+    bounds: Sequence[int],
+    arrived: Sequence[int],
+    late_ns: Sequence[float],
+) -> Iterator[int]:
+    """When the first sample of each revolution but the first was measured."""
+    for at in range(1, len(arrived)):
         carried = room + samples.packet_ends[at - 1] - bounds[at]
         fresh = samples.packet_ends[at] - samples.packet_ends[at - 1]
         estimates = [arrived[at] - (carried + fresh - 1) * sample_ns]
         if carried:
             estimates.append(arrived[at - 1] - (carried - 1) * sample_ns)
-        starts.append(earliest_ns(estimates, sample_ns, packet_bytes[at] * byte_ns))
+        yield earliest_ns(estimates, sample_ns, late_ns[at])
 
+
+def _intervals(
+    sample_ns: float,
+    samples: SteadySamples,
+    bounds: Sequence[int],
+    starts: Sequence[int],
+    arrived: Sequence[int],
+    count: RevolutionCount,
+    last_spanned_ns: float,
+) -> list[float] | None:
+    """What each revolution took by the time; None where one is for those who judge it.
+
+    Such a one came late, or took more or less than its angles tell.
+    """
     spanned = [(end - begin) * sample_ns for begin, end in pairwise(bounds)]
     turns = [each * sample_ns for each in samples.revolution_samples]
     ordinary_ns = last_spanned_ns or spanned[0]
-    for at, (start_ns, spanned_ns, turn_ns) in enumerate(zip(starts, spanned, turns, strict=True)):
-        # One that came late, or took more or less than its angles tell, is for those who judge it.
+    for at_ns, start_ns, spanned_ns, turn_ns in zip(arrived, starts, spanned, turns, strict=True):
         if (
-            arrived[at] - start_ns > spanned_ns + BROKEN_SHARE * ordinary_ns
+            at_ns - start_ns > spanned_ns + BROKEN_SHARE * ordinary_ns
             or spanned_ns > UNEVEN * turn_ns
-            or start_ns - round(arrived[at] - spanned_ns) > NOISE * turn_ns
+            or start_ns - round(at_ns - spanned_ns) > NOISE * turn_ns
         ):
             return None
         ordinary_ns = spanned_ns
     intervals = count.intervals(starts, turns)
-    if intervals is None:
-        return None
-    if math.isnan(intervals[0]) and is_complete(spanned[0], turns[0]):
+    if intervals is not None and math.isnan(intervals[0]) and is_complete(spanned[0], turns[0]):
         intervals[0] = spanned[0]
-    return _block(stream, partial, samples, bounds, starts, spanned, intervals, arrived[-1], ends, last - first)
+    return intervals
 
 
 def _joined(
@@ -176,17 +215,17 @@ def _block(
     samples: SteadySamples,
     bounds: Sequence[int],
     starts: Sequence[int],
-    spanned: Sequence[float],
     intervals: Sequence[float],
     last_ns: int,
     ends: Sequence[int],
     used: int,
+    seam: int,
 ) -> SteadyBlock:
     """Divide the arrays among the revolutions."""
     here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
     if partial.carried is not None:
         here.begin_with(partial.carried, len(partial.carried))
-    following = PartialRevolution(whole=True, behind_gap=False)
+    following = PartialRevolution(whole=True, seam=seam, behind_gap=False)
     if bounds[-1] < len(here):
         following.carried = here.part(bounds[-1])
         following.carried_ns = last_ns
@@ -196,9 +235,9 @@ def _block(
     turned = SampleArrays(turned_by(here.angle, stream.zero_offset_deg), here.distance, here.intensity)
     reported = samples.reported_rpm or [math.nan] * len(starts)
     revolutions = [
-        DatedRevolution(turned.part(begin, end), start_ns, spanned_ns, interval_ns, rpm)
-        for (begin, end), start_ns, spanned_ns, interval_ns, rpm in zip(
-            pairwise(bounds), starts, spanned, intervals, reported, strict=True
+        DatedRevolution(turned.part(begin, end), start_ns, (end - begin) * stream.sample_ns, interval_ns, rpm)
+        for (begin, end), start_ns, interval_ns, rpm in zip(
+            pairwise(bounds), starts, intervals, reported, strict=True
         )
     ]
     turn_ns = samples.revolution_samples[-1] * stream.sample_ns

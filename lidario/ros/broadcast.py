@@ -80,7 +80,7 @@ class Broadcast(Entered):
         robot: As above.
         on_change: Called when the router is not there at the start or is lost (False), and when it comes (True);
             None to log `news` as a warning.
-        news: What was last to be told of the router, as a sentence; empty while nothing was.
+        news: What has happened last to the router, as a sentence; empty before anything has.
         scans: Scans published so far.
         unsent: Scans that were not sent, because there was no router.
     """

@@ -81,7 +81,7 @@ class Fleet(Entered):
 
     @property
     def dropped(self) -> int:
-        """Scans, and messages that were not looked at, that were dropped because this program was slow."""
+        """Scans, and messages that were not parsed, that were dropped because this program was slow."""
         return self._scans.dropped + self._untaken
 
     @property

@@ -120,11 +120,11 @@ class Node:
         """The token that shows the node; `zid` is the id of the zenoh session."""
         return f"@ros2_lv/{self.domain}/{zid}/0/0/NN/%/{_mangled(self.namespace)}/{self.name}"
 
-    def publisher_token(self, zid: str, entity: int, topic: str, kind: MessageType, qos: str = RELIABLE_10) -> str:
+    def publisher_token(self, zid: str, entity: int, topic: str, kind: MessageType) -> str:
         """The token that shows a publisher; each has its own `entity` number, from 1 on."""
         return (
             f"@ros2_lv/{self.domain}/{zid}/0/{entity}/MP/%/{_mangled(self.namespace)}/{self.name}/"
-            f"{_mangled(topic)}/{kind.part(self.distro)}/{qos}"
+            f"{_mangled(topic)}/{kind.part(self.distro)}/{RELIABLE_10}"
         )
 
 

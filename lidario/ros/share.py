@@ -111,7 +111,7 @@ class _RawFeed:
 
     def __init__(self, lidar: Lidar, share: Share) -> None:
         self.path = Path("zenoh")
-        # A room of ours: a user records to files only.
+        # Not public: users record to files only.
         self._session = lidar._recorded  # noqa: SLF001
         self._share = share
         self._about: About | None = None

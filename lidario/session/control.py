@@ -27,6 +27,7 @@ __all__ = ["NotWanted", "StreamControl"]
 _log = logging.getLogger("lidario")
 
 STOP_ATTEMPTS = 3
+"""A damaged line may lose a STOP; three in a row mean that the device does not hear them."""
 
 
 class NotWanted(LidarError):

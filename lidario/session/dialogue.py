@@ -196,7 +196,7 @@ class Dialogue(DeviceLine):
         raise ResponseTimeout(request.name, timeout, self.stats.stray_bytes - noise)
 
     async def run(self, script: Script[T], first: Request | None = None) -> T:
-        """Hold the dialogue that `script` writes down, and return its result; as `play`, with `ask`."""
+        """Run a script of the family and return its result; as `play`, with `ask`."""
         return await play(script, self.ask, first)
 
     async def pause(self, seconds: float) -> None:

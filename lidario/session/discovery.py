@@ -119,8 +119,12 @@ async def list_lidars(paths: Iterable[str | os.PathLike[str]] = ()) -> list[Foun
     return found
 
 
-async def find_source(source: Source) -> Source:
+async def find_source(source: Source, family: str | None = None) -> Source:
     """The source to open for ``auto`` and ``id:``; any other as it is.
+
+    Args:
+        source: What the user named.
+        family: The family that its device must have; None for any.
 
     Raises:
         ConnectFailed: No lidar responds, or several do (reason ``ambiguous``); the text lists them.
@@ -132,14 +136,16 @@ async def find_source(source: Source) -> Source:
     if source.kind == "id":
         wanted = source.address.casefold()
         responding = [each for each in responding if each.info and each.info.serial.casefold() == wanted]
+    if family is not None:
+        responding = [each for each in responding if each.info and each.info.family == family]
     if len(responding) == 1:
         best = responding[0]
-        family = best.info.family if best.info else ""
-        return Source(best.port.path, "serial", best.port.path, {"baud": str(best.baudrate), "family": family})
+        own = best.info.family if best.info else ""
+        return Source(best.port.path, "serial", best.port.path, {"baud": str(best.baudrate), "family": own})
     if responding:
         raise _several(responding)
     others = [] if found else [port.path for port in await run_in_thread(list_serial_ports)]
-    raise _none(source, found, others)
+    raise _none(source, family, found, others)
 
 
 async def _ask(port: PortInfo, *, patient: bool) -> Found:
@@ -152,8 +158,9 @@ async def _ask(port: PortInfo, *, patient: bool) -> Found:
     return Found(port, connection.info, connection.port.baudrate, "")
 
 
-def _none(source: Source, found: list[Found], others: list[str]) -> ConnectFailed:
-    what = f"no lidar with serial number {source.address}" if source.kind == "id" else "no lidar found"
+def _none(source: Source, family: str | None, found: list[Found], others: list[str]) -> ConnectFailed:
+    kind = "lidar" if family is None else f"lidar of the family {family!r}"
+    what = f"no {kind} with serial number {source.address}" if source.kind == "id" else f"no {kind} found"
     if not found:
         tried = "no port has an adapter that lidars come with"
         cure = f"; name the port if it is one of {', '.join(others)}" if others else ". Is it plugged in?"

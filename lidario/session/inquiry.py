@@ -78,7 +78,7 @@ class Inquiry:
 
         Raises:
             DeviceFault: It has stopped to protect itself, and a RESET did not help or would be one too many.
-            StreamFailed: It is silent, or well without that a restart promised anything.
+            StreamFailed: It is silent, or it is well and a restart promises nothing.
         """
         self.doubtful = True
         health = await self._health()

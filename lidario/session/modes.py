@@ -67,5 +67,7 @@ def choose_mode(modes: tuple[ScanMode, ...], wanted: str | int | None) -> ScanMo
             return mode
     if wanted is None:
         return modes[0]
-    known = ", ".join(f"{mode.name} ({mode.id})" for mode in modes)
+    # Modes that the device does not list have the id of another one, which an id then means.
+    by_id = {mode.id: mode for mode in reversed(modes)}
+    known = ", ".join(f"{mode.name} ({mode.id})" if by_id[mode.id] is mode else mode.name for mode in modes)
     raise Unsupported(f"this device has no scan mode {shown(wanted)}; it has {known}")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NoReturn
 from lidario.arguments import finite, shown, whole, yes_or_no
 from lidario.entered import AsyncOnly
 from lidario.errors import InvalidValue, LocalProtocolError, Unsupported
-from lidario.families.registry import check_source
+from lidario.families.registry import check_family, check_source
 from lidario.session.connect import connect
 from lidario.session.discovery import find_source
 from lidario.session.handshake import healthy
@@ -86,7 +86,7 @@ class OpenLidar(AsyncOnly):
             raise LocalProtocolError(
                 "lidario needs an asyncio event loop: under trio, run it by anyio.run(main, backend='asyncio')"
             ) from None
-        source = await find_source(self._source)
+        source = await find_source(self._source, self._family)
         if source.kind == "file" and self._keep_spinning:
             raise InvalidValue("keep_spinning: a recording has no motor")
         if self._reconnect is None:
@@ -107,6 +107,8 @@ class OpenLidar(AsyncOnly):
         first = connect if reconnector is None else reconnector.connect
         connection = await first(source, self._family, self._baudrate)
         try:
+            # A recording and another machine's lidar tell it themselves, and only when they are open.
+            check_family(source, self._family, connection.info.family)
             if self._keep_spinning and not connection.device.can_keep_spinning:
                 raise Unsupported(
                     f"keep_spinning: the motor of a {connection.info.model} stops with its laser. Open it without"
@@ -157,7 +159,7 @@ def open_lidar(
         RecordingError: Nothing can be read of a recording.
         RemoteProtocolError: It says each time that it is another device: the line damages what it carries.
         InvalidValue: An argument is no such thing: `baudrate` is a whole number above 0, `latency` a number of
-            seconds from 0 on; or `keep_spinning` of a recording.
+            seconds from 0 on; `keep_spinning` of a recording; or `family` is not that of the source.
         Unsupported: `keep_spinning` on a device whose motor stops with its laser.
     """
     where = as_source(source)

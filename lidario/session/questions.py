@@ -23,9 +23,12 @@ from lidario.session.stream import ScanStream
 __all__ = ["Questions"]
 
 SPEED_TOLERANCE = 0.05
+"""Share by which the measured scan frequency may differ from the one that was set."""
 SPEED_TIMEOUT_S = 10.0
+"""Longest time that the rotor has to reach it; a rotor at rest needs 5 s at most (`Stream.spin_up_s`)."""
 SLOWEST_LINE = 9600
 FASTEST_LINE = 4_000_000
+"""Bits a second of serial lines that adapters can do."""
 
 
 class Questions(ABC):
@@ -77,18 +80,27 @@ class Questions(ABC):
         return await self._scanner.modes()
 
     async def get_sample_rate(self) -> SampleRate:
-        """Ask how long a sample takes, in microseconds. Raises Unsupported where the device does not tell."""
+        """Ask how long a sample takes, in microseconds.
+
+        Raises:
+            Unsupported: The device does not tell.
+        """
         return await self._scanner.ask(self._open_device().sample_rate)
 
     async def get_scan_frequency(self) -> float:
         """Ask which scan frequency is set, in revolutions a second; `measured_scan_frequency` is the real one.
 
-        Raises Unsupported where it cannot be set.
+        Raises:
+            Unsupported: It cannot be set.
         """
         return await self._scanner.ask(self._open_device().scan_frequency)
 
     async def get_scan_frequency_range(self) -> tuple[float, float]:
-        """Ask for the slowest and the fastest scan frequency, in Hz. Raises Unsupported where it cannot be set."""
+        """Ask for the slowest and the fastest scan frequency, in Hz.
+
+        Raises:
+            Unsupported: It cannot be set.
+        """
         return await self._scanner.ask(self._open_device().scan_frequency_range)
 
     async def set_scan_frequency(self, hertz: float, *, verify: bool = True) -> float:
@@ -118,14 +130,21 @@ class Questions(ABC):
     async def get_zero_offset(self) -> float:
         """Ask for the zero-angle offset the device was calibrated with, in degrees clockwise.
 
-        It is not applied unless `set_zero_offset` says so. Raises Unsupported where there is none.
+        It is not applied unless `set_zero_offset` says so.
+
+        Raises:
+            Unsupported: The device has none.
         """
         return await self._scanner.ask(self._open_device().zero_offset)
 
     async def set_zero_offset(self, on: bool) -> None:
         """Choose whether the zero-angle offset is added to every angle; off at first.
 
-        Streams that run add it, or do not, from the next revolution on. Raises Unsupported where there is none.
+        Streams that run add it, or do not, from the next revolution on.
+
+        Raises:
+            InvalidValue: `on` is neither true nor false.
+            Unsupported: The device has none.
         """
         device, on = self._open_device(), yes_or_no(on, "the zero-angle offset")
         self._scanner.set_zero_offset(await self._scanner.ask(lambda: device.apply_zero_offset(on)))
@@ -137,7 +156,12 @@ class Questions(ABC):
         With it on, the device stops by itself when its host falls silent for three seconds; the session repeats
         what keeps it going, from another thread too while the program blocks its event loop. The manual recommends
         it where lidar and host have separate power supplies. It lasts longer than the session: the next program
-        finds it as this one left it. Raises Unsupported where there is none.
+        finds it as this one left it.
+
+        Raises:
+            InvalidValue: `on` is neither true nor false.
+            RemoteProtocolError: The device does not reach that state.
+            Unsupported: The device has none.
         """
         device, on = self._open_device(), yes_or_no(on, "power-down protection")
         state = await self._scanner.ask(lambda: device.power_down_protection(on))
@@ -218,10 +242,10 @@ class Questions(ABC):
         return await healthy(self._dialogue, self._device)
 
     async def _turns_at(self, hertz: float) -> None:
-        measured = float("nan")
+        measured, stream = float("nan"), ScanStream(self._scanner, None, 1, False, self._check_open)
         try:
             async with asyncio.timeout(SPEED_TIMEOUT_S):
-                async for scan in ScanStream(self._scanner, None, 1, False, self._check_open):
+                async for scan in stream:
                     measured = scan.rpm / 60
                     if abs(measured - hertz) <= SPEED_TOLERANCE * hertz:
                         return
@@ -229,6 +253,9 @@ class Questions(ABC):
             raise RemoteProtocolError(
                 f"{hertz:.2f} Hz is set, but the rotor turns at {measured:.2f} Hz after {SPEED_TIMEOUT_S:g} s"
             ) from None
+        finally:
+            # Whoever keeps the error keeps this frame, and the stream with it, from being garbage.
+            stream.release()
 
     def _remember(self, name: str, script: Callable[[Device], Script[object]]) -> None:
         """A device that comes back shall be set to this again."""

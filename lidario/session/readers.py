@@ -1,7 +1,7 @@
 """Who reads the stream of one device, and who waits to be let in.
 
 A reader that asks for no mode in particular is let in at once where others read already. Any other one waits until
-the worker of `Scanner` has compared the mode that it asks for with the one that runs. A reader that does not say
+`Starter` has compared the mode that it asks for with the one that runs. A reader that does not say
 that it is the last one leaves its stream going for `LINGER_S`: single scans in a row must not restart the rotor
 each time.
 """

@@ -15,7 +15,7 @@
 Unplugging, a TCP connection that is reset, a device that restarts or freezes and one that stops to protect itself
 all take this one way. So it needs no judgement of what has happened, which nobody can make from a silent line.
 
-`Scanner` says when the line is no good any more, `Lidar` takes the new one over. The attempts run in one task. It
+`Failures` says when the line is no good any more, `Lidar` takes the new one over. The attempts run in one task. It
 holds no reference to the `Lidar`, so a session that nobody holds any more is collected also while it is away.
 """
 

@@ -5,7 +5,7 @@ timer is left, and the port is polled no more. Between them two things are watch
 they make full revolutions. What must be repeated to keep the device going is repeated. What is wrong with a device
 whose packets stay away is not judged here: `lidario.session.inquiry` asks it.
 
-`Scanner` makes one of these for each start and holds at most one.
+`StreamControl` makes one of these for each start and holds at most one.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 from lidario.errors import LidarError
 from lidario.families.base import Stream
-from lidario.model import ScanMode
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.revolution.sectors import SectorAssembler
 from lidario.scan import Scan
@@ -138,11 +137,6 @@ class Running:
         self._watch_due = self._began
         self._note_damage()
 
-    @property
-    def mode(self) -> ScanMode:
-        """The scan mode that runs."""
-        return self._stream.mode
-
     def begin(self) -> None:
         """Take the packets over, and watch them."""
         stream = self._stream
@@ -177,8 +171,7 @@ class Running:
             if timer is not None:
                 timer.cancel()
         self._watchdog = self._keepalive = None
-        if not self._loop.is_closed():
-            self._dialogue.set_polling(0.0, None)
+        self._dialogue.set_polling(0.0, None)
 
     def set_zero_offset(self, degrees: float, *, behind: bool) -> None:
         """Add another zero-angle offset, as `Assembler.set_zero_offset`."""

@@ -47,6 +47,7 @@ T = TypeVar("T")
 _log = logging.getLogger("lidario")
 
 LEAVE_TIMEOUT_S = 2.0
+"""Longest time that `left` waits. The stop requests are written within 0.6 s (`Stopper.written`)."""
 
 
 class Scanner:

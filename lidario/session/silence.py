@@ -26,7 +26,7 @@ class ReceivedInSilence:
         self._kept = bytearray()
 
     def see(self, direction: str, data: bytes, now: int) -> None:  # noqa: ARG002
-        """As `lidario.port.port.Tap`."""
+        """As `lidario.port.line.Tap`."""
         if direction == "in":
             self.total += len(data)
             self._kept += data[: KEPT - len(self._kept)]

@@ -25,8 +25,8 @@
 * STOPPING: no stream is wanted any more; the stop requests wait until the device listens.
 * CLOSED: the session is over.
 
-`Scanner` holds the state and asks this table for the next one. An event that the table does not know in a state
-is a mistake in `Scanner`, so it raises.
+`StreamControl` holds the state and asks this table for the next one. An event that the table does not know in a
+state is a mistake in lidario, so it raises.
 """
 
 from __future__ import annotations

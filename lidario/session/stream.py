@@ -37,14 +37,14 @@ class Mailbox:
 
     Args:
         depth: Most that are kept.
-        parts: Of how many sectors a revolution is for this reader; 0 for a reader of scans.
+        parts: How many sectors a revolution has for this reader; 0 for a reader of scans.
 
     Attributes:
         parts: The same.
         dropped: Scans dropped since the reader last took one.
         total_dropped: Scans dropped altogether.
-        on_taken: Called when the reader has taken a scan. Where it is set, no scan is dropped: the one who set it
-            does not put more than one at a time, or few.
+        on_taken: Called when the reader has taken a scan. Where it is set, no scan is dropped: who has set it puts
+            more only when the reader has taken all.
     """
 
     def __init__(self, depth: int, parts: int = 0) -> None:
@@ -138,7 +138,7 @@ class Hub:
 
     Attributes:
         dropped: Scans that slow readers missed, summed over all of them.
-        parts: Of how many sectors a revolution is for somebody here.
+        parts: The numbers of sectors that revolutions have for the readers here.
         on_parts: Called when that has changed.
     """
 
@@ -278,7 +278,13 @@ class ScanStream(AsyncOnly):
             self._let_go.atexit = False
         elif self._loop is not asyncio.get_running_loop():
             raise LocalProtocolError("the stream was begun in another event loop, and its scans come only there")
-        return cast("Scan", await self._mailbox.get())
+        try:
+            return cast("Scan", await self._mailbox.get())
+        except BaseException:
+            # Whoever keeps the error, as a cancelled task does, keeps this frame. The stream is to be garbage all
+            # the same, so that the device is left still.
+            del self
+            raise
 
     async def __aenter__(self) -> Self:
         self._check_open()

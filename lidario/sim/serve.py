@@ -25,6 +25,11 @@ from lidario.sim.server import READ, Server
 
 __all__ = ["MemoryLine", "PtyServer", "TcpServer", "UdpServer", "usual_way"]
 
+_TICK_S = 0.002
+"""Time between two polls of a device that is sending."""
+_DATAGRAM = 1024
+"""Most bytes in a datagram: the vendor's driver reads so many of each."""
+
 
 def usual_way() -> str:
     """How a device is served where nobody says it: ``"pty"`` on Linux, else ``"tcp"``.
@@ -55,7 +60,7 @@ class PtyServer(Server):
         self,
         device: SimulatedDevice,
         *,
-        tick: float = 0.002,
+        tick: float = _TICK_S,
         faults: Faults | None = None,
         chunk: int | None = None,
     ) -> None:
@@ -141,12 +146,11 @@ class _AddressServer(Server):
         self,
         opened: socket.socket,
         device: SimulatedDevice,
-        tick: float,
         faults: Faults | None,
         chunk: int | None,
     ) -> None:
         try:
-            super().__init__(device, tick, faults, chunk)
+            super().__init__(device, _TICK_S, faults, chunk)
         except BaseException:
             opened.close()
             raise
@@ -163,9 +167,7 @@ class TcpServer(_AddressServer):
         device: The device.
         host: Address to listen on.
         port: Port to listen on; 0 = any free one.
-        tick: Seconds between two polls of a device that is sending.
         faults: What happens to its bytes on the way.
-        chunk: Most bytes sent at once; None = all there are.
 
     Attributes:
         address: Host and port that it listens on.
@@ -180,13 +182,11 @@ class TcpServer(_AddressServer):
         host: str = "127.0.0.1",
         port: int = 0,
         *,
-        tick: float = 0.002,
         faults: Faults | None = None,
-        chunk: int | None = None,
     ) -> None:
         self._listener = socket.create_server((host, port), backlog=1)
         self._client: socket.socket | None = None
-        super().__init__(self._listener, device, tick, faults, chunk)
+        super().__init__(self._listener, device, faults, None)
 
     def _sources(self) -> list[int | socket.socket]:
         return [self._listener] if self._client is None else [self._listener, self._client]
@@ -259,9 +259,7 @@ class UdpServer(_AddressServer):
         device: The device.
         host: Address to listen on.
         port: Port to listen on; 0 = any free one.
-        tick: Seconds between two polls of a device that is sending.
         faults: What happens to its bytes on the way.
-        chunk: Most bytes in a datagram; the vendor's driver reads 1024 of each.
 
     Attributes:
         address: Host and port that it listens on.
@@ -276,13 +274,11 @@ class UdpServer(_AddressServer):
         host: str = "127.0.0.1",
         port: int = 0,
         *,
-        tick: float = 0.002,
         faults: Faults | None = None,
-        chunk: int = 1024,
     ) -> None:
         self._socket = _datagram_socket((host, port))
         self._peer: tuple[str, int] | None = None
-        super().__init__(self._socket, device, tick, faults, chunk)
+        super().__init__(self._socket, device, faults, _DATAGRAM)
 
     def _sources(self) -> list[int | socket.socket]:
         return [self._socket]

@@ -48,6 +48,7 @@ _PER_DEGREE = DIRECTIONS / 360.0
 _TICKS_PER_SECOND = 100
 _NOISE = 1 << 14
 _FARTHEST_M = 1e6  # of a wall's end; the products of much larger coordinates overflow
+_GIRTH_M = 0.25  # radius of the person who walks
 _HASH = 2654435761  # 2**32 over the golden ratio (Knuth's multiplicative hash)
 
 
@@ -81,7 +82,6 @@ class Walker:
         centre: Middle of the ellipse, metres.
         radii: Its half axes along x and y, metres; the scanner must stay outside of the person.
         period_s: Seconds for one round.
-        girth_m: Radius of the person.
     """
 
     def __init__(
@@ -90,17 +90,16 @@ class Walker:
         radii: tuple[float, float],
         *,
         period_s: float = 20.0,
-        girth_m: float = 0.25,
     ) -> None:
         ticks = np.arange(round(period_s * _TICKS_PER_SECOND))
         phase = ticks * (2.0 * np.pi / len(ticks))
         x, y = centre[0] + radii[0] * np.cos(phase), centre[1] + radii[1] * np.sin(phase)
         distance = np.hypot(x, y)
-        if float(distance.min()) <= girth_m:
+        if float(distance.min()) <= _GIRTH_M:
             raise ValueError("the walker's path leads over the scanner")
         bearing = np.degrees(np.arctan2(-y, x))
-        width = np.degrees(np.arcsin(girth_m / distance))
-        self._girth = girth_m * 1000.0
+        width = np.degrees(np.arcsin(_GIRTH_M / distance))
+        self._girth = _GIRTH_M * 1000.0
         self._distance = distance * 1000.0
         self._bearing = bearing
         self._from = np.floor((bearing - width) * _PER_DEGREE).astype(np.int64)

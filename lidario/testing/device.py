@@ -30,8 +30,7 @@ class SimulatedLidar:
             scan = await session.scan()
 
     The clock is fast in the loop of the main thread, where async tests run. A loop in another thread keeps real
-    time: that of `open_sync`, or of a web framework's test client. So it does not run ahead of the thread of the
-        test.
+    time: that of `open_sync`, or of a web framework's test client. So it does not run ahead of the test.
 
     Args:
         model: As `lidario.simulate`; ``lidario sim --list`` names all. None: the first of them.

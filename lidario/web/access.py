@@ -1,7 +1,7 @@
 """Which requests are allowed: each is judged by its path, its Host, its Origin and its token, and by nothing else.
 
-On the loopback interface every user of this machine may look, and a browser is the danger: any page that it shows
-may try to connect to this server. So the Host must be a name of this machine itself (a foreign name could be
+On the loopback interface every user of this machine may connect. There a browser is the danger: any page that it
+shows may try to connect to this server. So the Host must be a name of this machine itself (a foreign name could be
 pointed at it), and a WebSocket must come from our own page. Open to a network, a random token is asked for in
 addition, and then the Host may be any name of this machine.
 """

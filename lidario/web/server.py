@@ -120,7 +120,7 @@ class LiveServer:
 
     @property
     def viewers(self) -> int:
-        """How many look at it now."""
+        """How many viewers are connected."""
         return len(self._viewers)
 
     @property

@@ -235,10 +235,10 @@ class Link:
             if self._heard_packets >= request.packets:
                 self._buffer.skip(middle)
                 self._unasked = True
-                self._events.append(Response(wire.response_type, self._heard, now))
                 if self._abandoned:
-                    self._events.pop()
                     self.stats.late_responses += 1
+                else:
+                    self._events.append(Response(wire.response_type, self._heard, now))
                 self._end_waiting()
                 return
             if end > middle and wire.other_record(data, middle) != end - middle:

@@ -1,7 +1,7 @@
 """Where every received byte went: the counters of a `Link`.
 
-A ledger: each byte is counted in exactly one of the fields that end in ``_bytes``, or still waits in the link's
-buffer. So a byte that is missing in the measurements can be found among the others.
+Each byte is counted in exactly one of the fields that end in ``_bytes``, or still waits in the link's buffer.
+So a byte that is missing in the measurements can be found among the others.
 """
 
 from __future__ import annotations

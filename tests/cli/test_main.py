@@ -77,6 +77,8 @@ def test_help_names_every_verb() -> None:
         "completion",
     ):
         assert f"\n  {verb} " in told.stdout
+    # What does not fit in its line is cut.
+    assert "...\n" not in told.stdout.partition("\nCommands:")[2]
 
 
 @pytest.mark.parametrize(
@@ -110,6 +112,11 @@ def test_what_cannot_be_meant_is_a_usage_error(arguments: tuple[str, ...]) -> No
     first, *more = ended.stderr.splitlines()
     assert first.startswith("error: ")
     assert all(line.startswith(" " * 7) for line in more)
+
+
+def test_what_is_no_number_is_said_in_plain_words() -> None:
+    assert "'many' is not a valid whole number" in invoke("scan", "-n", "many").stderr
+    assert "'fast' is not a valid number" in invoke("motor", "speed", "fast").stderr
 
 
 def test_a_missing_port_is_no_device() -> None:

@@ -34,3 +34,12 @@ def test_unknown_names_are_answered_with_the_known_ones() -> None:
         with pytest.raises(ConnectFailed, match="known are") as caught:
             look_up("nonesuch")
         assert caught.value.reason == "source"
+
+
+def test_a_misspelt_simulated_model_is_told_the_nearest_ones_and_not_all() -> None:
+    with pytest.raises(
+        ConnectFailed, match=r"'rplidar-s9'\. Did you mean .*rplidar-s2.*`lidario sim --list`"
+    ) as caught:
+        family_of_simulated("rplidar-s9")
+    assert len(str(caught.value)) < 200
+    assert "\n" not in str(caught.value)

@@ -93,6 +93,18 @@ def test_a_real_descriptor_is_read_dry(pipe: tuple[int, int], read: Callable[[in
     assert inbox.take() == ([sent], [(20_000, 7)])
 
 
+def test_bytes_that_come_right_after_an_empty_read_are_no_end(pipe: tuple[int, int]) -> None:
+    """A terminal that is readable and has nothing to read was hung up; here the bytes came between the two."""
+    os.write(pipe[1], b"x")
+    terminal = Script(b"", b"came")
+    inbox = Inbox(pipe[0], lambda: 7, terminal.read)
+    inbox.read()
+    assert inbox.take() == ([b"came"], [(4, 7)])
+    terminal.reads = [b"", b""]
+    with pytest.raises(OSError, match="hung up"):
+        inbox.read()
+
+
 def test_a_terminal_is_read_as_os_read_does() -> None:
     with terminal_pair() as (master, slave, _):
         os.set_blocking(slave, False)

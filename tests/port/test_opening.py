@@ -48,7 +48,11 @@ def another_program(command: list[str], stderr: int | None = None) -> Iterator[s
         ("/dev/" + "x" * 5000, "no such port"),
         ("/dev", "/dev is a directory and not a serial port"),
         ("/dev/null", "not a serial port"),
+        ("/dev/null", "set up as one: Inappropriate ioctl for device. `lidario devices`"),
         ("/etc/hostname", "is a file and not a serial port"),
+        ("/etc/hostname", "a recording ends with .mcap or .bin"),
+        ("null", "'null'. Did you mean /dev/null?"),
+        ("rplidar-s2", "'rplidar-s2'. The simulated lidar of that name is sim://rplidar-s2"),
         ("/dev/\udcff", "no such port"),
     ],
 )

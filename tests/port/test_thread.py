@@ -121,6 +121,22 @@ async def test_taps_see_what_the_thread_read_before_what_is_written_later() -> N
         await port.close()
 
 
+async def test_taps_and_receiver_get_what_the_thread_read_when_it_reads_no_more() -> None:
+    with terminal_pair() as (master, _, path):
+        port, sink = await open_serial(path, 1_000_000), Sink()
+        port.attach(sink)
+        seen: list[tuple[str, bytes]] = []
+        port.add_tap(lambda direction, data, now: seen.append((direction, data)))
+        port.set_polling(0.005, Steady())
+        os.write(master, b"the last packets")
+        block_until_read(port, 16)
+        port.set_polling(0.0, None)
+        # At once: what comes next is another stream, or a response.
+        assert seen == [("in", b"the last packets")]
+        assert sink.chunks == [b"the last packets"]
+        await port.close()
+
+
 async def test_beyond_a_mebibyte_the_port_tells_what_it_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.port.inbox.INBOX_BYTES", 6000)
     with terminal_pair() as (master, _, path):

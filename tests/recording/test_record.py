@@ -223,3 +223,18 @@ def test_closing_the_session_completes_the_file(tmp_path: Path) -> None:
         messages = [message.data for _, _, message in make_reader(file).iter_messages(topics=[RAW_TOPIC])]
     sent = [message for message in messages if message[4] == 1]
     assert sent[-1].endswith(b"\xa5\x25")  # the STOP request
+
+
+def test_a_recording_of_another_family_than_the_one_that_is_named(tmp_path: Path) -> None:
+    path = record(tmp_path / "a.mcap", "sim://ydlidar-4ros", 2).path
+
+    async def main() -> None:
+        with pytest.raises(lidario.InvalidValue, match=r"'rplidar'.*'ydlidar'"):
+            await lidario.open_lidar(path, family="rplidar")
+        with pytest.raises(lidario.ConnectFailed, match="family 'ydlidar'") as caught:
+            await lidario.open_lidar(f"{path}?family=rplidar")
+        assert caught.value.reason == "source"
+        async with lidario.open_lidar(path, family="ydlidar") as lidar:
+            assert lidar.info.family == "ydlidar"
+
+    run_driven(main)

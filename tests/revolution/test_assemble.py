@@ -111,6 +111,17 @@ def test_a_packet_lost_behind_the_seam_is_missing_in_the_turn_that_begins() -> N
     assert [scan.lost_packets for scan in scans] == [0, 1, 0]
 
 
+@pytest.mark.parametrize("lost", [1, 3, 5])
+def test_a_gap_behind_the_first_packet_of_a_stream_is_not_stretched_over(lost: int) -> None:
+    """That packet crosses the seam. How far it reaches is only known when the revolution has ended."""
+    first = TURN - 512
+    scans = assemble(*without(numbered(24 * 4, 960, first), *range(1, 1 + lost)))
+    assert [scan.lost_packets for scan in scans] == [lost, 0, 0]
+    for scan in scans:
+        expected = (first / 64 + (scan.device_distances.astype(np.float64) - 1) * 0.375) % 360
+        np.testing.assert_allclose(scan.device_angles, expected, atol=1e-4)
+
+
 @pytest.mark.parametrize("turns", [1, 2, 3])
 def test_whole_turns_that_are_missing_are_not_glued_over(turns: int) -> None:
     """From the middle of a turn to the middle of a later one: the angles go on as if nothing had been."""
@@ -138,6 +149,9 @@ def test_a_turn_that_never_ends_is_given_up_and_does_not_grow() -> None:
     assert stats.broken_scans == 1
     assert len(scans) == 1 + 3
     assert all(len(scan) == 960 for scan in scans)
+    # Nothing is missing, and the time tells how many revolutions there would have been.
+    assert stats.lost_packets == 0
+    assert [scan.seq for scan in scans] == [0, *range(4048 // 24, 4048 // 24 + 3)]
 
 
 def test_a_stream_that_begins_anew_breaks_one_turn_once() -> None:
@@ -193,6 +207,34 @@ def test_the_zero_offset_turns_every_angle(offset: float) -> None:
         assert ((after.device_angles >= 0) & (after.device_angles < 360)).all()
         assert (np.abs(after.angles) <= np.float32(np.pi)).all()
         np.testing.assert_array_equal(after.device_distances, before.device_distances)
+
+
+@pytest.mark.parametrize("run", [1, 200])
+def test_a_zero_offset_may_begin_behind_the_next_scan(run: int) -> None:
+    """Where a part of the revolution in the making was told already, the rest of it keeps its offset."""
+    packets = numbered(24 * 7 + 1, 960)
+    assembler, scans = Assembler(stream_of(DENSE, sample_ns=float(SAMPLE_NS)), BAUD), list[Scan]()
+    for begin in (0, *range(60, len(packets), run)):
+        if begin == 60:
+            assembler.set_zero_offset(30.0, behind=True)
+        end = min(begin + run, len(packets)) if begin else 60
+        scans += assembler.add(arrived(b"".join(packets[begin:end]), end - begin, round(on_time(end - 1))))
+    assert [round(float(scan.device_angles[0])) for scan in scans] == [0, 0, 30, 30, 30, 30]
+
+
+def test_packets_of_a_revolution_that_never_ended_are_counted_as_discarded() -> None:
+    stats = AssemblerStats()
+    assembler = Assembler(stream_of(DENSE, sample_ns=float(SAMPLE_NS)), BAUD, stats=stats)
+    packets = numbered(60, 960)
+    assembler.add(arrived(b"".join(packets), 60, round(on_time(59))))
+    assert (stats.scan_packets, stats.discarded_packets, stats.unfinished_packets) == (24, 24, 12)
+    for _ in range(2):
+        assembler.end()
+        assert (stats.scan_packets, stats.discarded_packets, stats.unfinished_packets) == (24, 36, 0)
+    # The next stream begins somewhere in a revolution: what it begins with is no part of the one before.
+    again = numbered(60, 960, 12 * 960)
+    scans = assembler.add(arrived(b"".join(again), 60, round(on_time(200))))
+    assert [len(scan) for scan in scans] == [960]
 
 
 def test_just_below_a_turn_is_not_the_turn_itself() -> None:

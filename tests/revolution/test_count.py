@@ -203,6 +203,20 @@ def test_revolutions_that_begin_elsewhere_from_now_on_are_not_told_as_missing() 
     assert count.follow(numbered(4.96875, 4)).unseen == 0
 
 
+@pytest.mark.parametrize(("seam", "unseen"), [(0.3, 4), (0.7, 5)])
+def test_behind_a_seam_that_moved_rather_too_few_are_told(seam: float, unseen: int) -> None:
+    """Revolutions begin three or seven tenths later from now on; the nearer of both beginnings is meant."""
+    count = RevolutionCount()
+    for number in range(3):
+        count.follow(numbered(number, number))
+    count.restart(seam)
+    count.restart(seam)
+    assert count.follow(numbered(7 + seam, 3)).unseen == unseen
+    # It moves again, by half a revolution.
+    count.restart(seam + 0.5)
+    assert count.follow(numbered(10 + seam + 0.5, 4 + unseen)).unseen == 2
+
+
 def test_backward_too() -> None:
     count = RevolutionCount()
     first = numbered(0.4, -1, over=0.4, revolution_ns=0.0, broken=True, packets=1)

@@ -7,9 +7,11 @@ import pytest
 
 from benchmarks import damage
 from benchmarks.streams import KINDS, capture
-from lidario.revolution.assemble import AssemblerStats
+from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.scan import Scan
 from lidario.wire.envelope import DESCRIPTOR_SIZE
+from lidario.wire.events import Packets
+from lidario.wire.link import Link
 
 SECONDS = 6.0
 
@@ -37,6 +39,34 @@ def test_no_more_is_told_than_there_was(name: str, share: float, seed: int) -> N
     assert stats.lost_packets <= 1.05 * (sent - packets) + 10
     numbers = [scan.seq for scan in scans]
     assert numbers == sorted(set(numbers))
+
+
+@pytest.mark.parametrize(("name", "share"), [("0x83 HQ", 0.002), ("4ROS points", 0.03)])
+@pytest.mark.exhaustive("seed", sample=[0], full=range(6))
+def test_never_more_than_were_lost(name: str, share: float, seed: int) -> None:
+    """Nearly all are told, and none twice: neither by short packets, nor behind a gap that lies across the seam."""
+    _, _, sent = thinned(name, 0.0, 1)
+    _, stats, packets = thinned(name, share, seed)
+    assert 0.95 * (sent - packets) < stats.lost_packets <= sent - packets
+
+
+def test_a_false_mark_just_behind_the_beginning_makes_no_scan_of_what_lies_before_it() -> None:
+    """It moves the seam by less than a twelfth of a revolution, and nothing checks that it is one."""
+    kind, link = KINDS["0x81 nodes"], Link()
+    raw = np.frombuffer(capture(kind, 1.5), np.uint8)
+    left = np.random.default_rng(0).random(len(raw) - DESCRIPTOR_SIZE) >= 0.02
+    link.send_request(kind.request(kind.make_format()))
+    link.receive_data(raw[:DESCRIPTOR_SIZE].tobytes(), 0)
+    link.events_received()
+    assembler, scans = Assembler(kind.stream()), list[Scan]()
+    for begin in range(0, len(left), 512):
+        part = slice(begin, begin + 512)
+        link.receive_data(raw[DESCRIPTOR_SIZE:][part][left[part]].tobytes(), round(1.5e9 * part.stop / len(raw)))
+        for event in link.events_received():
+            assert isinstance(event, Packets)
+            scans += assembler.add(event)
+    assert len(scans) >= 9
+    assert min(len(scan) for scan in scans) > 2000
 
 
 ENOUGH_PACKETS = 50

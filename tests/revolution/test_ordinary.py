@@ -83,13 +83,12 @@ def test_what_is_told_is_what_the_judges_find(share: float, late: float, before:
         here,
         here.partial.runs[0],
         samples,
-        seam=0,
         gap_behind=False,
         broken=broken,
         number=7,
         packets_before=500,
     )
-    unusual = broken or least_of(DenseFormat(), here, 0, 0.0) > 0
+    unusual = broken or least_of(DenseFormat(), here, 0.0) > 0
     # Where a read came too late for its stamp, the beginning is told by the end.
     unusual |= found.start_ns != start_ns
     assert told is None if unusual else told == found or elapsed_too_long(late)

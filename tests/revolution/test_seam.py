@@ -1,14 +1,15 @@
 """Where a turn ends: at 0 or where the device says, once a turn, whatever trembles, is lost, or begins anew."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from lidario.revolution.seam import Seam, Split
-from lidario.wire.formats import BEGINS, RESTARTS
+from lidario.wire.formats import BEGINS, RESTARTS, Headings
 
 TURN = 36_000
 """Hundredths of degrees, to be read by eye."""
@@ -35,6 +36,24 @@ def test_one_reading_beyond_the_near_quarter_is_followed() -> None:
     assert seam.splits([12_000, 24_000, 10]) == [Split(2, marked=False, broken=False)]
 
 
+@pytest.mark.parametrize(
+    ("headings", "found"),
+    [
+        # Most of them near the seam, so that none in the middle shows that the rotor came from the far side.
+        ([1_000, 2_000, 3_000, 4_000, 20_000, 35_900, 10], [6]),
+        ([1_000, 2_000, 3_000, 4_000, 32_000, 35_900, 10], [6]),
+        ([10, 20, 30, 40, 50, 35_900, 60], []),  # trembled back over the seam
+        ([10, 20, 30, 40, 50, 35_900, 35_950, 60], []),
+    ],
+)
+def test_few_readings_far_from_the_seam(headings: list[int], found: list[int]) -> None:
+    """Together, and one by one."""
+    together, array, single = Seam(TURN, 0), Seam(TURN, 0), Seam(TURN, 0)
+    assert [split.packet for split in together.splits(headings)] == found
+    assert [split.packet for split in array.splits(np.array(headings))] == found
+    assert [number for number, heading in enumerate(headings) if single.splits([heading])] == found
+
+
 @pytest.mark.parametrize("seam", [0, 9_000, 18_000, 35_999])
 def test_the_seam_may_be_anywhere(seam: int) -> None:
     degrees = [(seam / 100 + each) % 360 for each in (300, 340, 20, 60, 120, 240, 350, 10)]
@@ -44,10 +63,41 @@ def test_the_seam_may_be_anywhere(seam: int) -> None:
 def test_without_a_seam_only_marks_count() -> None:
     assert splits(300, 20, 200, 300, 20, seam=None) == []
     seam = Seam(TURN, None)
-    assert seam.splits([30_000, 10 | BEGINS, 20_000]) == [Split(1, marked=True, broken=False)]
+    assert seam.splits([30_000, 10 | BEGINS, 20_000]) == [Split(1, marked=True, broken=False, seam=10)]
     assert seam.angle == 10
     # From now on the angle tells too, should a mark be lost.
-    assert seam.splits([30_000, 100, 20_000]) == [Split(1, marked=False, broken=False)]
+    assert seam.splits([30_000, 100, 20_000]) == [Split(1, marked=False, broken=False, seam=10)]
+
+
+@pytest.mark.parametrize("many", [tuple, np.array])
+def test_after_two_turns_without_a_mark_none_is_waited_for(many: Callable[[list[int]], Headings]) -> None:
+    turn = [1_000, 9_000, 18_000, 27_000, 35_000]
+    seam = Seam(TURN, None)
+    assert seam.splits(many(turn * 2)) == []
+    assert seam.angle is None
+    assert seam.splits(many(turn * 3)) == [Split(at, marked=False, broken=False) for at in (5, 10)]
+    assert seam.angle == 0
+
+
+def steady(restart: int, *, begin: int = 20_000, step: int = 1_000) -> list[Split]:
+    """Eight headings by steady steps, then one that says that the stream was restarted, so far behind them."""
+    headings = [begin + step * number for number in range(8)]
+    return Seam(TURN, 0).splits([*headings, (headings[-1] + restart) % TURN | RESTARTS])
+
+
+@pytest.mark.parametrize("restart", [1_000, 1_200, 2_000, 5_000, 7_800, 8_100])
+def test_a_restart_that_fits_the_steady_step_is_none(restart: int) -> None:
+    assert steady(restart) == []
+
+
+@pytest.mark.parametrize("restart", [0, 200, 1_500, 5_500, 9_000, 10_000, 20_000, TURN - 1_000])
+def test_a_restart_elsewhere_is_one(restart: int) -> None:
+    assert steady(restart) == [Split(8, marked=False, broken=True)]
+
+
+def test_a_restart_of_which_no_step_is_known_is_one() -> None:
+    assert Seam(TURN, 0).splits([20_000 | RESTARTS]) == [Split(0, marked=False, broken=True)]
+    assert Seam(TURN, 0).splits([20_000, 21_000 | RESTARTS]) == [Split(1, marked=False, broken=True)]
 
 
 def test_trembling_at_the_seam_is_one_turn() -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from lidario import ConnectFailed, list_serial_ports
-from lidario.session.discovery import PortInfo, find_source
+from lidario import ConnectFailed, DeviceInfo, list_serial_ports
+from lidario.session.discovery import Found, PortInfo, find_source
 from lidario.source import parse_source
 
 
@@ -55,6 +55,23 @@ async def test_ports_are_listed_off_the_event_loop(monkeypatch: pytest.MonkeyPat
         await find_source(parse_source("auto"))
     assert len(threads) == 2
     assert threading.current_thread() not in threads
+
+
+async def test_a_family_chooses_among_the_lidars_that_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    infos = [DeviceInfo(family, "", 0, "1.0", 1, family) for family in ("rplidar", "ydlidar")]
+
+    async def lidars() -> list[Found]:
+        return [Found(PortInfo(f"/dev/{info.family}", "", "", ""), info, 115200, "") for info in infos]
+
+    monkeypatch.setattr("lidario.session.discovery.list_lidars", lidars)
+    assert (await find_source(parse_source("auto"), "ydlidar")).address == "/dev/ydlidar"
+    assert (await find_source(parse_source("id:rplidar"), "rplidar")).address == "/dev/rplidar"
+    with pytest.raises(ConnectFailed, match="2 lidars respond"):
+        await find_source(parse_source("auto"))
+    for text in ("auto", "id:rplidar"):
+        with pytest.raises(ConnectFailed, match="no lidar of the family 'ldrobot'") as caught:
+            await find_source(parse_source(text), "ldrobot")
+        assert caught.value.reason == "missing"
 
 
 def test_the_list_is_in_a_settled_order() -> None:

@@ -242,6 +242,14 @@ async def test_a_legacy_express_scan_can_be_asked_for_by_name(model: str, name: 
 
 
 @driven
+async def test_an_unknown_mode_is_told_the_others_and_the_ids_that_choose_them() -> None:
+    rig = make_rig("rplidar")
+    async with rig.open() as lidar:
+        with pytest.raises(Unsupported, match=r"Standard \(0\), DenseBoost \(1\), Legacy express, HQ scan$"):
+            await lidar.scan("nonesuch")
+
+
+@driven
 async def test_what_old_firmware_calls_express_is_no_second_mode() -> None:
     rig = make_rig("rplidar", "rplidar-old-firmware")
     async with rig.open() as lidar:

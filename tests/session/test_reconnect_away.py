@@ -17,6 +17,7 @@ from lidario import (
     Reconnect,
     open_lidar,
 )
+from lidario.session.dialogue import Dialogue
 from lidario.session.reconnect import Step
 from tests.support.cable import cable_to
 from tests.support.coming_back import (
@@ -105,6 +106,40 @@ async def test_questions_end_at_once_while_it_is_away(family: str) -> None:
                 cable.plug()
                 await next_after(stream, began)
                 assert (await lidar.get_health()).ok
+
+
+@both_families
+@driven
+async def test_a_stream_that_waits_for_a_question_when_the_line_is_lost(
+    family: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The task that starts it gets its turn when there is no line any more, and does not try again and again."""
+    rig, begin, operations = make_rig(family), Dialogue.begin, itertools.count()
+
+    def begin_and_count(self: Dialogue) -> None:
+        assert next(operations) < 20
+        begin(self)
+
+    monkeypatch.setattr(Dialogue, "begin", begin_and_count)
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True) as lidar:
+            asked = asyncio.ensure_future(lidar.get_health())
+            await asyncio.sleep(0.0005)
+            async with lidar.scans() as stream:
+                reading = asyncio.ensure_future(anext(stream))
+                await asyncio.sleep(0)
+                assert not asked.done()
+                cable.pull()
+                with pytest.raises(DeviceLost):
+                    await asked
+                await asyncio.sleep(1.0)
+                assert not reading.done()
+                assert lidar.is_scanning
+                cable.plug()
+                began = now()
+                assert (await reading).stamp_ns * 1e-9 > began
+                assert lidar.stats.reconnects == 1
+    assert left_still(rig)
 
 
 @both_families

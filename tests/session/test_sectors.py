@@ -12,6 +12,8 @@ import pytest
 import lidario
 from lidario import InvalidValue, Lidar, LocalProtocolError, Scan, Sector
 from lidario.blocking import open_sync
+from lidario.port.line import Schedule
+from lidario.port.port import Port
 from lidario.revolution.sectors import SectorAssembler
 from lidario.session.sectors import sectors_of
 from tests.support.cable import cable_to
@@ -67,6 +69,28 @@ async def test_a_sector_comes_when_it_was_measured(family: str) -> None:
     # The packet behind the end of the sector must come first, and one more may lie across it.
     assert max(late) < 0.010
     assert rig.turn_s / 8 < 0.02
+
+
+@both_families
+@driven
+async def test_they_may_be_asked_for_while_scans_come(family: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From then on a port is polled for each of them, not only once in a revolution."""
+    schedules: list[Schedule] = []
+    monkeypatch.setattr(Port, "set_polling", lambda _, latency, schedule: schedules.append(schedule))
+    rig, loop = make_rig(family), asyncio.get_running_loop()
+    async with rig.open() as lidar, lidar.scans() as scans:
+        await anext(scans)
+        scan = await anext(scans)
+        assert schedules[-1].rest(loop.time()) > 0.75 * rig.turn_s
+        rests = []
+        async with lidar.sectors(depth=99) as sectors:
+            for sector in await some(sectors, 8):
+                assert sector.seq > scan.seq
+            for _ in range(16):
+                await anext(sectors)
+                rests.append(schedules[-1].rest(loop.time()))
+        assert lidar.stats.interruptions == 0
+    assert 0 < max(rests) < 1.2 * rig.turn_s / 8
 
 
 @driven

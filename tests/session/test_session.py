@@ -13,6 +13,7 @@ import pytest
 from lidario import (
     Busy,
     HealthStatus,
+    InvalidValue,
     LocalProtocolError,
     ResponseTimeout,
     SessionClosed,
@@ -321,3 +322,11 @@ async def test_a_speed_that_is_set_beside_a_question_for_it_stays_set() -> None:
         assert await lidar.get_scan_frequency() == 9.0
         await lidar.scan()
         assert rig.device.motor_rpm == 540
+
+
+@driven
+async def test_a_speed_that_is_refused_is_told_in_both_units() -> None:
+    rig = make_rig("rplidar")
+    async with rig.open() as lidar:
+        with pytest.raises(InvalidValue, match=r"^500 Hz \(30000 rpm\) .* 8 to 20 Hz \(480 to 1200 rpm\)$"):
+            await lidar.set_scan_frequency(500)

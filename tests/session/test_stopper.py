@@ -1,4 +1,7 @@
-"""When the stop requests are written, on every event loop; uvloop counts whole milliseconds."""
+"""When the stop requests are written, and how often.
+
+The device listens at any time, on every event loop: uvloop counts whole milliseconds.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +9,16 @@ import asyncio
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import pytest
 
 from lidario.families.registry import FAMILIES
+from lidario.families.rplidar import commands as rplidar
+from lidario.families.rplidar.nodes import NodeFormat
 from lidario.session.stopper import Stopper
 from lidario.wire.envelope import Request
+from tests.support.loop import driven
 
 LOOPS: list[Callable[[], asyncio.AbstractEventLoop]] = [asyncio.new_event_loop]
 if sys.platform != "win32":
@@ -37,6 +44,75 @@ class Paper:
 
     def close_port(self) -> None:
         self.is_open = False
+
+
+@driven
+async def test_what_may_set_the_device_in_motion() -> None:
+    """As long as nothing was sent that may, the stop requests are not written again."""
+    stopper = Stopper(Paper(0.0), FAMILIES[0].device(), 0.0)
+    for request, before, after in (
+        (rplidar.GET_INFO, True, True),
+        (rplidar.GET_INFO, False, False),
+        (rplidar.scan(NodeFormat()), True, False),
+        (rplidar.motor_speed(600), True, False),
+        # STOP leaves the motor as it is.
+        (rplidar.STOP, True, True),
+        (rplidar.STOP, False, False),
+        # The device boots, as after power-up.
+        (rplidar.RESET, True, True),
+        (rplidar.RESET, False, True),
+    ):
+        stopper.still = before
+        stopper.sent(request)
+        assert stopper.still is after, request.name
+
+
+@driven
+async def test_they_are_written_once_until_something_moves() -> None:
+    paper = Paper(0.0)
+    stopper = Stopper(paper, FAMILIES[0].device(), 0.0)
+    stopper.stop()
+    stopper.stop()
+    assert paper.written == [replace(request, ends_stream=True) for request in stopper.requests()]
+    stopper.sent(rplidar.motor_speed(600))
+    stopper.stop()
+    assert len(paper.written) == 2 * len(stopper.requests())
+
+
+@driven
+async def test_a_device_that_goes_on_sending_is_told_three_times(caplog: pytest.LogCaptureFixture) -> None:
+    paper = Paper(0.0)
+    stopper = Stopper(paper, FAMILIES[0].device(), 0.02)
+
+    async def send() -> None:
+        while paper.is_open:
+            paper.bytes_received += 1
+            await asyncio.sleep(0.001)
+
+    sending = asyncio.ensure_future(send())
+    stopper.hang_up()
+    assert paper.is_open
+    await sending
+    assert len(paper.written) == 3 * len(stopper.requests())
+    assert [record.getMessage() for record in caplog.records] == [
+        "the device goes on sending after 3 stop requests"
+    ]
+
+
+@driven
+async def test_the_port_is_closed_when_the_line_is_quiet(caplog: pytest.LogCaptureFixture) -> None:
+    loop = asyncio.get_running_loop()
+    paper = Paper(0.0)
+    stopper = Stopper(paper, FAMILIES[0].device(), 0.02)
+    # The rest of the packet that was being sent.
+    loop.call_later(0.005, setattr, paper, "bytes_received", 40)
+    began = loop.time()
+    stopper.hang_up()
+    while paper.is_open:
+        await asyncio.sleep(0.001)
+    assert loop.time() - began == pytest.approx(0.04, abs=0.003)
+    assert len(paper.written) == 2 * len(stopper.requests())
+    assert not caplog.records
 
 
 @pytest.mark.parametrize("make_loop", LOOPS)

@@ -4,7 +4,7 @@ The vendor's SDK divides the span of a packet in whole hundredths of a degree; h
 
 Models that triangulate see with a lens beside the laser. Their angles are corrected by the distance (the vendor's
 ``sl_transform.cpp``): by atan((0.11923 d - 18.975571) / (d + 5.9)), d in mm, and where nothing came back by the
-correction before. So neighbours can change places; the revolution is cut by the uncorrected angle.
+correction before. So neighbours can change places; revolutions are divided by the uncorrected angle.
 """
 
 from __future__ import annotations

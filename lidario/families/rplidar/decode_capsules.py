@@ -6,10 +6,9 @@ angles of a whole stretch are one product of two small matrices. What is inside 
 
 from __future__ import annotations
 
-import copy
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import ClassVar, NamedTuple, Self
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +38,7 @@ from lidario.families.rplidar.formats import (
     UltraDenseFormat,
     UltraFormat,
 )
-from lidario.families.rplidar.rotation import Arc, Rotation
+from lidario.families.rplidar.rotation import Arc, FollowsRotation, Rotation
 from lidario.wire.events import Packets
 
 __all__ = ["CapsuleDecoder", "DenseDecoder", "ExpressDecoder", "UltraDecoder", "UltraDenseDecoder", "in_turn"]
@@ -82,7 +81,7 @@ class Capsules(NamedTuple):
     missing: NDArray[np.intp] | None
 
 
-class CapsuleDecoder(ABC):
+class CapsuleDecoder(FollowsRotation, ABC):
     """What the four capsule formats have in common: samples at equal steps from the start angle.
 
     While it works, angles are counted in units of which a degree has 64 for each sample of a packet: whole
@@ -118,12 +117,6 @@ class CapsuleDecoder(ABC):
         if seam is not None:
             before_seam = self._before_seam(len(starts), int(starts[-1]), float(arcs.arc[-1]), seam)
         return decoded_samples(decoded, arcs, FULL_TURN_Q6, self.samples, before_seam)
-
-    def fork(self) -> Self:
-        """As `Decoder.fork`."""
-        twin = copy.copy(self)
-        twin._rotation = copy.copy(self._rotation)  # noqa: SLF001 - its own
-        return twin
 
     def decode_steady(
         self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None
@@ -172,7 +165,7 @@ class CapsuleDecoder(ABC):
             intensity = np.concatenate((np.empty(room, np.uint8), intensity))
         return Decoded(angle, distance, intensity)
 
-    def _remember(self, capsules: Capsules, distance: Floats) -> None:  # noqa: B027 - most formats need nothing
+    def _remember(self, capsules: Capsules, distance: Floats) -> None:
         """Keep what the next packets need of these."""
 
     @abstractmethod

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 from functools import partial
-from typing import Final, Self
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from lidario.families.base import Samples, SteadySamples
 from lidario.families.rplidar.decoded import Decoded, Ints, Words, decoded_samples, decoded_steady
 from lidario.families.rplidar.formats import FULL_TURN_Q6, FULL_TURN_Q14
 from lidario.families.rplidar.nodes import NODE
-from lidario.families.rplidar.rotation import Rotation
+from lidario.families.rplidar.rotation import FollowsRotation, Rotation
 from lidario.wire.events import Packets
 
 __all__ = ["HqDecoder", "NodeDecoder"]
@@ -25,7 +24,7 @@ FIRST_ANGLE: Final = 9
 """Offset of the first node's angle in a packet of 0x83."""
 
 
-class HqDecoder:
+class HqDecoder(FollowsRotation):
     """0x83: whole nodes, passed through."""
 
     samples = 96
@@ -41,12 +40,6 @@ class HqDecoder:
         arcs = self._rotation.arcs_told(first, after, inside)
         before_seam = nodes.size if seam is None else nodes.size - self._behind_seam(nodes["angle"][-1], seam)
         return decoded_samples(self._samples_of(nodes, room), arcs, FULL_TURN_Q14, self.samples, before_seam)
-
-    def fork(self) -> Self:
-        """As `Decoder.fork`."""
-        twin = copy.copy(self)
-        twin._rotation = copy.copy(self._rotation)  # noqa: SLF001 - its own
-        return twin
 
     def decode_steady(
         self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None
@@ -107,7 +100,7 @@ class HqDecoder:
         return int(np.count_nonzero(beyond < FULL_TURN_Q14 // 2 - left))
 
 
-class NodeDecoder:
+class NodeDecoder(FollowsRotation):
     """0x81: the plain node."""
 
     def __init__(self) -> None:
@@ -126,12 +119,6 @@ class NodeDecoder:
         rows, angles = self._read(packets)
         arcs = self._rotation.arcs(angles, None if following is None else self._angle(following))
         return decoded_samples(self._samples_of(rows, angles, room), arcs, FULL_TURN_Q6, 1, len(rows))
-
-    def fork(self) -> Self:
-        """As `Decoder.fork`."""
-        twin = copy.copy(self)
-        twin._rotation = copy.copy(self._rotation)  # noqa: SLF001 - its own
-        return twin
 
     def decode_steady(
         self,

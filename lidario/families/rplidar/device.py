@@ -12,6 +12,7 @@ import struct
 from dataclasses import replace
 from typing import Final
 
+from lidario.arguments import printable
 from lidario.errors import ResponseTimeout, Unsupported
 from lidario.families.base import Device, Script, Stream, agreed, health_of
 from lidario.families.rplidar import commands
@@ -304,4 +305,4 @@ def _model_name(model: int) -> str:
 
 def _text(raw: bytes) -> str:
     """A name from the device, without what could disturb a terminal."""
-    return "".join(c for c in raw.split(b"\0")[0].decode("utf-8", "replace") if c.isprintable()).strip()
+    return printable(raw.split(b"\0")[0].decode("utf-8", "replace")).strip()

@@ -4,7 +4,7 @@ Sizes, header bits and check values: S-series interface manual for 0x81 and 0x85
 vendor's SDK 2.1.0 for 0x82, 0x83, 0x84 and 0x86. The four capsule formats share a header: the high nibbles of
 the first two bytes are A and 5, their low nibbles hold the XOR of all bytes behind them. The start angle is a
 15-bit number of 1/64 degrees. Bit 15 beside it says that the stream began anew (SDK), or that a revolution did
-(manual); `lidario.revolution.seam` lives with both.
+(manual); `lidario.revolution.seam` handles both.
 """
 
 from __future__ import annotations

@@ -136,7 +136,10 @@ class MotorControl:
         lowest, highest = yield from self._limits()
         rpm = round(min(max(wanted * 60, 0), 0x10000))  # the product may be infinite, and both ends are refused
         if not lowest <= rpm <= highest:
-            raise InvalidValue(f"{wanted * 60:g} rpm is outside this device's {lowest} to {highest} rpm")
+            raise InvalidValue(
+                f"{wanted:g} Hz ({wanted * 60:g} rpm) is outside of this device's {lowest / 60:g} to "
+                f"{highest / 60:g} Hz ({lowest} to {highest} rpm)"
+            )
         self._rpm = rpm
         return rpm / 60
 

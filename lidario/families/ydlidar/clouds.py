@@ -10,7 +10,7 @@ The packet is the same but for its samples (the vendor's SDK 1.2.20, `DriverInte
 
 The word counts millimetres, halves or quarters of one. Models that triangulate see with a lens beside the laser: to
 the angle of the beam they add atan(21.8 (155.3 - d) / (155.3 d)), d in mm, and nothing where nothing came back. So
-neighbours may change places, and a sample may leave the span of its packet: revolutions are cut by the beam.
+neighbours may change places, and a sample may leave the span of its packet: revolutions are divided by the beam.
 
 Intensities of 10 and 16 bits are divided so that they fit in eight.
 """

@@ -33,11 +33,10 @@ from lidario.families.ydlidar.formats import (
     START_BIT,
     packet_heads,
 )
+from lidario.families.ydlidar.steps import CHANGING, FEWEST, STEADY, Ints, changing_steps, mean_step
 from lidario.wire.events import Packets
 
 __all__ = ["Heads", "PointCloudDecoder"]
-
-Ints = NDArray[np.int32]
 
 HEADER_WORDS: Final = HEADER_SIZE // 2
 SPEED_CODE: Final = 0x7F
@@ -45,8 +44,6 @@ SPEED_BASE: Final = 30
 """Tenths of Hz that the code 0 stands for (manual, CT)."""
 SLACK_SAMPLES: Final = 3.0
 """Missing samples below which a jump is taken for unsteadiness of the rotor, where no start packet is due."""
-_STEADY: Final = 2.0
-"""Times the mean step that a packet's own step may be; a rotor does not change its speed within a revolution."""
 _ONE_STEP: Final = 1.5
 """Steps: nothing is missing in a jump of one; half a step more is the least that can mean something."""
 BACKWARD_Q6: Final = 2 << 6
@@ -64,7 +61,8 @@ class PointCloudDecoder:
 
     def __init__(self) -> None:
         self._seam: int | None = None
-        self._usual = 0.0
+        # Samples of an ordinary packet, or of the longest one while so few came that all may be short.
+        self._ordinary = 0
 
     def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         """As `Decoder.decode`."""
@@ -73,12 +71,16 @@ class PointCloudDecoder:
         ends = np.add.accumulate(counts).tolist()
         angle, distance, intensity = self._samples_of(packets, heads, ends, room)
         most, farthest = int(np.maximum.reduce(counts)), int(np.maximum.reduce(way))
-        step = _step(way, counts, most, farthest, ends[-1])
-        if farthest > _STEADY * step * (most - 1):
+        self._learn(most, len(counts))
+        step = mean_step(way, counts, most, farthest, ends[-1])
+        steps = changing_steps(way, counts) if farthest > CHANGING * step * (most - 1) else None
+        if steps is not None:
+            step = int(np.add.reduce(way)) / (ends[-1] - len(counts))
+        elif farthest > STEADY * step * (most - 1):
             # A damaged angle must not look like packets lost behind it.
             usual = step * (counts - 1)
-            way = np.where(way > _STEADY * usual, np.rint(usual), way).astype(np.int32)
-        missing, skipped = self._missing(first, way, counts, starts, following, step)
+            way = np.where(way > STEADY * usual, np.rint(usual), way).astype(np.int32)
+        missing, skipped = self._missing(first, way, starts, following, step, steps)
         gaps = missing.nonzero()[0]
         samples_a_turn = FULL_TURN_Q6 / step if step else 0.0
         return Samples(
@@ -90,7 +92,7 @@ class PointCloudDecoder:
             lost=int(missing.sum()),
             unbroken=int(gaps[0]) + 1 if len(gaps) else len(counts),
             lost_behind=int(missing[-1]) if len(gaps) else 0,
-            revolution_packets=_revolution_packets(samples_a_turn, most) if step else 0.0,
+            revolution_packets=_revolution_packets(samples_a_turn, self._ordinary) if step else 0.0,
             revolution_samples=samples_a_turn,
             certain=step > 0,
             reported_rpm=_reported_rpm(heads, 0, len(counts), self.speed_base),
@@ -118,13 +120,19 @@ class PointCloudDecoder:
         for at, (begin, end) in enumerate(zip(begins, ends, strict=True)):
             steps = packet_ends[at] - (packet_ends[at - 1] if at else 0) - (end - begin)
             step = turned[at] / steps if steps else 0.0
-            if not step or longest[at] > _STEADY * step * (most[at] - 1) or farthest[at] > _ONE_STEP * step:
+            if (
+                end - begin < FEWEST
+                or not step
+                or longest[at] > STEADY * step * (most[at] - 1)
+                or farthest[at] > _ONE_STEP * step
+            ):
                 return None
             a_turn.append(FULL_TURN_Q6 / step)
         angle, distance, intensity = self._samples_of(packets, heads, sample_ends, room)
         marked = starts.nonzero()[0]
 
         def settle() -> None:
+            self._ordinary = most[-1]
             if len(marked):
                 self._seam = int(first[marked[-1]])
 
@@ -164,12 +172,21 @@ class PointCloudDecoder:
         self,
         first: Ints,
         way: Ints,
-        counts: Ints,
         starts: NDArray[np.bool_],
         following: bytes | None,
         step: float,
+        steps: NDArray[np.float64] | None,
     ) -> tuple[NDArray[np.intp], list[tuple[int, int]]]:
-        """Packets missing behind each packet, shape (packets,), empty where none is; and the samples of those."""
+        """Packets missing behind each packet, shape (packets,), empty where none is; and the samples of those.
+
+        Args:
+            first: Angles of the first samples.
+            way: From there to the last samples.
+            starts: Which are start packets.
+            following: The packet behind them, if it is known.
+            step: The mean angle from one sample to the next.
+            steps: The same of each packet, where it changes.
+        """
         marked = starts.nonzero()[0]
         if len(marked):
             self._seam = int(first[marked[0]])
@@ -178,19 +195,23 @@ class PointCloudDecoder:
             self._seam = _heading(following)
         tails = first + way
         jumps = _jumps(first, tails, following)
-        gaps = (jumps > _ONE_STEP * step).nonzero()[0].tolist() if step else ()
+        gaps = (jumps > _ONE_STEP * (step if steps is None else steps)).nonzero()[0].tolist() if step else ()
         missing = np.zeros(len(first) if gaps else 0, np.intp)
         skipped: list[tuple[int, int]] = []
         if gaps:
-            self._usual = float(np.median(counts[counts > 1]))
             marks = [*starts[1:].tolist(), following is not None and bool(following[2] & START_BIT)]
             for at in gaps:
-                missing[at] = self._lost_in(int(tails[at]), int(jumps[at]), marks[at], step)
+                here = step if steps is None else float(steps[at])
+                missing[at] = self._lost_in(int(tails[at]), int(jumps[at]), marks[at], here)
                 if missing[at]:
-                    skipped.append((at, max(0, round(int(jumps[at]) / step) - 1)))
+                    skipped.append((at, max(0, round(int(jumps[at]) / here) - 1)))
         if len(marked):
             self._seam = int(first[marked[-1]])
         return missing, skipped
+
+    def _learn(self, longest: int, packets: int) -> None:
+        """Where most packets are lost, the few that come are mostly short ones: then what came before is right."""
+        self._ordinary = longest if packets >= FEWEST else max(self._ordinary, longest)
 
     def _lost_in(self, tail: int, jump: int, marked: bool, step: float) -> int:
         """Packets lost between two: `jump` beyond the angle `tail`, the second one a start packet or not."""
@@ -204,10 +225,10 @@ class PointCloudDecoder:
         return self._full_packets(jump / step - 1)
 
     def _full_packets(self, samples: float) -> int:
-        return 0 if samples < SLACK_SAMPLES else max(1, round(samples / self._usual))
+        return 0 if samples < SLACK_SAMPLES else max(1, round(samples / self._ordinary))
 
     def _packets_before_seam(self, samples: float) -> int:
-        return 0 if samples < SLACK_SAMPLES else math.ceil((samples - SLACK_SAMPLES) / self._usual) or 1
+        return 0 if samples < SLACK_SAMPLES else math.ceil((samples - SLACK_SAMPLES) / self._ordinary) or 1
 
 
 class Heads(NamedTuple):
@@ -291,19 +312,6 @@ def _fill(angle: NDArray[np.float32], distance: NDArray[np.float32], packets: Pa
 def _weights(samples: int) -> NDArray[np.float32]:
     """What the first angle of a packet, times its steps, and its way contribute to each of its samples."""
     return np.stack((np.ones(samples, np.float32), np.arange(samples, dtype=np.float32)))
-
-
-def _step(way: Ints, counts: Ints, most: int, farthest: int, samples: int) -> float:
-    """The angle from one sample to the next; 0 when no packet has two of them."""
-    steps = samples - len(counts)
-    if not steps:
-        return 0.0
-    mean = int(np.add.reduce(way)) / steps
-    if farthest <= _STEADY * mean * (most - 1):
-        return mean
-    # A damaged angle that the check value let pass; the others tell the truth.
-    several = counts > 1
-    return float(np.median(way[several] / (counts[several] - 1)))
 
 
 def _beam_deg(first: int, way: int, samples: int) -> NDArray[np.float64]:

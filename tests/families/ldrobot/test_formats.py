@@ -176,6 +176,22 @@ def test_noise_between_them_begins_the_count_anew() -> None:
     assert ldrobot.split(response.payload)[0] == CLEAN[3]
 
 
+def test_packets_that_nobody_waits_for_any_more_are_no_response() -> None:
+    link = Link()
+    link.send_request(hear(PacketFormat(), 2))
+    link.receive_data(CLEAN[0], 0)
+    link.abandon()
+    link.receive_data(CLEAN[1], 0)
+    assert link.events_received() == []
+    assert (link.is_awaiting, link.stats.late_responses, link.stats.response_bytes) == (False, 1, 94)
+    # Only that one request was abandoned.
+    link.send_request(hear(PacketFormat(), 2))
+    link.receive_data(b"".join(CLEAN[2:4]), 7)
+    (response,) = link.events_received()
+    assert isinstance(response, Response)
+    assert (response.payload, response.received_ns) == (b"".join(CLEAN[2:4]), 7)
+
+
 def test_what_comes_when_nobody_listens_is_drained() -> None:
     link = Link()
     link.send_request(hear(PacketFormat(), 2))

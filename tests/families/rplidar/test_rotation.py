@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lidario.families.rplidar.rotation import Arcs, Rotation
+from lidario.sim.motor import Motor
 
 TURN = 23040
 
@@ -50,6 +51,28 @@ def test_what_is_usual_is_remembered_from_turn_to_turn() -> None:
     assert missing(Rotation(TURN).arcs(headings(10000), 12000)) == [0]
 
 
+def test_another_speed_is_believed_when_it_lasts() -> None:
+    """As when the speed was set while the stream could not be read: first it looks like a gap behind each packet."""
+    rotation = Rotation(TURN)
+    rotation.arcs(headings(*range(0, 10000, 500)), 10000)
+    assert missing(rotation.arcs(headings(10000, 11500, 13000), 14500)) == [2, 2, 2]
+    arcs = rotation.arcs(headings(14500, 16000, 17500), 19000)
+    assert (missing(arcs), arcs.typical) == ([0, 0, 0], 1500)
+    # One ordinary span among them, and they were gaps.
+    rotation = Rotation(TURN)
+    rotation.arcs(headings(*range(0, 10000, 500)), 10000)
+    for second, gone in ((1500, 2), (500, 0), (1500, 2)):
+        arcs = rotation.arcs(headings(10000, 11500), 11500 + second)
+        assert (missing(arcs), arcs.typical) == ([2, gone], 500)
+
+
+def test_a_gap_is_counted_by_the_speed_of_its_own_revolution() -> None:
+    rotation = Rotation(TURN)
+    rotation.arcs(headings(*range(0, 10000, 500)), 10000)
+    arcs = rotation.arcs(headings(*range(10000, 16200, 620), 16200 + 4 * 620), 16200 + 5 * 620)
+    assert (missing(arcs), arcs.typical) == ([0] * 9 + [4, 0], 620)
+
+
 def test_a_small_step_back_is_no_lost_turn() -> None:
     rotation = Rotation(TURN, jitter=0.75)
     arcs = rotation.arcs(headings(100, 107, 114, 110, 121, 128), 135)
@@ -90,3 +113,41 @@ def test_random_losses_are_counted_to_the_packet(arc: int, lost: list[bool], see
             found += missing(result)
             assert np.abs(np.asarray(result.arc) - arc).max() <= 0.03 * arc + 1
     assert found == gaps.tolist()
+
+
+def ramp(first_hz: float, last_hz: float, packet_s: float) -> NDArray[np.int64]:
+    """Where packets begin from half a second before a rotor is told another speed to two seconds behind that."""
+    motor = Motor(spin_up_s=0.0)
+    motor.set_rpm(60 * first_hz, 0)
+    times = np.arange(0.0, 0.5e9, packet_s * 1e9)
+    before = motor.turns(times)
+    motor.set_rpm(60 * first_hz, round(times[-1] + packet_s * 1e9))
+    motor.spin_up_s = 1.0
+    motor.set_rpm(60 * last_hz, round(times[-1] + packet_s * 1e9))
+    behind = motor.turns(np.arange(times[-1] + packet_s * 1e9, 2.5e9, packet_s * 1e9))
+    return np.floor(np.concatenate((before, behind)) * TURN).astype(np.int64)
+
+
+SPEEDS = pytest.mark.parametrize(("first_hz", "last_hz"), [(10.0, 10.0), (15.0, 3.0), (3.0, 15.0), (5.0, 1.0)])
+
+
+@SPEEDS
+@pytest.mark.parametrize("packet_s", [0.00125, 0.003])
+@pytest.mark.parametrize("told", [False, True])
+def test_nothing_is_missing_while_the_rotor_changes_its_speed(
+    first_hz: float, last_hz: float, packet_s: float, *, told: bool
+) -> None:
+    angles = ramp(first_hz, last_hz, packet_s)
+    rotation = Rotation(TURN)
+    turns = angles // TURN
+    for number in range(int(turns[-1])):
+        (of_one,) = np.nonzero(turns == number)
+        following = int(angles[of_one[-1] + 1] % TURN)
+        here = (angles[of_one] % TURN).astype(np.int32)
+        if told:
+            spans = angles[of_one + 1] - angles[of_one]
+            arcs = rotation.arcs_told(here, following, spans.astype(np.uint16))
+        else:
+            arcs = rotation.arcs(here, following)
+        assert arcs.lost == 0, f"revolution {number}"
+        assert TURN / arcs.typical == pytest.approx(len(of_one), rel=0.05, abs=1)

@@ -12,6 +12,7 @@ from lidario.families.base import Samples
 from lidario.families.ydlidar.decode import PointCloudDecoder
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.simulated.packers import pack_points
+from lidario.sim.motor import Motor
 from lidario.wire.events import Packets
 from tests.reference import golden, ydlidar
 from tests.support.streams import SINGLE_DEG, in_one_run
@@ -136,6 +137,18 @@ def test_several_lost_packets_are_counted(count: int) -> None:
         assert lost_behind(turns, range(gone, gone + count)) == (count, gone), f"packets from {gone}"
 
 
+@pytest.mark.parametrize("kept", [[0, -1], [0, 30, -1], [30, -1]], ids=str)
+def test_where_mostly_short_packets_came_no_more_are_told_than_are_missing(kept: list[int]) -> None:
+    """Damage spares short packets. What an ordinary one holds is known from the revolution before."""
+    turns, decoder = turns_of("ydlidar_4ros_room7"), PointCloudDecoder()
+    turn = turns[1]
+    assert [packet[3] for packet in turn[-2:]] == [40, 16]
+    decoder.decode(run_of(turns[0]), turn[0])
+    samples = decoder.decode(run_of([turn[number] for number in kept]), turns[2][0])
+    assert samples.lost == len(turn) - kept[0] - len(kept)
+    assert samples.revolution_packets == pytest.approx(len(turn), abs=1)
+
+
 def test_what_the_angles_cannot_tell_is_not_counted() -> None:
     turn = turns_of("ydlidar_4ros_room10")[0]
     assert decoded(turn[:1]).lost == 0
@@ -156,3 +169,24 @@ def test_an_unsteady_rotor_loses_nothing() -> None:
 def test_a_c_bit_of_0_changes_nothing() -> None:
     good, odd = pack_points([5] * 3, 100, 120), pack_points([5] * 3, 130, 150, marked=False)
     assert decoded([good, odd, good]).angle_deg[3] == 130 / 64
+
+
+@pytest.mark.parametrize(("first_hz", "last_hz"), [(7.0, 7.0), (10.0, 2.0), (2.0, 10.0), (4.0, 12.0)])
+def test_nothing_is_missing_while_the_rotor_changes_its_speed(first_hz: float, last_hz: float) -> None:
+    """All packets of 40 samples; what the angles hide is not in question here."""
+    motor, decoder = Motor(spin_up_s=0.0), PointCloudDecoder()
+    motor.set_rpm(60 * first_hz, 0)
+    before = motor.turns(np.arange(0.0, 0.3e9, 5e4))
+    motor.set_rpm(60 * first_hz, 300_000_000)
+    motor.spin_up_s = 1.0
+    motor.set_rpm(60 * last_hz, 300_000_000)
+    behind = motor.turns(np.arange(0.3e9, 2e9, 5e4))
+    angles = np.floor(np.concatenate((before, behind)) * 23040).astype(np.int64)
+    beams = angles[: len(angles) // 40 * 40].reshape(-1, 40) % 23040
+    packets = [pack_points([1000] * 40, int(beam[0]), int(beam[-1])) for beam in beams]
+    turns = angles[::40][: len(packets)] // 23040
+    for number in range(int(turns[-1])):
+        (of_one,) = np.nonzero(turns == number)
+        samples = decoder.decode(run_of(packets[of_one[0] : of_one[-1] + 1]), packets[of_one[-1] + 1])
+        assert samples.lost == 0, f"revolution {number}"
+        assert samples.revolution_samples == pytest.approx(40 * len(of_one), rel=0.05, abs=40)

@@ -74,7 +74,6 @@ def _triangle(
     commands: frozenset[int] = _ALL,
     *,
     triangle: bool = True,
-    reach_mm: tuple[float, float] = (100.0, 12_000.0),
 ) -> Profile:
     return Profile(
         name,
@@ -85,7 +84,7 @@ def _triangle(
         layout=layout,
         triangle=triangle,
         speed_base=0,
-        reach_mm=reach_mm,
+        reach_mm=(100.0, 12_000.0),
         factory_speed=700 if commands else 600,
         speeds=(500, 1200) if triangle else (600, 1200),
         by_dtr=model in (4, 6, 11) and name not in ("ydlidar-x3", "ydlidar-x4-pro"),

@@ -1,0 +1,147 @@
+"""What is done in most cases by a shorter way is what the longer way does.
+
+Each test brings the same to both: one form of it takes the shorter way, another that means the same does not.
+"""
+
+from dataclasses import astuple, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lidario.families.base import Samples
+from lidario.families.rplidar.formats import DenseFormat
+from lidario.revolution.count import PATIENCE, Beginning, RevolutionCount
+from lidario.revolution.ended import EndedRevolution
+from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
+from lidario.revolution.timing import first_sample_ns
+from lidario.wire.blocks import Block
+from lidario.wire.events import Packets
+
+WIRE = DenseFormat()
+SAMPLE_NS = 31250.0
+NOTHING = np.empty(0, np.float32)
+
+
+@given(count=st.integers(1, 12), data=st.data())
+def test_some_of_the_packets_of_one_size(count: int, data: st.DataObject) -> None:
+    """In one block, or in two whose packets have the same size."""
+    begin = data.draw(st.integers(0, count - 1))
+    end = data.draw(st.integers(begin + 1, count))
+    first = data.draw(st.integers(1, count))
+    size, samples = WIRE.shortest, 40
+    raw = bytes(number for number in range(count) for _ in range(size))
+    sizes = tuple(block for block in (Block(size, first), Block(size, count - first)) if block.packets)
+    one, other = (
+        part_of(Packets(raw, blocks, ((count, 10**9),)), begin, end, None, WIRE, SAMPLE_NS)
+        for blocks in ((Block(size, count),), sizes)
+    )
+    assert one.data == other.data == raw[begin * size : end * size]
+    assert sum(block.packets for block in one.blocks) == sum(block.packets for block in other.blocks) == end - begin
+    # What stands behind them was measured after them.
+    assert one.arrivals == other.arrivals == ((end - begin, 10**9 - round((count - end) * samples * SAMPLE_NS)),)
+
+
+@given(counts=st.lists(st.integers(1, 5), min_size=1, max_size=6), split=st.integers(1, 4))
+def test_runs_of_packets_of_one_size_are_joined(counts: list[int], split: int) -> None:
+    """Each in one block, or the first of them in two."""
+    size = WIRE.shortest
+    runs = [
+        Packets(bytes([number]) * (size * count), (Block(size, count),), ((count, number * 1000),))
+        for number, count in enumerate(counts)
+    ]
+    first = counts[0]
+    parts = tuple(Block(size, each) for each in (min(split, first), first - min(split, first)) if each)
+    joined = PartialRevolution(whole=True, runs=runs).packets()
+    longer = PartialRevolution(whole=True, runs=[replace(runs[0], blocks=parts), *runs[1:]]).packets()
+    assert joined is not None
+    assert longer is not None
+    assert joined.data == longer.data == b"".join(run.data for run in runs)
+    assert joined.arrivals == longer.arrivals
+    assert [count for count, _ in joined.arrivals] == np.cumsum(counts).tolist()
+    assert joined.blocks == (Block(size, sum(counts)),)
+    assert sum(block.packets for block in longer.blocks) == sum(counts)
+
+
+@given(
+    delays=st.lists(st.integers(0, 5_000_000), min_size=1, max_size=20),
+    carried=st.integers(0, 39),
+    byte_ns=st.sampled_from([0.0, 10_000.0]),
+)
+def test_the_time_of_the_first_sample(delays: list[int], carried: int, byte_ns: float) -> None:
+    """Without a gap, and with one in which no sample is missing; packets come late, each by another delay."""
+    each, packets = 40, len(delays)
+    began_ns = 10**12
+    on_time = [began_ns + round((carried + (number + 1) * each - 1) * SAMPLE_NS) for number in range(packets)]
+    latest = 0
+    arrivals = []
+    for number, (at_ns, delay) in enumerate(zip(on_time, delays, strict=True)):
+        latest = max(latest, at_ns + delay)
+        arrivals.append((number + 1, latest))
+    run = Packets(bytes(84 * packets), (Block(84, packets),), tuple(arrivals))
+    samples = Samples(NOTHING, NOTHING, None, packets * each, range(each, packets * each + 1, each), 0, packets)
+    some = np.zeros(carried, np.float32)
+    found = []
+    for lost in (0, 1):
+        partial = PartialRevolution(whole=True, runs=[run], lost_behind_carried=lost)
+        if carried:
+            partial.carried, partial.carried_ns = SampleArrays(some, some, None), began_ns + 10**10
+        elif lost:
+            samples = replace(samples, gaps=[(0, 0)])
+        ended = EndedRevolution(partial, run, samples, SampleArrays(some, some, None), 1, 0, [])
+        ended.sample_ns = SAMPLE_NS
+        found.append(first_sample_ns(ended, packet_bytes=84, byte_ns=byte_ns))
+    assert found[0] == found[1]
+    least = min(late - at_ns for (_, late), at_ns in zip(arrivals, on_time, strict=True))
+    assert found[0] == pytest.approx(began_ns + least - 1.5 * SAMPLE_NS - 84 * byte_ns, abs=1)
+
+
+@given(
+    speeds=st.lists(st.floats(0.97, 1.03), min_size=4, max_size=20),
+    late=st.lists(st.floats(0, 0.1), min_size=20, max_size=20),
+    over=st.sampled_from([0.0, 0.05, 0.6]),
+    missing=st.integers(0, 4),
+    gap=st.booleans(),
+    at=st.integers(3, 19),
+)
+def test_counting_revolutions(
+    speeds: list[float], late: list[float], over: float, missing: int, gap: bool, at: int
+) -> None:
+    """Of each revolution, the one before is known as the same object, or as another that is equal to it."""
+    beginnings = []
+    start_ns, turn_ns = 10.0**12, 1e8
+    for number, (speed, share) in enumerate(zip(speeds, late, strict=False)):
+        lost = missing > 0 and gap and number + 1 == at
+        before = 0.0 if number else over
+        beginnings.append(
+            Beginning(
+                round(start_ns + (before + share) * turn_ns),
+                before,
+                turn_ns,
+                80.0,
+                turn_ns / 80,
+                packets=80 - 5 * lost,
+                lost=5 * lost,
+                broken=False,
+                number=number,
+                packets_before=80 * number,
+            )
+        )
+        start_ns += turn_ns * (1 + missing * (number + 1 == at))
+        turn_ns *= speed
+    told = []
+    for always in (False, True):
+        count = RevolutionCount()
+        passed = []
+        for beginning in beginnings:
+            if always and count._last is not None:
+                # No longer the one that was sure, so that nothing is taken for granted.
+                count._last = replace(count._last)
+            passed.append(count.follow(replace(beginning)))
+        assert count._last is not None
+        told.append((passed, astuple(count._last), count.usual_ns))
+    np.testing.assert_equal(told[0], told[1])
+    # Where no packet is known to be missing, late stamps might be all, until they have stayed late.
+    noticed = at < len(beginnings) - (0 if gap else PATIENCE)
+    assert sum(each.unseen for each in told[0][0]) == (missing if noticed else 0)

@@ -1,0 +1,131 @@
+"""The watchdog of a stream: what it waits for, what it reads before it judges, and what it names as the cause."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import re
+from collections.abc import Sequence
+
+import pytest
+
+from lidario import ScanStream, StreamFailed
+from lidario.port.port import Port
+from lidario.session.log import Trouble
+from tests.support.devices import Rig, both_families, left_still, make_rig
+from tests.support.loop import DrivenLoop, driven
+
+
+async def failure_of(stream: ScanStream) -> str:
+    """Take scans until the stream fails; return why."""
+    with pytest.raises(StreamFailed) as caught:
+        async with asyncio.timeout(10):
+            while True:
+                await anext(stream)
+    return str(caught.value)
+
+
+def mix_revolutions(rig: Rig, until_s: float = math.inf) -> None:
+    """Have a fifth of every second revolution arrive, each time a quarter farther on: they look like one."""
+    clean, turn_ns = rig.device.transmit, round(rig.turn_s * 1e9)
+
+    def transmit(now: int) -> bytes:
+        data: bytes = clean(now)
+        passes = not rig.device.scanning or now * 1e-9 > until_s
+        return data if passes or now % (9 * turn_ns // 4) < turn_ns // 5 else b""
+
+    rig.device.transmit = transmit
+
+
+@both_families
+@driven
+async def test_a_device_that_falls_silent_while_the_program_blocks_is_told_of(family: str) -> None:
+    rig, loop = make_rig(family), asyncio.get_running_loop()
+    assert isinstance(loop, DrivenLoop)
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        rig.device.mute = True
+        loop.block(1.0)
+        unblocked = loop.time()
+        assert "no scan data" in await failure_of(stream)
+        # What came meanwhile may be on its way; then the device is asked what is wrong.
+        assert loop.time() - unblocked < 0.6
+    assert left_still(rig)
+
+
+@both_families
+@driven
+async def test_what_is_held_is_read_before_a_device_counts_as_silent(
+    family: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on a terminal whose bytes nobody has read because its timers are late."""
+    hand_over, held = Port.hand_over, bytearray()
+    polls = 0
+
+    def hold(self: Port, data: bytes, now: int, arrivals: Sequence[tuple[int, int]] = ()) -> None:
+        held.extend(data)
+
+    def poll(self: Port) -> None:
+        nonlocal polls
+        polls += 1
+        data = bytes(held)
+        held.clear()
+        if data:
+            hand_over(self, data, self.now())
+
+    rig = make_rig(family)
+    async with rig.open() as lidar, lidar.scans(depth=100) as stream:
+        await anext(stream)
+        monkeypatch.setattr(Port, "hand_over", hold)
+        monkeypatch.setattr(Port, "poll", poll)
+        for _ in range(30):
+            await anext(stream)
+        monkeypatch.undo()
+        assert polls >= 30 * rig.turn_s / 0.6 - 1
+        assert lidar.stats.restarts == 0
+
+
+@both_families
+@driven
+async def test_damage_that_keeps_revolutions_from_completing_is_named(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        mix_revolutions(rig)
+        why = await failure_of(stream)
+    assert "no full revolution" in why
+    assert re.search(r"\b[1-9]\d* packets of it are damaged or missing", why)
+    assert left_still(rig)
+
+
+@both_families
+@driven
+async def test_damage_before_the_last_scan_is_not(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        mix_revolutions(rig, asyncio.get_running_loop().time() + 7 * rig.turn_s)
+        for _ in range(8):
+            await anext(stream)
+        assert lidar.stats.broken_scans > 0
+        running = lidar._scanner._control._running
+        assert running is not None
+        running._assembler._seam.splits = lambda headings: []  # type: ignore[method-assign]
+        why = await failure_of(stream)
+    assert "is the rotor blocked?" in why
+
+
+@both_families
+@driven
+async def test_a_discarded_revolution_is_told_once(family: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[object] = []
+    monkeypatch.setattr(Trouble, "tell", lambda _, message, *values: told.append((message, *values)))
+    rig = make_rig(family)
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        mix_revolutions(rig, asyncio.get_running_loop().time() + 7 * rig.turn_s)
+        for _ in range(8):
+            await anext(stream)
+        broken = lidar.stats.broken_scans
+    assert broken > 0
+    assert told == [("revolutions discarded: %d so far", number) for number in range(1, broken + 1)]
