@@ -167,7 +167,8 @@ def test_any_text_is_a_source_or_is_refused(text: str) -> None:
         return
     assert source.kind in ("auto", "serial", "id", "tcp", "sim")
     assert source.baudrate is None or 0 < source.baudrate <= 100_000_000
-    os.fsencode(source.address)
+    encode = os.fsencode if source.kind == "serial" else str.encode
+    encode(source.address)
     assert "\0" not in source.address
     if source.kind == "tcp":
         host, port = source.host_and_port
