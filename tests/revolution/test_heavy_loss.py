@@ -112,3 +112,18 @@ def test_start_packets_alone_tell_how_many_revolutions_passed(seed: int) -> None
     assert told >= (0.8 * len(clean) if packets > 17 else 10)
     # What an ordinary packet holds is not known. As many as the longest ones make, are told.
     assert 0.3 * (sent - packets) < stats.lost_packets < sent - packets
+
+
+@pytest.mark.exhaustive(
+    "name", sample=["0x84 ultra", "4ROS points"], full=[name for name in KINDS if "81" not in name]
+)
+def test_a_stretch_in_which_hardly_a_packet_comes_is_told_when_it_has_ended(name: str) -> None:
+    raw = np.frombuffer(capture(KINDS[name], SECONDS), np.uint8)[DESCRIPTOR_SIZE:]
+    places = np.arange(len(raw))
+    bad = (places > len(raw) * 0.4) & (places < len(raw) * 0.7)
+    left = places[~bad | (np.random.default_rng(1).random(len(raw)) >= 0.1)]
+    scans, stats, packets, _ = damage._received(KINDS[name], raw[left], left)
+    clean, _, sent = thinned(name, 0.0, 1)
+    assert len(scans) + stats.missed_scans == len(clean)
+    # Of a 4ROS, short packets come all the time.
+    assert 0.9 * (sent - packets) < stats.lost_packets <= sent - packets + 2

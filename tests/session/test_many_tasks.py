@@ -1,0 +1,167 @@
+"""Three or four tasks at once, drawn by a seed: timeouts, cancel scopes, cancellations, groups that fail, a cable.
+
+The matrix of two tasks tries every step; here is what only several tasks make: one that waits for the lock while a
+second one stops, a third one leaves and the line is lost. After each: every call has ended with a result or with an
+error of ours, the device is still where nobody reads, no timer and no task is left, and the ledger closes
+(`tests.conftest`).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import random
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+
+import anyio
+import pytest
+
+from lidario import Lidar, LidarError
+from tests.support.cable import Cable, cable_to
+from tests.support.devices import EVERY_FAMILY, discarded, left_still, make_rig
+from tests.support.loop import DrivenLoop, run_driven
+
+LONGEST_S = 40.0
+"""No call takes longer: a speed that is not reached, behind a boot and a reconnection."""
+LONGEST_CLOSE_S = 8.0
+
+
+async def read(lidar: Lidar) -> None:
+    async with lidar.scans(depth=2) as stream:
+        for _ in range(3):
+            await anext(stream)
+
+
+async def leave_at_once(lidar: Lidar) -> None:
+    async for _ in lidar.scans():
+        break
+
+
+async def fail_in_the_body(lidar: Lidar) -> None:
+    with suppress(ZeroDivisionError):
+        async for _ in lidar.scans():
+            raise ZeroDivisionError
+
+
+async def read_sectors(lidar: Lidar) -> None:
+    async with lidar.sectors(90) as stream:
+        for _ in range(6):
+            await anext(stream)
+
+
+async def tap(lidar: Lidar) -> None:
+    def fails(*_: object) -> None:
+        raise KeyError("a tap")
+
+    lidar.tap(fails)
+    await lidar.scan()
+
+
+CALLS: list[Callable[[Lidar], Awaitable[object]]] = [
+    read,
+    leave_at_once,
+    fail_in_the_body,
+    read_sectors,
+    tap,
+    Lidar.scan,
+    lambda lidar: lidar.scan("Standard"),
+    Lidar.get_health,
+    Lidar.get_modes,
+    lambda lidar: lidar.set_scan_frequency(8.0),
+    Lidar.reset,
+    Lidar.stop,
+]
+
+
+class Program:
+    """What the tasks of one seed do.
+
+    Attributes:
+        pulled: Whether the cable was pulled out.
+        longest_s: The longest call.
+    """
+
+    def __init__(self, seed: int, lidar: Lidar, cable: Cable) -> None:
+        self.pulled = False
+        self.longest_s = 0.0
+        self._random = random.Random(seed)
+        self._lidar = lidar
+        self._cable = cable
+
+    async def run(self) -> None:
+        """Several tasks, of which some are cancelled, or all by a group that fails."""
+        tasks = self._random.randint(3, 4)
+        if self._random.random() < 0.5:
+            with suppress(ExceptionGroup):
+                async with asyncio.TaskGroup() as group:
+                    for _ in range(tasks):
+                        group.create_task(self._work())
+                    await asyncio.sleep(self._random.choice([0.01, 0.1, 0.5, 1.5]))
+                    raise ValueError
+            return
+        started = [asyncio.ensure_future(self._work()) for _ in range(tasks)]
+        await asyncio.sleep(self._random.choice([0.01, 0.1, 0.5, 1.5]))
+        for task in started[:2]:
+            task.cancel()
+        for found in await asyncio.gather(*started, return_exceptions=True):
+            assert found is None or isinstance(found, asyncio.CancelledError), repr(found)
+
+    async def _work(self) -> None:
+        loop = asyncio.get_running_loop()
+        for _ in range(self._random.randint(1, 4)):
+            await asyncio.sleep(self._random.choice([0, 0.001, 0.05, 0.3, 1.2]))
+            if self._random.random() < 0.1:
+                await self._lose_the_line()
+            began = loop.time()
+            with suppress(LidarError, TimeoutError, StopAsyncIteration):
+                await self._call(
+                    self._random.choice(CALLS), self._random.choice([None, None, 0.001, 0.05, 0.2, 1.0])
+                )
+            self.longest_s = max(self.longest_s, loop.time() - began)
+
+    async def _call(self, call: Callable[[Lidar], Awaitable[object]], at_most_s: float | None) -> None:
+        if at_most_s is None:
+            await call(self._lidar)
+        elif self._random.random() < 0.5:
+            async with asyncio.timeout(at_most_s):
+                await call(self._lidar)
+        else:
+            with anyio.move_on_after(at_most_s), anyio.CancelScope(shield=self._random.random() < 0.3):
+                await call(self._lidar)
+
+    async def _lose_the_line(self) -> None:
+        self.pulled = True
+        self._cable.pull()
+        await asyncio.sleep(self._random.choice([0.01, 0.5]))
+        if self._cable.device is None:
+            self._cable.plug()
+
+
+@pytest.mark.usefixtures("quick_collection")
+@pytest.mark.parametrize("family", EVERY_FAMILY)
+@pytest.mark.parametrize("reconnect", [False, True])
+@pytest.mark.exhaustive("seed", sample=range(3), full=range(40))
+def test_many_tasks_at_once(family: str, seed: int, *, reconnect: bool) -> None:
+    rig = make_rig(family)
+
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, DrivenLoop)
+        with cable_to(rig) as cable:
+            lidar = await rig.open(reconnect=reconnect)
+            program = Program(seed, lidar, cable)
+            await program.run()
+            assert program.longest_s < LONGEST_S
+            gc.collect()
+            await asyncio.sleep(4.0)
+            assert not lidar.is_scanning
+            assert program.pulled or left_still(rig)
+            began = loop.time()
+            await lidar.close()
+            assert loop.time() - began < LONGEST_CLOSE_S
+            assert program.pulled or (left_still(rig), discarded(rig)) == (True, [])
+        await asyncio.sleep(0)
+        assert [timer for timer in loop._scheduled if not timer.cancelled()] == []  # type: ignore[attr-defined]
+
+    run_driven(main)
