@@ -242,10 +242,10 @@ class Questions(ABC):
         return await healthy(self._dialogue, self._device)
 
     async def _turns_at(self, hertz: float) -> None:
-        measured = float("nan")
+        measured, stream = float("nan"), ScanStream(self._scanner, None, 1, False, self._check_open)
         try:
             async with asyncio.timeout(SPEED_TIMEOUT_S):
-                async for scan in ScanStream(self._scanner, None, 1, False, self._check_open):
+                async for scan in stream:
                     measured = scan.rpm / 60
                     if abs(measured - hertz) <= SPEED_TOLERANCE * hertz:
                         return
@@ -253,6 +253,9 @@ class Questions(ABC):
             raise RemoteProtocolError(
                 f"{hertz:.2f} Hz is set, but the rotor turns at {measured:.2f} Hz after {SPEED_TIMEOUT_S:g} s"
             ) from None
+        finally:
+            # Whoever keeps the error keeps this frame, and the stream with it, from being garbage.
+            stream.release()
 
     def _remember(self, name: str, script: Callable[[Device], Script[object]]) -> None:
         """A device that comes back shall be set to this again."""

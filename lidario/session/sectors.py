@@ -150,7 +150,12 @@ class SectorStream(AsyncOnly):
 
     async def __anext__(self) -> Sector:
         # The mailbox of this stream is handed sectors alone.
-        return cast("Sector", await anext(self._stream))
+        try:
+            return cast("Sector", await anext(self._stream))
+        except BaseException:
+            # As in `ScanStream`.
+            del self
+            raise
 
     async def __aenter__(self) -> Self:
         await self._stream.__aenter__()

@@ -278,7 +278,13 @@ class ScanStream(AsyncOnly):
             self._let_go.atexit = False
         elif self._loop is not asyncio.get_running_loop():
             raise LocalProtocolError("the stream was begun in another event loop, and its scans come only there")
-        return cast("Scan", await self._mailbox.get())
+        try:
+            return cast("Scan", await self._mailbox.get())
+        except BaseException:
+            # Whoever keeps the error, as a cancelled task does, keeps this frame. The stream is to be garbage all
+            # the same, so that the device is left still.
+            del self
+            raise
 
     async def __aenter__(self) -> Self:
         self._check_open()

@@ -7,8 +7,10 @@ import gc
 import weakref
 from typing import Any
 
+import pytest
+
 from lidario import Lidar
-from tests.support.devices import both_families, make_rig
+from tests.support.devices import both_families, left_still, make_rig
 from tests.support.loop import driven
 
 
@@ -44,6 +46,50 @@ async def test_an_error_that_is_kept_holds_nothing_of_the_program(family: str) -
     rig.device.receive = heard
     gc.collect()
     assert refs[0]() is None, told(refs[0]())
+
+
+@both_families
+@driven
+async def test_who_keeps_the_error_of_a_cancelled_setting_keeps_no_stream(family: str) -> None:
+    """The setting reads scans to measure the speed; the reader before is gone meanwhile."""
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        await lidar.scan()
+        setting = asyncio.ensure_future(lidar.set_scan_frequency(8.0))
+        while not (lidar._scanner.hub or setting.done()):
+            await asyncio.sleep(0.001)
+        setting.cancel()
+        error = (await asyncio.gather(setting, return_exceptions=True))[0]
+        assert isinstance(error, asyncio.CancelledError)
+        await asyncio.sleep(2.0)
+        assert not lidar.is_scanning
+        assert left_still(rig)
+
+
+@pytest.mark.parametrize("sectors", [False, True])
+@pytest.mark.parametrize("awaited", [False, True])
+@both_families
+@driven
+async def test_who_keeps_a_cancelled_task_keeps_no_stream(family: str, *, sectors: bool, awaited: bool) -> None:
+    """Its error holds the frames in which it was raised. What they iterated over is garbage all the same."""
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        began = asyncio.Event()
+
+        async def read() -> None:
+            async for _ in lidar.sectors() if sectors else lidar.scans():
+                began.set()
+
+        reading = asyncio.ensure_future(read())
+        await began.wait()
+        reading.cancel()
+        kept = (
+            await asyncio.gather(reading, return_exceptions=True) if awaited else await asyncio.wait([reading])
+        )[0]
+        await asyncio.sleep(2.0)
+        assert not lidar.is_scanning
+        assert left_still(rig)
+        del kept
 
 
 def told(kept: Any) -> list[str]:

@@ -19,14 +19,14 @@ from typing import Final, NamedTuple, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from lidario.families.rplidar.spans import LIKENESS, alike, change_slowly, extent, forgive_falls, take_back
+
 __all__ = ["Arc", "Arcs", "FollowsRotation", "Rotation"]
 
 Arc: TypeAlias = NDArray[np.int32] | NDArray[np.uint16] | NDArray[np.float64]
 
 RETREAT_TURNS: Final = 1 / 36
 """How far packets under a check value fall back at most."""
-FALSE_PACKETS: Final = 40
-"""Packets within which a leap and a fall belong together: between them stands what was no packet."""
 STRANGE_SPANS: Final = 4
 """Spans in a row, all unlike what was ordinary so far, after which they are the ordinary ones."""
 TRUSTED_GAP: Final = 8
@@ -35,11 +35,6 @@ CERTAIN_SPANS: Final = 6
 """Spans that must agree before the ordinary arc is certain; the fewest packets a revolution of any mode has."""
 REMEMBERED_SPANS: Final = 64
 """Spans kept until then."""
-_FEW: Final = 80
-"""Numbers up to which a list of them is searched faster than an array: 1.2 us for 33 of them, where three calls of
-numpy take 3."""
-LIKENESS: Final = 0.2
-"""Two arcs within this share of each other are one: ordinary ones scatter by less, half a gap is farther off."""
 
 
 class Arcs(NamedTuple):
@@ -123,7 +118,8 @@ class Rotation:
             self._strange = 0
             self._last_arc = float(spans[-1])
             return Arcs(spans, None, self._typical, certain=True)
-        if self._certain and following is not None and self._changes_slowly(spans, shortest):
+        steady = self._certain and following is not None and shortest > 0 and self._last_arc > 0
+        if steady and self._jitter <= 0.5 and change_slowly(self._last_arc, spans):
             # The next revolution goes on where this one ends.
             self._typical = self._last_arc = float(spans[-1])
             self._strange = 0
@@ -166,7 +162,7 @@ class Rotation:
 
         That is all that is known of the arc of each.
         """
-        _, farthest, total = _extent(told)
+        _, farthest, total = extent(told)
         mean = total / len(told)
         steady = farthest <= (1 + LIKENESS) * mean
         # The mean is as good as the median where nothing is far from it, and much cheaper.
@@ -182,7 +178,7 @@ class Rotation:
         missing = np.ceil(spans / own - 1 - self._jitter).astype(np.intp)
         if following is None:
             missing[-1] = 0
-        _forgive_falls(missing, spans)
+        forgive_falls(missing, spans)
         np.maximum(missing, 0, out=missing)
         if missing.any():
             return Arcs(told, missing, self._typical, certain=True)
@@ -221,26 +217,17 @@ class Rotation:
         last = 0 if following is None else following - int(headings[-1])
         # Mostly it is only here that the angles pass 0.
         spans[-1] = last + self._full_turn if last < -self._retreat else last
-        extent = _extent(spans)
-        if extent[0] < -self._retreat:
+        farthest = extent(spans)
+        if farthest[0] < -self._retreat:
             np.add(spans, self._full_turn, out=spans, where=spans < -self._retreat)
-            extent = _extent(spans)
-        return spans, *extent
+            farthest = extent(spans)
+        return spans, *farthest
 
     def _signed(self, spans: NDArray[np.int32]) -> NDArray[np.float64]:
         """The same, where almost a full turn ahead is a little behind."""
         rough = spans.astype(np.float64)
         np.subtract(rough, self._full_turn, out=rough, where=rough >= self._full_turn - self._retreat)
         return rough
-
-    def _changes_slowly(self, spans: NDArray[np.int32], shortest: int) -> bool:
-        """Whether each span is much as the one before: the rotor changes its speed, and nothing is missing."""
-        if shortest <= 0 or self._last_arc <= 0 or self._jitter > 0.5:
-            return False
-        before = np.empty_like(spans)
-        before[0], before[1:] = round(self._last_arc), spans[:-1]
-        changes = np.abs(spans - before)
-        return bool((changes <= LIKENESS * before).all() and (changes <= LIKENESS * spans).all())
 
     def _among_gaps(self, spans: NDArray[np.float64], followed: bool) -> Arcs:
         """As `arcs`, where spans may hold more than one packet, or less."""
@@ -251,8 +238,8 @@ class Rotation:
         missing = np.ceil(packets - 1 - self._jitter).astype(np.intp)
         if not followed:
             missing[-1] = -1
-        _forgive_falls(missing, spans)
-        _take_back(missing, spans, typical)
+        forgive_falls(missing, spans)
+        take_back(missing, spans, typical)
         arc = np.where(missing == 0, spans, typical)
         for gap in np.flatnonzero((missing > 0) & (missing <= TRUSTED_GAP)).tolist():
             arc[gap] = self._before_gap(arc, missing, gap, spans[gap] / (missing[gap] + 1))
@@ -302,12 +289,12 @@ class Rotation:
         short = float(np.partition(seen, len(seen) // 4)[len(seen) // 4])
         if self._jitter <= 0.5:  # beyond it, ordinary arcs scatter so much that short ones say nothing
             for parts in (4, 3, 2):
-                if np.count_nonzero(_alike(seen, short / parts)) >= STRANGE_SPANS:
+                if np.count_nonzero(alike(seen, short / parts)) >= STRANGE_SPANS:
                     short /= parts
                     break
         ordinary = seen[np.abs(seen - short) <= short / 2]
         self._typical = self._middle(ordinary) if len(ordinary) else short
-        agreeing = np.count_nonzero(_alike(ordinary, self._typical)) if self._jitter <= 0.5 else len(ordinary)
+        agreeing = np.count_nonzero(alike(ordinary, self._typical)) if self._jitter <= 0.5 else len(ordinary)
         # Where most spans are gaps of any length, some agree by chance; but not most of the short ones.
         self._certain = bool(agreeing >= CERTAIN_SPANS and 2 * agreeing > len(ordinary))
         self._remembered = seen[-REMEMBERED_SPANS:]
@@ -324,31 +311,3 @@ class FollowsRotation:
         twin = copy.copy(self)
         twin._rotation = copy.copy(self._rotation)  # noqa: SLF001 - its own
         return twin
-
-
-def _extent(values: NDArray[np.int32] | NDArray[np.uint16]) -> tuple[int, int, int]:
-    """The least of these, the greatest, and their sum."""
-    if len(values) <= _FEW:
-        plain = values.tolist()
-        return min(plain), max(plain), sum(plain)
-    return int(np.minimum.reduce(values)), int(np.maximum.reduce(values)), int(np.add.reduce(values))
-
-
-def _alike(spans: NDArray[np.float64], arc: float) -> NDArray[np.bool_]:
-    return np.asarray(np.abs(spans - arc) <= LIKENESS * arc)
-
-
-def _take_back(missing: NDArray[np.intp], spans: NDArray[np.float64], typical: float) -> None:
-    """Where headings leap ahead and soon fall back, only the difference is missing."""
-    for fall in np.flatnonzero(spans < -2 * typical).tolist():
-        leaps = np.flatnonzero(missing[max(0, fall - FALSE_PACKETS) : fall] > 0)
-        if len(leaps):
-            leap = max(0, fall - FALSE_PACKETS) + int(leaps[-1])
-            missing[leap] = max(0, int(missing[leap]) + round(float(spans[fall]) / typical))
-
-
-def _forgive_falls(missing: NDArray[np.intp], spans: NDArray[np.float64]) -> None:
-    """A leap beside a fall is one heading that is out of place, not a gap."""
-    falls = spans < 0
-    missing[1:][falls[:-1]] = -1
-    missing[:-1][falls[1:]] = -1
