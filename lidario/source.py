@@ -218,10 +218,13 @@ def _checked(source: Source) -> Source:
     # sim:// without a model is refused by the registry, which can list the models.
     if not source.address and source.kind != "sim":
         raise _refused(source.text, "names nothing to open")
+    names_file = source.kind in ("serial", "file")
     try:
-        os.fsencode(source.address)
+        # Names of files have the encoding of the system, which may be ASCII; everything else is sent as UTF-8.
+        (os.fsencode if names_file else str.encode)(source.address)
     except UnicodeError as error:
-        raise _refused(source.text, "contains a character that cannot stand in a file name") from error
+        what = "a character that cannot stand in a file name" if names_file else "something that is no character"
+        raise _refused(source.text, f"contains {what}") from error
     if source.kind in _EXAMPLES:
         _check_host(source)
     return source

@@ -129,6 +129,17 @@ def test_no_foreign_exception_leaves(text: str, says: str) -> None:
     assert str(caught.value).isprintable()
 
 
+@pytest.mark.parametrize("text", ["zenoh:räume/lidar", "tcp://bücher.example:80", "id:Ä1"])
+def test_only_names_of_files_need_the_encoding_of_file_names(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is ASCII where the system knows no other locale."""
+    monkeypatch.setattr(os, "fsencode", lambda name: name.encode("ascii", "surrogateescape"))
+    assert parse_source(text).text == text
+    with pytest.raises(ConnectFailed, match="file name"):
+        parse_source("/dev/räume")
+    with pytest.raises(ConnectFailed, match="no character"):
+        parse_source("zenoh:\udcff")
+
+
 def test_forms_that_are_easily_meant() -> None:
     assert parse_source("serial://COM3?baud=115200").address == "COM3"
     assert parse_source("serial:///dev/tty#1").address == "/dev/tty#1"
@@ -156,7 +167,8 @@ def test_any_text_is_a_source_or_is_refused(text: str) -> None:
         return
     assert source.kind in ("auto", "serial", "id", "tcp", "sim")
     assert source.baudrate is None or 0 < source.baudrate <= 100_000_000
-    os.fsencode(source.address)
+    encode = os.fsencode if source.kind == "serial" else str.encode
+    encode(source.address)
     assert "\0" not in source.address
     if source.kind == "tcp":
         host, port = source.host_and_port

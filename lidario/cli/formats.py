@@ -41,7 +41,7 @@ def as_json(scan: Scan) -> str:
         "ranges": [None if math.isnan(value) else value for value in ranges],
         "intensities": None if scan.intensities is None else scan.intensities.tolist(),
     }
-    return json.dumps(record, separators=(",", ":"), ensure_ascii=False, allow_nan=False) + "\n"
+    return json.dumps(record, separators=(",", ":"), allow_nan=False) + "\n"
 
 
 def as_csv(scan: Scan) -> str:

@@ -107,8 +107,8 @@ class Writer:
 
 
 def dump(value: object) -> None:
-    """Write `value` to stdout as JSON, indented."""
-    emit(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    """Write `value` to stdout as JSON, indented; in ASCII, so that no encoding of stdout lacks a character."""
+    emit(json.dumps(value, indent=2, allow_nan=False) + "\n")
 
 
 def introduced(model: str, serial: str, firmware: str = "") -> str:

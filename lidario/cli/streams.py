@@ -9,12 +9,16 @@ Only the standard library is imported here: `lidario --version` needs nothing el
 
 from __future__ import annotations
 
+import codecs
 import os
 import sys
 from contextlib import suppress
-from typing import TextIO, cast
+from typing import Final, TextIO, cast
 
 __all__ = ["CannotWrite", "ReaderGone", "emit", "finish", "message", "nowhere", "say", "write"]
+
+
+_AS_GIVEN: Final = "lidario-as-given"
 
 
 class CannotWrite(OSError):
@@ -67,10 +71,10 @@ def write(stream: TextIO, text: str) -> None:
         return
     try:
         handle = _handle(stream)
-        data = text.encode(stream.encoding, "replace")
+        data = text.encode(stream.encoding, _AS_GIVEN)
         if handle is None:
             # A pipe on Windows has the code page of the system, in which many characters are missing.
-            stream.write(data.decode(stream.encoding))
+            stream.write(data.decode(stream.encoding, "replace"))
             stream.flush()
             return
         while data:
@@ -96,6 +100,20 @@ def nowhere(mode: str) -> TextIO:
     handle = os.open(os.devnull, os.O_RDONLY if mode == "r" else os.O_WRONLY)
     # Nobody closes it, and without `closefd` Python warns of nothing that is left open.
     return cast("TextIO", open(handle, mode, encoding="utf-8", closefd=False))
+
+
+def _as_given(error: UnicodeError) -> tuple[bytes, int]:
+    """What is written for characters that an encoding lacks.
+
+    The name of a file may hold bytes that are no characters (``os.fsdecode``). They are written as those bytes, so
+    that a script finds the file by the name that it reads; everything else becomes a question mark.
+    """
+    assert isinstance(error, UnicodeEncodeError)
+    lacking = error.object[error.start : error.end]
+    return b"".join(bytes([ord(c) & 0xFF]) if "\udc80" <= c <= "\udcff" else b"?" for c in lacking), error.end
+
+
+codecs.register_error(_AS_GIVEN, _as_given)
 
 
 def _handle(stream: TextIO) -> int | None:

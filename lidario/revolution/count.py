@@ -191,7 +191,7 @@ class RevolutionCount:
         last, self._last = self._last, here
         usual = last is not None and last is self._sure and not self._late and here.revolution_ns
         if usual and last is not None and not here.lost and not last.lost:
-            # Mostly nothing is missing, and nothing unusual. What follows would find the same.
+            # Mostly nothing is missing, and the rotor keeps its speed. Then what follows would find the same.
             elapsed, share = here.start_ns - last.start_ns, 1 + here.over - last.over
             alike = 1 / ALIKE < here.revolution_ns / last.revolution_ns < ALIKE
             ordinary = alike and not here.broken and elapsed > 0 and share >= LEAST_SHARE

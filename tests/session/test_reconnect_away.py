@@ -15,6 +15,7 @@ from lidario import (
     InvalidValue,
     LidarError,
     Reconnect,
+    SessionClosed,
     open_lidar,
 )
 from lidario.session.dialogue import Dialogue
@@ -261,3 +262,27 @@ async def test_what_happens_is_logged_once(caplog: pytest.LogCaptureFixture) -> 
         told[-1],
     ]
     assert "is back on memory, after 6" in told[-1]
+
+
+@both_families
+@driven
+async def test_a_question_on_the_new_line_ends_at_once_when_the_session_is_closed(family: str) -> None:
+    rig = make_rig(family)
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True) as lidar:
+            async with lidar.scans() as stream:
+                await anext(stream)
+                cable.pull()
+                pulled = now()
+                cable.plug()
+                await next_after(stream, pulled)
+            await asyncio.sleep(0.1)
+            rig.device.mute = True
+            asked = asyncio.ensure_future(lidar.get_health())
+            await asyncio.sleep(0.02)
+            assert not asked.done()
+            closing, began = asyncio.ensure_future(lidar.close()), now()
+            with pytest.raises(SessionClosed):
+                await asked
+            assert now() - began < 0.001
+            await closing

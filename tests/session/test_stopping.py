@@ -11,7 +11,6 @@ import pytest
 
 from lidario import Lidar, Scan, SessionClosed
 from lidario.revolution.assemble import Assembler
-from lidario.session.waiting import Awaited, Waiting
 from lidario.wire.events import Packets
 from tests.support.devices import Rig, both_families, discarded, left_still, make_rig, names, take
 from tests.support.loop import DrivenLoop, driven
@@ -272,30 +271,3 @@ async def test_a_session_that_is_dropped_leaves_the_device_still(family: str) ->
     await asyncio.sleep(0.1)
     assert left_still(rig)
     assert not discarded(rig)
-
-
-@both_families
-@driven
-async def test_the_last_reader_leaves_just_as_the_stream_begins(
-    family: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    """The device has said that it streams; the task that waited for that goes on after the reader has left."""
-    rig, leaving = make_rig(family), list[asyncio.Future[None]]()
-    async with rig.open() as lidar:
-        stream = lidar.scans()
-        wake = Waiting.wake
-
-        def leave_and_wake(self: Waiting, what: Awaited, result: bytes = b"") -> None:
-            if what is Awaited.RESPONSE and rig.device.scanning and not leaving:
-                leaving.append(asyncio.ensure_future(stream.aclose()))
-            wake(self, what, result)
-
-        monkeypatch.setattr(Waiting, "wake", leave_and_wake)
-        with pytest.raises(StopAsyncIteration):
-            await anext(stream)
-        await leaving[0]
-        assert left_still(rig)
-        assert not lidar.is_scanning
-        assert len(await take(lidar, 2)) == 2
-    assert left_still(rig)
-    assert not caplog.records

@@ -48,6 +48,40 @@ async def test_a_silent_device_ends_the_stream_but_not_the_session(family: str) 
 
 @both_families
 @driven
+async def test_a_stream_that_failed_leaves_the_device_still_at_once(family: str) -> None:
+    """Also where its reader goes on holding it, and before the session ends."""
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        stream = lidar.scans()
+        await anext(stream)
+        clean = rig.device.transmit
+        rig.device.transmit = lambda now: b"\0" * len(clean(now))
+        await until_it_fails(stream, "only noise arrives")
+        rig.device.transmit = clean
+        await asyncio.sleep(0.2)
+        assert left_still(rig)
+        assert not lidar.is_scanning
+
+
+@driven
+async def test_a_session_that_was_ended_by_its_device_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
+    async with open_lidar("sim://rplidar-s2?via=memory&fault=unplug:1s") as lidar:
+        with pytest.raises(DeviceLost):
+            await asyncio.gather(*(read_on(lidar.scans()) for _ in range(2)))
+        await asyncio.sleep(1.0)
+    (told,) = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    assert told.startswith("the session ended: ")
+    assert "unplugged" in told
+
+
+async def read_on(stream: ScanStream) -> None:
+    """Take scans as long as there are any."""
+    async for _ in stream:
+        pass
+
+
+@both_families
+@driven
 async def test_a_device_that_never_speeds_up_is_reported(family: str) -> None:
     rig = make_rig(family)
     async with rig.open() as lidar:

@@ -1,0 +1,57 @@
+"""Standard streams that are closed, or whose encoding lacks what is written."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from lidario.cli.streams import emit
+from tests.cli.processes import BOUND, ROOT
+
+
+def with_closed(streams: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the command with some of its streams closed, as a shell closes them; warnings appear on stderr."""
+    return subprocess.run(
+        ["sh", "-c", f'exec "$0" -W error -m lidario "$@" {streams}', sys.executable, *arguments],
+        cwd=ROOT, capture_output=True, text=True, timeout=BOUND, check=False,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("closed", [">&-", ">&- 2>&-", ">&- <&-"])
+@pytest.mark.parametrize(
+    "arguments",
+    [("scan", "sim://rplidar-s2?via=memory", "-n", "0"), ("devices",), ("--version",), ("sim",)],
+    ids=" ".join,
+)
+def test_a_closed_stdout_is_said_and_ends_it(arguments: tuple[str, ...], closed: str) -> None:
+    ended = with_closed(closed, *arguments)
+    assert ended.returncode == 2
+    assert ended.stderr == ("" if "2>" in closed else "error: there is nowhere to write to: stdout is closed\n")
+
+
+def test_a_closed_stderr_hides_messages_alone() -> None:
+    ended = with_closed("2>&- <&-", "scan", "sim://rplidar-s2?via=memory", "--json")
+    assert ended.returncode == 0
+    assert ended.stdout.count("\n") == 1
+
+
+def test_a_closed_stdin_is_not_noticed() -> None:
+    ended = with_closed("<&-", "--version")
+    assert (ended.returncode, ended.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("encoding", "written"), [("utf-8", "r\xf6 → ".encode() + b"\xff.mcap"), ("ascii", b"r? ? \xff.mcap")]
+)
+def test_the_name_of_a_file_is_printed_as_its_bytes(
+    encoding: str, written: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A name that is none in the encoding of this process, and that a script uses to open the file."""
+    reader, writer = os.pipe()
+    with open(reader, "rb") as told, open(writer, "w", encoding=encoding) as stdout:
+        monkeypatch.setattr(sys, "stdout", stdout)
+        emit("r\xf6 → \udcff.mcap")
+        assert told.read1() == written

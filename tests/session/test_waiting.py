@@ -1,0 +1,104 @@
+"""What ends the waiting: of those who wait for their turn, for a device that is busy, or for a stream to begin."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from lidario import Health, Lidar, SessionClosed
+from lidario.session.waiting import Awaited, Waiting
+from tests.support.devices import Rig, both_families, left_still, make_rig, names, take
+from tests.support.loop import driven
+
+AT_ONCE_S = 1e-6
+
+
+def now() -> float:
+    return asyncio.get_running_loop().time()
+
+
+@both_families
+@driven
+async def test_close_ends_also_those_who_wait_for_their_turn(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        rig.device.mute = True
+        asked = [asyncio.ensure_future(call()) for call in (lidar.get_health, lidar.get_info, lidar.reset)]
+        await asyncio.sleep(0.02)
+        heard = len(rig.device.log)
+        began = now()
+        closing = asyncio.ensure_future(lidar.close())
+        for each in asked:
+            with pytest.raises(SessionClosed):
+                await each
+        assert now() - began < AT_ONCE_S
+        await closing
+    assert not {"get_info", "reset"} & {each.name for each in rig.device.log[heard:]}
+
+
+async def ask(rig: Rig, lidar: Lidar) -> asyncio.Future[Health]:
+    """Ask a question; return as soon as the device has it, 20 ms before its response comes."""
+    rig.device.response_delay_s = 0.02
+    heard = len(rig.device.log)
+    asked = asyncio.ensure_future(lidar.get_health())
+    while "get_health" not in names(rig)[heard:]:
+        await asyncio.sleep(0.0001)
+    return asked
+
+
+@both_families
+@driven
+async def test_behind_a_response_that_nobody_waits_for_the_next_request_follows_at_once(family: str) -> None:
+    """Until it has responded, the device is busy. It is not waited for until the time of the response is over."""
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        asked = await ask(rig, lidar)
+        asked.cancel()
+        began = now()
+        await lidar.get_info()
+        # It is asked twice, since responses carry no checksum.
+        assert 0.059 < now() - began < 0.07
+
+
+@driven
+async def test_behind_a_response_the_stop_requests_follow_at_once() -> None:
+    rig = make_rig("rplidar")
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        asked = await ask(rig, lidar)
+        assert rig.device.motor_on
+        began = now()
+        stopping = asyncio.ensure_future(lidar.stop())
+        while rig.device.motor_on:
+            await asyncio.sleep(0.0001)
+        assert 0.019 < now() - began < 0.025
+        await asyncio.gather(stopping, asked)
+    assert left_still(rig)
+
+
+@both_families
+@driven
+async def test_the_last_reader_leaves_just_as_the_stream_begins(
+    family: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The device has said that it streams; the task that waited for that goes on after the reader has left."""
+    rig, leaving = make_rig(family), list[asyncio.Future[None]]()
+    async with rig.open() as lidar:
+        stream = lidar.scans()
+        wake = Waiting.wake
+
+        def leave_and_wake(self: Waiting, what: Awaited, result: bytes = b"") -> None:
+            if what is Awaited.RESPONSE and rig.device.scanning and not leaving:
+                leaving.append(asyncio.ensure_future(stream.aclose()))
+            wake(self, what, result)
+
+        monkeypatch.setattr(Waiting, "wake", leave_and_wake)
+        with pytest.raises(StopAsyncIteration):
+            await anext(stream)
+        await leaving[0]
+        assert left_still(rig)
+        assert not lidar.is_scanning
+        assert len(await take(lidar, 2)) == 2
+    assert left_still(rig)
+    assert not caplog.records
