@@ -31,7 +31,7 @@ def test_how_much_of_a_revolution_must_have_come() -> None:
     def least(packets: int, wire: Any = None, **changes: Any) -> float:
         samples = decoded(packets, 80.0, **changes)
         here = ended(partial(packets, END_NS), samples, END_NS - packets)
-        return least_of(wire or DenseFormat(), here, 0, 0.8 * USUAL_NS)
+        return least_of(wire or DenseFormat(), here, 0.8 * USUAL_NS)
 
     assert least(41) == least(40) == 0.0
     assert least(39) == pytest.approx(0.5 * USUAL_NS)
@@ -52,7 +52,6 @@ def test_packets_that_are_missing_behind_the_last_one_belong_to_this_or_to_the_n
         here,
         here.partial.runs[0],
         samples,
-        seam=0,
         gap_behind=gap_behind,
         broken=False,
         number=3,
