@@ -52,7 +52,7 @@ def test_what_is_usual_is_remembered_from_turn_to_turn() -> None:
 
 
 def test_another_speed_is_believed_when_it_lasts() -> None:
-    """As when it was set while the stream could not be read: first it looks like a gap behind each packet."""
+    """As when the speed was set while the stream could not be read: at first, like a gap behind each packet."""
     rotation = Rotation(TURN)
     rotation.arcs(headings(*range(0, 10000, 500)), 10000)
     assert missing(rotation.arcs(headings(10000, 11500, 13000), 14500)) == [2, 2, 2]
