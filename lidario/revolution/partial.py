@@ -88,7 +88,7 @@ class PartialRevolution:
         for run in runs:
             for count, at_ns in run.arrivals:
                 arrivals.append((before + count, at_ns))
-            before += count
+            before, _ = arrivals[-1]
             alike = alike and run.blocks[0][0] == size and len(run.blocks) == 1
         data = b"".join([run.data for run in runs])
         if alike:
