@@ -83,8 +83,8 @@ class Seam:
         return found
 
     def _splits(self, headings: Headings) -> list[Split]:
-        if len(headings) == 1:
-            split = self._step(0, int(headings[0]))
+        if len(headings) <= 1:
+            split = self._step(0, int(headings[0])) if len(headings) else None
             return [] if split is None else [split]
         found: list[Split] = []
         if isinstance(headings, np.ndarray):
