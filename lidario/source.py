@@ -221,7 +221,10 @@ def _checked(source: Source) -> Source:
     names_file = source.kind in ("serial", "file")
     try:
         # Names of files have the encoding of the system, which may be ASCII; everything else is sent as UTF-8.
-        (os.fsencode if names_file else str.encode)(source.address)
+        if names_file:
+            os.fsencode(source.address)
+        else:
+            source.address.encode()
     except UnicodeError as error:
         what = "a character that cannot stand in a file name" if names_file else "something that is no character"
         raise _refused(source.text, f"contains {what}") from error

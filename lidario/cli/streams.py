@@ -98,7 +98,7 @@ def finish() -> None:
 def nowhere(mode: str) -> TextIO:
     """A standard stream, ``r`` or ``w``, that leads nowhere; it stays open until the process ends."""
     handle = os.open(os.devnull, os.O_RDONLY if mode == "r" else os.O_WRONLY)
-    # Nobody closes it, and without `closefd` Python warns of nothing that is left open.
+    # It is never closed. With ``closefd=False``, Python does not warn of that at the end of the process.
     return cast("TextIO", open(handle, mode, encoding="utf-8", closefd=False))
 
 

@@ -136,7 +136,7 @@ class Bus:
         return str(self._session.zid())
 
     def sender(self, key: str) -> Sender:
-        """Publish under `key`. A router that does not keep up loses messages: a lidar waits for nobody."""
+        """Publish under `key`. Where a router does not keep up, messages are lost: the lidar does not wait."""
         control = _zenoh().CongestionControl.DROP
         with self._told():
             publisher = self._session.declare_publisher(key, congestion_control=control)

@@ -213,7 +213,7 @@ class Assembler:
             lost += samples.lost
             here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
             if arrays is not None:
-                here.begin_with(arrays, room)
+                here.begin_with(arrays)
             unknown = 0
             if partial.carried_packets and samples.certain:
                 unknown = partial.revoke_carried(samples.revolution_packets)

@@ -160,7 +160,7 @@ class DividedRevolution:
         room = 0 if self.rest is None else len(self.rest)
         arrays = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
         if self.rest is not None:
-            arrays.begin_with(self.rest, room)
+            arrays.begin_with(self.rest)
         earlier = sum(map(len, self.arrays))
         self.gaps += [(earlier + before, skipped) for before, skipped in samples.gaps]
         self.arrays.append(arrays.part(room))

@@ -42,8 +42,9 @@ class SampleArrays:
         intensity = None if self.intensity is None else self.intensity[begin:end]
         return SampleArrays(self.angle[begin:end], self.distance[begin:end], intensity)
 
-    def begin_with(self, earlier: SampleArrays, room: int) -> None:
-        """Fill the front, which was left free, with `earlier`, which are so many samples."""
+    def begin_with(self, earlier: SampleArrays) -> None:
+        """Fill the front, which was left free, with `earlier`."""
+        room = len(earlier.angle)
         self.angle[:room] = earlier.angle
         self.distance[:room] = earlier.distance
         if self.intensity is not None and earlier.intensity is not None:
@@ -165,14 +166,6 @@ def part_of(
         wire: Their format.
         sample_ns: Nanoseconds a sample; 0 where the device does not say.
     """
-    if len(packets.arrivals) == len(packets.blocks) == 1 and wire.shortest == wire.longest:
-        # Mostly, where every packet has the same size. What follows would find the same.
-        (size, count), (_, at_ns) = packets.blocks[0], packets.arrivals[0]
-        if end < count:
-            at_ns -= round(wire.samples * (count - end) * sample_ns)
-        return Packets(
-            packets.data[begin * size : end * size], (Block(size, end - begin),), ((end - begin, at_ns),)
-        )
     offsets = offsets or packet_offsets(packets.blocks)
     blocks = some_blocks(packets.blocks, begin, end)
     arrivals: list[Arrival] = []

@@ -224,7 +224,7 @@ def _block(
     """Divide the arrays among the revolutions."""
     here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
     if partial.carried is not None:
-        here.begin_with(partial.carried, len(partial.carried))
+        here.begin_with(partial.carried)
     following = PartialRevolution(whole=True, seam=seam, behind_gap=False)
     if bounds[-1] < len(here):
         following.carried = here.part(bounds[-1])

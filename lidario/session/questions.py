@@ -254,7 +254,7 @@ class Questions(ABC):
                 f"{hertz:.2f} Hz is set, but the rotor turns at {measured:.2f} Hz after {SPEED_TIMEOUT_S:g} s"
             ) from None
         finally:
-            # Whoever keeps the error keeps this frame, and the stream with it, from being garbage.
+            # An error that the program keeps holds this frame, and the stream in it. So the stream is ended here.
             stream.release()
 
     def _remember(self, name: str, script: Callable[[Device], Script[object]]) -> None:

@@ -281,8 +281,8 @@ class ScanStream(AsyncOnly):
         try:
             return cast("Scan", await self._mailbox.get())
         except BaseException:
-            # Whoever keeps the error, as a cancelled task does, keeps this frame. The stream is to be garbage all
-            # the same, so that the device is left still.
+            # An error that the program keeps, as in a cancelled task, holds this frame. Without `self` in it, the
+            # stream is garbage all the same, and that leaves the device still.
             del self
             raise
 

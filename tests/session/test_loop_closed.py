@@ -13,7 +13,7 @@ import pytest
 
 from lidario import Lidar
 from tests.support.devices import Rig, both_families, discarded, left_still, make_rig, names
-from tests.support.loop import DrivenLoop
+from tests.support.loop import DrivenLoop, unless_unfinished
 
 Interrupt = Callable[[DrivenLoop, "asyncio.Task[None]"], None]
 TIMES = 4
@@ -101,6 +101,7 @@ def test_ended_at_every_turn_of_the_loop(
 def run_plain(rig: Rig, work: Callable[[Lidar], Awaitable[None]], at: int, monkeypatch: pytest.MonkeyPatch) -> int:
     """As `run_and_close`, on a loop that cancels nothing when KeyboardInterrupt comes out of it."""
     loop = DrivenLoop()
+    loop.set_exception_handler(unless_unfinished)
     monkeypatch.setattr("lidario.port.port.time.sleep", loop.block)
 
     async def main() -> None:

@@ -20,7 +20,7 @@ from tests.support.coming_back import (
     now,
 )
 from tests.support.devices import both_families, left_still, make_rig
-from tests.support.loop import DrivenLoop, driven, run_driven
+from tests.support.loop import DrivenLoop, driven, run_driven, unless_unfinished
 
 pytestmark = pytest.mark.usefixtures("quick_collection")
 on_the_way = pytest.mark.exhaustive("after_s", sample=ON_THE_WAY_S[::3], full=ON_THE_WAY_S)
@@ -77,6 +77,7 @@ def test_nor_is_it_stopped_when_the_session_is_closed_on_the_way(after_s: float)
 def test_the_loop_is_closed_on_the_way(family: str, after_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = make_rig(family)
     loop = DrivenLoop()
+    loop.set_exception_handler(unless_unfinished)
     monkeypatch.setattr("lidario.port.port.time.sleep", loop.block)
 
     async def main() -> Lidar:

@@ -98,15 +98,20 @@ async def test_damage_that_keeps_revolutions_from_completing_is_named(family: st
     assert left_still(rig)
 
 
+async def read_through_damage(rig: Rig, stream: ScanStream) -> None:
+    """Read scans while revolutions are mixed, and some behind that."""
+    await anext(stream)
+    mix_revolutions(rig, asyncio.get_running_loop().time() + 7 * rig.turn_s)
+    for _ in range(8):
+        await anext(stream)
+
+
 @both_families
 @driven
 async def test_damage_before_the_last_scan_is_not(family: str) -> None:
     rig = make_rig(family)
     async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
-        mix_revolutions(rig, asyncio.get_running_loop().time() + 7 * rig.turn_s)
-        for _ in range(8):
-            await anext(stream)
+        await read_through_damage(rig, stream)
         assert lidar.stats.broken_scans > 0
         running = lidar._scanner._control._running
         assert running is not None
@@ -122,10 +127,7 @@ async def test_a_discarded_revolution_is_told_once(family: str, monkeypatch: pyt
     monkeypatch.setattr(Trouble, "tell", lambda _, message, *values: told.append((message, *values)))
     rig = make_rig(family)
     async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
-        mix_revolutions(rig, asyncio.get_running_loop().time() + 7 * rig.turn_s)
-        for _ in range(8):
-            await anext(stream)
+        await read_through_damage(rig, stream)
         broken = lidar.stats.broken_scans
     assert broken > 0
     assert told == [("revolutions discarded: %d so far", number) for number in range(1, broken + 1)]

@@ -217,11 +217,11 @@ class Rotation:
         last = 0 if following is None else following - int(headings[-1])
         # Mostly it is only here that the angles pass 0.
         spans[-1] = last + self._full_turn if last < -self._retreat else last
-        farthest = extent(spans)
-        if farthest[0] < -self._retreat:
+        least, greatest, total = extent(spans)
+        if least < -self._retreat:
             np.add(spans, self._full_turn, out=spans, where=spans < -self._retreat)
-            farthest = extent(spans)
-        return spans, *farthest
+            least, greatest, total = extent(spans)
+        return spans, least, greatest, total
 
     def _signed(self, spans: NDArray[np.int32]) -> NDArray[np.float64]:
         """The same, where almost a full turn ahead is a little behind."""
