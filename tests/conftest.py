@@ -28,7 +28,6 @@ from tests.support.discards import all_obeyed, devices_made, may_discard, some_d
 from tests.support.environment import obey_signals, set_aside
 from tests.support.leaks import leaves_no_task, leaves_nothing
 from tests.support.ledger import ledgers_made
-from tests.support.names import names_are_safe, needs_all_names
 
 PROPERTIES = Path(__file__).parent / "properties"
 LONG = {"rounds", "soak"}
@@ -126,14 +125,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if isinstance(item, pytest.Function) and inspect.iscoroutinefunction(item.obj):
             item.obj = leaves_no_task(item.obj)
-    # The longest first: at the end, every worker still finds something to do. Before them those that wait until no
-    # other process uses pseudo-terminals: at the beginning none does. Later they have waited for minutes.
-    items.sort(
-        key=lambda item: (
-            not needs_all_names(item.path),
-            not (item.get_closest_marker("exhaustive") or LONG & set(_fixtures(item))),
-        )
-    )
+    # The longest first: at the end, every worker still finds something to do.
+    items.sort(key=lambda item: not (item.get_closest_marker("exhaustive") or LONG & set(_fixtures(item))))
 
 
 @pytest.hookimpl(wrapper=True)
@@ -183,14 +176,7 @@ def _first_uvloop() -> None:
 
 
 @pytest.fixture(autouse=True)
-def _terminals(request: pytest.FixtureRequest) -> Iterator[None]:
-    """No test looks for its lidar on a terminal of another test process."""
-    with names_are_safe(request.path):
-        yield
-
-
-@pytest.fixture(autouse=True)
-def _tidy(_terminals: None) -> Iterator[None]:
+def _tidy() -> Iterator[None]:
     """No test leaves a thread or a file descriptor behind."""
     with leaves_nothing():
         yield

@@ -27,7 +27,6 @@ from tests.support.environment import obey_signals
 from tests.support.leaks import leaves_no_task, leaves_nothing
 from tests.support.ledger import BYTES, PACKETS, assert_stats_close, ledgers_made
 from tests.support.loop import driven
-from tests.support.names import names_are_safe
 
 ROOT = Path(__file__).parent.parent
 PATIENCE_S = 60.0
@@ -228,22 +227,6 @@ def test_signals_that_the_parent_ignores_are_obeyed(name: str) -> None:
         assert signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler)
     finally:
         signal.signal(number, before)
-
-
-@pytest.mark.parametrize("home", ["/", "", None])
-def test_the_lock_of_terminals_needs_no_home(
-    home: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As in a container that runs under a number that no user has."""
-    if home is None:
-        monkeypatch.delenv("HOME", raising=False)
-        if sys.platform != "win32":
-            monkeypatch.setattr("pwd.getpwuid", {}.__getitem__)
-    else:
-        monkeypatch.setenv("HOME", home)
-    (tmp_path / "test_it.py").write_text("PtyServer", encoding="utf-8")
-    with names_are_safe(tmp_path / "test_it.py"):
-        pass
 
 
 @pytest.mark.parametrize("profile", ["ci", "sample"])

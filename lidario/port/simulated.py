@@ -91,6 +91,12 @@ class Simulation:
         server = self._server
         if server is None:
             return connect_in_memory(self._device, self._faults, name=self._name)
+        if server.unplugged:
+            # Not tried: its name or address is free, and what stands there now may belong to another program.
+            failed = self._why_lost()
+            if failed is not None:
+                raise failed from failed.__cause__
+            raise ConnectFailed(f"{self._name}: the simulated device is unplugged and stays so", reason="missing")
         try:
             if isinstance(server, PtyServer):
                 port = await open_serial(server.path, self._device.baudrate)

@@ -157,7 +157,7 @@ def test_the_table_of_the_page_is_markdown() -> None:
 
 
 @pytest.mark.exhaustive("how", sample=list(damage.DAMAGES)[::6], full=list(damage.DAMAGES))
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.exhaustive("name", sample=list(KINDS)[::3], full=list(KINDS))
 def test_damage_costs_what_it_hits_and_is_told(name: str, how: str) -> None:
     """Points are right; packets are told within 3 %, for a check value does not see all; revolutions exactly."""
     found = damage.outcome(KINDS[name], how, seed=1)

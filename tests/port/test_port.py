@@ -160,10 +160,11 @@ async def test_a_lidar_that_nobody_holds_any_more_is_stopped() -> None:
             assert len(await again.scan()) > 1000
 
 
+@pytest.mark.exhaustive("times", sample=[1], full=[2])
 @pytest.mark.parametrize("family", FAMILIES)
-async def test_opening_and_closing_leaves_nothing_behind(family: str) -> None:
+async def test_opening_and_closing_leaves_nothing_behind(family: str, times: int) -> None:
     before = threading.active_count(), len(os.listdir("/dev/fd"))
-    for _ in range(2):
+    for _ in range(times):
         async with open_lidar(f"sim://{'rplidar-s2' if family == 'rplidar' else 'ydlidar-4ros'}") as lidar:
             await lidar.scan()
     assert (threading.active_count(), len(os.listdir("/dev/fd"))) == before

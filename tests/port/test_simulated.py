@@ -16,7 +16,7 @@ from lidario import DeviceLost, open_lidar
 from lidario.errors import ConnectFailed
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
-from lidario.port.simulated import _way, connect_in_memory, open_simulated
+from lidario.port.simulated import Simulation, _way, connect_in_memory, open_simulated
 from lidario.source import parse_source
 from tests.support.devices import both_families, make_rig
 from tests.support.loop import driven, run_driven
@@ -226,3 +226,23 @@ def test_a_device_of_a_loop_that_is_closed_is_free() -> None:
 
     run_driven(again)
     kept.clear()
+
+
+@pytest.mark.parametrize("via", ["pty", "tcp", "udp"] if sys.platform == "linux" else ["tcp", "udp"])
+async def test_one_that_stays_unplugged_is_not_opened_again(via: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its name or address is free then, and the system gives it to the next one who asks."""
+    simulation = Simulation(parse_source(f"sim://rplidar-s2?via={via}"), lasting=True)
+    port = await simulation.open()
+    server = simulation._server
+    assert server is not None
+    server.unplug()
+    await port.close()
+    await port.wait_closed()
+    opened: list[object] = []
+    for way in ("serial", "tcp", "udp"):
+        monkeypatch.setattr(f"lidario.port.simulated.open_{way}", lambda *where, **_: opened.append(where))
+    with pytest.raises(ConnectFailed, match="is unplugged and stays so") as caught:
+        await simulation.open()
+    assert caught.value.reason == "missing"
+    assert not opened
+    simulation.end()

@@ -110,7 +110,7 @@ def test_a_long_damaged_stream_gives_the_same_events(case: Case, harm: str, hits
 
 
 @every_kind
-@pytest.mark.parametrize("harm", HARM)
+@pytest.mark.exhaustive("harm", sample=["lost bytes"], full=list(HARM))
 def test_the_scans_are_the_same_too(case: Case, harm: str) -> None:
     raw = HARM[harm](case.raw, 0.001, seed=5).raw
     results = [assembled(case, raw, chunks, times=lambda _: 0) for chunks in (None, 3, 64)]

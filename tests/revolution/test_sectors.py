@@ -105,7 +105,7 @@ def assert_sum(found: Divided, count: int, *, stamps_ns: float) -> None:
 
 
 @most_or_all(CASES)
-@pytest.mark.parametrize("chunks", [None, 64, [7, 1, 300, 41]], ids=str)
+@pytest.mark.exhaustive("chunks", sample=[None, [7, 1, 300, 41]], full=[None, 64, [7, 1, 300, 41]])
 def test_sectors_are_the_scan(case: Case, chunks: Chunks) -> None:
     found = divided(case, case.raw, (8,), chunks)
     plain = assembled(case, case.raw, chunks)
@@ -123,7 +123,7 @@ def test_sectors_are_the_scan(case: Case, chunks: Chunks) -> None:
 
 
 @one_a_parser(KINDS)
-@pytest.mark.parametrize("parts", [(1,), (3, 8), (2, 36, 72)], ids=str)
+@pytest.mark.exhaustive("parts", sample=[(3, 8)], full=[(1,), (3, 8), (2, 36, 72)])
 def test_sizes_do_not_disturb_each_other(case: Case, parts: tuple[int, ...]) -> None:
     found = divided(case, case.raw, parts)
     for count in parts:

@@ -152,7 +152,7 @@ def cancelled_at(scenario: Scenario, family: str, turn: int, how: str) -> None:
 @pytest.mark.parametrize("how", ["once", "twice", "scope"])
 @pytest.mark.parametrize("family", EVERY_FAMILY)
 @pytest.mark.parametrize("scenario", SCENARIOS)
-@pytest.mark.exhaustive("points", sample=[4], full=[40])
+@pytest.mark.exhaustive("points", sample=[2], full=[40])
 def test_cancelled_anywhere_the_device_is_left_still(
     scenario: Scenario, family: str, how: str, points: int
 ) -> None:

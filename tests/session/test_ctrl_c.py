@@ -22,7 +22,7 @@ LIBRARY = "/lidario/session/"
 
 
 @both_families
-@pytest.mark.exhaustive("stride", sample=[3], full=[1])
+@pytest.mark.exhaustive("stride", sample=[5], full=[1])
 def test_ctrl_c_at_every_line_of_close(family: str, stride: int, monkeypatch: pytest.MonkeyPatch) -> None:
     line, cut = 0, True
     while cut:

@@ -14,6 +14,7 @@ import asyncio
 import gc
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from functools import cache
 
 import pytest
 
@@ -128,6 +129,12 @@ async def as_it_should_be(scene: Scene) -> None:
         assert not device.motor_on
 
 
+@cache
+def turns_of(family: str, trouble: Trouble) -> int:
+    """How many turns of the loop coming back takes where nobody else does anything."""
+    return run_driven(lambda: cell(family, trouble, None, 0))
+
+
 @pytest.mark.exhaustive("points", sample=[1], full=[12])
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("b", B, ids=lambda work: work.__name__)
@@ -135,7 +142,7 @@ async def as_it_should_be(scene: Scene) -> None:
 def test_two_tasks_while_it_comes_back(
     family: str, trouble: Trouble, b: Callable[[Scene], Awaitable[object]], points: int
 ) -> None:
-    turns = run_driven(lambda: cell(family, trouble, None, 0))
+    turns = turns_of(family, trouble)
     stride = max(1, turns // points)
     # Each pair begins at another step, so that also a sample goes through the whole of coming back.
     number = TROUBLES.index(trouble) * len(B) + B.index(b)

@@ -149,6 +149,9 @@ def open_files() -> int:
 
 
 def impatient(patch: pytest.MonkeyPatch) -> None:
-    """Have a device that does not respond given up soon, not after the five seconds that a real one may need."""
-    families = tuple(replace(each, timing=replace(each.timing, forget_s=0.3)) for each in FAMILIES)
+    """Have a device that does not respond given up soon, not after the five seconds that a real one may need.
+
+    Models that are dark while DTR is cleared are not looked for.
+    """
+    families = tuple(replace(each, timing=replace(each.timing, forget_s=0.3), by_dtr={}) for each in FAMILIES)
     patch.setattr("lidario.session.connect.FAMILIES", families)

@@ -11,6 +11,7 @@ import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from lidario.sim.device import SimulatedDevice
 from tests.support.speeds import SpeedPtyServer
 
 __all__ = ["WaitingPtyServer", "babbling"]
@@ -24,7 +25,26 @@ class WaitingPtyServer(SpeedPtyServer):
 
     A real device does not wait: what the buffer cannot take is lost, after about 60 ms without a reader. On a busy
     machine that happens to any test at true pace. With this server, whatever is lost was lost by the reader.
+
+    It keeps every name that it has had until it is closed. A session looks for its lidar where it was opened first,
+    also after the second replug, and another test process may get that name as soon as it is free.
     """
+
+    def __init__(self, device: SimulatedDevice, *, chunk: int | None = None) -> None:
+        self._earlier: list[int] = []
+        super().__init__(device, chunk=chunk)
+
+    def _let_go(self) -> None:
+        if self._held >= 0:
+            self._earlier.append(self._held)
+            self._held = -1
+
+    def close(self) -> None:
+        try:
+            super().close()
+        finally:
+            while self._earlier:
+                os.close(self._earlier.pop())
 
     def _send(self, data: bytes) -> int:
         taken, deadline = 0, time.monotonic() + PATIENCE_S
