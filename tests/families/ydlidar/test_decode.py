@@ -12,9 +12,9 @@ from lidario.families.base import Samples
 from lidario.families.ydlidar.decode import PointCloudDecoder
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.simulated.packers import pack_points
-from lidario.sim.motor import Motor
 from lidario.wire.events import Packets
 from tests.reference import golden, ydlidar
+from tests.support.ramp import ramp
 from tests.support.streams import SINGLE_DEG, in_one_run
 from tests.support.turns_4ros import damaged, scans_of, turn_of
 
@@ -219,14 +219,8 @@ def test_a_damaged_packet_does_not_cost_its_revolution() -> None:
 @pytest.mark.parametrize(("first_hz", "last_hz"), [(7.0, 7.0), (10.0, 2.0), (2.0, 10.0), (4.0, 12.0)])
 def test_nothing_is_missing_while_the_rotor_changes_its_speed(first_hz: float, last_hz: float) -> None:
     """All packets of 40 samples; what the angles hide is not in question here."""
-    motor, decoder = Motor(spin_up_s=0.0), PointCloudDecoder()
-    motor.set_rpm(60 * first_hz, 0)
-    before = motor.turns(np.arange(0.0, 0.3e9, 5e4))
-    motor.set_rpm(60 * first_hz, 300_000_000)
-    motor.spin_up_s = 1.0
-    motor.set_rpm(60 * last_hz, 300_000_000)
-    behind = motor.turns(np.arange(0.3e9, 2e9, 5e4))
-    angles = np.floor(np.concatenate((before, behind)) * 23040).astype(np.int64)
+    decoder = PointCloudDecoder()
+    angles = ramp(first_hz, last_hz, 50e-6, before_s=0.3, until_s=2.0)
     beams = angles[: len(angles) // 40 * 40].reshape(-1, 40) % 23040
     packets = [pack_points([1000] * 40, int(beam[0]), int(beam[-1])) for beam in beams]
     turns = angles[::40][: len(packets)] // 23040
