@@ -21,6 +21,7 @@ __all__ = [
     "is_complete",
     "least_of",
     "packet_time",
+    "samples_missing",
     "share_before",
 ]
 
@@ -67,11 +68,24 @@ def is_broken(ended: EndedRevolution, ordinary_ns: float) -> bool:
         return True
     if samples.certain:
         # More than one revolution by its angles: they went back by so little that it looked like jitter.
-        missing = (samples.lost - samples.lost_behind) * samples.ends[-1] / len(samples.ends)
+        skipped = sum([each for _, each in samples.gaps]) - samples.skipped_behind
+        missing = samples_missing(samples, samples.lost - samples.lost_behind, skipped)
         return ended.count + missing > UNEVEN * samples.revolution_samples
     # Nothing must speak against the angles where their step is not certain.
     expected_ns = (packets.count + samples.lost) * samples.ends[-1] / packets.count * ended.sample_ns
     return packets.count < _FEWEST_PACKETS or elapsed_ns > UNEVEN * expected_ns
+
+
+def samples_missing(samples: Samples, lost: int, skipped: int) -> float:
+    """How many samples the missing packets of a revolution held.
+
+    Args:
+        samples: What the others were decoded to.
+        lost: How many packets are missing.
+        skipped: The samples that are missing by the angles; 0 where these are not certain.
+    """
+    # Damage spares short packets: the mean of those that came may be far below what a missing one held.
+    return max(lost * samples.ends[-1] / len(samples.ends), skipped)
 
 
 def _came_slowly(packets: Packets, elapsed_ns: int, spanned_ns: float) -> bool:
