@@ -80,7 +80,7 @@ class PointCloudDecoder:
             intensity=intensity,
             before_seam=ends[-1] - _behind_seam(int(first[-1]), int(heads.way[-1]), int(counts[-1]), seam),
             ends=ends,
-            lost=int(missing.sum()),
+            lost=int(np.add.reduce(missing)) if len(gaps) else 0,
             unbroken=int(gaps[0]) + 1 if len(gaps) else len(counts),
             lost_behind=int(missing[-1]) if len(gaps) else 0,
             revolution_packets=_revolution_packets(samples_a_turn, self._ordinary) if step else 0.0,
