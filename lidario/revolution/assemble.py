@@ -292,9 +292,7 @@ class Assembler:
         """Count one that is not ordinary; return what it took, NaN when unknown; None where it makes no scan."""
         partial, packets, samples, wire = ended.partial, ended.packets, ended.samples, self._stream.format
         if samples is not None:
-            behind = samples.skipped_behind if samples.certain and self._partial.carried is None else 0
-            skipped = sum([each for _, each in ended.gaps or ()]) + behind
-            ended.spanned_ns += samples_missing(samples, ended.lost, skipped) * ended.sample_ns
+            ended.spanned_ns += samples_missing(ended, gap_behind=self._partial.carried is None) * ended.sample_ns
             ordinary_ns = self._last_spanned_ns or ended.spanned_ns
         broken = is_broken(ended, ordinary_ns)
         if partial.seam is None:

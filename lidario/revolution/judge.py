@@ -69,21 +69,29 @@ def is_broken(ended: EndedRevolution, ordinary_ns: float) -> bool:
     if samples.certain:
         # More than one revolution by its angles: they went back by so little that it looked like jitter.
         skipped = sum([each for _, each in samples.gaps]) - samples.skipped_behind
-        missing = samples_missing(samples, samples.lost - samples.lost_behind, skipped)
+        missing = _samples_of(samples, samples.lost - samples.lost_behind, skipped)
         return ended.count + missing > UNEVEN * samples.revolution_samples
     # Nothing must speak against the angles where their step is not certain.
     expected_ns = (packets.count + samples.lost) * samples.ends[-1] / packets.count * ended.sample_ns
     return packets.count < _FEWEST_PACKETS or elapsed_ns > UNEVEN * expected_ns
 
 
-def samples_missing(samples: Samples, lost: int, skipped: int) -> float:
-    """How many samples the missing packets of a revolution held.
+def samples_missing(ended: EndedRevolution, *, gap_behind: bool) -> float:
+    """How many samples the packets held that are missing in a revolution.
 
     Args:
-        samples: What the others were decoded to.
-        lost: How many packets are missing.
-        skipped: The samples that are missing by the angles; 0 where these are not certain.
+        ended: The revolution.
+        gap_behind: Whether what is missing behind its last packet belongs to it.
     """
+    samples = ended.samples
+    if samples is None:
+        return 0.0
+    behind = samples.skipped_behind if gap_behind and samples.certain else 0
+    return _samples_of(samples, ended.lost, sum([each for _, each in ended.gaps or ()]) + behind)
+
+
+def _samples_of(samples: Samples, lost: int, skipped: int) -> float:
+    """How many samples so many `lost` packets held, of which `skipped` are missing by the angles."""
     # Damage spares short packets: the mean of those that came may be far below what a missing one held.
     return max(lost * samples.ends[-1] / len(samples.ends), skipped)
 
