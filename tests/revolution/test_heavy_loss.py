@@ -150,3 +150,14 @@ def test_parts_of_two_revolutions_are_broken_also_where_short_packets_come() -> 
     scans, stats = scans_of([turn] * 8, [each for each in gone if each != (4, 0)])
     assert [scan.seq for scan in scans] == [0, 1, 2, 3, 6]
     assert (stats.broken_scans, stats.missed_scans) == (1, 2)
+
+
+@pytest.mark.parametrize("number", [3, [3, 5], [3, 4, 5]], ids=str)
+def test_a_revolution_of_which_one_packet_comes_is_told_by_its_time(number: int | list[int]) -> None:
+    """Its angles tell nothing of those that are missing."""
+    turn = turn_of([1, *[43] * 11, 6])
+    alone = np.atleast_1d(number).tolist()
+    gone = [(each, at) for each in alone for at in range(1, len(turn))]
+    scans, stats = scans_of([turn] * 9, gone)
+    assert [scan.seq for scan in scans] == [seq for seq in range(8) if seq not in alone]
+    assert (stats.lost_packets, stats.broken_scans, stats.missed_scans) == (len(gone), len(alone), len(alone))
