@@ -140,7 +140,6 @@ class Assembler:
             offsets,
             splits,
             begin,
-            seam=self._seam.angle,
             count=self._count,
             last_spanned_ns=self._last_spanned_ns,
             byte_ns=self._byte_ns,
@@ -194,7 +193,7 @@ class Assembler:
                 part = samples is not None and samples.certain and split.moved
                 if not (part and samples and ended.count < FALSE_PART * samples.revolution_samples):
                     self.stats.break_scan()
-            self._count.restart((self._seam.angle or 0) / self._stream.format.full_turn)
+            self._count.restart(split.seam / self._stream.format.full_turn)
             return None
         return self._scan(ended)
 
@@ -244,7 +243,7 @@ class Assembler:
             packets,
             None if split.broken else following,
             room,
-            None if split.marked or split.broken else self._seam.angle,
+            None if split.marked or split.broken else split.seam,
         )
 
     def _scan(self, ended: EndedRevolution) -> Scan | None:
