@@ -195,6 +195,9 @@ class Assembler:
                     self.stats.break_scan()
             self._count.restart(split.seam / self._stream.format.full_turn)
             return None
+        if partial.seam is None:
+            # No split began the first part of a stream. It belongs to the seam that ends it.
+            partial.seam = split.seam
         return self._scan(ended)
 
     def _ended(self, partial: PartialRevolution, split: Split, following: bytes) -> EndedRevolution | None:
@@ -294,8 +297,6 @@ class Assembler:
             ended.spanned_ns += ended.lost * ended.sample_ns * samples.ends[-1] / len(samples.ends)
             ordinary_ns = self._last_spanned_ns or ended.spanned_ns
         broken = is_broken(ended, ordinary_ns)
-        if partial.seam is None:
-            partial.seam = self._seam.angle
         if partial.whole and not self._is_numbered and self._ended_at is not None:
             least_ns = least_of(wire, ended, self._count.usual_ns)
             # Angles hide whole revolutions; so it counts when the packet behind it came.

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from lidario.families.rplidar.simulated.packers import pack_standard
 from lidario.families.ydlidar.simulated.packers import pack_points, start_control
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.revolution.sectors import SectorAssembler
@@ -20,10 +21,11 @@ from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.wire.blocks import Block, join_blocks
 from lidario.wire.events import Packets
-from tests.support.cases import CASES
+from tests.support.cases import CASES, Case
 from tests.support.streams import stream_of
 
 FOUR_ROS = next(case for case in CASES if case.name == "ydlidar_4ros_room10")
+NODES = next(case for case in CASES if case.name == "rplidar_32k_81")
 TURN = 480
 """Samples of 360 degrees."""
 STEP_Q6 = 360 * 64 // TURN
@@ -79,10 +81,10 @@ class Made(NamedTuple):
     stats: AssemblerStats
 
 
-def made(runs: Iterator[Packets], parts: int = 0) -> Made:
+def made(runs: Iterator[Packets], parts: int = 0, case: Case = FOUR_ROS) -> Made:
     """The scans of a stream, and the sectors where it is divided into `parts`."""
     sectors: list[Sector] = []
-    assembler = Assembler(stream_of(FOUR_ROS, sample_ns=float(SAMPLE_NS)))
+    assembler = Assembler(stream_of(case, sample_ns=float(SAMPLE_NS)))
     if parts:
         assembler = SectorAssembler(assembler, lambda _, sector: sectors.append(sector))
         assembler.divide((parts,))
@@ -153,3 +155,14 @@ def test_it_changes_none_where_packets_are_lost(marks: list[tuple[int, bool]], f
     del sent[first : first + count]
     if sent:
         assert_the_same_in_any_pieces(sent)
+
+
+@pytest.mark.parametrize("together", [1, 5, 10_000])
+def test_the_first_part_of_a_stream_is_measured_from_the_seam_at_its_end(together: int) -> None:
+    """Not from the place where a mark stands that comes later: nodes from 18 degrees on, marked at 40."""
+    degrees = np.arange(18, 4 * 360)
+    marked = np.isin(degrees, [2 * 360 + 40, 3 * 360 + 40])
+    raw = pack_standard(degrees % 360 * 64, np.full(len(degrees), 4000), 47, marked)
+    sent = [Sent(raw[5 * number : 5 * number + 5], number + 1) for number in range(len(degrees))]
+    found = made(runs_of(sent, together, at_once=False), case=NODES)
+    assert [scan.rpm for scan in found.scans] == pytest.approx([60e9 / 360 / SAMPLE_NS] * 2)
