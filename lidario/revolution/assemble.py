@@ -204,7 +204,7 @@ class Assembler:
         """Decode a revolution, and carry over to the next what lies behind the seam; None when it has no sample."""
         arrays, samples, lost = partial.carried, None, partial.lost_behind_carried
         gaps: list[tuple[int, int]] | None = []
-        packets = partial.packets()
+        packets, revoked = partial.packets(), 0
         if packets is not None:
             if self._count.needs_speed:
                 self._count.learn_speed(dated_angles(self._stream.format, packets))
@@ -216,22 +216,20 @@ class Assembler:
             here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
             if arrays is not None:
                 here.begin_with(arrays)
-            unknown = 0
             if partial.carried_packets and samples.certain:
-                unknown = partial.revoke_carried(samples.revolution_packets)
-                self.stats.lost_packets += unknown
-                lost += unknown
+                revoked = partial.revoke_carried(samples.revolution_packets)
+                self.stats.lost_packets += revoked
+                lost += revoked
             crossed = room + samples.before_seam
             if crossed < len(here.angle):
                 self._partial.carry(here.part(crossed), partial.last_ns, samples)
                 lost -= samples.lost_behind
             if samples.gaps or lost:
-                gaps = partial.gaps(samples, room, crossed, revoked=bool(unknown))
-            arrays = here.part(room if unknown else 0, crossed)
-        count = 0 if arrays is None else len(arrays.angle)
-        if arrays is None or not count:
+                gaps = partial.gaps(samples, room, crossed, revoked=bool(revoked))
+            arrays = here.part(room if revoked else 0, crossed)
+        if arrays is None or not len(arrays.angle):
             return None
-        return EndedRevolution(partial, packets, samples, arrays, count, lost, gaps)
+        return EndedRevolution(partial, packets, samples, arrays, lost, gaps, revoked)
 
     def _decode(
         self,
@@ -315,7 +313,7 @@ class Assembler:
                 gap_behind=self._partial.carried is None,
                 broken=broken,
                 number=number,
-                packets_before=packets_before - samples.lost - partial.lost_behind_carried,
+                packets_before=packets_before - samples.lost - partial.lost_behind_carried - ended.revoked,
             )
             revolution_ns = self._reckon(beginning)
         if not partial.whole:
