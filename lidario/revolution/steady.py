@@ -119,7 +119,7 @@ def decode_block(
 
 
 def _packet_bytes(packets: Packets, ends: Sequence[int], *, vary: bool) -> list[float]:
-    """Bytes of a packet, of each revolution, where they `vary` and it matters; else those of them all."""
+    """Mean bytes of a packet, for each revolution; with `vary` false, the mean of all revolutions."""
     if not vary or len(packets.blocks) == 1:
         return [len(packets.data) / packets.count] * len(ends)
     offsets = packet_offsets(packets.blocks)
@@ -177,9 +177,9 @@ def _intervals(
     count: RevolutionCount,
     last_spanned_ns: float,
 ) -> list[float] | None:
-    """What each revolution took by the time; None where one is for those who judge it.
+    """The time from the beginning of each revolution to the next.
 
-    Such a one came late, or took more or less than its angles tell.
+    None where one came late, or took more or less time than its angles tell. `judge` decides about those.
     """
     spanned = [(end - begin) * sample_ns for begin, end in pairwise(bounds)]
     turns = [each * sample_ns for each in samples.revolution_samples]
