@@ -1,4 +1,4 @@
-"""What is written on a full disk: the exit code is the one that the verb earned, and stdout's failure is told.
+"""What is written on a full disk: a full stdout is an error with exit code 4; a full stderr changes no exit code.
 
 Python keeps what it could not write and tries once more at its end; that ends the process with 120. With
 ``PYTHONUNBUFFERED``, which many containers set, it keeps nothing. Both ways are tried.
@@ -19,12 +19,12 @@ from tests.cli.processes import BOUND, ROOT, invoke_driven
 SIM = "sim://rplidar-s2?via=memory"
 
 
-def ended(arguments: tuple[str, ...], unbuffered: bool, **full: str) -> subprocess.CompletedProcess[str]:
+def ended(arguments: tuple[str, ...], unbuffered: bool, *, on_full_disk: str) -> subprocess.CompletedProcess[str]:
     """Run the command with one of its streams on a full disk."""
     environment = {**os.environ, "PYTHONUNBUFFERED": "1" if unbuffered else ""}
     with open("/dev/full", "wb", buffering=0) as disk:
         streams: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-        streams |= dict.fromkeys(full, disk)
+        streams[on_full_disk] = disk
         return subprocess.run(
             [sys.executable, "-m", "lidario", *arguments],
             cwd=ROOT, env=environment, text=True, timeout=BOUND, check=False, **streams,
@@ -38,7 +38,7 @@ def ended(arguments: tuple[str, ...], unbuffered: bool, **full: str) -> subproce
     ids=" ".join,
 )
 def test_stdout_on_a_full_disk_is_told(arguments: tuple[str, ...], unbuffered: bool) -> None:
-    done = ended(arguments, unbuffered, stdout="full")
+    done = ended(arguments, unbuffered, on_full_disk="stdout")
     assert done.stderr.count("error: stdout cannot be written: No space left on device") == 1
     assert "unexpected" not in done.stderr
     assert "ignored" not in done.stderr
@@ -57,7 +57,7 @@ def test_stdout_on_a_full_disk_is_told(arguments: tuple[str, ...], unbuffered: b
     ids=str,
 )
 def test_a_log_on_a_full_disk_changes_no_exit_code(arguments: tuple[str, ...], code: int, unbuffered: bool) -> None:
-    done = ended(arguments, unbuffered, stderr="full")
+    done = ended(arguments, unbuffered, on_full_disk="stderr")
     assert done.returncode == code
     assert bool(done.stdout) is (code == 0)
 
