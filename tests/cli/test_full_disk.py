@@ -17,6 +17,15 @@ import pytest
 from tests.cli.processes import BOUND, ROOT, invoke_driven
 
 SIM = "sim://rplidar-s2?via=memory"
+WRITE = [("--version",), ("--help",), ("scan", "--help"), ("sim", "--list"), ("devices",), ("scan", SIM, "-n", "2")]
+"""Commands that write to stdout."""
+RUNS = [
+    (("scan", "/dev/nothing-is-here"), 3),
+    (("scan", "--no-such-option"), 2),
+    (("scan", SIM, "--traceback", "--mode", "none"), 2),
+    (("scan", SIM, "-n", "2"), 0),
+]
+"""Commands, and the exit code of each."""
 
 
 def ended(arguments: tuple[str, ...], unbuffered: bool, *, on_full_disk: str) -> subprocess.CompletedProcess[str]:
@@ -32,11 +41,7 @@ def ended(arguments: tuple[str, ...], unbuffered: bool, *, on_full_disk: str) ->
 
 
 @pytest.mark.exhaustive("unbuffered", sample=[False], full=[False, True])
-@pytest.mark.parametrize(
-    "arguments",
-    [("--version",), ("--help",), ("scan", "--help"), ("sim", "--list"), ("devices",), ("scan", SIM, "-n", "2")],
-    ids=" ".join,
-)
+@pytest.mark.exhaustive("arguments", sample=[WRITE[1], WRITE[-1]], full=WRITE)
 def test_stdout_on_a_full_disk_is_told(arguments: tuple[str, ...], unbuffered: bool) -> None:
     done = ended(arguments, unbuffered, on_full_disk="stdout")
     assert done.stderr.count("error: stdout cannot be written: No space left on device") == 1
@@ -46,17 +51,9 @@ def test_stdout_on_a_full_disk_is_told(arguments: tuple[str, ...], unbuffered: b
 
 
 @pytest.mark.exhaustive("unbuffered", sample=[False], full=[False, True])
-@pytest.mark.parametrize(
-    ("arguments", "code"),
-    [
-        (("scan", "/dev/nothing-is-here"), 3),
-        (("scan", "--no-such-option"), 2),
-        (("scan", SIM, "--traceback", "--mode", "none"), 2),
-        (("scan", SIM, "-n", "2"), 0),
-    ],
-    ids=str,
-)
-def test_a_log_on_a_full_disk_changes_no_exit_code(arguments: tuple[str, ...], code: int, unbuffered: bool) -> None:
+@pytest.mark.exhaustive("run", sample=[RUNS[0], RUNS[-1]], full=RUNS)
+def test_a_log_on_a_full_disk_changes_no_exit_code(run: tuple[tuple[str, ...], int], unbuffered: bool) -> None:
+    arguments, code = run
     done = ended(arguments, unbuffered, on_full_disk="stderr")
     assert done.returncode == code
     assert bool(done.stdout) is (code == 0)
