@@ -43,7 +43,7 @@ check: $(READY)  ## lint, format, types, and all tests at full length under cove
 docs: $(READY)  ## the documentation, in .site/; any warning is an error
 	$(BIN)/zensical build --strict --clean
 
-bench: $(READY)  ## the benchmarks, beside their rivals; see benchmarks/README.md
+bench: $(READY)  ## the benchmarks, beside other drivers; see benchmarks/README.md
 	$(BIN)/python -m benchmarks
 
 faults: $(READY)  ## what every fault costs, on nine devices, and what other drivers make of it; five minutes

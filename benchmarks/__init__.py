@@ -1,1 +1,1 @@
-"""How fast lidario is beside its rivals; ``make bench`` runs it, `benchmarks/README.md` says what came out."""
+"""How fast lidario is beside other drivers; ``make bench`` runs it, `benchmarks/README.md` says what came out."""

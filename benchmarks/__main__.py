@@ -107,7 +107,7 @@ def parser() -> argparse.ArgumentParser:
 def _text(about: dict[str, str], results: list[Result], peers: list[str]) -> str:
     lines = [f"- {what}: {value}" for what, value in about.items()]
     if peers:
-        lines.append(f"- contestants: {', '.join(peers)}")
+        lines.append(f"- other drivers: {', '.join(peers)}")
     tables = [table.markdown() for result in results for table in result.tables]
     return "\n".join(["", *lines, "", *(f"{table}\n" for table in tables)])
 

@@ -1,4 +1,4 @@
-"""One reader on one played device, whoever it is: lidario at some latency, or a contestant in its environment."""
+"""One reader on one played device, whoever it is: lidario at some latency, or another driver in its environment."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Entry:
 
     Attributes:
         name: For tables.
-        contestant: Which adapter; empty for lidario.
+        contestant: Which adapter of another driver; empty for lidario.
         latency: lidario's setting in seconds.
     """
 

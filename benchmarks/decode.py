@@ -3,7 +3,7 @@
 Bytes arrive at the device's own pace as far as time stamps go, and as fast as they can be taken otherwise, in
 chunks of six sizes. A decoded scan holds the device's degrees and millimetres; its radians and metres are made when
 they are looked at, so chunks of 4 KiB are timed once more with a look at both. Whole files pass through
-`lidario.decode`, which decodes several revolutions as one block. The contestants get the same bytes
+`lidario.decode`, which decodes several revolutions as one block. The other drivers get the same bytes
 from a port in memory, through their own front door, and take them in pieces of their own choice. `pyrplidarsdk`
 opens nothing but a real port: see `benchmarks.flatout`.
 
@@ -247,8 +247,8 @@ def _peer_tables(
     theirs: dict[str, dict[str, list[dict[str, float]]]],
     absent: dict[str, str],
 ) -> list[Table]:
-    columns = ["format, contestant", "Mpoints/s", "MB/s", f"speed, lidario at {BASELINE} B = 1", "scans"]
-    table = Table("decode: the contestants, from a port in memory", columns)
+    columns = ["format, driver", "Mpoints/s", "MB/s", f"speed, lidario at {BASELINE} B = 1", "scans"]
+    table = Table("decode: other drivers, from a port in memory", columns)
     for name, by_peer in theirs.items():
         if not by_peer:
             continue
@@ -266,9 +266,9 @@ def _peer_tables(
             )
     table.notes += [
         "floor: a bare loop over read(5), which decodes nothing",
-        "the contestants are given half as long a stream; most leave out points without a return",
+        "the other drivers are given half as long a stream; most leave out points without a return",
         "PyLidar3 delivers 360 means for each 6000 bytes, so its points are not points",
-        "formats without a line have no contestant that reads them; pyrplidarsdk opens only a real port",
+        "formats without a line are read by no other driver; pyrplidarsdk opens only a real port",
         *(f"absent: {who}: {why}" for who, why in absent.items()),
     ]
     return [table] if absent or any(theirs.values()) else []

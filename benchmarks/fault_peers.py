@@ -46,7 +46,7 @@ _NOTHING = "nothing"
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What a rival's process told.
+    """What the process of another driver told.
 
     Attributes:
         scans: Time in seconds, points and wrong points of each scan.
@@ -68,7 +68,7 @@ class Told:
 
 
 def judge_peers(setting: Setting, rows: Sequence[str]) -> tuple[list[Table], dict[str, Any]]:
-    """Every fault in every rival's hands, all rivals at a time."""
+    """Every fault in the hands of every other driver, all of them at a time."""
     assert setting.peers is not None
     absent = {name: why for name, _ in RIVALS if (why := setting.peers.why_absent(name))}
     there = {f"{name}, {model}": (name, model) for name, model in RIVALS if name not in absent}

@@ -1,9 +1,9 @@
-"""How late a scan is: from the last byte of a turn to the scan in the consumer's hands.
+"""How late a scan is: from the last byte of a revolution to the scan in the consumer's hands.
 
-A turn is known to be over only when the first packet of the next one has come, so that packet's last byte counts
-as the turn's last. The player notes when it writes the delivery that holds it, on the clock both processes share,
-before it writes. The reader notes the time when its ``async for`` body begins. An idle loop, and one that computes
-for 20 ms out of every 50 ms, as an application might that should better not.
+A revolution is known to be over only when the first packet of the next one has come, so that packet's last byte
+counts as the last one of the revolution. The player notes when it writes the delivery that holds it, on the clock
+both processes share, before it writes. The reader notes the time when its ``async for`` body begins. An idle loop,
+and one that computes for 20 ms out of every 50 ms, as an application might that should better not.
 """
 
 from __future__ import annotations

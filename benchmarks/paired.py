@@ -26,7 +26,7 @@ from typing import Any, Self
 
 from benchmarks.contest import late_by, lost_scans
 from benchmarks.processes import ROOT, Failed, Player, run_json
-from benchmarks.report import Table, median, percentile
+from benchmarks.report import Table, machine, median, percentile
 from benchmarks.streams import KINDS, LIVE, RATES, capture
 
 __all__ = ["Checkout", "Refused", "checked_out", "compare_decode", "compare_live", "main"]
@@ -240,6 +240,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         with checked_out(options.against) as old:
             new = Checkout("this code", ROOT)
+            about = machine()
+            print(f"- date: {about['date']}\n- revisions: {old.name} and {about['revision']} (this code)\n")
             if options.only != "live":
                 print(compare_decode(old, new, rounds, options.kinds or tuple(KINDS)).markdown(), "\n")
             if options.only != "decode":

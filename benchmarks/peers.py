@@ -1,8 +1,8 @@
-"""Sets up the contestants: ``benchmarks/.peers``, a virtual environment and a folder for each contestant.
+"""Sets up the other drivers: ``benchmarks/.peers``, a virtual environment and a folder for each.
 
 Two of them are imported by the same name, so each gets a folder of its own, and the one environment holds what
 they need: pyserial, pyserial-asyncio for the plain reader, numpy, matplotlib for the plots. Each is installed by
-itself, without what it asks for on top: where that fails the contestant is absent, by name and with the reason.
+itself, without what it asks for on top: where that fails the driver is absent, by name and with the reason.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _TIMEOUT_S = 300.0
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """One contestant.
+    """One of the other drivers.
 
     Attributes:
         name: Its name on PyPI.
@@ -41,7 +41,7 @@ class Peer:
 
 
 class Peers:
-    """All contestants, and how to run one."""
+    """All other drivers, and how to run one."""
 
     def __init__(self, peers: list[Peer], absent: str) -> None:
         self._peers = {peer.name: peer for peer in peers}
@@ -49,11 +49,11 @@ class Peers:
 
     @property
     def all(self) -> list[Peer]:
-        """Every contestant that was asked for, absent or not."""
+        """Every driver that was asked for, absent or not."""
         return list(self._peers.values())
 
     def why_absent(self, name: str) -> str:
-        """Why a contestant cannot take part; empty when it can. ``plain`` is not on PyPI but ours."""
+        """Why a driver cannot take part; empty when it can. ``plain`` is not on PyPI but ours."""
         peer = self._peers.get(name)
         return self._absent or (peer.absent if peer else "")
 

@@ -1,4 +1,4 @@
-"""Draws the plots, in the contestants' environment, where matplotlib is."""
+"""Draws the plots, in the environment of the other drivers, where matplotlib is."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ class Setting:
 
     Attributes:
         quick: Only so long that everything is seen to work.
-        peers: The contestants; None to leave them out.
+        peers: The other drivers; None to leave them out.
     """
 
     quick: bool

@@ -3,7 +3,7 @@
 All are S2 in DenseBoost mode, 32000 samples a second each. One other process plays them; so that it does not take
 the machine for itself, it replays bytes made before, and writes what has come together every 4 ms rather than each
 64 bytes. How late it was at most is printed: where it fell far behind, the reading was not what was measured. All
-are started at once, so their turns end together too, which is the worst case for the delay.
+are started at once, so their revolutions end together too, which is the worst case for the delay.
 """
 
 from __future__ import annotations
@@ -83,6 +83,6 @@ def _table(found: dict[str, list[dict[str, Any]]], broken: dict[str, str]) -> Ta
                 f"{max(each['player_late_ms'] for each in rounds):.1f}",
             ]
         )
-    table.notes.append("latency counts from the write of the delivery that completes a turn")
+    table.notes.append("latency counts from the write of the delivery that completes a revolution")
     table.notes += [f"{name}: {why}" for name, why in broken.items()]
     return table

@@ -65,8 +65,8 @@ def run(setting: Setting) -> Result:
                 found[kind.name].setdefault(stage, []).append(took)
     setting.say(f"stages: {_LIVE}, once in a while")
     live = {
-        "a turn, one after the other": _turns(turns, 0.0),
-        f"a turn, {1 / _TURN_S:.0f} times a second": _turns(turns, _TURN_S),
+        "a revolution, one after the other": _turns(turns, 0.0),
+        f"a revolution, {1 / _TURN_S:.0f} times a second": _turns(turns, _TURN_S),
         "waking up after 20 ms, for nothing": _sleeps(turns, 0.020),
         "waking up after 1 ms, for nothing": _sleeps(turns, 0.001),
     }
@@ -108,7 +108,7 @@ def _opened(stream: Stream, kind: Kind) -> Link:
 
 
 def _turns(count: int, every_s: float) -> list[float]:
-    """Microseconds of CPU for each of so many turns, from bytes to radians and metres."""
+    """Microseconds of CPU for each of so many revolutions, from bytes to radians and metres."""
     kind = RATES[_LIVE].kind
     played, stream = recording(kind), kind.stream()
     link, assembler = _opened(stream, kind), Assembler(stream)

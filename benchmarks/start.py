@@ -2,8 +2,8 @@
 
 Processes are timed from outside, from their start to their end, with warm file caches. Opening is timed from
 inside, against a played device whose rotor turns already: `open_lidar` to the first scan, which contains the
-partial turn that is thrown away and the whole one behind it. What lidario alone takes, also where nothing is named
-and where a program was killed, `benchmarks.opening` tells on a driven clock.
+partial revolution that is thrown away and the whole one behind it. What lidario alone takes, also where nothing is
+named and where a program was killed, `benchmarks.opening` tells on a driven clock.
 """
 
 from __future__ import annotations
@@ -80,5 +80,5 @@ def _process_table(processes: dict[str, list[float]], failed: dict[str, str]) ->
 def _open_table(opened: dict[str, list[float]]) -> Table:
     table = Table("start: opening to the first scan", ["device, reader", "s"])
     table.rows += [[name, spread(times, 2)] for name, times in opened.items()]
-    table.notes.append("lidario throws the first, partial turn away; pyrplidarsdk hands out what it has")
+    table.notes.append("lidario throws the first, partial revolution away; pyrplidarsdk hands out what it has")
     return table

@@ -149,7 +149,7 @@ def _rates() -> dict[str, Rate]:
         for mode, samples in zip(sold.modes, (16_000, 32_000), strict=True):
             if name == "S3" and samples < 32_000:
                 continue  # the same line as the S2's
-            # The rivals cannot all be told a mode: each takes what the device recommends, or a plain scan.
+            # The other drivers cannot all be told a mode: each takes what the device recommends, or a plain scan.
             kind = rplidar_kind(f"{name} {mode.name}", replace(sold, typical=mode.id), mode)
             rates.append(Rate(kind.name, kind, sold.baudrate, samples))
     return {rate.name: rate for rate in reversed(rates)}

@@ -157,7 +157,7 @@ class LaserScan:
     def from_cdr(cls, data: bytes) -> LaserScan | None:
         """The message that anybody's `to_cdr` wrote; None where the bytes are none.
 
-        Nothing is made of a length that the bytes do not bear out. The figures in it may be anything.
+        A length in the data is checked against the bytes that are there. The numbers in it may be anything.
 
         Raises:
             InvalidValue: `data` is not bytes.

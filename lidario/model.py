@@ -147,7 +147,7 @@ class Stats:
             which nothing came, and, by the speed before, those that passed while the device was away
             (`reconnects`). What passes while the stream is interrupted is not counted.
         dropped_scans: Scans that slow readers missed, summed over all readers.
-        interruptions: Times a stream was stopped for a query and started again.
+        interruptions: Times a stream was stopped for a request and started again.
         keepalives: Keepalive requests sent.
         restarts: Times a stream that had stopped by itself was started again.
         protection_stops: Times the device was found to have stopped to protect itself, also when it was opened. It

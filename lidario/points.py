@@ -112,7 +112,7 @@ def place(
         Metres, float32, shape (n, 2).
 
     Raises:
-        InvalidValue: `mount` or `motion` is no such thing, or the pose function did not return an array of shape
+        InvalidValue: `mount` or `motion` is wrong, or the pose function did not return an array of shape
             (n, 3).
     """
     if not isinstance(mount, Mount):

@@ -60,7 +60,7 @@ class Scan(MeasuredSamples):
             one before. Where that one was not seen, from the samples of this one. NaN where some are missing too,
             and where losses make the time vague.
         seq: Number of the revolution since the session was opened, 0 for the first. It jumps by the revolutions
-            that are missing in between. Those that pass while a query interrupts the stream have no number.
+            that are missing in between. Those that pass while a request interrupts the stream have no number.
         dropped_before: Scans this reader missed since the one before, because it was slow.
         lost_packets: Packets of this revolution that were damaged or lost on the wire; their samples are absent. Of
             a revolution that was lost as a whole `seq` tells.

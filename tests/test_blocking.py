@@ -280,11 +280,13 @@ for scan in lidar.scans():
 """
 
 
-@pytest.mark.parametrize(
-    ("then", "code"),
-    [("if scan.seq > 1: sys.exit(5)", 5), ("if scan.seq > 1: raise OSError('mine')", 1), ("", None)],
-)
-def test_a_program_that_ends_without_closing(then: str, code: int | None) -> None:
+ENDINGS = [("if scan.seq > 1: sys.exit(5)", 5), ("if scan.seq > 1: raise OSError('mine')", 1), ("", None)]
+"""What the program does, and its exit code; None where it has to be ended by a signal."""
+
+
+@pytest.mark.exhaustive("ending", sample=ENDINGS[1:2], full=ENDINGS)
+def test_a_program_that_ends_without_closing(ending: tuple[str, int | None]) -> None:
+    then, code = ending
     with served("rplidar-s2") as server:
         assert isinstance(server, PtyServer)
         with child(PROGRAM.format(then=then), server.path) as process:

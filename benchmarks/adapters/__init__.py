@@ -1,1 +1,1 @@
-"""What runs in the contestants' environment: no lidario here, and nothing but the contestant and pyserial."""
+"""What runs in the environment of the other drivers: no lidario here, and nothing but a driver and pyserial."""

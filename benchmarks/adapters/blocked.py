@@ -1,4 +1,4 @@
-"""A contestant in a program that blocks, as a process of its own, as `benchmarks.blocked_reader` is for lidario."""
+"""Another driver in a program that blocks, a process of its own, as `benchmarks.blocked_reader` is for lidario."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contestants' parsers timed on a stream in memory.
+"""Parsers of other drivers, timed on a stream in memory.
 
 Each is opened through its own front door, with the port exchanged for one in memory; what it does before the
 stream begins is not timed. A bare loop that reads five bytes at a time is timed too: it is the floor of every
@@ -72,7 +72,7 @@ def main(task: dict[str, Any]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    sys.stdout = sys.stderr  # some contestants talk
+    sys.stdout = sys.stderr  # some drivers talk
     try:
         result = main(json.loads(sys.argv[1]))
     except Exception as error:

@@ -1,9 +1,9 @@
-"""Each contestant opened and read as its own documentation shows: a generator of points per revolution.
+"""Each of the other drivers opened and read as its own documentation shows: a generator of points per revolution.
 
-Where a contestant delivers single points, revolutions are cut at its own new-scan flag, or where the angle wraps.
+Where a driver delivers single points, revolutions are cut at its own new-scan flag, or where the angle wraps.
 Nothing is done with the points beyond counting them, as nothing is done with lidario's.
 
-What had to be helped: a pseudo-terminal has no DTR and RTS lines, and five contestants take its refusal for the
+What had to be helped: a pseudo-terminal has no DTR and RTS lines, and five drivers take its refusal for the
 end; here it is ignored. The type hints of `adafruit_rplidar` want two names that only exist on its boards. `lds2d`
 sends its stop and its scan request to the second family within a fraction of the 5 ms in which that device hears
 nothing, so its model that sends neither is taken, and the request is sent here. `PyLidar3` delivers pieces of 6000

@@ -1,4 +1,4 @@
-"""A contestant on a damaged line, as a process of its own: which points its user gets, and what ends it.
+"""Another driver on a damaged line, as a process of its own: which points its user gets, and what ends it.
 
 A thread reads; the main thread tells what there is when the time is up, also when the reader hangs.
 """
@@ -79,7 +79,7 @@ _NAMES = {
 
 
 class _Refused(Exception):
-    """The contestant says by its result that it could not do it."""
+    """The driver says by its result that it could not do it."""
 
 
 _READERS = {"pyrplidar": _pyrplidar, "rplidar-roboticia": _roboticia, "pyrplidarsdk": _sdk, "lds2d": _lds2d}
@@ -111,7 +111,7 @@ def main(task: dict[str, Any]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    sys.stdout = sys.stderr  # some contestants talk
+    sys.stdout = sys.stderr  # some drivers talk
     answer = main(json.loads(sys.argv[1]))
     print(json.dumps(answer), file=_STDOUT, flush=True)
-    os._exit(0)  # some contestants have threads that do not end
+    os._exit(0)  # some drivers have threads that do not end

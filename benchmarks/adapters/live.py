@@ -1,7 +1,7 @@
-"""One contestant reading live, as a process of its own to be measured.
+"""Another driver reading live, as a process of its own to be measured.
 
 The same figures as `benchmarks.reader` gives for lidario. The time before the first scan does not count, and the
-window is cut at scans, since some contestants give control back only then.
+window is cut at scans, since some drivers give control back only then.
 """
 
 from __future__ import annotations
@@ -92,10 +92,10 @@ def main(task: dict[str, Any]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    sys.stdout = sys.stderr  # some contestants talk
+    sys.stdout = sys.stderr  # some drivers talk
     try:
         result = main(json.loads(sys.argv[1]))
     except Exception as error:
         result = {"failed": f"{type(error).__name__}: {error}"}
     print(json.dumps(result), file=_STDOUT, flush=True)
-    os._exit(0)  # some contestants have threads that do not end
+    os._exit(0)  # some drivers have threads that do not end

@@ -1,4 +1,4 @@
-"""A serial port whose bytes are in memory: what the contestants open, so that their parsers can be timed."""
+"""A serial port whose bytes are in memory: what the other drivers open, so that their parsers can be timed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class EndOfStream(Exception):
 class MemorySerial:
     """Answers health requests, and a scan request with a stream.
 
-    Class attributes, since the contestants make the object themselves:
+    Class attributes, since the drivers make the object themselves:
         stream: What follows a scan request, from the descriptor on.
         began: When the first byte of it was asked for, by `time.perf_counter`.
     """

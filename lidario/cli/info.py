@@ -68,6 +68,8 @@ async def _ask(source: str) -> _Told:
         limits: tuple[float, float] | None = None
         with suppress(Unsupported):
             frequency = await lidar.get_scan_frequency()
+        # Of some it is known though they cannot be asked.
+        with suppress(Unsupported):
             limits = await lidar.get_scan_frequency_range()
         return _Told(lidar.source, lidar.info, lidar.health, await lidar.get_modes(), frequency, limits)
 
@@ -90,9 +92,9 @@ def _facts(told: _Told) -> Table:
 
 
 def _frequency(hertz: float | None, limits: tuple[float, float] | None) -> str:
-    if hertz is None:
+    if hertz is None and limits is None:
         return "cannot be set on this device"
-    text = f"set to {hertz:.2f} Hz ({60 * hertz:.0f} rpm)"
+    text = "not told" if hertz is None else f"set to {hertz:.2f} Hz ({60 * hertz:.0f} rpm)"
     # Limits that are merely what fits in the request tell nothing.
     if limits is not None and limits[1] < _ABSURD_HZ:
         text += f", from {limits[0]:g} to {limits[1]:g} Hz"

@@ -71,7 +71,7 @@ def scan(
     """Read scans and print them.
 
     Angles are radians counter-clockwise from forward, ranges metres; null (JSON) or an empty field (CSV) where
-    there was no return. Laser and motor are stopped however the command ends.
+    there was no return. At the end laser and motor are off, unless --keep-spinning is given.
     """
     if as_json and as_csv:
         raise click.UsageError("--json and --csv exclude each other", click.get_current_context())

@@ -80,7 +80,8 @@ def check_source(source: Source, family: str | None = None) -> None:
         family: A family that was named beside it, if any.
 
     Raises:
-        ConnectFailed: With reason ``source``, for an unknown family or simulated model; it lists the known ones.
+        ConnectFailed: With reason ``source``: a family or model is unknown, or the source names a family that its
+            device is not of. The text lists the known names, or the nearest ones.
         InvalidValue: The source is of another family than the one that was named beside it.
     """
     for name in (family, source.family):
@@ -89,7 +90,6 @@ def check_source(source: Source, family: str | None = None) -> None:
     own = source.family
     if source.kind == "sim":
         own = family_of_simulated(source.address).name
-        check_family(source, None, own)
     check_family(source, family, own)
     if source.model is not None:
         families_of_model(source.model, own or family)

@@ -4,8 +4,8 @@ A *scan message* holds one `Scan` with all its fields, so that it arrives as it 
 was read from the device in a while, read by read with its time, and what the session knew beside it
 (`StreamEvent`), in order. That is a quarter of the size, and is decoded by the code that decodes it live.
 
-Both come from a network. `parse_scan` and `parse_raw_message` take any bytes: no length is believed that the bytes
-do not bear out, and figures that a scan cannot have make it none.
+Both come from a network. `parse_scan` and `parse_raw_message` take any bytes. A length in the data is checked
+against the bytes that are there, and what has numbers that a scan cannot have is not a scan.
 """
 
 from __future__ import annotations

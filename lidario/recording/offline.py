@@ -48,10 +48,10 @@ class ScanArrays:
     Attributes:
         device_angles: Degrees, float32, clockwise, in [0, 360), shape (n,).
         device_distances: Millimetres, float32, 0 where nothing came back, shape (n,).
-        intensities: uint8, shape (n,); None where the format carries none.
+        intensities: uint8, shape (n,); None where any of the scans has none.
         starts: Index of each scan's first sample, then n; int64, shape (k + 1,).
-        stamps_ns: When each scan's first sample was measured, nanoseconds from 0 at the begin of the stream; int64,
-            shape (k,).
+        stamps_ns: When each scan's first sample was measured, nanoseconds from 0 at the beginning of the stream; of
+            an MCAP recording, on the monotonic clock of the program that recorded it; int64, shape (k,).
         lost_packets: Packets of each scan that were damaged or lost; int64, shape (k,).
     """
 
@@ -67,8 +67,8 @@ def decode(data: RawBytes, *, family: str | None = None, sample_us: float | None
     """Decode recorded bytes of one device, one revolution after the other.
 
     As live, the parts of a revolution at the beginning and at the end are left out. Stamps count from 0 at the
-    begin of the stream, wall-clock stamps too. It does no input or output and needs no event loop; its arguments
-    and the scans can be pickled, so it can run on other processes.
+    beginning of the stream, wall-clock stamps too. It does no input or output and needs no event loop. Its
+    arguments and the scans can be pickled, so it can run on other processes.
 
     Args:
         data: The bytes as they were received; they are not changed, and must not change meanwhile. Where a family

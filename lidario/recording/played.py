@@ -2,8 +2,8 @@
 
 It responds to each request as the real device had responded, byte for byte. The request that had started a stream
 starts it again, and any stop request pauses it. A device that only talks was never asked: its recording is played
-from the first call of `transmit` on, and no request pauses it. To what was not asked while it was recorded it stays
-silent, as a device does that does not know a request; the log tells.
+from the first call of `transmit` on, and no request pauses it. It does not respond to requests that the recording
+does not hold, as a device ignores a request that it does not know; each is logged.
 """
 
 from __future__ import annotations

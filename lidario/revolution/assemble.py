@@ -140,7 +140,6 @@ class Assembler:
             offsets,
             splits,
             begin,
-            seam=self._seam.angle,
             count=self._count,
             last_spanned_ns=self._last_spanned_ns,
             byte_ns=self._byte_ns,
@@ -194,15 +193,18 @@ class Assembler:
                 part = samples is not None and samples.certain and split.moved
                 if not (part and samples and ended.count < FALSE_PART * samples.revolution_samples):
                     self.stats.break_scan()
-            self._count.restart((self._seam.angle or 0) / self._stream.format.full_turn)
+            self._count.restart(split.seam / self._stream.format.full_turn)
             return None
+        if partial.seam is None:
+            # No split began the first part of a stream. It belongs to the seam that ends it.
+            partial.seam = split.seam
         return self._scan(ended)
 
     def _ended(self, partial: PartialRevolution, split: Split, following: bytes) -> EndedRevolution | None:
         """Decode a revolution, and carry over to the next what lies behind the seam; None when it has no sample."""
         arrays, samples, lost = partial.carried, None, partial.lost_behind_carried
         gaps: list[tuple[int, int]] | None = []
-        packets = partial.packets()
+        packets, revoked = partial.packets(), 0
         if packets is not None:
             if self._count.needs_speed:
                 self._count.learn_speed(dated_angles(self._stream.format, packets))
@@ -214,22 +216,20 @@ class Assembler:
             here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
             if arrays is not None:
                 here.begin_with(arrays)
-            unknown = 0
             if partial.carried_packets and samples.certain:
-                unknown = partial.revoke_carried(samples.revolution_packets)
-                self.stats.lost_packets += unknown
-                lost += unknown
+                revoked = partial.revoke_carried(samples.revolution_packets)
+                self.stats.lost_packets += revoked
+                lost += revoked
             crossed = room + samples.before_seam
             if crossed < len(here.angle):
                 self._partial.carry(here.part(crossed), partial.last_ns, samples)
                 lost -= samples.lost_behind
             if samples.gaps or lost:
-                gaps = partial.gaps(samples, room, crossed, revoked=bool(unknown))
-            arrays = here.part(room if unknown else 0, crossed)
-        count = 0 if arrays is None else len(arrays.angle)
-        if arrays is None or not count:
+                gaps = partial.gaps(samples, room, crossed, revoked=bool(revoked))
+            arrays = here.part(room if revoked else 0, crossed)
+        if arrays is None or not len(arrays.angle):
             return None
-        return EndedRevolution(partial, packets, samples, arrays, count, lost, gaps)
+        return EndedRevolution(partial, packets, samples, arrays, lost, gaps, revoked)
 
     def _decode(
         self,
@@ -244,7 +244,7 @@ class Assembler:
             packets,
             None if split.broken else following,
             room,
-            None if split.marked or split.broken else self._seam.angle,
+            None if split.marked or split.broken else split.seam,
         )
 
     def _scan(self, ended: EndedRevolution) -> Scan | None:
@@ -295,8 +295,6 @@ class Assembler:
             ended.spanned_ns += samples_missing(ended, gap_behind=self._partial.carried is None) * ended.sample_ns
             ordinary_ns = self._last_spanned_ns or ended.spanned_ns
         broken = is_broken(ended, ordinary_ns)
-        if partial.seam is None:
-            partial.seam = self._seam.angle
         if partial.whole and not self._is_numbered and self._ended_at is not None:
             least_ns = least_of(wire, ended, self._count.usual_ns)
             # Angles hide whole revolutions; so it counts when the packet behind it came.
@@ -315,7 +313,7 @@ class Assembler:
                 gap_behind=self._partial.carried is None,
                 broken=broken,
                 number=number,
-                packets_before=packets_before - samples.lost - partial.lost_behind_carried,
+                packets_before=packets_before - samples.lost - partial.lost_behind_carried - ended.revoked,
             )
             revolution_ns = self._reckon(beginning)
         if not partial.whole:

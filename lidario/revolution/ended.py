@@ -20,10 +20,11 @@ class EndedRevolution:
         partial: What was known of it before.
         packets: Its packets; None when it has none, only samples that were carried over.
         samples: What they were decoded to; None when it has none.
-        arrays: Its own samples, from the seam at its beginning to the seam at its end.
-        count: How many these are; at least one.
+        arrays: Its own samples, from the seam at its beginning to the seam at its end; at least one.
         lost: Packets that are missing in it.
         gaps: Where its own samples are missing, as `PartialRevolution.gaps` tells it.
+        revoked: Of the packets that are missing, those right before its first one that were not known to be missing
+            when the samples before them were carried over (`PartialRevolution.revoke_carried`).
         start_ns: When its first sample was measured.
         elapsed_ns: Time from then to the arrival of its last packet.
         sample_ns: Nanoseconds a sample.
@@ -34,10 +35,15 @@ class EndedRevolution:
     packets: Packets | None
     samples: Samples | None
     arrays: SampleArrays
-    count: int
     lost: int
     gaps: list[tuple[int, int]] | None
+    revoked: int = 0
     start_ns: int = 0
     elapsed_ns: int = 0
     sample_ns: float = 0.0
     spanned_ns: float = 0.0
+
+    @property
+    def count(self) -> int:
+        """How many samples it has."""
+        return len(self.arrays.angle)

@@ -124,10 +124,10 @@ class SectorAssembler(Assembler):
         partial, wire = self._partial, self._stream.format
         # Where the angles are not certain, samples that were carried over may still be dropped.
         sure = partial.whole and not partial.moved and not partial.carried_packets and len(partial.runs) == 1
-        if not self._parts or not sure or self._seam.angle is None or not self._sample_time_ns:
+        if not self._parts or not sure or partial.seam is None or not self._sample_time_ns:
             return None
         first = int(wire.headings(packets)[0])
-        began = first & HEADING_MASK if first & BEGINS else self._seam.angle
+        began = first & HEADING_MASK if first & BEGINS else partial.seam
         here = DividedRevolution(partial, began, self._stream.decoder.fork(), self._stream.zero_offset_deg)
         here.ends = ends_of(wire.full_turn, self._parts)
         here.open = {count: OpenSector() for count in self._parts}
@@ -288,7 +288,7 @@ class SectorAssembler(Assembler):
         if here is None or here.partial is not ended:
             return super()._decode(ended, packets, split, following, room)
         wire = self._stream.format
-        seam = None if split.marked or split.broken else self._seam.angle
+        seam = None if split.marked or split.broken else split.seam
         behind = None if split.broken else following
         joined = as_one(here.waiting)
         left = 0 if here.rest is None else len(here.rest)

@@ -61,7 +61,6 @@ def decode_block(
     splits: Sequence[Split],
     first: int,
     *,
-    seam: int | None,
     count: RevolutionCount,
     last_spanned_ns: float,
     byte_ns: float,
@@ -77,15 +76,17 @@ def decode_block(
         offsets: Where each of them begins (`packet_offsets`).
         splits: Where revolutions end in it; at least one.
         first: The first packet of the event that was not yet used.
-        seam: Heading at which revolutions begin; None where the device marks their first packet.
         count: The revolutions so far.
         last_spanned_ns: What the revolution before took; 0 when that is not known.
         byte_ns: Nanoseconds that a byte takes on the line.
     """
-    marked, last = splits[0].marked, splits[-1].packet
+    marked, seam, last = splits[0].marked, splits[0].seam, splits[-1].packet
     if len(event.arrivals) != 1:
         return None
     if any(split.broken or split.moved or split.marked != marked for split in splits):
+        return None
+    if not marked and any(split.seam != seam for split in splits):
+        # A mark that ended no revolution moved the seam: the decoder takes only one.
         return None
     before = sum([run.count for run in partial.runs])
     ends = [before + split.packet - first for split in splits]
@@ -118,7 +119,7 @@ def decode_block(
 
 
 def _packet_bytes(packets: Packets, ends: Sequence[int], *, vary: bool) -> list[float]:
-    """Bytes of a packet, of each revolution, where they `vary` and it matters; else those of them all."""
+    """Mean bytes of a packet, for each revolution; with `vary` false, the mean of all revolutions."""
     if not vary or len(packets.blocks) == 1:
         return [len(packets.data) / packets.count] * len(ends)
     offsets = packet_offsets(packets.blocks)
@@ -176,9 +177,9 @@ def _intervals(
     count: RevolutionCount,
     last_spanned_ns: float,
 ) -> list[float] | None:
-    """What each revolution took by the time; None where one is for those who judge it.
+    """The time from the beginning of each revolution to the next.
 
-    Such a one came late, or took more or less than its angles tell.
+    None where one came late, or took more or less time than its angles tell. `judge` decides about those.
     """
     spanned = [(end - begin) * sample_ns for begin, end in pairwise(bounds)]
     turns = [each * sample_ns for each in samples.revolution_samples]

@@ -135,8 +135,8 @@ def open_lidar(
 ) -> OpenLidar:
     """Open a device, for use in ``async with`` or with ``await``.
 
-    It is opened for nobody else beside, stopped in case it still streams, asked what it is and how it is, and
-    reset once if it has stopped to protect itself. Cancelling it leaves laser and motor off and the port closed.
+    The port is opened exclusively. The device is stopped in case it still streams, asked what it is and how it is,
+    and reset once if it has stopped to protect itself. Cancelling leaves laser and motor off and the port closed.
 
     Args:
         source: Where it is, see `lidario.source`; a path is a serial port or a recording; or a simulated device of
@@ -157,8 +157,8 @@ def open_lidar(
         DeviceFault: The device reports an error that a reset did not cure.
         DeviceLost: The port died meanwhile.
         RecordingError: Nothing can be read of a recording.
-        RemoteProtocolError: It says each time that it is another device: the line damages what it carries.
-        InvalidValue: An argument is no such thing: `baudrate` is a whole number above 0, `latency` a number of
+        RemoteProtocolError: The device gives a different identity each time: the line damages what it carries.
+        InvalidValue: An argument is wrong: `baudrate` is a whole number above 0, `latency` a number of
             seconds from 0 on; `keep_spinning` of a recording; or `family` is not that of the source.
         Unsupported: `keep_spinning` on a device whose motor stops with its laser.
     """

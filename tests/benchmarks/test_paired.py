@@ -5,12 +5,15 @@ No figure is looked at: a shared machine has none to rely on.
 
 import shutil
 import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-from benchmarks import paired
+from benchmarks import paired, report
 from benchmarks.processes import ROOT
+from benchmarks.report import Table
 
 DENSE = "0x85 dense"
 
@@ -62,6 +65,20 @@ def test_without_git_it_says_so_in_one_sentence(
     said = capsys.readouterr()
     assert said.out == ""
     assert said.err == "nothing compared: git is not installed, and only git has the code of another commit\n"
+
+
+def test_it_prints_which_two_revisions_it_has_compared(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    @contextmanager
+    def other(commit: str) -> Iterator[paired.Checkout]:
+        yield paired.Checkout(commit, ROOT)
+
+    monkeypatch.setattr(paired, "checked_out", other)
+    monkeypatch.setattr(paired, "compare_decode", lambda *_: Table("decoding", ["format"]))
+    monkeypatch.setattr(report, "_revision", lambda: "v2-3-gabcdef0-dirty")
+    assert paired.main(["--against", "1234567", "--only", "decode"]) == 0
+    assert "- revisions: 1234567 and v2-3-gabcdef0-dirty (this code)\n" in capsys.readouterr().out
 
 
 def test_both_checkouts_decode_by_turns() -> None:

@@ -1,4 +1,4 @@
-"""What is written on a full disk: the exit code is the one that the verb earned, and stdout's failure is told.
+"""What is written on a full disk: a full stdout is an error with exit code 4; a full stderr changes no exit code.
 
 Python keeps what it could not write and tries once more at its end; that ends the process with 120. With
 ``PYTHONUNBUFFERED``, which many containers set, it keeps nothing. Both ways are tried.
@@ -17,14 +17,23 @@ import pytest
 from tests.cli.processes import BOUND, ROOT, invoke_driven
 
 SIM = "sim://rplidar-s2?via=memory"
+WRITE = [("--version",), ("--help",), ("scan", "--help"), ("sim", "--list"), ("devices",), ("scan", SIM, "-n", "2")]
+"""Commands that write to stdout."""
+RUNS = [
+    (("scan", "/dev/nothing-is-here"), 3),
+    (("scan", "--no-such-option"), 2),
+    (("scan", SIM, "--traceback", "--mode", "none"), 2),
+    (("scan", SIM, "-n", "2"), 0),
+]
+"""Commands, and the exit code of each."""
 
 
-def ended(arguments: tuple[str, ...], unbuffered: bool, **full: str) -> subprocess.CompletedProcess[str]:
+def ended(arguments: tuple[str, ...], unbuffered: bool, *, on_full_disk: str) -> subprocess.CompletedProcess[str]:
     """Run the command with one of its streams on a full disk."""
     environment = {**os.environ, "PYTHONUNBUFFERED": "1" if unbuffered else ""}
     with open("/dev/full", "wb", buffering=0) as disk:
         streams: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-        streams |= dict.fromkeys(full, disk)
+        streams[on_full_disk] = disk
         return subprocess.run(
             [sys.executable, "-m", "lidario", *arguments],
             cwd=ROOT, env=environment, text=True, timeout=BOUND, check=False, **streams,
@@ -32,13 +41,9 @@ def ended(arguments: tuple[str, ...], unbuffered: bool, **full: str) -> subproce
 
 
 @pytest.mark.exhaustive("unbuffered", sample=[False], full=[False, True])
-@pytest.mark.parametrize(
-    "arguments",
-    [("--version",), ("--help",), ("scan", "--help"), ("sim", "--list"), ("devices",), ("scan", SIM, "-n", "2")],
-    ids=" ".join,
-)
+@pytest.mark.exhaustive("arguments", sample=[WRITE[1], WRITE[-1]], full=WRITE)
 def test_stdout_on_a_full_disk_is_told(arguments: tuple[str, ...], unbuffered: bool) -> None:
-    done = ended(arguments, unbuffered, stdout="full")
+    done = ended(arguments, unbuffered, on_full_disk="stdout")
     assert done.stderr.count("error: stdout cannot be written: No space left on device") == 1
     assert "unexpected" not in done.stderr
     assert "ignored" not in done.stderr
@@ -46,18 +51,10 @@ def test_stdout_on_a_full_disk_is_told(arguments: tuple[str, ...], unbuffered: b
 
 
 @pytest.mark.exhaustive("unbuffered", sample=[False], full=[False, True])
-@pytest.mark.parametrize(
-    ("arguments", "code"),
-    [
-        (("scan", "/dev/nothing-is-here"), 3),
-        (("scan", "--no-such-option"), 2),
-        (("scan", SIM, "--traceback", "--mode", "none"), 2),
-        (("scan", SIM, "-n", "2"), 0),
-    ],
-    ids=str,
-)
-def test_a_log_on_a_full_disk_changes_no_exit_code(arguments: tuple[str, ...], code: int, unbuffered: bool) -> None:
-    done = ended(arguments, unbuffered, stderr="full")
+@pytest.mark.exhaustive("run", sample=[RUNS[0], RUNS[-1]], full=RUNS)
+def test_a_log_on_a_full_disk_changes_no_exit_code(run: tuple[tuple[str, ...], int], unbuffered: bool) -> None:
+    arguments, code = run
+    done = ended(arguments, unbuffered, on_full_disk="stderr")
     assert done.returncode == code
     assert bool(done.stdout) is (code == 0)
 

@@ -100,7 +100,10 @@ def test_ctrl_c_in_the_middle_of_a_scan_stops_the_motor() -> None:
         asyncio.run(until_still(server, rig))
 
 
-@pytest.mark.parametrize("end", ["sys.exit(3)", "raise RuntimeError('a bug of mine')", "loop.stop()"])
+ENDS = ["sys.exit(3)", "raise RuntimeError('a bug of mine')", "loop.stop()"]
+
+
+@pytest.mark.exhaustive("end", sample=ENDS[1:], full=ENDS)
 def test_a_program_that_ends_without_closing_still_stops_the_motor(end: str) -> None:
     rig = make_rig("rplidar")
     program = (

@@ -34,6 +34,7 @@ SOURCES = {
     "other family": "sim://ydlidar-4ros",
     "other family, damaged": "sim://ydlidar-4ros?fault=flip:0.02%25",
 }
+OTHERS = [SOURCES["other family"], SOURCES["other family, damaged"]]
 every_source = pytest.mark.parametrize("source", SOURCES.values(), ids=SOURCES)
 
 
@@ -124,7 +125,7 @@ async def change_the_offset(lidar: Lidar, live: Live) -> None:
 
 @pytest.mark.usefixtures("calibrated")
 @pytest.mark.parametrize("sectors", [False, True], ids=["", "divided"])
-@pytest.mark.parametrize("source", [SOURCES["other family"], SOURCES["other family, damaged"]])
+@pytest.mark.exhaustive("source", sample=OTHERS[1:], full=OTHERS)
 def test_another_zero_offset_in_mid_stream_is_replayed(tmp_path: Path, source: str, *, sectors: bool) -> None:
     seen: list[lidario.Sector] = []
 

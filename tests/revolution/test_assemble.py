@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from lidario.families.rplidar.simulated import packers
 from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.revolution.count import Beginning, Passed, RevolutionCount
 from lidario.scan import Scan
 from tests.support.cases import CASES, Case, named
 from tests.support.numbered import BAUD, DENSE, SAMPLE_NS, TURN, Arrival, assemble, numbered, numbers, on_time
@@ -112,11 +113,22 @@ def test_a_packet_lost_behind_the_seam_is_missing_in_the_turn_that_begins() -> N
 
 
 @pytest.mark.parametrize("lost", [1, 3, 5])
-def test_a_gap_behind_the_first_packet_of_a_stream_is_not_stretched_over(lost: int) -> None:
+def test_a_gap_behind_the_first_packet_of_a_stream_is_not_stretched_over(
+    lost: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """That packet crosses the seam. How far it reaches is only known when the revolution has ended."""
-    first = TURN - 512
+    first, before = TURN - 512, list[int]()
+    follow = RevolutionCount.follow
+
+    def followed(self: RevolutionCount, here: Beginning) -> Passed:
+        before.append(here.packets_before)
+        return follow(self, here)
+
+    monkeypatch.setattr(RevolutionCount, "follow", followed)
     scans = assemble(*without(numbered(24 * 4, 960, first), *range(1, 1 + lost)))
     assert [scan.lost_packets for scan in scans] == [lost, 0, 0]
+    # Only the first packet came before the first whole revolution. Those that are missing belong to it.
+    assert before == [0, 1, 25, 49]
     for scan in scans:
         expected = (first / 64 + (scan.device_distances.astype(np.float64) - 1) * 0.375) % 360
         np.testing.assert_allclose(scan.device_angles, expected, atol=1e-4)

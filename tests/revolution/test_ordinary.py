@@ -53,7 +53,6 @@ def ended(revolution: PartialRevolution, samples: Samples, start_ns: int) -> End
         revolution.runs[0],
         samples,
         arrays,
-        count,
         samples.lost,
         [],
         start_ns=start_ns,

@@ -60,8 +60,9 @@ async def test_both_families_are_found_and_stream_side_by_side(soak: float) -> N
                 async with asyncio.timeout(soak + PATIENCE_S), lidar.scans(depth=8) as stream:
                     async for scan in stream:
                         assert scan.lost_packets == 0
-                        # A busy machine may keep this loop from running; what that costs is counted.
-                        assert last is None or scan.seq == last.seq + 1 + scan.dropped_before
+                        # A busy machine may keep this loop from running; what that costs is counted. It may
+                        # keep the devices from sending, too: where that lasts, revolutions count as missing.
+                        assert last is None or scan.seq > last.seq + scan.dropped_before
                         last = scan
                         if scan.seq >= soak / turn_s:
                             break

@@ -15,7 +15,7 @@ import pytest
 import lidario
 from lidario.sim.serve import PtyServer
 from tests.cli.processes import served
-from tests.support.children import child, forget, is_still, requests, until
+from tests.support.children import UNDISTURBED, child, forget, is_still, requests, until
 
 pytestmark = pytest.mark.discards("a new program cannot know which response the killed one was waiting for")
 
@@ -43,7 +43,7 @@ def kill_at_random(server: PtyServer, family: str, dice: random.Random) -> bool:
     """Kill a program after its first request, or once it scans; whether it has left the device scanning."""
     scans = dice.random() < 0.5
     forget(server)
-    with child(PROGRAM, server.path, family, str(dice.randrange(1000))) as process:
+    with child(UNDISTURBED + PROGRAM, server.path, family, str(dice.randrange(1000))) as process:
         until(lambda: requests(server) or process.poll() is not None)
         if scans:
             until(lambda: not is_still(server) or process.poll() is not None)

@@ -16,7 +16,7 @@ import pytest
 import lidario
 from lidario.sim.serve import PtyServer
 from tests.cli.processes import served
-from tests.support.children import BOUND, child, is_still, line_of, requests, until, was_stopped
+from tests.support.children import BOUND, UNDISTURBED, child, is_still, line_of, requests, until, was_stopped
 
 MODELS = ("rplidar-s2", "ydlidar-4ros")
 
@@ -71,7 +71,7 @@ def scanning(process: subprocess.Popen[str]) -> None:
 
 def ended_by(server: PtyServer, program: str, model: str, numbers: Sequence[int]) -> tuple[int, str, str]:
     """Exit code, output and errors of a program that got these signals while it read scans."""
-    with child(PROGRAM + program, server.path, family_of(model)) as process:
+    with child(UNDISTURBED + PROGRAM + program, server.path, family_of(model)) as process:
         scanning(process)
         for number in numbers:
             process.send_signal(number)
@@ -146,7 +146,7 @@ def test_a_hang_up_that_is_ignored_stays_ignored() -> None:
     """As under nohup."""
     program = f"signal.signal(signal.SIGHUP, signal.SIG_IGN)\n{RUN}"
     with served(MODELS[0]) as server:
-        with child(PROGRAM + program, server.path, family_of(MODELS[0])) as process:
+        with child(UNDISTURBED + PROGRAM + program, server.path, family_of(MODELS[0])) as process:
             scanning(process)
             process.send_signal(signal.SIGHUP)
             scanning(process)
@@ -160,7 +160,7 @@ def test_a_handler_of_the_program_is_left_in_place() -> None:
     # Not `print`: a handler that comes in the midst of another one must not use the same stream.
     program = f"import os; signal.signal(signal.SIGTERM, lambda *_: os.write(1, b'its own handler\\n'))\n{RUN}"
     with served(MODELS[0]) as server:
-        with child(PROGRAM + program, server.path, family_of(MODELS[0])) as process:
+        with child(UNDISTURBED + PROGRAM + program, server.path, family_of(MODELS[0])) as process:
             scanning(process)
             process.send_signal(signal.SIGTERM)
             lines = [line_of(process) for _ in range(10)]
@@ -176,7 +176,7 @@ def test_signals_while_a_session_opens() -> None:
     with served(MODELS[0]) as server:
         with server.lock:
             server.device.response_delay_s = 0.05  # type: ignore[attr-defined]
-        with child(PROGRAM + RUN, server.path, family_of(MODELS[0])) as process:
+        with child(UNDISTURBED + PROGRAM + RUN, server.path, family_of(MODELS[0])) as process:
             until(lambda: any(each.name == "get_info" for each in requests(server)))
             process.send_signal(signal.SIGTERM)
             _, said = process.communicate(timeout=BOUND)

@@ -1,6 +1,8 @@
 """The state machine while packets flow, and how a stream begins and ends."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -124,3 +126,9 @@ def test_a_large_chunk_is_taken_in_slices() -> None:
     assert b"".join(event.data for event in events if isinstance(event, Packets)) == data
     assert link.buffered == 0
     assert link.stats.packets == 1200
+
+
+def test_its_buffer_holds_no_more_than_the_table_of_bounds_says() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "bounds.md").read_text(encoding="utf-8")
+    (kibibytes,) = re.findall(r"\(`ReceiveBuffer`\) \| (\d+) KiB", page)
+    assert Link()._buffer.limit == int(kibibytes) * 1024

@@ -55,8 +55,8 @@ def in_turn(angles: Floats, full_turn: int, *, back: bool) -> None:
         back: Whether some may be below 0.
     """
     if back:
-        # This takes half the time of two comparisons and what follows from them. Nothing below 360 degrees becomes
-        # a whole turn by rounding when it is divided by one.
+        # Half the time of two masked operations. An angle below 360 degrees, divided by 360 degrees, is never
+        # rounded up to 1.
         turns = angles / full_turn
         np.floor(turns, out=turns)
         turns *= full_turn

@@ -60,7 +60,7 @@ class HqDecoder(FollowsRotation):
             packet_ends,
             self.samples,
             before_seam,
-            partial(self._rotation.settle_told, arcs[-1]),
+            settle=lambda: None,  # each packet tells its own arc
         )
 
     def _read(self, packets: Packets) -> tuple[NDArray[np.void], Ints, Words]:

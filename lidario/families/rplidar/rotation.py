@@ -19,7 +19,7 @@ from typing import Final, NamedTuple, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.rplidar.spans import LIKENESS, alike, change_slowly, extent, forgive_falls, take_back
+from lidario.families.rplidar.spans import LIKENESS, alike, change_slowly, correct_leaps, extent, ignore_falls
 
 __all__ = ["Arc", "Arcs", "FollowsRotation", "Rotation"]
 
@@ -160,36 +160,36 @@ class Rotation:
     def arcs_told(self, headings: NDArray[np.int32], following: int | None, told: NDArray[np.uint16]) -> Arcs:
         """As `arcs`, where the packets themselves tell how far the rotor turned inside of each.
 
-        That is all that is known of the arc of each.
+        `Arcs.arc` then holds these values, not the whole arcs. Nothing is remembered.
         """
         _, farthest, total = extent(told)
         mean = total / len(told)
         steady = farthest <= (1 + LIKENESS) * mean
         # The mean is as good as the median where nothing is far from it, and much cheaper.
-        self._typical = (mean if steady else float(np.median(told))) / self._inside
+        typical = (mean if steady else float(np.median(told))) / self._inside
         raw, shortest, longest, _ = self._spans(headings, following)
-        if following is not None and shortest > 0 and longest <= (1 + self._jitter) * self._typical:
-            return Arcs(told, None, self._typical, certain=True)
+        if following is not None and shortest > 0 and longest <= (1 + self._jitter) * typical:
+            return Arcs(told, None, typical, certain=True)
         spans = self._signed(raw)
-        if self._typical <= 0:
+        if typical <= 0:
             return Arcs(told, None, 0.0, certain=False)
         # While the rotor changes its speed, each packet knows best how far it reaches.
-        own = self._typical if steady else np.where(told > 0, told / self._inside, self._typical)
+        own = typical if steady else np.where(told > 0, told / self._inside, typical)
         missing = np.ceil(spans / own - 1 - self._jitter).astype(np.intp)
         if following is None:
             missing[-1] = 0
-        forgive_falls(missing, spans)
+        ignore_falls(missing, spans)
         np.maximum(missing, 0, out=missing)
         if missing.any():
-            return Arcs(told, missing, self._typical, certain=True)
-        return Arcs(told, None, self._typical if steady else mean / self._inside, certain=True)
+            return Arcs(told, missing, typical, certain=True)
+        return Arcs(told, None, typical if steady else mean / self._inside, certain=True)
 
     def steady_told(
         self, headings: NDArray[np.int32], following: int, told: NDArray[np.uint16], ends: Sequence[int]
     ) -> list[float] | None:
         """The ordinary arc of several revolutions, where `arcs_told` would find no gap in any; else None.
 
-        Nothing is remembered before `settle_told`.
+        Nothing is remembered.
         """
         raw, shortest, _, _ = self._spans(headings, following)
         if shortest <= 0:
@@ -205,10 +205,6 @@ class Rotation:
                 return None
             typical.append(mean / self._inside)
         return typical
-
-    def settle_told(self, arc: float) -> None:
-        """Remember revolutions that `steady_told` has told, as `arcs_told` would have."""
-        self._typical = arc
 
     def _spans(self, headings: NDArray[np.int32], following: int | None) -> tuple[NDArray[np.int32], int, int, int]:
         """How far ahead of each heading the next one is, 0 where none follows; least, greatest and sum of that."""
@@ -238,8 +234,8 @@ class Rotation:
         missing = np.ceil(packets - 1 - self._jitter).astype(np.intp)
         if not followed:
             missing[-1] = -1
-        forgive_falls(missing, spans)
-        take_back(missing, spans, typical)
+        ignore_falls(missing, spans)
+        correct_leaps(missing, spans, typical)
         arc = np.where(missing == 0, spans, typical)
         for gap in np.flatnonzero((missing > 0) & (missing <= TRUSTED_GAP)).tolist():
             arc[gap] = self._before_gap(arc, missing, gap, spans[gap] / (missing[gap] + 1))
@@ -302,7 +298,7 @@ class Rotation:
 
 
 class FollowsRotation:
-    """Base of the decoders, whose only memory from revolution to revolution is mostly a `Rotation`."""
+    """Base of the decoders: most of them remember nothing but a `Rotation` from one revolution to the next."""
 
     _rotation: Rotation
 

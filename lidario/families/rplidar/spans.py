@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LIKENESS", "alike", "change_slowly", "extent", "forgive_falls", "take_back"]
+__all__ = ["LIKENESS", "alike", "change_slowly", "correct_leaps", "extent", "ignore_falls"]
 
 FALSE_PACKETS: Final = 40
 """Packets within which a leap and a fall belong together: between them stands what was no packet."""
@@ -31,7 +31,7 @@ def alike(spans: NDArray[np.float64], arc: float) -> NDArray[np.bool_]:
     return np.asarray(np.abs(spans - arc) <= LIKENESS * arc)
 
 
-def take_back(missing: NDArray[np.intp], spans: NDArray[np.float64], typical: float) -> None:
+def correct_leaps(missing: NDArray[np.intp], spans: NDArray[np.float64], typical: float) -> None:
     """Where headings leap ahead and soon fall back, only the difference is missing."""
     for fall in np.flatnonzero(spans < -2 * typical).tolist():
         leaps = np.flatnonzero(missing[max(0, fall - FALSE_PACKETS) : fall] > 0)
@@ -40,7 +40,7 @@ def take_back(missing: NDArray[np.intp], spans: NDArray[np.float64], typical: fl
             missing[leap] = max(0, int(missing[leap]) + round(float(spans[fall]) / typical))
 
 
-def forgive_falls(missing: NDArray[np.intp], spans: NDArray[np.float64]) -> None:
+def ignore_falls(missing: NDArray[np.intp], spans: NDArray[np.float64]) -> None:
     """A leap beside a fall is one heading that is out of place, not a gap."""
     falls = spans < 0
     missing[1:][falls[:-1]] = -1

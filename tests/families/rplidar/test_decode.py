@@ -202,7 +202,7 @@ def test_angles_are_brought_into_the_turn() -> None:
 @pytest.mark.parametrize("back", [False, True])
 @pytest.mark.parametrize("samples", [32, 40, 64, 96])
 def test_an_angle_beside_360_degrees_stays_on_its_side(samples: int, back: bool) -> None:
-    """A division by a whole turn may round; the one number that matters is the greatest below a whole turn."""
+    """The division may round. The critical number is the greatest one below 360 degrees."""
     turn = np.float32(23040 * samples)
     edges = [
         turn,

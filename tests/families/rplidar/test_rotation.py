@@ -125,7 +125,9 @@ def test_nothing_is_missing_while_the_rotor_changes_its_speed(
     first_hz: float, last_hz: float, packet_s: float, *, told: bool
 ) -> None:
     angles = ramp(first_hz, last_hz, packet_s, before_s=0.5, until_s=2.5)
-    rotation = Rotation(TURN)
+    # Packets that tell their arc, those of 0x83, tell it from the first of 96 samples to the last.
+    inside = 95 / 96 if told else 1.0
+    rotation = Rotation(TURN, inside=inside)
     turns = angles // TURN
     for number in range(int(turns[-1])):
         (of_one,) = np.nonzero(turns == number)
@@ -133,7 +135,7 @@ def test_nothing_is_missing_while_the_rotor_changes_its_speed(
         here = (angles[of_one] % TURN).astype(np.int32)
         if told:
             spans = angles[of_one + 1] - angles[of_one]
-            arcs = rotation.arcs_told(here, following, spans.astype(np.uint16))
+            arcs = rotation.arcs_told(here, following, np.rint(spans * inside).astype(np.uint16))
         else:
             arcs = rotation.arcs(here, following)
         assert arcs.lost == 0, f"revolution {number}"
