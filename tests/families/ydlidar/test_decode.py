@@ -208,6 +208,15 @@ def test_a_long_packet_that_is_damaged_does_not_look_like_lost_ones(
     assert samples.revolution_samples == pytest.approx(480, rel=0.01)
 
 
+def test_most_packets_may_reach_over_no_angle() -> None:
+    """Their median step is 0: the mean one is taken."""
+    packets = [pack_points([1000] * 80, first, first + 3950) for first in (0, 8000)]
+    packets += [pack_points([1000] * 2, 13000, 13000)] * 3
+    samples = decoded(packets, packets[0])
+    assert samples.revolution_samples == pytest.approx(23040 / 50, rel=0.02)
+    assert samples.gaps[0] == (80, round(4050 * 161 / 7900) - 1)
+
+
 def test_a_damaged_packet_does_not_cost_its_revolution() -> None:
     turns = [turn_of([1, *LONG, 6]) for _ in range(8)]
     turns[4][-1] = damaged(turns[4][-1], (0, 12000))
