@@ -43,7 +43,7 @@ def test_a_frequency_that_can_be_set_and_not_read() -> None:
     """Of the LD14P; `lidario motor speed` sets it."""
     told = json.loads(invoke_driven("info", "sim://ldrobot-ld14p?via=memory", "--json").stdout)
     assert (told["scan_frequency"], told["scan_frequency_range"]) == (None, [2.0, 8.0])
-    assert "not told, from 2 to 8 Hz\n" in invoke_driven("info", "sim://ldrobot-ld14p?via=memory").stdout
+    assert "not told, from 2 to 8 Hz" in invoke_driven("info", "sim://ldrobot-ld14p?via=memory").stdout
     assert "cannot be set" in invoke_driven("info", "sim://ldrobot-ld06?via=memory").stdout
 
 
