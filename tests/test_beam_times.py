@@ -21,7 +21,7 @@ from tests.support.sweep import EVERY_MS, ORDERS, check, sweep
 
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("beams", [None, 90, 400])
-@pytest.mark.parametrize("hertz", [5, 7, 10, 12, 15])
+@pytest.mark.exhaustive("hertz", sample=[5, 12], full=[5, 7, 10, 12, 15])
 def test_every_beam_has_the_time_of_its_samples(hertz: float, beams: int | None, order: BeamOrder) -> None:
     truth = sweep(hertz=hertz, sample_us=500, phase=0.4)
     check(truth.scan.to_laserscan(beams, order=order), truth)

@@ -38,13 +38,13 @@ def test_golden_samples_meet_the_times_of_their_beams(case: Case) -> None:
     beams_meet_their_times(case, 0)
 
 
-@pytest.mark.parametrize("every", [9, 40], ids=["every 9th lost", "every 40th lost"])
+@pytest.mark.exhaustive("every", sample=[9], full=[9, 40])
 @most_or_all(CASES)
 def test_so_do_those_around_lost_packets(case: Case, every: int) -> None:
     beams_meet_their_times(case, every)
 
 
-@pytest.mark.parametrize("every", [9, 40], ids=["every 9th lost", "every 40th lost"])
+@pytest.mark.exhaustive("every", sample=[9], full=[9, 40])
 @most_or_all(CASES)
 def test_samples_around_lost_packets_have_their_own_times(case: Case, every: int) -> None:
     """Within a sample, whatever corrections have moved their angles by."""

@@ -41,7 +41,7 @@ def test_the_table_has_the_verbs_that_ask_a_device() -> None:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("number", [0, 1], ids=MODELS)
+@pytest.mark.exhaustive("number", sample=[0], full=[0, 1])
 @pytest.mark.parametrize("row", VERBS, ids=lambda row: row[0])
 def test_no_verb_takes_longer_than_the_table_says(
     row: tuple[str, str, str], number: int, monkeypatch: pytest.MonkeyPatch, tmp_path: object

@@ -109,7 +109,7 @@ def with_mark(case: Case, number: int) -> bytes:
 
 
 @most_or_all(RESTARTING)
-@pytest.mark.parametrize("chunks", [64, 4096, None])
+@pytest.mark.exhaustive("chunks", sample=[64], full=[64, 4096, None])
 @pytest.mark.parametrize("place", [0.0, 0.02, 0.5, 0.97, None])
 def test_an_s_bit_in_every_revolution_costs_nothing(case: Case, chunks: int | None, place: float | None) -> None:
     """The manual's reading, at the seam and elsewhere; and even in every packet."""

@@ -81,7 +81,7 @@ def never(_: DrivenLoop, task: asyncio.Task[None]) -> None:
 @both_families
 @pytest.mark.parametrize("work", WORK)
 @pytest.mark.parametrize("what", [cancel_again_and_again, interrupt])
-@pytest.mark.exhaustive("points", sample=[8], full=[20])
+@pytest.mark.exhaustive("points", sample=[4], full=[20])
 def test_ended_at_every_turn_of_the_loop(
     family: str,
     work: Callable[[Lidar], Awaitable[None]],

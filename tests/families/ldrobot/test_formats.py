@@ -62,7 +62,7 @@ def test_packers_agree_with_the_reference() -> None:
     assert ldrobot.decode([first])[-1].raw_deg == 367.0
 
 
-@pytest.mark.parametrize("chunk", [None, 1, 7, 47, 64])
+@pytest.mark.exhaustive("chunk", sample=[None, 7], full=[None, 1, 7, 47, 64])
 @pytest.mark.parametrize("name", golden.LDROBOT_NAMES)
 def test_records_between_packets_are_no_noise(name: str, chunk: int | None) -> None:
     raw = golden.load(name).raw

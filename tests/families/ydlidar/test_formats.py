@@ -148,7 +148,7 @@ def test_magic_bytes_inside_samples_begin_nothing() -> None:
     assert stats.skipped_bytes == 0
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.exhaustive("seed", sample=range(6), full=range(20))
 def test_magic_bytes_inside_a_damaged_packet_cost_nothing_more(seed: int) -> None:
     bad = bytearray(magic_packet(seed))
     bad[9] ^= 0x10
