@@ -18,7 +18,7 @@ from lidario.families.base import Samples, Stream
 from lidario.revolution.build import DatedRevolution, build_scan, turned_by
 from lidario.revolution.count import Beginning, RevolutionCount
 from lidario.revolution.ended import EndedRevolution
-from lidario.revolution.judge import FALSE_PART, beginning_of, is_broken, is_complete, least_of
+from lidario.revolution.judge import FALSE_PART, beginning_of, is_broken, is_complete, least_of, samples_missing
 from lidario.revolution.ordinary import ordinary_beginning
 from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
 from lidario.revolution.seam import Seam, Split
@@ -292,7 +292,7 @@ class Assembler:
         """Count one that is not ordinary; return what it took, NaN when unknown; None where it makes no scan."""
         partial, packets, samples, wire = ended.partial, ended.packets, ended.samples, self._stream.format
         if samples is not None:
-            ended.spanned_ns += ended.lost * ended.sample_ns * samples.ends[-1] / len(samples.ends)
+            ended.spanned_ns += samples_missing(ended, gap_behind=self._partial.carried is None) * ended.sample_ns
             ordinary_ns = self._last_spanned_ns or ended.spanned_ns
         broken = is_broken(ended, ordinary_ns)
         if partial.whole and not self._is_numbered and self._ended_at is not None:

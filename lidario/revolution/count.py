@@ -215,6 +215,11 @@ class RevolutionCount:
         lost = round(unseen * last.revolution_packets)
         if unseen and last.broken:
             lost = self._lost_by_time(last, elapsed + late_ns)
+        elif last.broken and not self._late:
+            # One revolution passed. So little of it came that its angles do not tell what is missing.
+            share = 1 + here.over - last.over
+            missing = self._lost_by_time(last, min(elapsed, share * last.revolution_ns))
+            lost = missing if missing > max(last.packets, FEWEST_PACKETS) else 0
         if not self._late and here.revolution_ns:
             self._count_to(here, unseen, lost)
         return Passed(unseen, lost, math.nan if unseen else self._interval(here, last))

@@ -21,6 +21,7 @@ __all__ = [
     "is_complete",
     "least_of",
     "packet_time",
+    "samples_missing",
     "share_before",
 ]
 
@@ -67,11 +68,32 @@ def is_broken(ended: EndedRevolution, ordinary_ns: float) -> bool:
         return True
     if samples.certain:
         # More than one revolution by its angles: they went back by so little that it looked like jitter.
-        missing = (samples.lost - samples.lost_behind) * samples.ends[-1] / len(samples.ends)
+        skipped = sum([each for _, each in samples.gaps]) - samples.skipped_behind
+        missing = _samples_of(samples, samples.lost - samples.lost_behind, skipped)
         return ended.count + missing > UNEVEN * samples.revolution_samples
     # Nothing must speak against the angles where their step is not certain.
     expected_ns = (packets.count + samples.lost) * samples.ends[-1] / packets.count * ended.sample_ns
     return packets.count < _FEWEST_PACKETS or elapsed_ns > UNEVEN * expected_ns
+
+
+def samples_missing(ended: EndedRevolution, *, gap_behind: bool) -> float:
+    """How many samples the packets held that are missing in a revolution.
+
+    Args:
+        ended: The revolution.
+        gap_behind: Whether what is missing behind its last packet belongs to it.
+    """
+    samples = ended.samples
+    if samples is None:
+        return 0.0
+    behind = samples.skipped_behind if gap_behind and samples.certain else 0
+    return _samples_of(samples, ended.lost, sum([each for _, each in ended.gaps or ()]) + behind)
+
+
+def _samples_of(samples: Samples, lost: int, skipped: int) -> float:
+    """How many samples so many `lost` packets held, of which `skipped` are missing by the angles."""
+    # Damage spares short packets: the mean of those that came may be far below what a missing one held.
+    return max(lost * samples.ends[-1] / len(samples.ends), skipped)
 
 
 def _came_slowly(packets: Packets, elapsed_ns: int, spanned_ns: float) -> bool:

@@ -12,6 +12,7 @@ from lidario.scan import Scan
 from lidario.wire.envelope import DESCRIPTOR_SIZE
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
+from tests.support.turns_4ros import SAMPLE_NS, scans_of, turn_of
 
 SECONDS = 6.0
 
@@ -127,3 +128,36 @@ def test_a_stretch_in_which_hardly_a_packet_comes_is_told_when_it_has_ended(name
     assert len(scans) + stats.missed_scans == len(clean)
     # Of a 4ROS, short packets come all the time.
     assert 0.9 * (sent - packets) < stats.lost_packets <= sent - packets + 2
+
+
+@pytest.mark.parametrize("kept", [[0, -1], [0, 6, -1], [0, 1]], ids=str)
+def test_where_mostly_short_packets_come_a_revolution_is_as_long_as_its_angles_tell(kept: list[int]) -> None:
+    """A packet that is missing held more than the mean of those that came."""
+    turn = turn_of([1, *[43] * 11, 6])
+    there = [at % len(turn) for at in kept]
+    gone = [(number, at) for number in range(3, 9) for at in range(len(turn)) if at not in there]
+    scans, stats = scans_of([turn] * 12, gone)
+    assert [scan.seq for scan in scans] == list(range(11))
+    assert (stats.lost_packets, stats.broken_scans, stats.missed_scans) == (len(gone), 0, 0)
+    durations = np.array([scan.duration_ns for scan in scans]) / SAMPLE_NS
+    np.testing.assert_allclose(durations, sum(packet[3] for packet in turn), rtol=0.02)
+
+
+def test_parts_of_two_revolutions_are_broken_also_where_short_packets_come() -> None:
+    """The start packet between them is missing too, and the angles go on as if nothing were."""
+    turn = turn_of([1, *[43] * 11, 6])
+    gone = [(number, at) for number in (4, 5) for at in range(number - 4, 12)] + [(5, 0)]
+    scans, stats = scans_of([turn] * 8, [each for each in gone if each != (4, 0)])
+    assert [scan.seq for scan in scans] == [0, 1, 2, 3, 6]
+    assert (stats.broken_scans, stats.missed_scans) == (1, 2)
+
+
+@pytest.mark.parametrize("number", [3, [3, 5], [3, 4, 5]], ids=str)
+def test_a_revolution_of_which_one_packet_comes_is_told_by_its_time(number: int | list[int]) -> None:
+    """Its angles tell nothing of those that are missing."""
+    turn = turn_of([1, *[43] * 11, 6])
+    alone = np.atleast_1d(number).tolist()
+    gone = [(each, at) for each in alone for at in range(1, len(turn))]
+    scans, stats = scans_of([turn] * 9, gone)
+    assert [scan.seq for scan in scans] == [seq for seq in range(8) if seq not in alone]
+    assert (stats.lost_packets, stats.broken_scans, stats.missed_scans) == (len(gone), len(alone), len(alone))

@@ -9,10 +9,9 @@ there is no intensity.
 The 7 bits above CT's start bit tell the speed in start packets (manual: tenths of Hz above 3.0). It is handed on
 as what the device reports; the speed of a scan is measured, which is right for every format.
 
-Lost packets: within one packet the angle advances by one step a sample, and so it does from one packet to the
-next. What the jump between two packets holds beyond that was lost. How many packets it was follows from their
-usual length; but the last packet of a revolution is shorter, and a start packet holds one sample: it is missed when
-packets pass the place where the one before stood.
+Lost packets: what the jump between two packets holds beyond one step was lost (`jumps`). How many packets it was
+follows from their usual length; but the last packet of a revolution is shorter, and a start packet holds one
+sample: it is missed when packets pass the place where the one before stood.
 """
 
 from __future__ import annotations
@@ -33,7 +32,8 @@ from lidario.families.ydlidar.formats import (
     START_BIT,
     packet_heads,
 )
-from lidario.families.ydlidar.steps import CHANGING, FEWEST, STEADY, Ints, changing_steps, mean_step
+from lidario.families.ydlidar.jumps import ONE_STEP, SLACK_SAMPLES, heading_of, jumps_between, mended
+from lidario.families.ydlidar.steps import CHANGING, FEWEST, STEADY, Ints, Steps, changing_steps, mean_step
 from lidario.wire.events import Packets
 
 __all__ = ["Heads", "PointCloudDecoder"]
@@ -42,12 +42,6 @@ HEADER_WORDS: Final = HEADER_SIZE // 2
 SPEED_CODE: Final = 0x7F
 SPEED_BASE: Final = 30
 """Tenths of Hz that the code 0 stands for (manual, CT)."""
-SLACK_SAMPLES: Final = 3.0
-"""Missing samples below which a jump is taken for unsteadiness of the rotor, where no start packet is due."""
-_ONE_STEP: Final = 1.5
-"""Steps: nothing is missing in a jump of one; half a step more is the least that can mean something."""
-BACKWARD_Q6: Final = 2 << 6
-"""How far a packet may begin before the end of the one before, without a revolution being missing."""
 
 
 class PointCloudDecoder:
@@ -67,7 +61,7 @@ class PointCloudDecoder:
     def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         """As `Decoder.decode`."""
         heads = Heads.of(packets)
-        first, way, counts, starts, _ = heads
+        first, way, counts, _, _ = heads
         ends = np.add.accumulate(counts).tolist()
         angle, distance, intensity = self._samples_of(packets, heads, ends, room)
         most, farthest = int(np.maximum.reduce(counts)), int(np.maximum.reduce(way))
@@ -75,12 +69,9 @@ class PointCloudDecoder:
         step = mean_step(way, counts, most, farthest, ends[-1])
         steps = changing_steps(way, counts) if farthest > CHANGING * step * (most - 1) else None
         if steps is not None:
-            step = int(np.add.reduce(way)) / (ends[-1] - len(counts))
-        elif farthest > STEADY * step * (most - 1):
-            # A damaged angle must not look like packets lost behind it.
-            usual = step * (counts - 1)
-            way = np.where(way > STEADY * usual, np.rint(usual), way).astype(np.int32)
-        missing, skipped = self._missing(first, way, starts, following, step, steps)
+            # Not of the ways themselves: a short packet may be the one whose way is farthest, by damage.
+            step = float(np.add.reduce(steps * (counts - 1))) / (ends[-1] - len(counts))
+        missing, skipped, step = self._missing(heads, following, step, steps)
         gaps = missing.nonzero()[0]
         samples_a_turn = FULL_TURN_Q6 / step if step else 0.0
         return Samples(
@@ -89,7 +80,7 @@ class PointCloudDecoder:
             intensity=intensity,
             before_seam=ends[-1] - _behind_seam(int(first[-1]), int(heads.way[-1]), int(counts[-1]), seam),
             ends=ends,
-            lost=int(missing.sum()),
+            lost=int(np.add.reduce(missing)) if len(gaps) else 0,
             unbroken=int(gaps[0]) + 1 if len(gaps) else len(counts),
             lost_behind=int(missing[-1]) if len(gaps) else 0,
             revolution_packets=_revolution_packets(samples_a_turn, self._ordinary) if step else 0.0,
@@ -115,7 +106,7 @@ class PointCloudDecoder:
         most = np.maximum.reduceat(counts, begins).tolist()
         turned = np.add.reduceat(way, begins, dtype=np.int64).tolist()
         longest = np.maximum.reduceat(way, begins).tolist()
-        farthest = np.maximum.reduceat(_jumps(first, first + way, following), begins).tolist()
+        farthest = np.maximum.reduceat(jumps_between(first, first + way, following), begins).tolist()
         a_turn: list[float] = []
         for at, (begin, end) in enumerate(zip(begins, ends, strict=True)):
             steps = packet_ends[at] - (packet_ends[at - 1] if at else 0) - (end - begin)
@@ -124,7 +115,7 @@ class PointCloudDecoder:
                 end - begin < FEWEST
                 or not step
                 or longest[at] > STEADY * step * (most[at] - 1)
-                or farthest[at] > _ONE_STEP * step
+                or farthest[at] > ONE_STEP * step
             ):
                 return None
             a_turn.append(FULL_TURN_Q6 / step)
@@ -169,36 +160,41 @@ class PointCloudDecoder:
         return angle, distance, None
 
     def _missing(
-        self,
-        first: Ints,
-        way: Ints,
-        starts: NDArray[np.bool_],
-        following: bytes | None,
-        step: float,
-        steps: NDArray[np.float64] | None,
-    ) -> tuple[NDArray[np.intp], list[tuple[int, int]]]:
-        """Packets missing behind each packet, shape (packets,), empty where none is; and the samples of those.
+        self, heads: Heads, following: bytes | None, step: float, steps: Steps | None
+    ) -> tuple[NDArray[np.intp], list[tuple[int, int]], float]:
+        """Packets missing behind each packet, shape (packets,), empty where none is; their samples; the step.
 
         Args:
-            first: Angles of the first samples.
-            way: From there to the last samples.
-            starts: Which are start packets.
+            heads: What stands before the samples of each.
             following: The packet behind them, if it is known.
             step: The mean angle from one sample to the next.
             steps: The same of each packet, where it changes.
         """
+        first, way, counts, starts, _ = heads
         marked = starts.nonzero()[0]
         if len(marked):
             self._seam = int(first[marked[0]])
         elif self._seam is None and following is not None and following[2] & START_BIT:
             # The first start packet may be among those that are missing: the place where it stood is told behind.
-            self._seam = _heading(following)
+            self._seam = heading_of(following)
+        each = step if steps is None else steps
         tails = first + way
-        jumps = _jumps(first, tails, following)
-        gaps = (jumps > _ONE_STEP * (step if steps is None else steps)).nonzero()[0].tolist() if step else ()
+        jumps = jumps_between(first, tails, following)
+        gaps = (jumps > ONE_STEP * each).nonzero()[0].tolist() if step else ()
         missing = np.zeros(len(first) if gaps else 0, np.intp)
         skipped: list[tuple[int, int]] = []
         if gaps:
+            if steps is None:
+                # The mean contains what is damaged.
+                several = counts > 1
+                each = float(np.median(way[several] / (counts[several] - 1))) or step
+            # Not everywhere: an angle that is damaged, and does not look like a gap, does not matter here.
+            better = mended(first, tails, jumps, following, counts, each)
+            if better is not None:
+                first, tails = better
+                jumps = jumps_between(first, tails, following)
+                step = int(np.add.reduce(tails - first)) / int(np.add.reduce(counts - 1)) or step
+                gaps = (jumps > ONE_STEP * (step if steps is None else steps)).nonzero()[0].tolist()
             marks = [*starts[1:].tolist(), following is not None and bool(following[2] & START_BIT)]
             for at in gaps:
                 here = step if steps is None else float(steps[at])
@@ -207,10 +203,10 @@ class PointCloudDecoder:
                     skipped.append((at, max(0, round(int(jumps[at]) / here) - 1)))
         if len(marked):
             self._seam = int(first[marked[-1]])
-        return missing, skipped
+        return missing, skipped, step
 
     def _learn(self, longest: int, packets: int) -> None:
-        """Where most packets are lost, the few that come are mostly short ones: then what came before is right."""
+        """Update the size of an ordinary packet. Of a few packets, all may be short: then it only grows."""
         self._ordinary = longest if packets >= FEWEST else max(self._ordinary, longest)
 
     def _lost_in(self, tail: int, jump: int, marked: bool, step: float) -> int:
@@ -268,16 +264,6 @@ def _reported_rpm(heads: Heads, begin: int, end: int, speed_base: int) -> float:
     return 6.0 * ((int(heads.control[mark]) >> 1 & SPEED_CODE) + speed_base)
 
 
-def _jumps(first: Ints, tails: Ints, following: bytes | None) -> Ints:
-    """How far ahead of the end of each packet the next one begins; 0 where it begins a little before that."""
-    jumps = np.empty_like(first)
-    np.subtract(first[1:], tails[:-1], out=jumps[:-1])
-    jumps[-1] = 0 if following is None else _heading(following) - tails[-1]
-    jumps %= FULL_TURN_Q6
-    jumps[jumps > FULL_TURN_Q6 - BACKWARD_Q6] = 0
-    return jumps
-
-
 def _revolution_packets(samples: float, most: int) -> float:
     """Packets of a revolution of so many samples, at most `most` in each."""
     # The start packet holds one sample, the last packet of a revolution what is left.
@@ -327,7 +313,3 @@ def _behind_seam(first: int, way: int, samples: int, seam: int | None) -> int:
         return 0
     left = FULL_TURN_Q6 - (first - seam) % FULL_TURN_Q6
     return max(0, samples + (-left * (samples - 1) // way))
-
-
-def _heading(packet: bytes) -> int:
-    return (packet[4] >> 1 | packet[5] << 7) % FULL_TURN_Q6

@@ -10,20 +10,22 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["CHANGING", "FEWEST", "STEADY", "Ints", "changing_steps", "mean_step"]
+__all__ = ["CHANGING", "FEWEST", "STEADY", "Ints", "Steps", "changing_steps", "mean_step"]
 
 Ints = NDArray[np.int32]
+Steps = NDArray[np.float64]
 
 STEADY: Final = 2.0
 """Times the mean step that the step of one packet may be, where those beside it do not come near it."""
 CHANGING: Final = 1.1
-"""Times the mean step from which it is worth seeing whether the rotor changes its speed."""
+"""If the longest way exceeds that of the mean step by this factor, a change of speed is looked for."""
 _ALIKE: Final = 0.2
-"""Part by which the steps of two packets in a row differ while it does; more is damage."""
+"""Greatest relative difference between the steps of consecutive packets while the speed changes; more is damage."""
 _SEVERAL: Final = 8
 """Samples of a packet from which its step is known well enough for that."""
 FEWEST: Final = 6
-"""Packets of which the longest is surely an ordinary one: the only short ones of a revolution are its last two."""
+"""Packets from which the longest one is taken for an ordinary one. A revolution has two short ones: the start
+packet and the last one."""
 
 
 def mean_step(way: Ints, counts: Ints, most: int, farthest: int, samples: int) -> float:
@@ -39,8 +41,11 @@ def mean_step(way: Ints, counts: Ints, most: int, farthest: int, samples: int) -
     return float(np.median(way[several] / (counts[several] - 1)))
 
 
-def changing_steps(way: Ints, counts: Ints) -> NDArray[np.float64] | None:
-    """The step of each packet where the rotor changes its speed, shape (packets,); None where it does not."""
+def changing_steps(way: Ints, counts: Ints) -> Steps | None:
+    """The step of each packet, shape (packets,), where steps change little from packet to packet.
+
+    None where one differs much, or where too few packets have several samples.
+    """
     long = (counts >= _SEVERAL).nonzero()[0]
     if len(long) < FEWEST:
         return None
@@ -49,5 +54,5 @@ def changing_steps(way: Ints, counts: Ints) -> NDArray[np.float64] | None:
     if not least.min() > 0 or not (np.abs(own[1:] - own[:-1]) <= _ALIKE * least).all():
         return None
     # A short one has that of the long one before.
-    steps: NDArray[np.float64] = own[np.maximum(np.searchsorted(long, np.arange(len(way)), "right") - 1, 0)]
+    steps: Steps = own[np.maximum(np.searchsorted(long, np.arange(len(way)), "right") - 1, 0)]
     return steps

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lidario.families.rplidar.rotation import Arcs, Rotation
-from lidario.sim.motor import Motor
+from tests.support.ramp import ramp
 
 TURN = 23040
 
@@ -115,19 +115,6 @@ def test_random_losses_are_counted_to_the_packet(arc: int, lost: list[bool], see
     assert found == gaps.tolist()
 
 
-def ramp(first_hz: float, last_hz: float, packet_s: float) -> NDArray[np.int64]:
-    """Where packets begin from half a second before a rotor is told another speed to two seconds behind that."""
-    motor = Motor(spin_up_s=0.0)
-    motor.set_rpm(60 * first_hz, 0)
-    times = np.arange(0.0, 0.5e9, packet_s * 1e9)
-    before = motor.turns(times)
-    motor.set_rpm(60 * first_hz, round(times[-1] + packet_s * 1e9))
-    motor.spin_up_s = 1.0
-    motor.set_rpm(60 * last_hz, round(times[-1] + packet_s * 1e9))
-    behind = motor.turns(np.arange(times[-1] + packet_s * 1e9, 2.5e9, packet_s * 1e9))
-    return np.floor(np.concatenate((before, behind)) * TURN).astype(np.int64)
-
-
 SPEEDS = pytest.mark.parametrize(("first_hz", "last_hz"), [(10.0, 10.0), (15.0, 3.0), (3.0, 15.0), (5.0, 1.0)])
 
 
@@ -137,7 +124,7 @@ SPEEDS = pytest.mark.parametrize(("first_hz", "last_hz"), [(10.0, 10.0), (15.0, 
 def test_nothing_is_missing_while_the_rotor_changes_its_speed(
     first_hz: float, last_hz: float, packet_s: float, *, told: bool
 ) -> None:
-    angles = ramp(first_hz, last_hz, packet_s)
+    angles = ramp(first_hz, last_hz, packet_s, before_s=0.5, until_s=2.5)
     # Packets that tell their arc, those of 0x83, tell it from the first of 96 samples to the last.
     inside = 95 / 96 if told else 1.0
     rotation = Rotation(TURN, inside=inside)

@@ -12,10 +12,11 @@ from lidario.families.base import Samples
 from lidario.families.ydlidar.decode import PointCloudDecoder
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.simulated.packers import pack_points
-from lidario.sim.motor import Motor
 from lidario.wire.events import Packets
 from tests.reference import golden, ydlidar
+from tests.support.ramp import ramp
 from tests.support.streams import SINGLE_DEG, in_one_run
+from tests.support.turns_4ros import damaged, scans_of, turn_of
 
 
 def turns_of(name: str) -> list[list[bytes]]:
@@ -171,17 +172,64 @@ def test_a_c_bit_of_0_changes_nothing() -> None:
     assert decoded([good, odd, good]).angle_deg[3] == 130 / 64
 
 
+LONG = [43] * 11
+"""Samples of the packets beside the start packet and one of 6; 480 in all."""
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.25, 0.8])
+@pytest.mark.parametrize("counts", [[1, 6, *LONG], [1, *LONG, 6]], ids=["begin", "end"])
+@pytest.mark.parametrize("off_q6", [(0, 1000), (0, 2000), (0, 5000), (0, 12000), (-2000, 0), (9000, 0)], ids=str)
+def test_a_short_packet_that_is_damaged_costs_nothing_else(
+    counts: list[int], ratio: float, off_q6: tuple[int, int]
+) -> None:
+    """Neither the speed nor what comes behind it is told wrongly, whichever of its two angles is damaged."""
+    turn = turn_of(counts, ratio)
+    assert decoded(turn, turn[0]).lost == 0
+    at = counts.index(6)
+    turn[at] = damaged(turn[at], off_q6)
+    samples = decoded(turn, turn[0])
+    assert (samples.lost, list(samples.gaps)) == (0, [])
+    assert samples.revolution_samples == pytest.approx(480, rel=0.01)
+    assert samples.revolution_packets == 13
+
+
+@pytest.mark.parametrize("gone", [[], [3], [8, 9]], ids=str)
+@pytest.mark.parametrize(
+    "off_q6", [(0, 700), (0, 1500), (0, 2500), (0, -700), (700, 0), (-700, 0), (-2500, 0), (9000, 0)], ids=str
+)
+def test_a_long_packet_that_is_damaged_does_not_look_like_lost_ones(
+    off_q6: tuple[int, int], gone: list[int]
+) -> None:
+    """Those that are missing elsewhere are told all the same."""
+    turn = turn_of([1, *LONG, 6])
+    turn[6] = damaged(turn[6], off_q6)
+    samples = decoded([packet for at, packet in enumerate(turn) if at not in gone], turn[0])
+    assert (samples.lost, [skipped for _, skipped in samples.gaps]) == (len(gone), [43 * len(gone)] * bool(gone))
+    assert samples.revolution_samples == pytest.approx(480, rel=0.01)
+
+
+def test_most_packets_may_reach_over_no_angle() -> None:
+    """Their median step is 0: the mean one is taken."""
+    packets = [pack_points([1000] * 80, first, first + 3950) for first in (0, 8000)]
+    packets += [pack_points([1000] * 2, 13000, 13000)] * 3
+    samples = decoded(packets, packets[0])
+    assert samples.revolution_samples == pytest.approx(23040 / 50, rel=0.02)
+    assert samples.gaps[0] == (80, round(4050 * 161 / 7900) - 1)
+
+
+def test_a_damaged_packet_does_not_cost_its_revolution() -> None:
+    turns = [turn_of([1, *LONG, 6]) for _ in range(8)]
+    turns[4][-1] = damaged(turns[4][-1], (0, 12000))
+    scans, stats = scans_of(turns)
+    assert [(scan.seq, len(scan)) for scan in scans] == [(seq, 480) for seq in range(len(turns) - 1)]
+    assert (stats.lost_packets, stats.broken_scans, stats.missed_scans) == (0, 0, 0)
+
+
 @pytest.mark.parametrize(("first_hz", "last_hz"), [(7.0, 7.0), (10.0, 2.0), (2.0, 10.0), (4.0, 12.0)])
 def test_nothing_is_missing_while_the_rotor_changes_its_speed(first_hz: float, last_hz: float) -> None:
     """All packets of 40 samples; what the angles hide is not in question here."""
-    motor, decoder = Motor(spin_up_s=0.0), PointCloudDecoder()
-    motor.set_rpm(60 * first_hz, 0)
-    before = motor.turns(np.arange(0.0, 0.3e9, 5e4))
-    motor.set_rpm(60 * first_hz, 300_000_000)
-    motor.spin_up_s = 1.0
-    motor.set_rpm(60 * last_hz, 300_000_000)
-    behind = motor.turns(np.arange(0.3e9, 2e9, 5e4))
-    angles = np.floor(np.concatenate((before, behind)) * 23040).astype(np.int64)
+    decoder = PointCloudDecoder()
+    angles = ramp(first_hz, last_hz, 50e-6, before_s=0.3, until_s=2.0)
     beams = angles[: len(angles) // 40 * 40].reshape(-1, 40) % 23040
     packets = [pack_points([1000] * 40, int(beam[0]), int(beam[-1])) for beam in beams]
     turns = angles[::40][: len(packets)] // 23040
