@@ -25,7 +25,7 @@ from hypothesis import HealthCheck, settings
 
 from benchmarks.browser import find_browser
 from tests.support.discards import all_obeyed, devices_made, may_discard, some_discarded
-from tests.support.environment import obey_signals, set_aside
+from tests.support.environment import obey_signals, set_aside, start_fewer_threads
 from tests.support.leaks import leaves_no_task, leaves_nothing
 from tests.support.ledger import ledgers_made
 
@@ -103,6 +103,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     set_aside()
     obey_signals()
+    start_fewer_threads()
     profile = "ci" if config.getoption("--exhaustive") else "sample"
     settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", profile))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import subprocess
 import sys
 
@@ -31,6 +32,23 @@ def test_version_is_told_without_loading_what_verbs_need() -> None:
     loaded = {line.rpartition("|")[2].strip().partition(".")[0] for line in told.stderr.splitlines()}
     assert "lidario" in loaded
     assert not loaded & {"click", "rich"}
+
+
+@pytest.mark.parametrize("asked", ["", "3"])
+def test_numpy_starts_no_threads_unless_asked_to(asked: str) -> None:
+    """Each would use time of its own while the command starts."""
+    program = (
+        "import sys, os; sys.argv = ['lidario', 'devices']\n"
+        "from lidario.__main__ import main\n"
+        "main(); import numpy; print(os.environ['OPENBLAS_NUM_THREADS'])\n"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    environment |= {"OPENBLAS_NUM_THREADS": asked} if asked else {}
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=ROOT, env=environment, capture_output=True, text=True, timeout=BOUND, check=False,
+    )  # fmt: skip
+    assert done.stdout.splitlines()[-1] == (asked or "1"), done.stderr
 
 
 @pytest.mark.parametrize("missing", ["click", "rich"])

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import signal
 
-__all__ = ["SET_ASIDE", "obey_signals", "set_aside"]
+__all__ = ["SET_ASIDE", "obey_signals", "set_aside", "start_fewer_threads"]
 
 SET_ASIDE = (
     # Python: containers often set the first one, and it hides what is left in a stream's buffer.
@@ -32,6 +32,11 @@ def set_aside() -> None:
     """Remove these variables from the environment of this process and of those that it starts."""
     for name in SET_ASIDE:
         os.environ.pop(name, None)
+
+
+def start_fewer_threads() -> None:
+    """Have numpy start without threads, here and in programs that tests start: of a hundred that is ten seconds."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def obey_signals() -> None:
