@@ -118,7 +118,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 def _named(value: object) -> str:
     """What stands for a value of an exhaustive test in the test's name."""
     parts = value if isinstance(value, tuple) else (value,)
-    return "-".join(str(getattr(part, "name", part)) for part in parts)
+    return "-".join(str(getattr(part, "name", getattr(part, "__name__", part))) for part in parts)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -26,7 +26,7 @@ def thinned(name: str, share: float, seed: int) -> tuple[list[Scan], AssemblerSt
     return scans, stats, packets
 
 
-@pytest.mark.exhaustive("name", sample=list(KINDS)[::3], full=list(KINDS))
+@pytest.mark.exhaustive("name", sample=list(KINDS)[::4], full=list(KINDS))
 @pytest.mark.exhaustive("share", sample=[0.05], full=[0.02, 0.05, 0.1])
 @pytest.mark.exhaustive("seed", sample=[1], full=[1, 2])
 def test_no_more_is_told_than_there_was(name: str, share: float, seed: int) -> None:
@@ -88,7 +88,7 @@ def test_revolutions_are_told_although_no_speed_was_ever_seen(name: str, share: 
         assert told >= (0.6 if name == "0x81 nodes" else 0.8) * len(clean)
 
 
-@pytest.mark.exhaustive("name", sample=list(KINDS)[::3], full=list(KINDS))
+@pytest.mark.exhaustive("name", sample=list(KINDS)[::4], full=list(KINDS))
 @pytest.mark.exhaustive("share", sample=[0.002, 0.05], full=[0.002, 0.02, 0.05])
 @pytest.mark.exhaustive("seed", sample=[1], full=[1])
 def test_a_speed_is_right_or_unknown(name: str, share: float, seed: int) -> None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from itertools import product
 
 import anyio
 import pytest
@@ -149,13 +150,19 @@ def cancelled_at(scenario: Scenario, family: str, turn: int, how: str) -> None:
     run_driven(main)
 
 
-@pytest.mark.parametrize("how", ["once", "twice", "scope"])
-@pytest.mark.parametrize("family", EVERY_FAMILY)
-@pytest.mark.parametrize("scenario", SCENARIOS)
-@pytest.mark.exhaustive("points", sample=[2], full=[40])
-def test_cancelled_anywhere_the_device_is_left_still(
-    scenario: Scenario, family: str, how: str, points: int
-) -> None:
+WAYS = ("once", "twice", "scope")
+IN_TURNS = [
+    (scenario, how, EVERY_FAMILY[(row + column) % len(EVERY_FAMILY)])
+    for row, scenario in enumerate(SCENARIOS)
+    for column, how in enumerate(WAYS)
+]
+"""Every scenario in every way, with the families in turns."""
+
+
+@pytest.mark.exhaustive("what", sample=IN_TURNS, full=list(product(SCENARIOS, WAYS, EVERY_FAMILY)))
+@pytest.mark.exhaustive("points", sample=[4], full=[40])
+def test_cancelled_anywhere_the_device_is_left_still(what: tuple[Scenario, str, str], points: int) -> None:
+    scenario, how, family = what
     turns = turns_of(scenario, family)
     # The third family goes other ways only where nothing is written: a quarter of the points shows as much.
     stride = max(1, turns // (points if family in FAMILIES else -(-points // 4)))

@@ -20,6 +20,7 @@ import asyncio
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import product
 
 import pytest
 
@@ -269,11 +270,18 @@ def every_step(request: pytest.FixtureRequest) -> bool:
     return bool(request.config.getoption("--every-step"))
 
 
+IN_TURNS = [
+    (a, b, EVERY_FAMILY[(row + column) % len(EVERY_FAMILY)])
+    for row, a in enumerate(A)
+    for column, b in enumerate(B)
+]
+"""Every pair once, with the families in turns."""
+
+
 @pytest.mark.exhaustive("stride", sample=[0], full=[8])
-@pytest.mark.parametrize("family", EVERY_FAMILY)
-@pytest.mark.parametrize("b", B, ids=lambda work: work.__name__)
-@pytest.mark.parametrize("a", A, ids=lambda work: work.__name__)
-def test_two_tasks(family: str, a: Work, b: Work, stride: int, every_step: bool) -> None:
+@pytest.mark.exhaustive("who", sample=IN_TURNS, full=list(product(A, B, EVERY_FAMILY)))
+def test_two_tasks(who: tuple[Work, Work, str], stride: int, every_step: bool) -> None:
+    a, b, family = who
     two_tasks(family, a, b, 1 if every_step else stride)
 
 
