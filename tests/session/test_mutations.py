@@ -9,7 +9,16 @@ import pytest
 from lidario.session.dialogue import Dialogue
 from lidario.session.stopper import Stopper
 from lidario.wire.envelope import Request
-from tests.session.test_two_tasks import Work, ask_while_scanning, b_stops, start, two_tasks
+from tests.session.test_two_tasks import (
+    Work,
+    ask,
+    ask_while_scanning,
+    b_closes,
+    b_stops,
+    silent_cell,
+    start,
+    two_tasks,
+)
 
 pytestmark = pytest.mark.discards("the fixes that keep it from that are taken out")
 
@@ -67,3 +76,10 @@ def test_the_matrix_notices(
     take_out(monkeypatch)
     with pytest.raises(AssertionError, match=f"{a.__name__} x {b.__name__}"):
         two_tasks(family, a, b, 0)
+
+
+def test_the_matrix_notices_where_the_device_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without an end of the waiting, a question goes on until it has waited long enough for its response."""
+    monkeypatch.setattr("lidario.session.waiting.Waiting._raise", lambda self, error: None)
+    with pytest.raises(AssertionError, match=r"ask x b_closes at step .*: it waited for"):
+        two_tasks("rplidar", ask, b_closes, 1, silent_cell)

@@ -342,17 +342,3 @@ def test_opening_is_cancelled(family: str, stride: int) -> None:
         run_driven(lambda rig=rig, step=step: opening(rig, step))  # type: ignore[misc]
         assert not rig.device.log or left_still(rig), step
         assert not discarded(rig), step
-
-
-def test_the_matrix_can_fail(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without the interruption of a start, a reader waits on after `stop`, and the device scans."""
-    monkeypatch.setattr("lidario.session.dialogue.Dialogue.interrupt", lambda self, error: None)
-    with pytest.raises(AssertionError, match="start x b_stops"):
-        two_tasks("rplidar", start, b_stops, 1)
-
-
-def test_the_matrix_can_fail_where_the_device_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without an end of the waiting, a question goes on until it has waited long enough for its response."""
-    monkeypatch.setattr("lidario.session.waiting.Waiting._raise", lambda self, error: None)
-    with pytest.raises(AssertionError, match=r"ask x b_closes at step .*: it waited for"):
-        two_tasks("rplidar", ask, b_closes, 1, silent_cell)
