@@ -1,7 +1,7 @@
 """How long tests run: short by default, long with ``--exhaustive``, ``--soak`` and ``HYPOTHESIS_PROFILE=search``.
 
 - ``--exhaustive`` (`make check`): tests marked ``exhaustive`` go through all that they can, not through a sample;
-  property tests try six times as many examples.
+  property tests try five times as many examples.
 - ``--every-step``: two tasks at once are tried at every step of the event loop, not at every eighth; five minutes.
 - ``--soak SECONDS``: how long tests at true pace run.
 - ``--rounds N``: how often tests at true pace act at a random moment; a few times by default, more with
@@ -34,7 +34,7 @@ LONG = {"rounds", "soak"}
 """Fixtures of tests that take as long as they are told to."""
 NEVER_MIND = (HealthCheck.too_slow, HealthCheck.data_too_large)
 
-settings.register_profile("ci", deadline=None, derandomize=True, max_examples=40, suppress_health_check=NEVER_MIND)
+settings.register_profile("ci", deadline=None, derandomize=True, max_examples=30, suppress_health_check=NEVER_MIND)
 settings.register_profile("search", deadline=None, max_examples=1500, suppress_health_check=NEVER_MIND)
 settings.register_profile("sample", settings.get_profile("ci"), max_examples=6)
 
