@@ -108,7 +108,10 @@ async def connect(
             if adapter is not None:
                 remember(adapter, connection.family.name, port.baudrate)
             return connection
-        port.close_soon()
+        for dialogue in asked:
+            dialogue.hang_up()
+        if not asked:
+            port.close_soon()
     except BaseException as error:
         # Ctrl-C may come when the device has responded, and before its connection is returned.
         for dialogue in asked:
@@ -269,6 +272,7 @@ async def _try_known(
     except ResponseTimeout:
         # It may hear us although its responses do not reach us.
         dialogue.stop_device()
+        await dialogue.settled_down()
         guard.release()
         port.attach(None)
         return None

@@ -247,7 +247,8 @@ class Reconnector:
 
     async def _leave(self) -> None:
         assert self._known is not None
-        await self._known.dialogue.close()
+        # A line that is left need not be seen still: the device is stopped when it was found again.
+        await self._known.dialogue.close(patient=False)
         if self._unused is not None:
             await self._unused()
 
