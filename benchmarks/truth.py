@@ -24,7 +24,7 @@ __all__ = ["judged", "run"]
 _COLUMNS = (
     "format, what happens, way",
     "kept",
-    "wrong",
+    "wrong, mixed, twice",
     "farthest",
     "revolutions",
     "packets missing, told",
@@ -48,7 +48,10 @@ def run(setting: Setting) -> Result:
             for way, found in judged(case, form, ways):
                 table.rows.append([f"{form.name}, {case.name}, {way}", *_cells(found)])
                 rows.append({"format": form.name, "case": case.name, "way": way, **found.row()})
-    table.notes.append("off: of half of the scans or points, and at most; farthest: of all points, in degrees")
+    table.notes += [
+        "wrong: points more than a degree off; mixed: of another revolution than their scan; twice: once more",
+        "farthest: of all points, in degrees; off: of half of the scans or points, and at most",
+    ]
     return Result("truth", [table], {}, rows)
 
 
@@ -65,7 +68,7 @@ def judged(case: Case, form: Form, ways: list[str]) -> Iterator[tuple[str, Score
 def _cells(found: Score) -> list[str]:
     return [
         f"{100 * found.kept / found.points:.1f} %" if found.points else "-",
-        str(found.wrong),
+        f"{found.wrong}, {found.mixed}, {found.twice}",
         f"{found.farthest_deg:.2f}",
         f"{found.delivered} of {found.revolutions}",
         f"{found.missing}, {found.told}",

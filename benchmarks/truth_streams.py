@@ -1,7 +1,8 @@
 """Streams of which the truth is known: where the rotor was at each sample, and when that was measured.
 
 A stream is made of samples at an even pace, the angle of a rotor whose speed is a function of time, and the packers
-of the simulated devices (`benchmarks.truth_forms`), which write both as a device would. A packet leaves a sample and a half after its last sample, and takes its time on the line.
+of the simulated devices (`benchmarks.truth_forms`), which write both as a device would. A packet leaves a sample
+and a half after its last sample, and takes its time on the line.
 """
 
 from __future__ import annotations
