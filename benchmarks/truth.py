@@ -17,13 +17,18 @@ from benchmarks.truth_cases import CASES, Case, happen
 from benchmarks.truth_forms import FORMATS
 from benchmarks.truth_score import Score, score
 from benchmarks.truth_streams import Form
+from benchmarks.truth_vendor import by_vendor
 from benchmarks.truth_ways import WAYS, receive
 
 __all__ = ["judged", "run"]
 
+Vendor = tuple[int, int] | None
+"""Points kept, and wrong ones; None where the rules are not known."""
+
 _COLUMNS = (
     "format, what happens, way",
     "kept",
+    "by the vendor's rules: kept, wrong",
     "wrong, mixed, twice",
     "farthest",
     "revolutions",
@@ -45,9 +50,9 @@ def run(setting: Setting) -> Result:
             setting.say(case.name)
         for form in FORMATS.values():
             ways = [way for way in WAYS if setting.selects(form.name, case.name, way)]
-            for way, found in judged(case, form, ways):
-                table.rows.append([f"{form.name}, {case.name}, {way}", *_cells(found)])
-                rows.append({"format": form.name, "case": case.name, "way": way, **found.row()})
+            for way, found, vendor in judged(case, form, ways):
+                table.rows.append([f"{form.name}, {case.name}, {way}", *_cells(found, vendor)])
+                rows.append({"format": form.name, "case": case.name, "way": way, **found.row(), "vendor": vendor})
     table.notes += [
         "wrong: points more than a degree off; mixed: of another revolution than their scan; twice: once more",
         "farthest: of all points, in degrees; off: of half of the scans or points, and at most",
@@ -55,19 +60,21 @@ def run(setting: Setting) -> Result:
     return Result("truth", [table], {}, rows)
 
 
-def judged(case: Case, form: Form, ways: list[str]) -> Iterator[tuple[str, Score]]:
-    """What becomes of one stream, in each of these ways in which it can come."""
+def judged(case: Case, form: Form, ways: list[str]) -> Iterator[tuple[str, Score, Vendor]]:
+    """What becomes of one stream, in each of these ways in which it can come; and by the vendor's rules."""
     if not ways:
         return
     stream, line = happen(case, form)
+    vendor = by_vendor(stream, line)
     for way in ways:
         if case.in_files or way != "file":
-            yield way, score(stream, line, receive(stream, line, way), timed=way != "file")
+            yield way, score(stream, line, receive(stream, line, way), timed=way != "file"), vendor
 
 
-def _cells(found: Score) -> list[str]:
+def _cells(found: Score, vendor: Vendor) -> list[str]:
     return [
         f"{100 * found.kept / found.points:.1f} %" if found.points else "-",
+        "-" if vendor is None else f"{100 * vendor[0] / found.points:.1f} %, {vendor[1]}",
         f"{found.wrong}, {found.mixed}, {found.twice}",
         f"{found.farthest_deg:.2f}",
         f"{found.delivered} of {found.revolutions}",

@@ -31,12 +31,14 @@ class Line:
         missing: Packets of the stream that do not come as they were, between the first that does and the last.
             None where that is told by what is found intact: damaged bytes may pass a check value.
         blocked_ns: From when to when nobody reads.
+        pace_s: The shortest and the longest time from one read to the next.
     """
 
     data: NDArray[np.uint8]
     at_ns: Floats
     missing: int | None
     blocked_ns: tuple[float, float] = (0.0, 0.0)
+    pace_s: tuple[float, float] = (0.016, 0.06)
 
 
 Damage = Callable[[TrueStream, np.random.Generator], Line]
@@ -53,6 +55,7 @@ class Case:
         speed: Of the rotor, by its ordinary speed and the seconds since the beginning.
         seconds: How long the stream lasts.
         begin: Where the rotor is at the beginning, in turns.
+        clock: How long a sample takes, of what the device says.
         in_files: Whether it can happen to a file, which holds no times.
     """
 
@@ -61,12 +64,13 @@ class Case:
     speed: Speed
     seconds: float = 6.0
     begin: float = 0.3
+    clock: float = 1.0
     in_files: bool = True
 
 
 def happen(case: Case, form: Form) -> tuple[TrueStream, Line]:
     """The stream of one format to which this happens, and what comes of it; always the same."""
-    stream = true_stream(form, partial(case.speed, form.hertz), case.seconds, case.begin)
+    stream = true_stream(form, partial(case.speed, form.hertz), case.seconds, case.begin, case.clock)
     random = np.random.default_rng(zlib.crc32(f"{form.name} {case.name}".encode()))
     return stream, case.damage(stream, random)
 
@@ -203,6 +207,7 @@ def _cases() -> Iterator[Case]:
     yield Case("0.5 to 10 Hz in 3 s", _clean, _from_half)
     yield Case("5 to 10 Hz in 0.5 s", _clean, partial(_ramp, 5.0, 10.0, 0.5))
     yield Case("spinning up from 2 Hz", _clean, _spin_up)
+    yield Case("a clock 0.5 % slow", _clean, _drifting, clock=1.005)
     for spoilt, how in ((False, "gone"), (True, "spoilt")):
         yield Case(f"each second packet {how}", partial(_each_second, spoilt=spoilt), _drifting)
         for percent in (20, 40, 60):

@@ -42,8 +42,8 @@ class Score:
         broken: Revolutions discarded.
         rpm_off: By how much the speed is off, percent, of half of the scans and at most; None of no scan.
         no_rpm: Scans without a speed.
-        times_off_ms: By how much the time of a point is off, of half of the points and at most; of those whose angle
-            is right. In a file, which has no times, from the first point of the scan on.
+        times_off_ms: By how much the time of a point is off, of half of the points and at most; of those whose
+            angle is right. In a file, which has no times, from the first point of the scan on.
         overlap_ms: By how much a scan begins before the one before it ends, at most.
     """
 
