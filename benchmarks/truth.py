@@ -9,6 +9,7 @@ angle and its time can be compared with the true ones. The table tells of each s
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
@@ -57,7 +58,31 @@ def run(setting: Setting) -> Result:
         "wrong: points more than a degree off; mixed: of another revolution than their scan; twice: once more",
         "farthest: of all points, in degrees; off: of half of the scans or points, and at most",
     ]
-    return Result("truth", [table], {}, rows)
+    return Result("truth", [table, _summed(rows)], {}, rows)
+
+
+def _summed(rows: list[dict[str, Any]]) -> Table:
+    """All formats together, by what happens and in which way."""
+    table = Table(
+        "Truth, all formats together",
+        ("what happens, way", "kept", "wrong, mixed, twice", "revolutions", _COLUMNS[6], _COLUMNS[7]),
+    )
+    sums = dict[tuple[str, str], Counter[str]]()
+    for row in rows:
+        whole = Counter({name: value for name, value in row.items() if isinstance(value, int)})
+        sums.setdefault((row["case"], row["way"]), Counter()).update(whole)
+    for names, each in sums.items():
+        table.rows.append(
+            [
+                ", ".join(names),
+                f"{100 * each['kept'] / each['points']:.1f} %",
+                f"{each['wrong']}, {each['mixed']}, {each['twice']}",
+                f"{each['delivered']} of {each['revolutions']}",
+                f"{each['missing']}, {each['told']}",
+                f"{each['missing_revolutions']}, {each['told_revolutions']}",
+            ]
+        )
+    return table
 
 
 def judged(case: Case, form: Form, ways: list[str]) -> Iterator[tuple[str, Score, Vendor]]:
