@@ -100,6 +100,12 @@ def _spin_up(hertz: float, seconds: Floats) -> Floats:
     return hertz - (hertz - 2.0) * np.exp(-seconds / 0.7)
 
 
+def _jerky_spin_up(hertz: float, seconds: Floats) -> Floats:
+    """As a motor starts that has not yet settled: an X4's packets are 6 to 22 degrees apart at first."""
+    jerks = 4.8 - 2.8 * np.cos(2 * np.pi * seconds / 0.4)
+    return np.where(seconds < 1.8, jerks, 7.6 + (hertz - 7.6) * np.clip((seconds - 1.8) / 0.5, 0.0, 1.0))
+
+
 def _clean(stream: TrueStream, random: np.random.Generator) -> Line:
     del random
     return Line(stream.data, stream.arrivals_ns, 0)
@@ -207,6 +213,7 @@ def _cases() -> Iterator[Case]:
     yield Case("0.5 to 10 Hz in 3 s", _clean, _from_half)
     yield Case("5 to 10 Hz in 0.5 s", _clean, partial(_ramp, 5.0, 10.0, 0.5))
     yield Case("spinning up from 2 Hz", _clean, _spin_up)
+    yield Case("spinning up in jerks of 2 to 7.6 Hz", _clean, _jerky_spin_up)
     yield Case("a clock 0.5 % slow", _clean, _drifting, clock=1.005)
     for spoilt, how in ((False, "gone"), (True, "spoilt")):
         yield Case(f"each second packet {how}", partial(_each_second, spoilt=spoilt), _drifting)
