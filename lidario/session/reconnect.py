@@ -247,8 +247,7 @@ class Reconnector:
 
     async def _leave(self) -> None:
         assert self._known is not None
-        # A line that is left need not be seen still: the device is stopped when it was found again.
-        await self._known.dialogue.close(patient=False)
+        await self._known.dialogue.close(patient=False)  # it is stopped when it was found again
         if self._unused is not None:
             await self._unused()
 

@@ -29,7 +29,7 @@ __all__ = ["PROTECTED", "all_obeyed", "devices_made", "may_discard", "some_disca
 UNKNOWN = "unknown to this "
 BOOTING = "still booting"
 PROTECTED = "in protection stop"
-ASKED_WHILE_BOOTING = {"get_info", "get_health", "stop", "forced_stop", "motor_speed_ctrl"}
+ASKED_WHILE_BOOTING = {"get_info", "get_health", "stop", "forced_stop", "motor_speed_ctrl", "set_motor_pwm"}
 
 
 _served: WeakSet[Any] = WeakSet()

@@ -188,12 +188,15 @@ def test_the_stream_of_an_abandoned_start_is_drained(size: int | None) -> None:
     assert receive(link, DENSE)[0] == Descriptor(0x85, 84, continuous=True)
 
 
-def test_stop_ends_what_was_abandoned() -> None:
+def test_behind_a_stop_a_response_is_still_outstanding() -> None:
+    """The device is busy with it, and may not have heard the stop."""
     link = waiting()
-    link.abandon()
     link.send_request(commands.STOP)
-    assert (link.state, link.is_awaiting) == (LinkState.DRAINING, False)
+    assert link.is_awaiting
     link.drained()
+    assert link.is_awaiting
+    assert receive(link, INFO_ANSWER) == []
+    assert (link.state, link.stats.late_responses) == (LinkState.IDLE, 1)
     link.send_request(commands.GET_INFO)
     assert receive(link, INFO_ANSWER) == [Response(0x04, INFO, 0)]
 
