@@ -188,7 +188,8 @@ async def test_not_even_all_at_once_become_too_many_viewers(monkeypatch: pytest.
 
 
 FULL = """
-import asyncio, logging, os, resource, sys, time
+import asyncio, logging, os, sys, time
+import resource
 from lidario.web.feed import Feed
 from lidario.web.frames import Mount
 from lidario.web.server import LiveServer
