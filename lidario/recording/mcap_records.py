@@ -117,11 +117,8 @@ def read_records(file: StoredFile) -> Iterator[Channel | Message | Metadata | Da
         if opcode == _CHUNK_OP:
             if not is_whole and length > file.left:
                 content = file.read(largest)
-            if is_whole or content:
-                for record in _chunk(memoryview(content), is_whole):
-                    yield record
-                    if isinstance(record, _Compressed):
-                        return
+            if (is_whole or content) and not (yield from _chunk(memoryview(content), is_whole)):
+                return
         elif is_whole and opcode in _LARGEST:
             found = _record(opcode, memoryview(content))
             if found is not None:
@@ -132,10 +129,6 @@ def read_records(file: StoredFile) -> Iterator[Channel | Message | Metadata | Da
         if not is_whole and opcode in _LARGEST:
             yield Damage(TOO_LARGE, missing=opcode in (_MESSAGE_OP, _CHUNK_OP))
         file.seek(behind)
-
-
-class _Compressed(Damage):
-    """A chunk that only another program can read; all others will be so."""
 
 
 def _end(index: _Index, crc: int | None) -> Iterator[Damage]:
@@ -175,17 +168,20 @@ def _read_index(file: StoredFile) -> _Index:
     return _Index(channels, _LENGTH32.unpack_from(ending, _HEAD.size)[0], is_whole=True)
 
 
-def _chunk(content: memoryview, is_whole: bool) -> Iterator[Channel | Message | Damage]:
-    """The records in a chunk; of one that was cut those that are there, unchecked."""
+def _chunk(content: memoryview, is_whole: bool) -> Generator[Channel | Message | Damage, None, bool]:
+    """The records in a chunk; of one that was cut those that are there, unchecked.
+
+    Returns whether to go on: where one is compressed, which only another program can read, all are.
+    """
     name = _text(content, _CHUNK.size) if len(content) >= _CHUNK.size else None
     if name is None or len(content) < name[1] + 8:
         if is_whole:
             yield Damage(CHANGED)
-        return
+        return True
     _, _, size, crc = _CHUNK.unpack_from(content)
     if name[0] in _COMPRESSED:
-        yield _Compressed(f"it is compressed ({name[0]!r}): `mcap decompress` makes a copy that is not")
-        return
+        yield Damage(f"it is compressed ({name[0]!r}): `mcap decompress` makes a copy that is not")
+        return False
     told = int.from_bytes(content[name[1] : name[1] + 8], "little")
     records = content[name[1] + 8 :]
     if not is_whole:
@@ -195,6 +191,7 @@ def _chunk(content: memoryview, is_whole: bool) -> Iterator[Channel | Message | 
     elif (yield from _inside(records)) != len(records):
         # Without a check sum, or made to harm.
         yield Damage("a chunk makes no sense, and the rest of it was left out")
+    return True
 
 
 def _inside(records: memoryview) -> Generator[Channel | Message, None, int]:
@@ -205,10 +202,14 @@ def _inside(records: memoryview) -> Generator[Channel | Message, None, int]:
         begin = at + _HEAD.size
         if opcode == _NONE or length > len(records) - begin:
             break
-        if opcode in (_MESSAGE_OP, _CHANNEL):
-            record = _record(opcode, records[begin : begin + length])
-            if not isinstance(record, Metadata) and record is not None:
-                yield record
+        if opcode == _MESSAGE_OP:
+            if length >= _MESSAGE.size:
+                channel, _, at_ns, _ = _MESSAGE.unpack_from(records, begin)
+                yield Message(channel, at_ns, records[begin + _MESSAGE.size : begin + length])
+        elif opcode == _CHANNEL:
+            found = _channel(records[begin : begin + length])
+            if found is not None:
+                yield found
         at = begin + length
     return at
 
@@ -219,10 +220,12 @@ def _record(opcode: int, content: memoryview) -> Channel | Message | Metadata | 
             return None
         channel, _, at_ns, _ = _MESSAGE.unpack_from(content)
         return Message(channel, at_ns, content[_MESSAGE.size :])
-    if opcode == _CHANNEL:
-        topic = _text(content, 4)
-        return None if topic is None else Channel(int.from_bytes(content[:2], "little"), topic[0])
-    return _metadata(content)
+    return _channel(content) if opcode == _CHANNEL else _metadata(content)
+
+
+def _channel(content: memoryview) -> Channel | None:
+    topic = _text(content, 4)
+    return None if topic is None else Channel(int.from_bytes(content[:2], "little"), topic[0])
 
 
 def _metadata(content: memoryview) -> Metadata | None:

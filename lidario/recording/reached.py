@@ -47,11 +47,13 @@ class Reached:
         place: Place of the next received byte.
         is_known: Whether place and stream are known: behind a chunk that is missing they are not, until the next
             one tells them.
+        jumped: Set where a time jumps, which is told and cleared by the caller.
     """
 
     def __init__(self) -> None:
         self.place: int = 0
         self.is_known: bool = True
+        self.jumped: bool = False
         self._running: StreamBegan | None = None
         self._last_ns: int | None = None
         self._shift_ns = 0
@@ -62,21 +64,25 @@ class Reached:
         for event in about.events:
             self._follow(event)
 
-    def chunk(self, message: Message) -> Iterator[StoredChunk | Damage]:
+    def chunk(self, message: Message) -> StoredChunk | None:
         """Bytes of the file, where they can be placed; their time follows that of the bytes before."""
         raw = parse_raw(message.data)
         if raw is None:
-            return
+            return None
         at_ns = message.at_ns + self._shift_ns
-        if self._last_ns is not None and not -MOST_BACK_NS <= at_ns - self._last_ns <= MOST_AHEAD_NS:
-            yield Damage("its times jump, and what follows is shown without the jump", missing=False)
-            self._shift_ns += self._last_ns - at_ns
-            at_ns = self._last_ns
+        last_ns = at_ns if self._last_ns is None else self._last_ns
+        if not -MOST_BACK_NS <= at_ns - last_ns <= MOST_AHEAD_NS:
+            self.jumped = True
+            self._shift_ns += last_ns - at_ns
+            at_ns = last_ns
         self._last_ns = at_ns
         sent, data = raw
-        if sent or self.is_known:
-            yield StoredChunk(at_ns, self.place, sent, data)
-            self.place += 0 if sent else len(data)
+        place = self.place
+        if not sent:
+            if not self.is_known:
+                return None
+            self.place += len(data)
+        return StoredChunk(at_ns, place, sent, data)
 
     def event(self, event: StreamEvent) -> Iterator[StreamEvent | Damage]:
         """An event of the file; where one tells what stands there, the events that are missing before it."""

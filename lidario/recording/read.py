@@ -172,13 +172,13 @@ class McapRecording:
         first = last = None
         told: Counter[str] = Counter()
         for record in self._records():
-            if isinstance(record, About):
-                about = record
-                self._events += record.events
-            elif isinstance(record, StoredChunk):
+            if isinstance(record, StoredChunk):
                 first = record.at_ns if first is None else first
                 last = record.at_ns
                 self.chunks += 1
+            elif isinstance(record, About):
+                about = record
+                self._events += record.events
             elif isinstance(record, Damage):
                 told[record.why] += 1
             else:
@@ -207,27 +207,33 @@ class McapRecording:
         offset_ns = self.about.clock_offset_ns
         offsets, offset_deg = _offsets(self.streams[0])
         behind = False
+        first, last = _bounds(self.streams[0])
         for record in self._records():
             if not isinstance(record, StoredChunk) or record.sent:
                 continue
-            begin, place = record.place, record.place + len(record.data)
+            at_ns, begin, _, data = record
+            place = begin + len(data)
+            at_ns = min(max(at_ns - offset_ns, -MOST_NS // 2), MOST_NS // 2)
+            if first <= begin and place < last and not offsets:
+                # Nearly always: all of it belongs to one stream.
+                yield Piece(number, at_ns, data, offset_deg, behind)
+                continue
             while number < len(self.streams):
                 stream = self.streams[number]
                 end = place if stream.end is None else stream.end
                 low, high = max(begin, stream.began.at), min(place, end)
-                if low < high:
-                    at_ns = min(max(record.at_ns - offset_ns, -MOST_NS // 2), MOST_NS // 2)
-                    while low < high:
-                        while offsets and offsets[0].at <= low:
-                            _, offset_deg, behind = astuple(offsets.popleft())
-                        until = min(high, offsets[0].at) if offsets else high
-                        yield Piece(number, at_ns, record.data[low - begin : until - begin], offset_deg, behind)
-                        low = until
+                while low < high:
+                    while offsets and offsets[0].at <= low:
+                        _, offset_deg, behind = astuple(offsets.popleft())
+                    until = min(high, offsets[0].at) if offsets else high
+                    yield Piece(number, at_ns, data[low - begin : until - begin], offset_deg, behind)
+                    low = until
                 if place < end or stream.end is None:
                     break
                 number += 1
                 if number < len(self.streams):
                     offsets, offset_deg = _offsets(self.streams[number])
+                    first, last = _bounds(self.streams[number])
 
     def copy_to(self, writer: FileWriter) -> Iterator[int]:
         """Add every chunk and event to `writer`, while it is iterated over; gives the time of each."""
@@ -253,18 +259,25 @@ class McapRecording:
                 yield Damage("it does not begin as an MCAP file")
                 return
             for record in read_records(file):
-                if isinstance(record, Channel):
-                    topics.pop(record.number, None)
-                    if record.topic in (RAW_TOPIC, EVENTS_TOPIC):
-                        topics[record.number] = record.topic
-                elif isinstance(record, Message):
+                if isinstance(record, Message):
                     topic = topics.get(record.channel)
                     if topic == RAW_TOPIC:
-                        yield from reached.chunk(record)
+                        chunk = reached.chunk(record)
+                        if reached.jumped:
+                            reached.jumped = False
+                            yield Damage(
+                                "its times jump, and what follows is shown without the jump", missing=False
+                            )
+                        if chunk is not None:
+                            yield chunk
                     elif topic == EVENTS_TOPIC:
                         event = event_of(parse_text(record.data) or "")
                         if event is not None:
                             yield from reached.event(event)
+                elif isinstance(record, Channel):
+                    topics.pop(record.number, None)
+                    if record.topic in (RAW_TOPIC, EVENTS_TOPIC):
+                        topics[record.number] = record.topic
                 elif isinstance(record, Damage):
                     reached.is_known = reached.is_known and not record.missing
                     yield record
@@ -296,6 +309,11 @@ class McapRecording:
                 began = None
         if began is not None:
             yield StoredStream(family, began, offsets=tuple(offsets))
+
+
+def _bounds(stream: StoredStream) -> tuple[int, int]:
+    """Place of its first byte, and behind its last one."""
+    return stream.began.at, 2 * MOST_NS if stream.end is None else stream.end
 
 
 def _offsets(stream: StoredStream) -> tuple[deque[ZeroOffsetSet], float]:
