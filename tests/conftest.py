@@ -52,7 +52,7 @@ NEEDS_LINUX = re.compile(
     re.MULTILINE,
 )
 """Pseudo-terminals at any baud rate, terminals of shells, /proc: what only Linux has."""
-NEEDS_POSIX = re.compile(r"os\.(kill|pipe)\b|\bline_of\b|\bsend_signal\b|\bSIGKILL\b|\bsymlink_to\b")
+NEEDS_POSIX = re.compile(r"os\.(kill|pipe|mkfifo)\b|\bline_of\b|\bsend_signal\b|\bSIGKILL\b|\bsymlink_to\b")
 """What Windows has in another way: signals to a process, pipes that `select` waits for, links."""
 
 

@@ -92,7 +92,7 @@ def _tell(task: _Task, done: tuple[int, str]) -> None:
     scans, damage = done
     message(f"{task[1]}: {scans} scans")
     if damage:
-        message(f"note: {task[0]}: {damage}; everything before that is exported")
+        message(f"note: {task[0]}: {damage}; everything else is exported")
 
 
 def export_one(file: str, out: str, family: str | None, sample_us: float | None, force: bool) -> tuple[int, str]:

@@ -67,6 +67,8 @@ def _serve(server: PtyServer | TcpServer, device: PlayedDevice, file: str) -> in
         message(f"  lidario scan {name_of(server)}")
         try:
             run(lambda: _until_finished(device))
+            if device.error is not None:
+                raise device.error
             message("the recording is at its end")
         except Stopped:
             if sys.stderr.isatty():

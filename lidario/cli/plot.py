@@ -40,6 +40,7 @@ def plot(source: str, output: str, count: int, polar: bool, mode: str | int | No
     """
     from lidario import CannotRecord
     from lidario.cli.running import run
+    from lidario.recording.opened import not_a_file
 
     path = Path(output)
     kind = path.suffix.lower()
@@ -48,6 +49,9 @@ def plot(source: str, output: str, count: int, polar: bool, mode: str | int | No
     # Unlike those of Path, these raise nothing in a folder that this user may not enter.
     if os.path.isdir(path) or not os.path.isdir(path.parent):
         raise click.BadParameter(f"{output!r} is a folder, or its folder does not exist", param_hint="-o")
+    if not_a_file(path):
+        # A pipe would be waited for.
+        raise click.BadParameter(f"{output!r} is {not_a_file(path)}, and a picture is a file", param_hint="-o")
     if kind == ".png":
         _needs_matplotlib()
     with progress(f"waiting for {source} …"):

@@ -32,7 +32,7 @@ def show_summary(file: FileSource, *, as_json: bool) -> int:
         target = console()
         emit(rendered(target, _facts(summary)))
     if summary.damage:
-        message(f"note: {summary.damage}; everything before that is there")
+        message(f"note: {summary.damage}; everything else is there")
     return ExitCode.OK
 
 

@@ -182,6 +182,10 @@ class Device(ABC):
         """Scan modes that the device does not list, but that can be asked for by name. Default: none."""
         return ()
 
+    def load(self, mode: ScanMode) -> float:  # noqa: ARG002
+        """Bytes a second that a mode sends; 0 where that is not known. Default: not known."""
+        return 0.0
+
     @abstractmethod
     def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
         """Start the motor where that is a request of its own, then the stream.

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 from lidario.arguments import printable
 from lidario.model import DeviceInfo, Health, HealthStatus
-from lidario.recording.chronicle import MOST_NS, StreamEvent, event_of, text_of
+from lidario.recording.chronicle import MOST_NS, MOST_RESPONSES, StreamEvent, event_of, text_of
 
 __all__ = ["NAME", "NOT_TOLD", "About"]
 
@@ -18,6 +18,8 @@ NAME = "lidario"
 FORMAT = "1"
 MOST_DIGITS = 20
 LONGEST_TEXT = 200
+MOST_EVENTS = MOST_RESPONSES + 1
+"""All responses, and the stream that runs."""
 NOT_TOLD = Health(HealthStatus.WARNING, 0, "the recording does not tell")
 
 
@@ -83,7 +85,8 @@ class About:
 
         statuses = {status.value: status for status in HealthStatus}
         status = statuses.get(text("health"))
-        events = (event_of(line) for line in texts.get("events", "").splitlines())
+        lines = texts.get("events", "").split("\n", MOST_EVENTS)[:MOST_EVENTS]
+        events = (event_of(line) for line in lines)
         return cls(
             info=DeviceInfo(
                 family=text("family"),

@@ -12,13 +12,16 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 from lidario.arguments import printable
 from lidario.model import ScanMode
 
 __all__ = [
     "MOST_NS",
+    "MOST_RESPONSES",
     "Chronicle",
+    "Placed",
     "Responded",
     "StreamBegan",
     "StreamEnded",
@@ -37,6 +40,8 @@ SHORTEST_SAMPLE_US, LONGEST_SAMPLE_US = 0.01, 1e5
 """Far beyond every device. Figures outside are no figures of a device, and later steps could not bear them."""
 MOST_RESPONSES = 512
 """Different requests whose responses are kept; devices have a few dozen."""
+LONGEST_EVENT = 1 << 16
+"""Letters of one event in a file; ours have some hundred."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +113,20 @@ class Responded:
     payload: bytes
 
 
-StreamEvent = StreamBegan | StreamEnded | ZeroOffsetSet | Responded
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """Only in files: what stands where bytes and events before it may be missing.
+
+    Attributes:
+        at: Place of the next received byte.
+        running: The stream that runs, with the latest zero-angle offset, or None.
+    """
+
+    at: int
+    running: StreamBegan | None = None
+
+
+StreamEvent = StreamBegan | StreamEnded | ZeroOffsetSet | Responded | Placed
 
 
 class Chronicle:
@@ -188,46 +206,60 @@ class Chronicle:
 
 _KINDS = {
     StreamBegan: "began", StreamEnded: "ended", ZeroOffsetSet: "zero offset", Responded: "responded",
+    Placed: "placed",
 }  # fmt: skip
 
 
 def text_of(event: StreamEvent) -> str:
     """The event as one line of JSON, for a file."""
-    record = asdict(event)
-    for name in ("request", "payload"):
-        if name in record:
-            record[name] = record[name].hex()
-    kind = _KINDS[type(event)]
-    return json.dumps({"event": kind, **record}, separators=(",", ":"))
+    return json.dumps(_record_of(event), separators=(",", ":"))
 
 
 def event_of(text: str) -> StreamEvent | None:
     """The event that `text_of` wrote; None for anything else. The text may come from anybody."""
+    if len(text) > LONGEST_EVENT or not text.startswith("{"):
+        return None
     try:
-        record = json.loads(text)
-        kind = record.pop("event")
-        if kind == "ended":
-            return StreamEnded(_whole(record["at"]))
-        if kind == "zero offset":
-            return ZeroOffsetSet(_whole(record["at"]), _offset(record), record.get("behind") is True)
-        if kind == "responded":
-            return Responded(
-                bytes.fromhex(record["request"]), _whole(record["kind"]) & 0xFF, bytes.fromhex(record["payload"])
-            )
-        if kind == "began":
-            return StreamBegan(
-                at=_whole(record["at"]),
-                request=bytes.fromhex(record["request"]),
-                mode=mode_of(record["mode"]),
-                packet_size=_whole(record["packet_size"]) & 0x3FFF_FFFF,
-                sample_ns=_sample(record["sample_ns"], 1e3),
-                slowest_turn_s=_number(record["slowest_turn_s"], 1e-3, MOST_TURN_S),
-                baudrate=_whole(record["baudrate"], MOST_BAUD),
-                wall_offset_ns=_signed(record["wall_offset_ns"]),
-                zero_offset_deg=_offset(record),
-            )
+        return _event_of(json.loads(text))
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
-        pass
+        return None
+
+
+def _record_of(event: StreamEvent) -> dict[str, object]:
+    record = asdict(event)
+    for name in ("request", "payload"):
+        if name in record:
+            record[name] = record[name].hex()
+    if isinstance(event, Placed):
+        record["running"] = None if event.running is None else _record_of(event.running)
+    return {"event": _KINDS[type(event)], **record}
+
+
+def _event_of(record: dict[str, Any]) -> StreamEvent | None:
+    kind = record["event"]
+    if kind == "ended":
+        return StreamEnded(_whole(record["at"]))
+    if kind == "placed":
+        running = None if record["running"] is None else _event_of(record["running"])
+        return Placed(_whole(record["at"]), running if isinstance(running, StreamBegan) else None)
+    if kind == "zero offset":
+        return ZeroOffsetSet(_whole(record["at"]), _offset(record), record.get("behind") is True)
+    if kind == "responded":
+        return Responded(
+            bytes.fromhex(record["request"]), _whole(record["kind"]) & 0xFF, bytes.fromhex(record["payload"])
+        )
+    if kind == "began":
+        return StreamBegan(
+            at=_whole(record["at"]),
+            request=bytes.fromhex(record["request"]),
+            mode=mode_of(record["mode"]),
+            packet_size=_whole(record["packet_size"]) & 0x3FFF_FFFF,
+            sample_ns=_sample(record["sample_ns"], 1e3),
+            slowest_turn_s=_number(record["slowest_turn_s"], 1e-3, MOST_TURN_S),
+            baudrate=_whole(record["baudrate"], MOST_BAUD),
+            wall_offset_ns=_signed(record["wall_offset_ns"]),
+            zero_offset_deg=_offset(record),
+        )
     return None
 
 

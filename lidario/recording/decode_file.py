@@ -5,14 +5,15 @@ Scans have the stamps that the live ones had. Nothing larger is held than a bloc
 
 from __future__ import annotations
 
-import mmap
 import os
 from collections.abc import Iterator
 
 from lidario.arguments import path_of
 from lidario.recording.files import open_stored
-from lidario.recording.offline import OfflineDecoder, ScanArrays, arrays_of
-from lidario.recording.read import StoredStreams, unreadable
+from lidario.recording.offline import BLOCK, OfflineDecoder, ScanArrays, arrays_of
+from lidario.recording.opened import StoredFile
+from lidario.recording.raw import SEARCHED
+from lidario.recording.read import StoredStreams
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.scan import Scan
 from lidario.wire.events import Packets
@@ -52,18 +53,15 @@ class FileDecoder:
         self.stats: AssemblerStats = AssemblerStats()
 
     def __iter__(self) -> Iterator[Scan]:
-        try:
-            yield from self._timed() if self.recording.timed else self._untimed()
-        except OSError as error:
-            raise unreadable(self.recording.path, error) from error
+        yield from self._timed() if self.recording.timed else self._untimed()
 
     def _untimed(self) -> Iterator[Scan]:
-        with open(self.recording.path, "rb") as file:
-            data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         name = self.recording.streams[0].family.name
-        decoder = OfflineDecoder(memoryview(data), family=name, sample_us=self._sample_us)
-        self.stats = decoder.assembler_stats
-        yield from decoder
+        with StoredFile(self.recording.path, self.recording.size) as file:
+            decoder = OfflineDecoder(file.read(SEARCHED), family=name, sample_us=self._sample_us)
+            self.stats = decoder.assembler_stats
+            file.seek(decoder.begin)
+            yield from decoder.scans_of(_blocks_of(file))
         self._count(decoder.link_stats.skipped_bytes, decoder.link_stats.packets)
 
     def _timed(self) -> Iterator[Scan]:
@@ -113,6 +111,13 @@ class FileDecoder:
     def _count(self, skipped: int, packets: int) -> None:
         self.skipped_bytes += skipped
         self.packets += packets
+
+
+def _blocks_of(file: StoredFile) -> Iterator[memoryview]:
+    """The rest of a file; each block takes the place of the one before."""
+    buffer = memoryview(bytearray(BLOCK))
+    while block := file.read_into(buffer):
+        yield block
 
 
 def decode_file(

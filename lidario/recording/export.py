@@ -22,6 +22,7 @@ import numpy as np
 
 from lidario.errors import CannotRecord
 from lidario.recording.decode_file import FileDecoder
+from lidario.recording.opened import not_a_file
 from lidario.recording.read import McapRecording
 from lidario.recording.write import FileWriter
 from lidario.scan import Scan
@@ -43,6 +44,9 @@ def write_whole(path: Path, *, overwrite: bool) -> Iterator[Path]:
     try:
         if path.exists() and not overwrite:
             raise CannotRecord(f"{path} exists already, and nothing is replaced unless that is asked for")
+        kind = not_a_file(path)
+        if kind:
+            raise CannotRecord(f"{path} cannot be written: it is {kind}, which is not replaced by a file")
         handle, part = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         os.close(handle)
         yield Path(part)

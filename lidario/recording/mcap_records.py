@@ -1,9 +1,13 @@
 """Reading the records of an MCAP file that anybody may have written, cut or damaged.
 
 The package ``mcap`` is not used for reading: a file that was cut has no index, which that reader wants, and lengths
-in a file are claims. Here no claim is believed beyond the bytes that are there, nothing is decompressed, and a
-record that makes no sense ends the reading as the end of the file does. Recordings of ours are not compressed, so
-of a chunk that was cut the whole messages are read too.
+in a file are claims. Here no claim is believed beyond the bytes that are there and beyond what a record of its kind
+can be, and nothing is decompressed. Recordings of ours are not compressed, so of a chunk that was cut the whole
+messages are read too.
+
+Three check sums tell of damage: that of each chunk, that of all bytes in front of the index, and that of the index.
+A chunk whose sum is wrong is left out, since no length in it can be believed; what follows is read. The others only
+tell that something was changed. A sum of 0 says that there is none.
 
 Records: an opcode, the length of the content in eight bytes, the content. All numbers are little-endian (MCAP
 specification, "Serialization" and "Records").
@@ -12,8 +16,11 @@ specification, "Serialization" and "Records").
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
-from typing import BinaryIO, NamedTuple
+from collections.abc import Generator, Iterator
+from typing import NamedTuple
+from zlib import crc32
+
+from lidario.recording.opened import StoredFile
 
 __all__ = ["MAGIC", "Channel", "Damage", "Message", "Metadata", "read_records"]
 
@@ -22,10 +29,22 @@ _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _CHUNK = struct.Struct("<QQQI")
 _LENGTH32 = struct.Struct("<I")
-_CHANNEL, _MESSAGE_OP, _CHUNK_OP, _METADATA, _DATA_END = 0x04, 0x05, 0x06, 0x0C, 0x0F
-_LARGEST = 1 << 28
-"""Longest record that is read, and never more than the file has left; a chunk of ours has some 100 kB."""
+_FOOTER = struct.Struct("<BQQQI")
+_NONE, _FOOTER_OP, _CHANNEL, _MESSAGE_OP, _CHUNK_OP, _METADATA, _DATA_END = 0x00, 0x02, 0x04, 0x05, 0x06, 0x0C, 0x0F
+_LARGEST = {_CHANNEL: 1 << 16, _MESSAGE_OP: 1 << 24, _CHUNK_OP: 1 << 24, _METADATA: 1 << 20}
+"""Longest records that are read. A chunk of ours has some 100 kB, and 12 MiB at most (`lidario.recording.write`);
+other programs make chunks of 4 MiB."""
+_PASSED_OVER = 1 << 20
+"""Longest record that is read for the check sum alone."""
+_LONGEST_INDEX = 1 << 28
+"""An index grows by some 200 bytes a second: this is that of two weeks."""
+_BLOCK = 1 << 16
 _MOST_PAIRS = 64
+_COMPRESSED = ("zstd", "lz4")
+
+CUT = "the file was cut"
+CHANGED = "a chunk is damaged, and was left out"
+TOO_LARGE = "a record is too large to be ours, and was left out"
 
 
 class Channel(NamedTuple):
@@ -51,77 +70,148 @@ class Metadata(NamedTuple):
 
 
 class Damage(NamedTuple):
-    """What follows cannot be read; `why` says it in words. It is the last record."""
+    """Something cannot be read, or was changed.
+
+    Attributes:
+        why: What is wrong, in words. There are few of them, whatever the file.
+        missing: Whether messages may be missing here. Those that follow it are whole.
+    """
 
     why: str
+    missing: bool = True
 
 
-def read_records(file: BinaryIO) -> Iterator[Channel | Message | Metadata | Damage]:
-    """The records of a file that begins with `MAGIC`, as far as they can be read. Raises only OSError.
+class _Index(NamedTuple):
+    """What the end of a file says."""
 
-    Args:
-        file: Open for reading at its beginning; it can be sought in.
-    """
-    size = file.seek(0, 2)
-    at = file.seek(len(MAGIC))
+    channels: tuple[Channel, ...] = ()
+    crc: int = 0
+    is_whole: bool = False
+
+
+def read_records(file: StoredFile) -> Iterator[Channel | Message | Metadata | Damage]:
+    """The records of a file that begins with `MAGIC`, as far as they can be read. Raises only RecordingError."""
+    index = _read_index(file)
+    # A channel is told in one chunk; where that is damaged, the index knows it.
+    yield from index.channels
+    file.seek(0)
+    crc: int | None = crc32(file.read(len(MAGIC)))
     while True:
         head = file.read(_HEAD.size)
         if len(head) < _HEAD.size:
-            yield Damage("the file was cut")
+            yield Damage(CUT)
             return
         opcode, length = _HEAD.unpack(head)
-        at += _HEAD.size
-        left = size - at
+        behind = file.at + length
         if opcode == _DATA_END:
+            yield from _end(index, crc)
             return
-        if opcode in (_CHANNEL, _MESSAGE_OP, _CHUNK_OP, _METADATA):
-            content = memoryview(file.read(min(length, left, _LARGEST)))
-            if opcode == _CHUNK_OP:
-                inner, why = _chunk(content)
-                yield from _inside(inner)
-                if why:
-                    yield Damage(why)
-                    return
-            elif len(content) == length:
-                record = _record(opcode, content)
-                if record is not None:
-                    yield record
-        if length > left:
-            yield Damage("the file was cut")
+        if opcode in (_NONE, _FOOTER_OP):
+            yield Damage("what follows makes no sense")
             return
-        if length > _LARGEST and opcode == _CHUNK_OP:
-            yield Damage("it has a chunk too large to be ours")
+        crc = None if crc is None else crc32(head, crc)
+        largest = _LARGEST.get(opcode, _PASSED_OVER)
+        is_whole = length <= min(largest, file.left)
+        content = file.read(length) if is_whole else b""
+        crc = crc32(content, crc) if is_whole and crc is not None else None
+        if opcode == _CHUNK_OP:
+            if not is_whole and length > file.left:
+                content = file.read(largest)
+            if (is_whole or content) and not (yield from _chunk(memoryview(content), is_whole)):
+                return
+        elif is_whole and opcode in _LARGEST:
+            found = _record(opcode, memoryview(content))
+            if found is not None:
+                yield found
+        if behind > file.size:
+            yield Damage(CUT)
             return
-        at = file.seek(at + length)
+        if not is_whole and opcode in _LARGEST:
+            yield Damage(TOO_LARGE, missing=opcode in (_MESSAGE_OP, _CHUNK_OP))
+        file.seek(behind)
 
 
-def _chunk(content: memoryview) -> tuple[memoryview, str]:
-    """The records in a chunk, and why they cannot be read where they are compressed."""
-    if len(content) < _CHUNK.size + 4:
-        return memoryview(b""), ""
-    name = _text(content, _CHUNK.size)
-    if name is None:
-        return memoryview(b""), ""
-    compression, at = name
-    if compression:
-        return memoryview(
-            b""
-        ), f"it is compressed ({compression[:16]!r}): `mcap decompress` makes a copy that is not"
-    return content[at + 8 :], ""
+def _end(index: _Index, crc: int | None) -> Iterator[Damage]:
+    """What is wrong with the file as a whole, at the end of its data."""
+    if not index.is_whole:
+        yield Damage("its index is cut or damaged", missing=False)
+    elif index.crc and crc is not None and crc != index.crc:
+        yield Damage("bytes outside of its chunks were changed", missing=False)
 
 
-def _inside(records: memoryview) -> Iterator[Channel | Message | Metadata]:
+def _read_index(file: StoredFile) -> _Index:
+    """The channels in the index, and the check sum of the data, which stands in front of it."""
+    tail = _FOOTER.size + len(MAGIC)
+    file.seek(max(len(MAGIC), file.size - tail))
+    data = file.read(tail)
+    if len(data) < tail or not data.endswith(MAGIC):
+        return _Index()
+    opcode, length, begin, _, told = _FOOTER.unpack_from(data)
+    end = file.size - tail
+    data_end = (begin or end) - _HEAD.size - _LENGTH32.size
+    is_there = opcode == _FOOTER_OP and length == 20 and data_end >= len(MAGIC)
+    if not is_there or not 0 <= end - (begin or end) <= _LONGEST_INDEX:
+        return _Index()
+    file.seek(data_end)
+    ending = file.read(_HEAD.size + _LENGTH32.size)
+    if _HEAD.unpack_from(ending) != (_DATA_END, _LENGTH32.size):
+        return _Index()
+    channels: tuple[Channel, ...] = ()
+    crc = 0
+    while file.at < end:
+        block = file.read(min(_BLOCK, end - file.at))
+        if file.at - len(block) == begin:
+            channels = tuple(record for record in _inside(memoryview(block)) if isinstance(record, Channel))
+        crc = crc32(block, crc)
+    if told and crc32(data[: _FOOTER.size - _LENGTH32.size], crc) != told:
+        return _Index()
+    return _Index(channels, _LENGTH32.unpack_from(ending, _HEAD.size)[0], is_whole=True)
+
+
+def _chunk(content: memoryview, is_whole: bool) -> Generator[Channel | Message | Damage, None, bool]:
+    """The records in a chunk; of one that was cut those that are there, unchecked.
+
+    Returns whether to go on: where one is compressed, which only another program can read, all are.
+    """
+    name = _text(content, _CHUNK.size) if len(content) >= _CHUNK.size else None
+    if name is None or len(content) < name[1] + 8:
+        if is_whole:
+            yield Damage(CHANGED)
+        return True
+    _, _, size, crc = _CHUNK.unpack_from(content)
+    if name[0] in _COMPRESSED:
+        yield Damage(f"it is compressed ({name[0]!r}): `mcap decompress` makes a copy that is not")
+        return False
+    told = int.from_bytes(content[name[1] : name[1] + 8], "little")
+    records = content[name[1] + 8 :]
+    if not is_whole:
+        yield from _inside(records)
+    elif name[0] or not size == told == len(records) or (crc and crc32(records) != crc):
+        yield Damage(CHANGED)
+    elif (yield from _inside(records)) != len(records):
+        # Without a check sum, or made to harm.
+        yield Damage("a chunk makes no sense, and the rest of it was left out")
+    return True
+
+
+def _inside(records: memoryview) -> Generator[Channel | Message, None, int]:
+    """The channels and messages in these bytes; returns where the last whole record ends."""
     at = 0
     while len(records) - at >= _HEAD.size:
         opcode, length = _HEAD.unpack_from(records, at)
-        at += _HEAD.size
-        if length > len(records) - at:
-            return
-        if opcode in (_MESSAGE_OP, _CHANNEL):
-            record = _record(opcode, records[at : at + length])
-            if record is not None:
-                yield record
-        at += length
+        begin = at + _HEAD.size
+        if opcode == _NONE or length > len(records) - begin:
+            break
+        if opcode == _MESSAGE_OP:
+            if length >= _MESSAGE.size:
+                channel, _, at_ns, _ = _MESSAGE.unpack_from(records, begin)
+                yield Message(channel, at_ns, records[begin + _MESSAGE.size : begin + length])
+        elif opcode == _CHANNEL:
+            found = _channel(records[begin : begin + length])
+            if found is not None:
+                yield found
+        at = begin + length
+    return at
 
 
 def _record(opcode: int, content: memoryview) -> Channel | Message | Metadata | None:
@@ -130,10 +220,12 @@ def _record(opcode: int, content: memoryview) -> Channel | Message | Metadata | 
             return None
         channel, _, at_ns, _ = _MESSAGE.unpack_from(content)
         return Message(channel, at_ns, content[_MESSAGE.size :])
-    if opcode == _CHANNEL:
-        topic = _text(content, 4)
-        return None if topic is None else Channel(int.from_bytes(content[:2], "little"), topic[0])
-    return _metadata(content)
+    return _channel(content) if opcode == _CHANNEL else _metadata(content)
+
+
+def _channel(content: memoryview) -> Channel | None:
+    topic = _text(content, 4)
+    return None if topic is None else Channel(int.from_bytes(content[:2], "little"), topic[0])
 
 
 def _metadata(content: memoryview) -> Metadata | None:

@@ -28,12 +28,13 @@ from lidario.scan import Scan
 from lidario.wire.events import Packets
 from lidario.wire.link import Link, LinkStats
 
-__all__ = ["OfflineDecoder", "RawBytes", "ScanArrays", "arrays_of", "decode", "decode_arrays"]
+__all__ = ["BLOCK", "OfflineDecoder", "RawBytes", "ScanArrays", "arrays_of", "decode", "decode_arrays"]
 
 RawBytes: TypeAlias = bytes | bytearray | memoryview
-"""Or anything else that has one dimension of bytes in one piece, as `mmap` or an array of uint8."""
+"""Or anything else that has one dimension of bytes in one piece, as `mmap` or an array of uint8. A file behind
+`mmap` that is cut meanwhile kills the program (SIGBUS); `decode_file` does not map it."""
 
-_BLOCK = 256 * 1024
+BLOCK = 256 * 1024
 """Bytes decoded at a time. Measured, in MB/s for 0x81, 0x85 and 0x84: 275, 227 and 107 at 64 KiB; 374, 300 and 126
 at 128; 453, 383 and 127 at 256. Above that 0x84 falls to 57: its arrays then come from the system each time."""
 _TRIED = 32 * 1024
@@ -149,7 +150,7 @@ class OfflineDecoder:
         self.family: Family = known
         self.begin: int = found.begin
         self.stream: Stream = found.stream
-        self._link = Link(_BLOCK)
+        self._link = Link(BLOCK)
         self._link.enter_stream(self.stream.format)
         self._assembler = Assembler(self.stream)
         self._samples = 0.0
@@ -170,8 +171,15 @@ class OfflineDecoder:
         return round(self._samples * self.stream.sample_ns)
 
     def __iter__(self) -> Iterator[Scan]:
-        for at in range(self.begin, len(self._data), _BLOCK):
-            self._link.receive_data(self._data[at : at + _BLOCK], 0)
+        return self.scans_of(self._data[at : at + BLOCK] for at in range(self.begin, len(self._data), BLOCK))
+
+    def scans_of(self, blocks: Iterable[RawBytes]) -> Iterator[Scan]:
+        """Decode `blocks`, of at most `BLOCK` bytes each, in place of `data` from `begin` on.
+
+        Each is used up when the next one is asked for.
+        """
+        for block in blocks:
+            self._link.receive_data(block, 0)
             for event in self._link.events_received():
                 if isinstance(event, Packets):
                     yield from self._assembler.add(self._dated(event))

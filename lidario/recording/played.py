@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 
-from lidario.recording.read import Piece, StoredStreams
+from lidario.errors import RecordingError
+from lidario.recording.read import LONGEST_PAUSE_NS, Piece, StoredStreams
 from lidario.sim.device import Received
 from lidario.wire.envelope import REQUEST_MAGIC, encode_descriptor
 from lidario.wire.events import Descriptor
@@ -33,10 +34,12 @@ class PlayedDevice:
 
     Attributes:
         finished: Whether the recording is at its end.
+        error: Why it cannot be read to its end, or None.
     """
 
     def __init__(self, recording: StoredStreams, *, rate: float = 1.0, loop: bool = False) -> None:
         self.finished: bool = False
+        self.error: RecordingError | None = None
         self._recording = recording
         self._rate = rate
         self._again = loop
@@ -45,9 +48,10 @@ class PlayedDevice:
         self._outgoing = bytearray()
         self._scanning = False
         self._pieces: Iterator[Piece] = recording.pieces()
-        self._next: Piece | None = next(self._pieces, None)
+        self._next: Piece | None = self._following()
         self._number = 0
         self._base: tuple[int, int] | None = None
+        self._reached_ns = 0
         device = recording.streams[0].family.device()
         self._talks = not any(stream.began.request for stream in recording.streams)
         stops = () if self._talks else (device.stop(), device.reset(), *device.halt())
@@ -103,7 +107,8 @@ class PlayedDevice:
             assert self._next is not None
             self._outgoing += self._next.data
             self._number = self._next.stream
-            self._next = next(self._pieces, None)
+            self._reached_ns = self._next.at_ns
+            self._next = self._following()
             if self._next is not None and self._next.stream != self._number:
                 # The pause between two streams is not played.
                 self._base = None
@@ -118,6 +123,15 @@ class PlayedDevice:
             return now
         return self._due(now) if self._scanning else None
 
+    def _following(self) -> Piece | None:
+        """The next piece; None at the end, and where the file cannot be read any more."""
+        try:
+            return next(self._pieces, None)
+        except RecordingError as error:
+            self.error = self.error or error
+            self.finished = True
+            return None
+
     def _talk(self) -> None:
         """Begin unasked, where the recorded device had done so; never again behind the end."""
         if self._talks and not self.finished and self._next is not None:
@@ -127,14 +141,15 @@ class PlayedDevice:
         """When the next piece is; None at the end."""
         if self._next is None:
             self._pieces = self._recording.pieces()
-            self._next = next(self._pieces, None)
+            self._next = self._following()
             self._base = None
-            if not self._again or self._next is None:
+            if not self._again or self._next is None or self.error is not None:
                 self._scanning = False
                 self.finished = True
                 return None
-        if self._base is None:
+        if self._base is None or self._next.at_ns - self._reached_ns > LONGEST_PAUSE_NS:
             self._base = (now, self._next.at_ns)
+            self._reached_ns = self._next.at_ns
         began, first_ns = self._base
         return began + round((self._next.at_ns - first_ns) / self._rate)
 

@@ -15,18 +15,21 @@ then.
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
-from lidario.errors import DeviceLost
+from lidario.errors import DeviceLost, RecordingError
 from lidario.port.line import Line, Schedule
 from lidario.port.port import Port
 from lidario.recording.device import PLAY, mode_type
-from lidario.recording.read import Piece, StoredStream, StoredStreams
+from lidario.recording.read import LONGEST_PAUSE_NS, Piece, StoredStream, StoredStreams
 from lidario.wire.envelope import encode_descriptor
 from lidario.wire.events import Descriptor
 
 __all__ = ["Audience", "ReplayPort", "open_replay"]
+
+_log = logging.getLogger("lidario")
 
 TICK_S = 0.002
 """Pieces that are due within this time are handed over together."""
@@ -82,6 +85,8 @@ class ReplayPort(Port):
 
     def __init__(self, recording: StoredStreams, *, rate: float, loop: bool) -> None:
         self.offset_of: Callable[[float], float] = lambda recorded_deg: recorded_deg
+        if recording.damage:
+            _log.warning("%s: %s; everything else is played", recording.path, recording.damage)
         first = recording.streams[0].began
         super().__init__(str(recording.path), first.baudrate)
         self._played_ns = 0
@@ -136,6 +141,7 @@ class _ReplayLine(Line):
         self._timer: asyncio.TimerHandle | asyncio.Handle | None = None
         # Loop time and recorded time that belong together since the stream began; None before its first piece.
         self._base: tuple[float, int] | None = None
+        self._reached_ns = 0
         self._shift_ns = 0
         self._last_ns = 0
         self._offset_deg = 0.0
@@ -204,8 +210,9 @@ class _ReplayLine(Line):
         now = self._loop.time()
         if piece is None:
             return now
-        if self._base is None:
+        if self._base is None or piece.at_ns - self._reached_ns > LONGEST_PAUSE_NS:
             self._base = (now, piece.at_ns)
+            self._reached_ns = piece.at_ns
         began, first_ns = self._base
         return began + (piece.at_ns - first_ns) * 1e-9 / self._rate
 
@@ -224,6 +231,7 @@ class _ReplayLine(Line):
             elif self._audience is not None and not self._audience.is_waiting:
                 return
             self._next = None
+            self._reached_ns = piece.at_ns
             # Time never goes back, whatever a file says.
             self._last_ns = max(self._last_ns, piece.at_ns + self._shift_ns)
             if piece.zero_offset_deg != self._offset_deg:
@@ -238,7 +246,7 @@ class _ReplayLine(Line):
         if self._next is None:
             try:
                 self._next = next(self._pieces, None)
-            except OSError as error:
+            except RecordingError as error:
                 self._end(error)
         return self._next
 
@@ -272,7 +280,7 @@ class _ReplayLine(Line):
         self._in_vain = 0
         return False
 
-    def _end(self, error: OSError | None = None) -> None:
+    def _end(self, error: RecordingError | None = None) -> None:
         if self._closing:
             return
         self._closing = True
@@ -283,7 +291,7 @@ class _ReplayLine(Line):
         self._pieces = iter(())
         lost = None
         if error is not None:
-            lost = DeviceLost(f"{self._port.name} cannot be read any further: {error.strerror or error}")
+            lost = DeviceLost(str(error))
             lost.__cause__ = error
         self._loop.call_soon(self._port.connection_lost, lost)
 

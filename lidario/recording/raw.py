@@ -15,16 +15,17 @@ from lidario.model import DeviceInfo
 from lidario.recording.about import About
 from lidario.recording.chronicle import Responded, StreamBegan
 from lidario.recording.offline import OfflineDecoder
-from lidario.recording.read import Piece, StoredStream, unreadable
+from lidario.recording.opened import StoredFile
+from lidario.recording.read import Piece, StoredStream
 from lidario.revolution.timing import DEVICE_DELAY_SAMPLES
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
 
-__all__ = ["RawRecording"]
+__all__ = ["SEARCHED", "RawRecording"]
 
 _PIECE = 1024
 """Bytes that are played at once: what an adapter delivers in 10 ms, or so."""
-_SEARCHED = 1 << 20
+SEARCHED = 1 << 20
 """Bytes from the beginning of a file in which its stream must begin."""
 
 
@@ -48,12 +49,9 @@ class RawRecording:
         self.damage: str = ""
         self.duration_ns: int = 0
         self.timed: bool = False
-        try:
-            self.size: int = path.stat().st_size
-            with open(path, "rb") as file:
-                head = file.read(_SEARCHED)
-        except OSError as error:
-            raise unreadable(path, error) from error
+        with StoredFile(path) as file:
+            self.size: int = file.size
+            head = file.read(SEARCHED)
         try:
             decoder = OfflineDecoder(head, family=family, sample_us=sample_us)
         except RecordingError as error:
@@ -81,7 +79,7 @@ class RawRecording:
         link.enter_stream(stream.format)
         samples = 0.0
         at_ns = 0
-        with open(self.path, "rb") as file:
+        with StoredFile(self.path, self.size) as file:
             file.seek(self.streams[0].began.at)
             while data := file.read(_PIECE):
                 link.receive_data(data, 0)

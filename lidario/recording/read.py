@@ -1,7 +1,10 @@
 """Reading a recording: what it is of, and what was received in each stream.
 
-A file is gone through once when it is opened, which tells its streams and whether it was cut, and again for each
+A file is gone through once when it is opened, which tells its streams and what of it is damaged, and again for each
 use. Nothing but one chunk of the file is held.
+
+Each chunk of a file begins with the place of its bytes and with the stream that runs. So one that is damaged takes
+only its own bytes with it (`lidario.recording.reached`).
 
 `raw.bin`, bytes as they were received, is read by `lidario.recording.raw`; both kinds offer what `StoredStreams`
 says.
@@ -9,7 +12,7 @@ says.
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator
 from dataclasses import astuple, dataclass
 from pathlib import Path
@@ -21,6 +24,7 @@ from lidario.families.registry import family_named
 from lidario.recording.about import NAME, About
 from lidario.recording.chronicle import (
     MOST_NS,
+    MOST_RESPONSES,
     Responded,
     StreamBegan,
     StreamEnded,
@@ -30,14 +34,21 @@ from lidario.recording.chronicle import (
     text_of,
 )
 from lidario.recording.mcap_records import MAGIC, Channel, Damage, Message, Metadata, read_records
-from lidario.recording.ros_messages import parse_raw, parse_text
+from lidario.recording.opened import StoredFile
+from lidario.recording.reached import Reached, StoredChunk
+from lidario.recording.ros_messages import parse_text
 from lidario.recording.write import EVENTS_TOPIC, RAW_TOPIC, FileWriter
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["McapRecording", "Piece", "StoredStream", "StoredStreams", "is_mcap"]
+__all__ = ["LONGEST_PAUSE_NS", "McapRecording", "Piece", "StoredStream", "StoredStreams", "is_mcap"]
 
 SPIN_UP_S = 5.0
 """Until the first packet; a replay does not wait for it."""
+
+
+LONGEST_PAUSE_NS = 5_000_000_000
+"""Longest pause inside a stream that is played; live, a session starts a silent stream again within that time. A
+time that is wrong must not hold up a reader for years."""
 
 
 class Piece(NamedTuple):
@@ -108,7 +119,7 @@ class StoredStreams(Protocol):
         about: What stands at its beginning.
         responses: Request -> the latest response to it.
         streams: The streams, in order; never empty.
-        damage: Why the file could not be read to its end; empty where it could.
+        damage: What of the file is missing or was changed, as far as that can be told; empty where nothing is.
         size: Bytes of the file.
         duration_ns: Time from the first to the last byte.
         timed: Whether it is known when each byte was read.
@@ -134,17 +145,8 @@ def is_mcap(path: Path) -> bool:
     Raises:
         RecordingError: It cannot be read.
     """
-    try:
-        with open(path, "rb") as file:
-            return file.read(len(MAGIC)) == MAGIC
-    except OSError as error:
-        raise unreadable(path, error) from error
-
-
-def unreadable(path: Path, error: OSError) -> RecordingError:
-    """The error of a file that the system does not let us read."""
-    why = error.strerror or str(error)
-    return RecordingError(f"{path} cannot be read: {why[:1].lower()}{why[1:]}")
+    with StoredFile(path) as file:
+        return file.read(len(MAGIC)) == MAGIC
 
 
 class McapRecording:
@@ -164,25 +166,24 @@ class McapRecording:
         self.duration_ns: int = 0
         self.timed: bool = True
         self.chunks: int = 0
+        self.size: int = 0
         self._events: list[StreamEvent] = []
         about: About | None = None
         first = last = None
-        try:
-            self.size: int = path.stat().st_size
-            for record in self._records():
-                if isinstance(record, About):
-                    about = record
-                    self._events += record.events
-                elif isinstance(record, Message):
-                    first = record.at_ns if first is None else first
-                    last = record.at_ns
-                    self.chunks += 1
-                elif isinstance(record, Damage):
-                    self.damage = record.why
-                else:
-                    self._events.append(record)
-        except OSError as error:
-            raise unreadable(path, error) from error
+        told: Counter[str] = Counter()
+        for record in self._records():
+            if isinstance(record, StoredChunk):
+                first = record.at_ns if first is None else first
+                last = record.at_ns
+                self.chunks += 1
+            elif isinstance(record, About):
+                about = record
+                self._events += record.events
+            elif isinstance(record, Damage):
+                told[record.why] += 1
+            else:
+                self._events.append(record)
+        self.damage = "; ".join(f"{why} ({times} times)" if times > 1 else why for why, times in told.items())
         if about is None:
             why = self.damage or "it says nothing of a lidar"
             raise RecordingError(f"{path} is not a recording of lidario: {why}")
@@ -202,72 +203,89 @@ class McapRecording:
 
     def pieces(self) -> Iterator[Piece]:
         """As `StoredStreams.pieces`."""
-        place, number = self.about.received_before, 0
+        number = 0
         offset_ns = self.about.clock_offset_ns
         offsets, offset_deg = _offsets(self.streams[0])
         behind = False
+        first, last = _bounds(self.streams[0])
         for record in self._records():
-            if not isinstance(record, Message):
+            if not isinstance(record, StoredChunk) or record.sent:
                 continue
-            raw = parse_raw(record.data)
-            if raw is None or raw[0]:
+            at_ns, begin, _, data = record
+            place = begin + len(data)
+            at_ns = min(max(at_ns - offset_ns, -MOST_NS // 2), MOST_NS // 2)
+            if first <= begin and place < last and not offsets:
+                # Nearly always: all of it belongs to one stream.
+                yield Piece(number, at_ns, data, offset_deg, behind)
                 continue
-            begin, place = place, place + len(raw[1])
             while number < len(self.streams):
                 stream = self.streams[number]
                 end = place if stream.end is None else stream.end
                 low, high = max(begin, stream.began.at), min(place, end)
-                if low < high:
-                    at_ns = min(max(record.at_ns - offset_ns, -MOST_NS // 2), MOST_NS // 2)
-                    while low < high:
-                        while offsets and offsets[0].at <= low:
-                            _, offset_deg, behind = astuple(offsets.popleft())
-                        until = min(high, offsets[0].at) if offsets else high
-                        yield Piece(number, at_ns, raw[1][low - begin : until - begin], offset_deg, behind)
-                        low = until
+                while low < high:
+                    while offsets and offsets[0].at <= low:
+                        _, offset_deg, behind = astuple(offsets.popleft())
+                    until = min(high, offsets[0].at) if offsets else high
+                    yield Piece(number, at_ns, data[low - begin : until - begin], offset_deg, behind)
+                    low = until
                 if place < end or stream.end is None:
                     break
                 number += 1
                 if number < len(self.streams):
                     offsets, offset_deg = _offsets(self.streams[number])
+                    first, last = _bounds(self.streams[number])
 
     def copy_to(self, writer: FileWriter) -> Iterator[int]:
         """Add every chunk and event to `writer`, while it is iterated over; gives the time of each."""
         at_ns = 0
         for record in self._records():
-            if isinstance(record, Message):
-                raw = parse_raw(record.data)
-                if raw is not None:
-                    at_ns = min(record.at_ns, MOST_NS)
-                    writer.add_chunk(at_ns, *raw)
-                    yield at_ns
+            if isinstance(record, StoredChunk):
+                at_ns = min(max(record.at_ns, 0), MOST_NS)
+                if not record.sent:
+                    writer.go_on_at(at_ns, record.place)
+                writer.add_chunk(at_ns, record.sent, record.data)
+                yield at_ns
             elif isinstance(record, StreamEvent):
                 writer.add_event(at_ns, text_of(record))
 
-    def _records(self) -> Iterator[About | Message | StreamEvent | Damage]:
-        """What matters of the file: its beginning, the raw chunks, the chronicle, and its end if it was cut."""
+    def _records(self) -> Iterator[About | StoredChunk | StreamEvent | Damage]:
+        """What matters of the file: its beginning, the raw chunks, the chronicle, and what of it is damaged."""
         topics: dict[int, str] = {}
         told = False
-        with open(self.path, "rb") as file:
+        reached = Reached()
+        with StoredFile(self.path, self.size) as file:
+            self.size = file.size
             if file.read(len(MAGIC)) != MAGIC:
                 yield Damage("it does not begin as an MCAP file")
                 return
             for record in read_records(file):
-                if isinstance(record, Channel):
-                    topics[record.number] = record.topic
-                elif isinstance(record, Message):
+                if isinstance(record, Message):
                     topic = topics.get(record.channel)
                     if topic == RAW_TOPIC:
-                        yield record
+                        chunk = reached.chunk(record)
+                        if reached.jumped:
+                            reached.jumped = False
+                            yield Damage(
+                                "its times jump, and what follows is shown without the jump", missing=False
+                            )
+                        if chunk is not None:
+                            yield chunk
                     elif topic == EVENTS_TOPIC:
                         event = event_of(parse_text(record.data) or "")
                         if event is not None:
-                            yield event
+                            yield from reached.event(event)
+                elif isinstance(record, Channel):
+                    topics.pop(record.number, None)
+                    if record.topic in (RAW_TOPIC, EVENTS_TOPIC):
+                        topics[record.number] = record.topic
                 elif isinstance(record, Damage):
+                    reached.is_known = reached.is_known and not record.missing
                     yield record
                 elif isinstance(record, Metadata) and record.name == NAME and not told:
                     told = True
-                    yield About.of(record.texts)
+                    about = About.of(record.texts)
+                    reached.begin(about)
+                    yield about
 
     def _find_streams(self, family: Family) -> Iterator[StoredStream]:
         began: StreamBegan | None = None
@@ -275,7 +293,8 @@ class McapRecording:
         least = self.about.received_before
         for event in self._events:
             if isinstance(event, Responded):
-                self.responses[event.request] = event
+                if event.request in self.responses or len(self.responses) < MOST_RESPONSES:
+                    self.responses[event.request] = event
             elif isinstance(event, StreamBegan):
                 # Places only grow; a file that says otherwise is not ours.
                 if event.at >= least or began is None:
@@ -290,6 +309,11 @@ class McapRecording:
                 began = None
         if began is not None:
             yield StoredStream(family, began, offsets=tuple(offsets))
+
+
+def _bounds(stream: StoredStream) -> tuple[int, int]:
+    """Place of its first byte, and behind its last one."""
+    return stream.began.at, 2 * MOST_NS if stream.end is None else stream.end
 
 
 def _offsets(stream: StoredStream) -> tuple[deque[ZeroOffsetSet], float]:

@@ -73,9 +73,10 @@ def parse_raw(message: bytes | memoryview) -> tuple[bool, bytes] | None:
     if len(message) < _RAW.size:
         return None
     order, direction, length = _RAW.unpack_from(message)
-    if order != LITTLE_ENDIAN or direction > 1 or length > len(message) - _RAW.size:
+    end = _RAW.size + length
+    if order != LITTLE_ENDIAN or direction > 1 or end > len(message):
         return None
-    return direction == 1, bytes(message[_RAW.size : _RAW.size + length])
+    return direction == 1, bytes(message[_RAW.size : end])
 
 
 def encode_text(text: str) -> bytes:

@@ -19,7 +19,7 @@ class RecordingSummary:
         path: The file.
         size: Its bytes.
         timed: Whether it is known when each byte was read; bare bytes have no times.
-        damage: Why it could not be read to its end; empty where it could.
+        damage: What of it is missing or was changed, as far as that can be told; empty where nothing is.
         info: The device.
         source: What was opened when it was recorded; empty where that is not known.
         lidario: Version that wrote it; empty where that is not known.

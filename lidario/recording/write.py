@@ -2,7 +2,8 @@
 
 The package ``mcap`` makes the bytes, and this module hands them to the operating system, one whole chunk at a
 time. So a write that fails half-way, because the disk is full, can be taken back: the file ends behind the last
-chunk that is complete.
+chunk that is complete. Each chunk begins with the place of its bytes and with the stream that runs, so that a
+reader needs no other chunk to use it.
 
 Nothing here knows an event loop; `lidario.recording.record` calls it from a thread.
 """
@@ -10,12 +11,24 @@ Nothing here knows an event loop; `lidario.recording.record` calls it from a thr
 from __future__ import annotations
 
 import contextlib
+import io
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from lidario.errors import CannotRecord
 from lidario.recording.about import NAME, About
+from lidario.recording.chronicle import (
+    Placed,
+    StreamBegan,
+    StreamEnded,
+    StreamEvent,
+    ZeroOffsetSet,
+    event_of,
+    text_of,
+)
+from lidario.recording.opened import not_a_file
 from lidario.recording.ros_messages import (
     LASERSCAN_DEFINITION,
     LASERSCAN_TYPE,
@@ -34,7 +47,10 @@ EVENTS_TOPIC = "/lidar/events"
 SCAN_TOPIC = "/scan"
 PROFILE = "ros2"
 _CHUNK_LIMIT = 1 << 30
-"""The package would end a chunk at its own size; here chunks end when `flush` says so."""
+"""The package would end a chunk at its own size; here chunks end when `flush` says so, or at `_MOST_PENDING`."""
+_MOST_PENDING = 4 << 20
+"""Bytes of messages at which a chunk ends. With the last message, which has 8 MiB at most (`QUEUE_BYTES` in
+`lidario.recording.record`), it stays below what is read of a chunk (`lidario.recording.mcap_records`)."""
 
 
 class _Sink:
@@ -90,11 +106,17 @@ class FileWriter:
             self._sink,  # type: ignore[arg-type]  # it calls these three methods and no other
             chunk_size=_CHUNK_LIMIT,
             compression=CompressionType.NONE,
+            enable_data_crcs=True,
         )
         self._channels: dict[str, int] = {}
         self._numbers: dict[str, int] = {}
+        self._place = about.received_before
+        self._running: StreamBegan | None = None
+        self._pending: int = 0
+        for event in about.events:
+            self._follow(event)
         try:
-            self._file = open(path, "wb" if overwrite else "xb", buffering=0)  # noqa: SIM115 - closed by `close`
+            self._file = _opened(path, overwrite)
         except OSError as error:
             raise _failed(path, error) from error
         try:
@@ -115,10 +137,18 @@ class FileWriter:
     def add_chunk(self, at_ns: int, sent: bool, data: bytes) -> None:
         """Add a chunk of bytes; `at_ns` is nanoseconds since the Unix epoch, here and below."""
         self._add(RAW_TOPIC, at_ns, encode_raw(sent, data))
+        self._place += 0 if sent else len(data)
+
+    def go_on_at(self, at_ns: int, place: int) -> None:
+        """The next received byte stands at this place; those between are missing."""
+        if place != self._place:
+            self._place = place
+            self._add(EVENTS_TOPIC, at_ns, encode_text(text_of(Placed(place, self._running))))
 
     def add_event(self, at_ns: int, text: str) -> None:
         """Add one line of the chronicle."""
         self._add(EVENTS_TOPIC, at_ns, encode_text(text))
+        self._follow(event_of(text))
 
     def add_scan(self, at_ns: int, message: bytes) -> None:
         """Add a LaserScan that is encoded already."""
@@ -132,6 +162,7 @@ class FileWriter:
         Raises:
             CannotRecord: It does not take it. The file ends behind the chunk before.
         """
+        self._pending = 0
         self._writer.flush()
         self._write_out()
 
@@ -156,7 +187,24 @@ class FileWriter:
         schema = self._writer.register_schema(name, "ros2msg", definition.encode())
         self._channels[topic] = self._writer.register_channel(topic, "cdr", schema)
 
+    def _follow(self, event: StreamEvent | None) -> None:
+        """Take note of what runs."""
+        if isinstance(event, StreamBegan):
+            self._running = event
+        elif isinstance(event, StreamEnded):
+            self._running = None
+        elif isinstance(event, ZeroOffsetSet) and self._running is not None:
+            self._running = replace(self._running, zero_offset_deg=event.zero_offset_deg)
+
     def _add(self, topic: str, at_ns: int, message: bytes) -> None:
+        if not self._pending:
+            self._put(EVENTS_TOPIC, at_ns, encode_text(text_of(Placed(self._place, self._running))))
+        self._put(topic, at_ns, message)
+        if self._pending > _MOST_PENDING:
+            self.flush()
+
+    def _put(self, topic: str, at_ns: int, message: bytes) -> None:
+        self._pending += len(message)
         number = self._numbers.get(topic, 0)
         self._numbers[topic] = number + 1
         # Time stamps of MCAP have no sign; the wall clock of a board without battery may begin at 0.
@@ -173,6 +221,14 @@ class FileWriter:
                 os.ftruncate(self._file.fileno(), self.size)
             raise _failed(self.path, error) from error
         self.size = self._sink.tell()
+
+
+def _opened(path: Path, overwrite: bool) -> io.FileIO:
+    """A file to be written, new or replaced; what is no regular file is neither waited for nor written to."""
+    kind = not_a_file(path) if overwrite else ""
+    if kind:
+        raise CannotRecord(f"{path} cannot be written: it is {kind}, and a recording is a file")
+    return open(path, "wb" if overwrite else "xb", buffering=0)
 
 
 def _failed(path: Path, error: OSError) -> CannotRecord:

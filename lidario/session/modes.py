@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from numbers import Integral
 from typing import NamedTuple
 
 from lidario.arguments import shown
 from lidario.errors import LocalProtocolError, Unsupported
+from lidario.families.base import Device
 from lidario.model import ScanMode
+from lidario.session.pace import BITS_A_BYTE
 
-__all__ = ["Wanted", "agree", "choose_mode"]
+__all__ = ["Wanted", "agree", "choose_mode", "does_not_fit"]
 
 
 class Wanted(NamedTuple):
@@ -49,6 +52,30 @@ def agree(
             f"leave that one before asking for {wanted.mode.name!r}"
         )
     return wanted
+
+
+def does_not_fit(device: Device, modes: tuple[ScanMode, ...], mode: ScanMode, baudrate: int) -> str:
+    """Why the line cannot carry what a mode sends, and the cure; empty where it can, or nothing is known of it.
+
+    Args:
+        device: The device.
+        modes: Its scan modes.
+        mode: One of them.
+        baudrate: Speed of the line in bits a second; 0 where bytes take no time.
+    """
+
+    def fits(load: float) -> bool:
+        return load * BITS_A_BYTE <= baudrate
+
+    load = device.load(mode)
+    if not baudrate or fits(load):
+        return ""
+    slower = " or ".join(repr(each.name) for each in modes if device.load(each) > 0 and fits(device.load(each)))
+    instead = f", or choose {slower}" if slower else ""
+    return (
+        f"scan mode {mode.name!r} sends {load:.0f} bytes a second, and a line of {baudrate} baud carries "
+        f"{baudrate // BITS_A_BYTE}: have the line at {math.ceil(load * BITS_A_BYTE)} baud or more{instead}"
+    )
 
 
 def choose_mode(modes: tuple[ScanMode, ...], wanted: str | int | None) -> ScanMode:

@@ -16,6 +16,7 @@ from lidario.families.base import Device, Script
 from lidario.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
 from lidario.session.dialogue import Dialogue
 from lidario.session.handshake import healthy, restart
+from lidario.session.modes import choose_mode, does_not_fit
 from lidario.session.reconnect import Reconnector
 from lidario.session.scanner import Scanner
 from lidario.session.stream import ScanStream
@@ -197,11 +198,13 @@ class Questions(ABC):
         """Change the speed of the serial line, of device and port together.
 
         The device measures the new speed, which takes up to 1.6 s. Running streams are interrupted and go on at the
-        new speed. Cancelling returns the port to the speed before. No document says whether a
-        device keeps the speed when it is restarted; if it does not, open it anew.
+        new speed. For a speed that the typical scan mode does not fit, have a stream run in a mode that does.
+        Cancelling returns the port to the speed before. No document says whether a device keeps the speed when it
+        is restarted; if it does not, open it anew.
 
         Raises:
-            InvalidValue: Not a whole number from 9600 to 4000000.
+            InvalidValue: Not a whole number from 9600 to 4000000, or too slow for the scan mode that runs, or for
+                the typical one where none runs. No stream is interrupted.
             Unsupported: The line has no speed, or the device cannot change it; the speed is as before.
             ConnectFailed: The adapter cannot do that speed; it is as before.
             ResponseTimeout: The device has confirmed the speed, and does not respond at it.
@@ -213,6 +216,12 @@ class Questions(ABC):
         before = dialogue.baudrate
         if not before:
             raise Unsupported("the line to this device has no speed that can be changed")
+        # A device that cannot do it at all says so first.
+        device.set_baudrate(baudrate, before).close()
+        modes = await self._scanner.modes()
+        misfit = does_not_fit(device, modes, self._scanner.mode or choose_mode(modes, None), baudrate)
+        if misfit:
+            raise InvalidValue(f"{baudrate} baud are too slow: {misfit}")
         try:
             await self._scanner.ask(lambda: device.set_baudrate(baudrate, before))
         except BaseException:

@@ -1,13 +1,13 @@
 """The thread in which a simulated device runs, at true pace.
 
-There is no asyncio here. The thread sleeps in `select` until the host writes or the device has something to send;
+There is no asyncio here. The thread sleeps in `poll` until the host writes or the device has something to send;
 while it streams, at most `tick`. What a port is, only the subclasses in `lidario.sim.serve` know.
 """
 
 from __future__ import annotations
 
 import contextlib
-import select
+import selectors
 import socket
 import threading
 import time
@@ -25,6 +25,18 @@ __all__ = ["READ", "Server"]
 _IDLE_S = 0.05  # how long the thread sleeps at most, so that an unplug that is due is noticed
 READ = 4096
 """Most bytes read from the client at once."""
+
+
+# Not `select`, which refuses descriptors beyond 1023; a program of many devices has those. Windows has no other.
+_Selector = getattr(selectors, "PollSelector", selectors.SelectSelector)
+
+
+def _readable(sources: list[int | socket.socket], wait_s: float) -> list[int | socket.socket]:
+    """Which of these have something to be read, when one has, or the time is up."""
+    with _Selector() as selector:
+        for source in sources:
+            selector.register(source, selectors.EVENT_READ, source)
+        return [key.data for key, _ in selector.select(wait_s)]
 
 
 class Server(ABC):
@@ -133,7 +145,7 @@ class Server(ABC):
         with self.lock:
             wakeup = self._line.wakeup(now)
         wait = _IDLE_S if wakeup is None else min(max(self._tick, (wakeup - now) * 1e-9), _IDLE_S)
-        readable, _, _ = select.select([self._woken, *self._sources()], [], [], wait)
+        readable = _readable([self._woken, *self._sources()], wait)
         if self._woken in readable:
             self._woken.recv(READ)
             return not self._ending.is_set()
@@ -155,7 +167,7 @@ class Server(ABC):
         self._shut()
         self._pulled.set()
         while (left := until - time.monotonic_ns()) > 0 and not self._ending.is_set():
-            if select.select([self._woken], [], [], left * 1e-9)[0]:
+            if _readable([self._woken], left * 1e-9):
                 self._woken.recv(READ)
         if self._ending.is_set():
             return False

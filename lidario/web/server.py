@@ -15,10 +15,10 @@ import logging
 import re
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 from importlib.resources import files
 from types import TracebackType
-from typing import Any, Final, Self, cast
-from weakref import WeakSet
+from typing import Final, Self, cast
 
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.datastructures import Headers
@@ -27,6 +27,7 @@ from websockets.http11 import Request, Response
 
 from lidario import Scan
 from lidario.web.access import AccessRules, Refusal
+from lidario.web.door import BACKLOG, Connection, Door, Listening
 from lidario.web.feed import Feed
 from lidario.web.frames import Mount, pack_scan, pack_state
 
@@ -39,11 +40,15 @@ MOST_VIEWERS: Final = 32
 MOST_BYTES: Final = 64
 """Longest message of a viewer: a letter and a time."""
 MOST_MESSAGES: Final = 20
-"""Messages a viewer may send in `STATE_S` beside its confirmations, of which there are no more than scans sent."""
+"""Messages a viewer may send in `STATE_S` beside its confirmations, of which there are no more than scans sent.
+Pings and all other frames count too."""
 CLOSE_S: Final = 1.0
 
-_log = logging.getLogger("lidario.web")
-_log.addHandler(logging.NullHandler())  # what strangers send is nothing that the user must read
+_noise = logging.getLogger("lidario.web.noise")
+"""What ``websockets`` says of strangers is nothing that the user must read; `Door` tells it in one line."""
+_noise.addHandler(logging.NullHandler())
+_noise.propagate = False
+_noise.setLevel(logging.CRITICAL + 1)
 
 
 class _Viewer:
@@ -54,17 +59,15 @@ class _Viewer:
         unconfirmed: Scans that were sent and not confirmed.
         states: Whether the states are to be sent.
         echo: The viewer's time, to be sent back with them.
-        messages: Messages received since the states were sent to all, without what confirms a scan.
         wake: Set where there may be something to send.
     """
 
-    def __init__(self, connection: ServerConnection) -> None:
+    def __init__(self, connection: Connection) -> None:
         self.connection = connection
         self.waiting: dict[int, Scan] = {}
         self.unconfirmed: int = 0
         self.states: bool = True
         self.echo: float | None = None
-        self.messages: int = 0
         self.wake = asyncio.Event()
         self.wake.set()
 
@@ -75,8 +78,7 @@ class _Viewer:
             self.unconfirmed -= 1
             self.wake.set()
             return True
-        self.messages += 1
-        if self.messages > MOST_MESSAGES:
+        if not _may_send(self.connection):
             return False
         if message == "a":
             pass
@@ -112,7 +114,7 @@ class LiveServer:
         self._host, self._port = host, port
         self._rules = AccessRules(token)
         self._viewers: set[_Viewer] = set()
-        self._connections: WeakSet[ServerConnection] = WeakSet()
+        self._door = Door()
         self._packed: dict[int, tuple[Scan, bytes]] = {}
         self._server: Server | None = None
         self._ticking: asyncio.Task[None] | None = None
@@ -135,11 +137,12 @@ class LiveServer:
         Raises:
             OSError: The port is taken, or not allowed.
         """
+        listening = Listening(self._door, self._host, self._port)
         self._server = await serve(
-            self._serve_viewer, self._host, self._port,
+            self._serve_viewer, sock=listening, backlog=BACKLOG,
             process_request=self._check_request, compression=None, max_size=MOST_BYTES, max_queue=4,
-            close_timeout=CLOSE_S, server_header=None, logger=_log,
-            create_connection=cast("type[ServerConnection]", self._connect),
+            close_timeout=CLOSE_S, server_header=None, logger=_noise,
+            create_connection=cast("type[ServerConnection]", partial(Connection, self._door, _may_send)),
         )  # fmt: skip
         shown = "localhost" if self._host in ("127.0.0.1", "::1") else self._host
         self.url = f"http://{shown}:{self.port}/" + (f"?token={self._rules.token}" if self._rules.token else "")
@@ -154,10 +157,8 @@ class LiveServer:
         self._ticking.cancel()
         self._server.close()
         # Browsers open connections in advance, and say nothing on them: closing would wait for their request.
-        watching = {viewer.connection for viewer in self._viewers}
-        for connection in self._connections - watching:
-            if hasattr(connection, "transport"):
-                connection.transport.abort()
+        for connection in tuple(self._door.waiting):
+            connection.transport.abort()
         await self._server.wait_closed()
         with suppress(asyncio.CancelledError):
             await self._ticking
@@ -181,14 +182,9 @@ class LiveServer:
         while True:
             await asyncio.sleep(STATE_S)
             for viewer in self._viewers:
-                viewer.messages = 0
+                viewer.connection.messages = 0
                 viewer.states = True
                 viewer.wake.set()
-
-    def _connect(self, *arguments: Any, **options: Any) -> ServerConnection:
-        connection = ServerConnection(*arguments, **options)
-        self._connections.add(connection)
-        return connection
 
     def _check_request(self, _: ServerConnection, request: Request) -> Response | None:
         headers = request.headers
@@ -202,6 +198,12 @@ class LiveServer:
         return None
 
     async def _serve_viewer(self, connection: ServerConnection) -> None:
+        assert isinstance(connection, Connection)
+        if len(self._viewers) >= MOST_VIEWERS:
+            # All had asked before one was in.
+            await connection.close(1013, "too many viewers")
+            return
+        self._door.leave(connection)
         viewer = _Viewer(connection)
         for number, feed in enumerate(self._feeds):
             if feed.latest is not None:
@@ -243,6 +245,12 @@ class LiveServer:
         if packed is None or packed[0] is not scan:
             packed = self._packed[number] = scan, pack_scan(number, scan)
         return packed[1]
+
+
+def _may_send(connection: Connection) -> bool:
+    """Count one more message; False where it is one too many."""
+    connection.messages += 1
+    return connection.messages <= MOST_MESSAGES
 
 
 def _page() -> bytes:

@@ -8,6 +8,7 @@ are what the documentation says; memory grows with the bytes that are there, and
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import tempfile
 import tracemalloc
@@ -28,14 +29,18 @@ from lidario.recording.played import PlayedDevice
 from lidario.recording.read import StoredStreams
 from lidario.recording.write import FileWriter
 from tests.fuzz.checks import check_error, check_scan, check_text
+from tests.fuzz.forged import ATTACKS, Part, forge
 from tests.support.cases import CASES, Case
 from tests.support.loop import run_driven
 
-__all__ = ["open_recording", "recording_seeds"]
+__all__ = ["forged_recording", "open_recording", "recording_seeds"]
 
 _MOST_KEPT = 24 << 20
 """What a block of 64 KiB becomes, with the arrays of its scans, and what is imported on the way."""
 _KEPT_A_BYTE = 64
+_MOST_FORGED = 64 << 20
+"""A chunk of 16 MiB, which is the largest that is read, and what is made of it."""
+_LONGEST_REPLAY_S = 600.0
 _CHUNK, _CHUNK_NS = 512, 22_000_000
 _STEPS = 300
 _SHARE = {"rplidar": 0.2, "ydlidar": 0.57}
@@ -60,6 +65,47 @@ def open_recording(data: bytes) -> None:
     finally:
         tracemalloc.stop()
         logging.getLogger("lidario").setLevel(logging.NOTSET)
+
+
+def forged_recording(data: bytes) -> None:
+    """One of the files of `tests.fuzz.forged`, with some bytes changed: two for the place, one for the value.
+
+    Promised: it is told what is wrong, memory does not follow what is claimed, and no replay waits for long.
+    """
+    parts = list(list(ATTACKS.values())[data[0] % len(ATTACKS) if data else 0]())
+    size = sum(len(part) for part in parts if isinstance(part, bytes))
+    for at in range(1, len(data) - 2, 3):
+        place = int.from_bytes(data[at : at + 2], "big") * size >> 16
+        parts = _changed(parts, place, data[at + 2])
+    logging.getLogger("lidario").setLevel(logging.CRITICAL + 1)
+    tracemalloc.start()
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            path = forge(Path(folder, "forged.mcap"), parts)
+            _decode(path)
+            assert tracemalloc.get_traced_memory()[1] < _MOST_FORGED
+            run_driven(lambda: _replay(path, "", _LONGEST_REPLAY_S))
+    finally:
+        tracemalloc.stop()
+        logging.getLogger("lidario").setLevel(logging.NOTSET)
+
+
+def _changed(parts: list[Part], place: int, value: int) -> list[Part]:
+    """The parts with another byte at this place, which counts no holes."""
+    for number, part in enumerate(parts):
+        if isinstance(part, bytes):
+            if place < len(part):
+                return [*parts[:number], part[:place] + bytes((value,)) + part[place + 1 :], *parts[number + 1 :]]
+            place -= len(part)
+    return parts
+
+
+def _decode(path: Path) -> None:
+    try:
+        for scan in FileDecoder(path):
+            check_scan(scan)
+    except lidario.LidarError as error:
+        check_error(error)
 
 
 def _use(path: Path) -> None:
@@ -111,9 +157,9 @@ def _stop_of(recording: StoredStreams) -> bytes:
     return recording.streams[0].family.device().stop().data
 
 
-async def _replay(path: Path) -> None:
+async def _replay(path: Path, options: str = "?rate=0", most_s: float = 1e9) -> None:
     try:
-        async with lidario.open_lidar(f"{path}?rate=0") as lidar:
+        async with asyncio.timeout(most_s), lidario.open_lidar(f"{path}{options}") as lidar:
             for call in (lidar.get_info, lidar.get_health, lidar.get_modes, lidar.get_sample_rate,
                          lidar.get_scan_frequency, lidar.get_zero_offset):  # fmt: skip
                 with suppress(lidario.Unsupported):

@@ -14,8 +14,9 @@ from lidario.wire.events import Packets
 from lidario.wire.link import Link
 from tests.fuzz.device import SEEDS as DEVICE_SEEDS
 from tests.fuzz.device import hostile_device
+from tests.fuzz.forged import ATTACKS
 from tests.fuzz.packets import decode_packets, packet_seeds
-from tests.fuzz.recordings import open_recording, recording_seeds
+from tests.fuzz.recordings import forged_recording, open_recording, recording_seeds
 from tests.properties.test_robust import STATES
 from tests.support.cases import KINDS, Case
 from tests.support.ledger import assert_link_closes
@@ -114,6 +115,7 @@ TARGETS = {
     "decoders": Target(decode_packets, packet_seeds()),
     "source": Target(source, [text.encode("utf-8", "surrogateescape") for text in _SOURCES], most=300),
     "recordings": Target(open_recording, recording_seeds(), most=32 * 1024),
+    "forged": Target(forged_recording, [bytes((number, 0, 0, 0)) for number in range(len(ATTACKS))], most=64),
     "device": Target(hostile_device, DEVICE_SEEDS, most=2048),
 }
 """Every target by its name."""

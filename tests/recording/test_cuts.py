@@ -21,6 +21,7 @@ from lidario.recording.decode_file import FileDecoder
 from lidario.recording.export import export_mcap, export_npz
 from lidario.recording.files import open_stored
 from lidario.recording.mcap_records import MAGIC, Damage, read_records
+from lidario.recording.opened import StoredFile
 from lidario.recording.read import McapRecording
 from lidario.recording.ros_messages import parse_raw
 from lidario.recording.write import RAW_TOPIC, FileWriter
@@ -84,10 +85,10 @@ def test_of_a_record_that_was_cut_nothing_is_taken(tmp_path: Path, opcode: int, 
     """A channel, a message or metadata of 40 bytes, that does not stand in a chunk."""
     path = tmp_path / "cut.mcap"
     path.write_bytes(MAGIC + struct.pack("<BQ", opcode, 40) + bytes(there))
-    with path.open("rb") as file:
+    with StoredFile(path) as file:
         assert list(read_records(file)) == [Damage("the file was cut")]
     path.write_bytes(MAGIC + struct.pack("<BQ", opcode, 40) + bytes(40))
-    with path.open("rb") as file:
+    with StoredFile(path) as file:
         record, cut = read_records(file)
     assert not isinstance(record, Damage)
     assert cut == Damage("the file was cut")

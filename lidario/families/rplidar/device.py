@@ -139,6 +139,11 @@ class RplidarDevice(Device):
             typical = usable[-1] if usable else None
         return tuple(replace(mode, typical=mode.id == typical) for mode in found)
 
+    def load(self, mode: ScanMode) -> float:
+        """As `Device.load`, by what the mode's list foretells."""
+        wire = FORMATS.get(mode.response_type)
+        return 0.0 if wire is None or not mode.sample_us else mode.samples_per_second * wire.longest / wire.samples
+
     def unlisted_modes(self) -> tuple[ScanMode, ...]:
         """As `Device.unlisted_modes`: the legacy express scan and HQ_SCAN, of firmware that lists its modes.
 

@@ -78,7 +78,7 @@ def test_old_firmware_is_not_asked(model: str) -> None:
         async with rig.open() as lidar, lidar.scans() as stream:
             await anext(stream)
             with pytest.raises(Unsupported, match="too old"):
-                await lidar.set_baudrate(256_000)
+                await lidar.set_baudrate(921_600)
             assert lidar.stats.interruptions == 0
             await anext(stream)
 
@@ -93,8 +93,8 @@ def test_a_device_that_does_not_follow_is_reached_at_the_speed_before(monkeypatc
     async def main() -> None:
         async with rig.open() as lidar:
             began = asyncio.get_running_loop().time()
-            with pytest.raises(Unsupported, match="did not respond at 256000 baud"):
-                await lidar.set_baudrate(256_000)
+            with pytest.raises(Unsupported, match="did not respond at 921600 baud"):
+                await lidar.set_baudrate(921_600)
             assert asyncio.get_running_loop().time() - began < 1.8
             assert lidar.baudrate == 1_000_000
             assert len(await take(lidar, 2)) == 2
@@ -111,7 +111,7 @@ def test_cancelled_at_any_time_the_device_is_reached_and_left_still(after_s: flo
     async def main() -> None:
         async with rig.open() as lidar:
             await take(lidar, 1)
-            changing = asyncio.ensure_future(lidar.set_baudrate(256_000))
+            changing = asyncio.ensure_future(lidar.set_baudrate(921_600))
             await asyncio.sleep(after_s)
             changing.cancel()
             await asyncio.wait([changing])
@@ -136,7 +136,7 @@ def test_an_adapter_that_cannot_do_it_is_left_as_it_was(monkeypatch: pytest.Monk
             with monkeypatch.context() as patch:
                 patch.setattr(Port, "set_baudrate", refuse)
                 with pytest.raises(ConnectFailed, match="cannot run"):
-                    await lidar.set_baudrate(256_000)
+                    await lidar.set_baudrate(921_600)
             assert (await lidar.get_health()).ok
             assert lidar.baudrate == 1_000_000
 
@@ -158,7 +158,7 @@ def test_one_that_falls_silent_after_the_confirmation_is_told() -> None:
 
             rig.device._speed.confirm = forgets
             with pytest.raises(ResponseTimeout):
-                await lidar.set_baudrate(256_000)
+                await lidar.set_baudrate(921_600)
 
     main()
 
@@ -184,7 +184,7 @@ def test_a_line_without_a_speed_has_none_to_change() -> None:
         async with rig.open() as lidar:
             lidar._dialogue._port.baudrate = 0
             with pytest.raises(Unsupported, match="no speed"):
-                await lidar.set_baudrate(256_000)
+                await lidar.set_baudrate(921_600)
 
     main()
 
@@ -197,7 +197,7 @@ def test_other_families_cannot(model: str) -> None:
     async def main() -> None:
         async with open_lidar(rig.device, family=rig.family) as lidar:
             with pytest.raises(Unsupported, match="cannot be changed"):
-                await lidar.set_baudrate(256_000)
+                await lidar.set_baudrate(921_600)
 
     main()
 
@@ -250,7 +250,7 @@ def test_a_loss_of_power_undoes_it_and_at_another_speed_nothing_is_understood() 
     @driven
     async def main() -> None:
         async with rig.open() as lidar:
-            await lidar.set_baudrate(256_000)
+            await lidar.set_baudrate(921_600)
             rig.device.reboot(round(asyncio.get_running_loop().time() * 1e9))
             assert rig.device.baudrate == 1_000_000
             await asyncio.sleep(1.0)

@@ -1,0 +1,135 @@
+"""A file that is opened to be read: only a regular one, and only as long as it is whole.
+
+What else has a path may wait for ever when it is opened or read (a FIFO, a terminal) or never end (a device), so it
+is refused without being waited for. The size is the one at the opening: what is added later is not read, and a file
+that was made shorter meanwhile is an error, not the end of the file. It is read and never mapped: to read what is
+missing behind a map kills the program (SIGBUS).
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from lidario.errors import RecordingError
+
+__all__ = ["StoredFile", "kind_of", "not_a_file"]
+
+_KINDS = {
+    stat.S_IFDIR: "a directory", stat.S_IFIFO: "a pipe (FIFO)", stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device", stat.S_IFBLK: "a device",
+}  # fmt: skip
+
+
+def kind_of(mode: int) -> str:
+    """What a path leads to, in words, by its mode; empty for a regular file."""
+    return "" if stat.S_ISREG(mode) else _KINDS.get(stat.S_IFMT(mode), "no regular file")
+
+
+def not_a_file(path: Path) -> str:
+    """What stands where a file shall be written, in words; empty where that is a regular file, or nothing."""
+    try:
+        return kind_of(os.stat(path).st_mode)
+    except OSError:
+        return ""
+
+
+class StoredFile:
+    """A regular file, read in order or from any place; a context manager.
+
+    Args:
+        path: The file.
+        least: Bytes that it had before, if it was opened before.
+
+    Attributes:
+        path: The file.
+        size: Its bytes when it was opened.
+
+    Raises:
+        RecordingError: It cannot be opened, is no regular file, or is shorter than it was; the text says which. The
+            methods raise it where it cannot be read any more.
+    """
+
+    def __init__(self, path: Path, least: int = 0) -> None:
+        self.path: Path = path
+        self._at = 0
+        try:
+            kind = kind_of(path.stat().st_mode)
+            if not kind:
+                # It may have become another one by now, so opening it must not wait either.
+                handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+                self._file = os.fdopen(handle, "rb")
+                kind = kind_of(os.fstat(handle).st_mode)
+                self.size: int = os.fstat(handle).st_size
+                if kind:
+                    self._file.close()
+        except OSError as error:
+            raise _unreadable(path, error) from error
+        if kind:
+            raise RecordingError(f"{path} cannot be read: it is {kind}, and a recording is a file")
+        if self.size < least:
+            self._file.close()
+            raise self._cut()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+    @property
+    def at(self) -> int:
+        """Where it is read next."""
+        return self._at
+
+    @property
+    def left(self) -> int:
+        """How many bytes follow."""
+        return self.size - self._at
+
+    def seek(self, at: int) -> None:
+        """Go on reading there; behind the end nothing is left."""
+        self._at = min(at, self.size)
+        try:
+            self._file.seek(self._at)
+        except OSError as error:
+            raise _unreadable(self.path, error) from error
+
+    def read(self, size: int) -> bytes:
+        """So many bytes, or all that are left where these are fewer."""
+        size = min(size, self.left)
+        try:
+            data = self._file.read(size)
+        except OSError as error:
+            raise _unreadable(self.path, error) from error
+        if len(data) < size:
+            raise self._cut()
+        self._at += size
+        return data
+
+    def read_into(self, buffer: memoryview) -> memoryview:
+        """Fill `buffer` as far as the file goes; returns the part that is filled."""
+        view = buffer[: min(len(buffer), self.left)]
+        done = 0
+        try:
+            while done < len(view) and (got := self._file.readinto(view[done:])):
+                done += got
+        except OSError as error:
+            raise _unreadable(self.path, error) from error
+        if done < len(view):
+            raise self._cut()
+        self._at += done
+        return view
+
+    def _cut(self) -> RecordingError:
+        return RecordingError(f"{self.path} cannot be read any further: it was cut while it was read")
+
+
+def _unreadable(path: Path, error: OSError) -> RecordingError:
+    why = error.strerror or str(error)
+    return RecordingError(f"{path} cannot be read: {why[:1].lower()}{why[1:]}")
