@@ -19,7 +19,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final, Protocol
 
 from lidario.errors import DeviceLost
@@ -29,7 +29,7 @@ from lidario.network.device import SCAN_TYPE, RemoteStreams
 from lidario.network.foreign import scan_of_laserscan
 from lidario.network.keys import parse_attachment
 from lidario.network.messages import Entry, parse_raw_message, parse_scan
-from lidario.network.raw import time_here
+from lidario.network.raw import joined, time_here
 from lidario.network.senders import OneSender, Senders
 from lidario.network.status import Status
 from lidario.port.line import Line, Schedule
@@ -50,6 +50,9 @@ SETTLE_S: Final = 5.0
 """From the return of the router to the loss of who has no token by then; a publisher tries every four seconds."""
 SILENCE_S: Final = 5.0
 """Longest pause of a publisher that shows no token: a node that is not ours."""
+
+MOST_TOKENS: Final = 1024
+"""Of one lidar; each publisher under its key has one."""
 
 
 class Audience(Protocol):
@@ -236,16 +239,26 @@ class _RemoteLine(Line):
         if entries is None:
             self.bad += 1
             return
+        reads: list[tuple[bytes, int]] = []
         for entry in entries:
             if entry.is_event:
+                self._hand_over(reads)
+                reads = []
                 self._take_event(entry)
             elif self._wanted and self._flows:
                 at_ns = time_here(entry.at_ns, self._streams.stream.began, self._port.wall_offset_ns)
                 if at_ns is None:
                     self.bad += 1
-                    return
+                    break
                 self._port.show("in", entry.data, at_ns)
-                self._port.hand_over(entry.data, at_ns)
+                reads.append((entry.data, at_ns))
+        self._hand_over(reads)
+
+    def _hand_over(self, reads: Sequence[tuple[bytes, int]]) -> None:
+        """Hand over what was read at those times, as one piece: a message may have thousands of reads."""
+        if reads:
+            data, now, arrivals = joined(reads)
+            self._port.hand_over(data, now, arrivals)
 
     def _take_event(self, entry: Entry) -> None:
         event = event_of(entry.data.decode("utf-8", "replace"))
@@ -276,7 +289,8 @@ class _RemoteLine(Line):
 
     def token_changed(self, token: str, alive: bool) -> None:
         if alive:
-            self._tokens.add(token)
+            if len(self._tokens) < MOST_TOKENS:
+                self._tokens.add(token)
             self._has_token = True
         else:
             self._tokens.discard(token)
