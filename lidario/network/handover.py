@@ -11,19 +11,19 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from typing import Final, Generic, TypeVar
 
-from lidario.port.turns import TURN_NS
-
-__all__ = ["ITEM_BYTES", "MOST_AT_ONCE", "MOST_WAITING_BYTES", "Handover"]
+__all__ = ["ITEM_BYTES", "MOST_AT_ONCE", "MOST_WAITING_BYTES", "TURN_NS", "Handover"]
 
 T = TypeVar("T")
 
-MOST_WAITING_BYTES: Final = 16 << 20
-"""What waits for the event loop, of one subscription: 50 ms of a thousand lidars. How many messages that are says
-little: those of a fleet of 32 come 320 times a second."""
+MOST_WAITING_BYTES: Final = 8 << 20
+"""What waits for the event loop, of one subscription: a second of 25 lidars that send whole scans, or of a hundred
+that send raw bytes. How many messages that is says little."""
 ITEM_BYTES: Final = 512
 """What an item takes beside its bytes, about, so that empty ones are bounded too."""
+TURN_NS: Final = 5_000_000
+"""Nanoseconds of each turn of the loop; `lidario.port.turns` may take its own beside it."""
 MOST_AT_ONCE: Final = 256
-"""Items in one turn of the loop, where all of them take less than `TURN_NS`."""
+"""Items in one turn of the loop, where all of them take less than that."""
 
 
 class Handover(Generic[T]):

@@ -16,8 +16,9 @@ from typing import Final
 
 __all__ = ["DELIVERY_BYTES", "MOST_WAITING", "TURN_NS", "Turns"]
 
-TURN_NS: Final = 5_000_000
-"""Nanoseconds of each turn of the loop. An ordinary revolution takes half a millisecond."""
+TURN_NS: Final = 10_000_000
+"""Nanoseconds of each turn of the loop. An ordinary revolution takes half a millisecond, so that what comes while a
+program blocks its loop for two seconds is decoded in one turn, and a reader is given the latest."""
 MOST_WAITING: Final = 1 << 20
 """Bytes that may wait: 15 s of the fastest stream, which take 0.1 s."""
 

@@ -17,7 +17,7 @@ from lidario.wire.events import Arrival, Event, Packets
 
 __all__ = ["SLICE", "join_runs", "slices"]
 
-SLICE: Final = 8192
+SLICE: Final = 4096
 """Bytes that are parsed in one step. Those that look most like packets and are none take 2 us each."""
 
 

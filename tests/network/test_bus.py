@@ -170,7 +170,7 @@ async def test_a_turn_of_the_loop_takes_a_bounded_number(what: str) -> None:
 async def test_work_that_takes_long_is_done_over_several_turns(monkeypatch: pytest.MonkeyPatch) -> None:
     session, now, done = Session(), 0, list[str]()
     bus = Bus(session, "tcp/localhost:7447")
-    monkeypatch.setattr(handover.time, "monotonic_ns", lambda: now)
+    monkeypatch.setattr("lidario.network.handover.time.monotonic_ns", lambda: now)
 
     def work(sample: Sample) -> Iterator[None]:
         nonlocal now
@@ -225,7 +225,7 @@ async def test_messages_without_a_byte_are_bounded_too(monkeypatch: pytest.Monke
 
 
 async def test_the_responses_to_a_query_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "MOST_REPLY_BYTES", 10 * (module.ITEM_BYTES + 101))
+    monkeypatch.setattr(module, "MOST_REPLY_BYTES", 10 * (handover.ITEM_BYTES + 101))
     session = Session()
     bus = Bus(session, "tcp/localhost:7447")
     found = await bus.query("a", 1.0)
