@@ -1,6 +1,7 @@
 """A peer that behaves until it is told otherwise, then floods.
 
-``python -m benchmarks.floods.attacker WAY KIND SECONDS ROUTER``. It prints a source, and floods for so many seconds when a line comes on its standard input. Only loopback is used.
+``python -m benchmarks.floods.attacker WAY KIND SECONDS ROUTER`` prints a source, and floods for so many seconds
+when a line comes on its standard input. Only loopback is used.
 """
 
 from __future__ import annotations

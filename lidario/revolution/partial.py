@@ -18,7 +18,7 @@ from lidario.wire.blocks import Block, join_blocks, packet_offsets, some_blocks
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["PartialRevolution", "SampleArrays", "part_of", "parts_of"]
+__all__ = ["MOST_IN_A_PART", "PartialRevolution", "SampleArrays", "part_of", "parts_of"]
 
 MOST_IN_A_PART: Final = 512
 """Packets of a part: several revolutions of most formats, which are decoded as one block."""
@@ -194,9 +194,6 @@ def part_of(
 
 def parts_of(packets: Packets, wire: StreamFormat, sample_ns: float) -> Iterator[Packets]:
     """The same packets, few enough at a time that to find where revolutions end in them takes a bounded time."""
-    if packets.count <= MOST_IN_A_PART:
-        yield packets
-        return
     offsets = packet_offsets(packets.blocks)
     for begin in range(0, packets.count, MOST_IN_A_PART):
         end = min(begin + MOST_IN_A_PART, packets.count)

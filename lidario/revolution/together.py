@@ -17,20 +17,17 @@ from lidario.wire.events import Arrival, Event, Packets
 
 __all__ = ["SLICE", "join_runs", "slices"]
 
-SLICE: Final = 4096
+SLICE: Final = 2048
 """Bytes that are parsed in one step. Those that look most like packets and are none take 2 us each."""
 
 
 def slices(
-    data: bytes, now: int, arrivals: Sequence[Arrival] = ()
-) -> Iterator[tuple[bytes | memoryview, int, Sequence[Arrival]]]:
-    """What was received, in pieces that take a bounded time: the arguments of `Link.receive_data`, for each."""
-    if len(data) <= SLICE:
-        yield data, now, arrivals
-        return
+    data: bytes, now: int, arrivals: Sequence[Arrival] = (), most: int = SLICE
+) -> Iterator[tuple[memoryview, int, Sequence[Arrival]]]:
+    """What was received, in pieces of so many bytes: the arguments of `Link.receive_data`, for each."""
     view = memoryview(data)
-    for begin in range(0, len(view), SLICE):
-        end = min(begin + SLICE, len(view))
+    for begin in range(0, len(view), most):
+        end = min(begin + most, len(view))
         inside = bisect_right(arrivals, begin, key=_bytes_of), bisect_left(arrivals, end, key=_bytes_of)
         came = [(size - begin, at_ns) for size, at_ns in arrivals[inside[0] : inside[1]]]
         yield view[begin:end], arrivals[inside[1]][1] if inside[1] < len(arrivals) else now, came

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from itertools import chain
 from typing import Final, TypeAlias
 
 from lidario.wire.events import Packets
@@ -47,24 +48,21 @@ class Delivery:
             self._early_bytes = 0
         return bool(self._early)
 
+    def deliver(self, packets: Packets, *, streaming: bool) -> Iterable[None]:
+        """Hand packets on behind those that were kept, or keep them while nobody reads a stream that runs."""
+        take = self._on_packets
+        if take is None:
+            self._stats.unread_packets += packets.count
+            if streaming and self._early_bytes < EARLY_BYTES:
+                self._early.append(packets)
+                self._early_bytes += len(packets.data) + _RUN_BYTES
+            return ()
+        return chain(self.early(), take(packets)) if self._early else take(packets)
+
     def early(self) -> Iterator[None]:
         """Hand on what was kept."""
         while self._early and self._on_packets is not None:
             packets = self._early.popleft()
             self._early_bytes -= len(packets.data) + _RUN_BYTES
-            yield from self._hand_on(packets, self._on_packets)
-
-    def deliver(self, packets: Packets, *, streaming: bool) -> Iterator[None]:
-        """Hand packets on behind those that were kept, or keep them while nobody reads a stream that runs."""
-        self._stats.unread_packets += packets.count
-        if self._early:
-            yield from self.early()
-        if self._on_packets is not None:
-            yield from self._hand_on(packets, self._on_packets)
-        elif streaming and self._early_bytes < EARLY_BYTES:
-            self._early.append(packets)
-            self._early_bytes += len(packets.data) + _RUN_BYTES
-
-    def _hand_on(self, packets: Packets, take: TakePackets) -> Iterator[None]:
-        self._stats.unread_packets -= packets.count
-        yield from take(packets)
+            self._stats.unread_packets -= packets.count
+            yield from self._on_packets(packets)

@@ -8,15 +8,19 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
+from typing import Final
 
 from lidario.port.port import Port
 from lidario.port.turns import DELIVERY_BYTES, MOST_WAITING, Turns
-from lidario.revolution.together import join_runs, slices
+from lidario.revolution.together import SLICE, join_runs, slices
 from lidario.session.delivery import TakePackets
 from lidario.session.device_line import DeviceLine
 from lidario.wire.events import Packets, Response
 
-__all__ = ["Intake"]
+__all__ = ["IDLE_SLICE", "Intake"]
+
+IDLE_SLICE: Final = 8192
+"""Bytes that are parsed in one step while nothing waits: a revolution of most devices."""
 
 
 class Intake(DeviceLine, ABC):
@@ -44,14 +48,16 @@ class Intake(DeviceLine, ABC):
             self._link.discard_data(len(data), shown=True)
             return
         try:
-            self._turns.add(self._receive(data, now, arrivals), size)
+            most = IDLE_SLICE if self._turns.is_idle else SLICE
+            self._turns.add(self._receive(data, now, arrivals, most), size)
         except Exception as error:
             self.mistaken(error)
 
-    def _receive(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]]) -> Iterator[None]:
-        """Parse, and hand on what was found, in steps."""
+    def _receive(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]], most: int) -> Iterator[None]:
+        """Parse, so many bytes at a time, and hand on what was found, in steps."""
         runs: list[Packets] = []
-        for piece in slices(data, now, arrivals):
+        pieces = ((data, now, arrivals),) if len(data) <= most else slices(data, now, arrivals, most)
+        for piece in pieces:
             self._link.receive_data(*piece)
             for event in self._link.events_received():
                 if isinstance(event, Packets):

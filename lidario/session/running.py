@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from lidario.errors import LidarError
 from lidario.families.base import Stream
 from lidario.revolution.assemble import Assembler, AssemblerStats
-from lidario.revolution.partial import parts_of
+from lidario.revolution.partial import MOST_IN_A_PART, parts_of
 from lidario.revolution.sectors import SectorAssembler
 from lidario.scan import Scan
 from lidario.sector import Sector
@@ -207,7 +207,8 @@ class Running:
         self._last_packet = self._loop.time()
         assembler, left = self._assembler, packets.count
         try:
-            for part in parts_of(packets, self._stream.format, self._stream.sample_ns):
+            few = packets.count <= MOST_IN_A_PART
+            for part in (packets,) if few else parts_of(packets, self._stream.format, self._stream.sample_ns):
                 left -= part.count
                 for scans in assembler.ends(part):
                     self._show(scans)

@@ -17,8 +17,8 @@ from benchmarks.floods.bytes import blob
 from lidario import DeviceLost
 from lidario.port.turns import MOST_WAITING, TURN_NS
 from lidario.revolution.assemble import Assembler
-from lidario.revolution.together import SLICE
 from lidario.scan import Scan
+from lidario.session.intake import IDLE_SLICE
 from lidario.wire.link import Link
 from tests.support.devices import Rig, make_rig
 from tests.support.loop import DrivenLoop, driven
@@ -111,7 +111,7 @@ async def test_what_is_too_much_is_dropped_and_counted(monkeypatch: pytest.Monke
         dropped = after.discarded_bytes - before.discarded_bytes
         assert dropped > MOST_WAITING
         # Of the rest, so much was parsed.
-        assert after.bytes_received - before.bytes_received - dropped <= steps.all * SLICE
+        assert after.bytes_received - before.bytes_received - dropped <= steps.all * IDLE_SLICE
 
 
 @driven
