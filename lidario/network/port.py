@@ -52,7 +52,7 @@ SILENCE_S: Final = 5.0
 """Longest pause of a publisher that shows no token: a node that is not ours."""
 
 MOST_TOKENS: Final = 1024
-"""Of one lidar; each publisher under its key has one."""
+AGAIN_S: Final = 1.0  # from one warning about the lidar of a publisher to the next
 
 
 class Audience(Protocol):
@@ -136,7 +136,7 @@ class _RemoteLine(Line):
         self._senders = Senders()
         self._sender = OneSender(sender, self._loop.time())
         self._told_of_rival = self._told_of_silence = False
-        self._away = ""
+        self._away, self._told_away_at = "", -AGAIN_S
         self._gap = 0
         self._seq: int | None = None
         self._tokens: set[str] = set()
@@ -203,8 +203,8 @@ class _RemoteLine(Line):
         status, attachment = Status.of(sample.payload), parse_attachment(sample.attachment)
         if status is None or self._closing or self._sender.is_other(b"" if attachment is None else attachment.gid):
             return
-        if status.lost != self._away:
-            self._away = status.lost
+        if status.lost != self._away and (now := self._loop.time()) - self._told_away_at >= AGAIN_S:
+            self._away, self._told_away_at = status.lost, now
             _log.warning("%s: %s", self._port.name, status.lost or "the lidar is back at its publisher")
         self._streams.about = status.about
         for event in status.about.events:
