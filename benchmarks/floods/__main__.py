@@ -20,7 +20,7 @@ MOST_MB: Final = 60.0
 _BOUND_S: Final = 30.0
 """Longest time for all that is not the flood itself."""
 _ZENOH: Final = ("scan", "scan-large", "raw-endless", "raw-short", "raw-restarts", "raw-heads", "raw-nodes",
-                 "raw-entries", "status", "tokens")  # fmt: skip
+                 "raw-entries", "raw-events", "status", "tokens")  # fmt: skip
 
 
 def rows() -> list[tuple[str, str]]:

@@ -14,6 +14,7 @@ import sys
 import time
 import tty
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,8 @@ import numpy as np
 import lidario
 from benchmarks.floods.bytes import blob
 from lidario.families.registry import family_of_simulated
-from lidario.network.messages import MOST_ENTRIES, Entry, encode_raw_message, encode_scan
+from lidario.network.messages import MOST_ENTRIES, MOST_RAW_BYTES, Entry, encode_raw_message, encode_scan
+from lidario.recording.chronicle import StreamBegan, text_of
 from lidario.ros import Share
 from lidario.sim.memory import MemoryLine
 from lidario.testing import make_scan
@@ -127,7 +129,7 @@ def _publish(share: Any, kind: str, seconds: float) -> int:
     """Flood with the connection of a publisher."""
     outlet, zenoh = share._outlet, share._bus._session  # noqa: SLF001
     end, sent, number = time.monotonic() + seconds, 0, 0
-    payload = _payload(kind)
+    payload = _events(share) if kind == "raw-events" else _payload(kind)
     while time.monotonic() < end:
         number += 1
         if kind == "tokens":
@@ -139,6 +141,15 @@ def _publish(share: Any, kind: str, seconds: float) -> int:
             outlet.send(payload)
         sent += len(payload)
     return sent
+
+
+def _events(share: Any) -> bytes:
+    """Streams that begin, as many as a message may hold."""
+    began = next(event for event in share._about().events if isinstance(event, StreamBegan))  # noqa: SLF001
+    texts = [text_of(replace(began, at=number)).encode() for number in range(MOST_ENTRIES)]
+    return encode_raw_message(
+        [Entry(True, 0, text) for text in texts[: MOST_RAW_BYTES // (len(texts[-1]) + 16) - 1]]
+    )
 
 
 def _payload(kind: str) -> bytes:

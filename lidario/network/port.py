@@ -19,8 +19,8 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Callable, Sequence
-from typing import Any, Final, Protocol
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, Final, Protocol, TypeAlias
 
 from lidario.errors import DeviceLost
 from lidario.laserscan import LaserScan
@@ -52,6 +52,7 @@ SILENCE_S: Final = 5.0
 """Longest pause of a publisher that shows no token: a node that is not ours."""
 
 MOST_TOKENS: Final = 1024
+Take: TypeAlias = Callable[[Sample], Iterable[None] | None]
 AGAIN_S: Final = 1.0  # from one warning about the lidar of a publisher to the next
 
 
@@ -103,9 +104,9 @@ class RemotePort(Port):
         """Name the session (an `Audience`) that it receives for."""
         self._remote.audience = audience
 
-    def receive(self, sample: Sample) -> None:
-        """Take what was published under the key of the lidar."""
-        self._remote.receive(sample)
+    def receive(self, sample: Sample) -> Iterable[None] | None:
+        """Take what was published under the key of the lidar; what is returned is work, in steps."""
+        return self._remote.receive(sample)
 
     def learn(self, sample: Sample) -> None:
         """Take a status."""
@@ -126,9 +127,7 @@ class _RemoteLine(Line):
         self._port = port
         self._bus = bus
         self._streams = streams
-        self._take: Callable[[Sample], None] = {"raw": self._take_raw, "scan": self._take_scan}.get(
-            form, self._take_laserscan
-        )
+        self._take: Take = {"raw": self._take_raw, "scan": self._take_scan}.get(form, self._take_laserscan)
         self._raw = form == "raw"
         self._closing = False
         self._wanted = False
@@ -179,10 +178,10 @@ class _RemoteLine(Line):
 
     # ------------------------------------------------------------------------------------------ receiving
 
-    def receive(self, sample: Sample) -> None:
+    def receive(self, sample: Sample) -> Iterable[None] | None:
         self._heard = self._loop.time()
         if self._closing or self._port.is_forked:
-            return
+            return None
         attachment, gap = self._senders.follow(sample)
         gid = b"" if attachment is None else attachment.gid
         who = self._sender.follow(gid, self._loop.time(), lambda: _is_ours(sample, self._raw))
@@ -192,12 +191,12 @@ class _RemoteLine(Line):
                 self._told_of_rival = True
                 text = "%s: two publishers send under this key; the second one is ignored. Give each its own key"
                 _log.warning(text, self._port.name)
-            return
+            return None
         if who == "new":
             # What its bytes mean it tells itself.
             self._flows, self._gap, self._seq = not self._raw, 0, None
         self._gap += gap
-        self._take(sample)
+        return self._take(sample)
 
     def learn(self, sample: Sample) -> None:
         status, attachment = Status.of(sample.payload), parse_attachment(sample.attachment)
@@ -234,7 +233,7 @@ class _RemoteLine(Line):
         if self._wanted and self.audience is not None:
             self.audience.deliver(scan, missed)
 
-    def _take_raw(self, sample: Sample) -> None:
+    def _take_raw(self, sample: Sample) -> Iterator[None]:
         entries = parse_raw_message(sample.payload)
         if entries is None:
             self.bad += 1
@@ -245,6 +244,7 @@ class _RemoteLine(Line):
                 self._hand_over(reads)
                 reads = []
                 self._take_event(entry)
+                yield
             elif self._wanted and self._flows:
                 at_ns = time_here(entry.at_ns, self._streams.stream.began, self._port.wall_offset_ns)
                 if at_ns is None:

@@ -128,6 +128,7 @@ class RawDecoder:
                     self._begin(event)
                 elif isinstance(event, StreamEnded):
                     self._end()
+                yield []
             elif self._began is not None:
                 here_ns = time_here(entry.at_ns, self._began, self._wall_offset_ns)
                 if here_ns is not None:

@@ -9,14 +9,17 @@ import numpy as np
 import pytest
 
 import lidario
+from lidario.families.base import Family
+from lidario.families.registry import FAMILIES
 from lidario.network import raw
 from lidario.network.bus import Sample
+from lidario.network.device import RemoteStreams
 from lidario.network.keys import Attachment, parse_attachment
 from lidario.network.messages import MOST_RAW_BYTES, Entry, encode_raw_message, parse_raw_message
 from lidario.network.raw import RawDecoder, joined
 from lidario.network.senders import RIVAL_S, Known, OneSender, Senders
 from lidario.network.status import Status
-from lidario.recording.chronicle import MOST_NS, StreamBegan, StreamEnded, text_of
+from lidario.recording.chronicle import MOST_NS, Responded, StreamBegan, StreamEnded, text_of
 from lidario.ros import waiting
 from lidario.ros.broadcast import Outlet
 from lidario.ros.share import Share
@@ -230,3 +233,39 @@ def test_scans_that_wait_are_bounded_in_bytes(monkeypatch: pytest.MonkeyPatch) -
     assert 5 < left < 20
     assert [scans.take().key for _ in range(left)] == [f"k{number % 50}" for number in range(100 - left, 100)]
     assert len(scans) == 0
+
+
+def test_what_was_read_at_once_is_sent_in_messages_that_are_taken() -> None:
+    """A program that blocked its event loop reads up to a mebibyte."""
+    sent: list[bytes] = []
+
+    async def run() -> None:
+        async with lidario.open_lidar(lidario.simulate("rplidar-s2", spin_up=0)) as lidar:
+            share = Share(lidar, "a", raw=True)
+            share.send_raw = lambda entries: sent.append(encode_raw_message(entries))  # type: ignore[method-assign]
+            assert share._raw is not None
+            share._raw.begin()
+            share._raw.see_chunk("in", bytes(range(256)) * 4096, 7)
+            share._raw.end()
+
+    run_driven(run)
+    entries = [parse_raw_message(message) for message in sent]
+    assert all(entries)
+    joint = b"".join(entry.data for some in entries if some for entry in some if not entry.is_event)
+    assert joint == bytes(range(256)) * 4096
+
+
+def test_responses_that_no_device_gives_are_not_remembered(sent: Sent) -> None:
+    assert sent.status is not None
+    began = next(event for event in sent.status.about.events if isinstance(event, StreamBegan))
+    streams = RemoteStreams(family_of(sent), sent.status.about, (), began)
+    for size in (10, 100_000):
+        streams.learn(Responded(b"\xa5" * size, 4, b"\1"))
+        streams.learn(Responded(bytes((1, size & 0xFF)), 4, bytes(size)))
+    assert sorted(len(each.request) + len(each.payload) for each in streams.responses.values()) == [11, 12]
+
+
+def family_of(sent: Sent) -> Family:
+    assert sent.status is not None
+    name = sent.status.about.info.family
+    return next(each for each in FAMILIES if each.name == name)
