@@ -76,7 +76,7 @@ async def test_each_turn_of_the_loop_does_a_bounded_part(kind: str, monkeypatch:
     steps, rig = Steps(monkeypatch, loop), make_rig("rplidar")
     async with rig.open() as lidar, lidar.scans() as stream:
         await anext(stream)
-        flood(rig, kind, 64 * 1024)
+        flood(rig, kind, 256 * 1024)
         steps.takes_time = True
         # Others run in between.
         for _ in range(15):
