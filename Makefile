@@ -16,7 +16,7 @@ SEED ?= 7
 HOURS ?= 24
 FUZZ_S ?= 600
 
-.PHONY: demo test check docs bench faults soak fuzz clean
+.PHONY: demo test check docs bench faults soak fuzz floods clean
 .DEFAULT_GOAL := demo
 
 $(READY): pyproject.toml
@@ -54,6 +54,9 @@ soak: $(READY)  ## a day of faults and users in driven time; half an hour
 
 fuzz: $(READY)  ## ten minutes of any bytes for each target; see SECURITY.md
 	$(BIN)/python -m tests.fuzz -max_total_time=$(FUZZ_S)
+
+floods: $(READY)  ## peers that send as fast as they can, from every source; four minutes
+	$(BIN)/python -m benchmarks.floods
 
 clean:
 	rm -rf $(VENV) .fuzz .coverage* .mypy_cache .site .pytest_cache .ruff_cache .hypothesis benchmarks/.peers

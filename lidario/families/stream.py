@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from lidario.families.samples import Decoder
 from lidario.model import ScanMode
+from lidario.wire.blocks import Block
 from lidario.wire.envelope import Request
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["Keepalive", "RawStream", "Stream", "raw_stream"]
+__all__ = ["LONGEST_REVOLUTION", "Keepalive", "RawStream", "Stream", "raw_stream"]
+
+LONGEST_REVOLUTION: Final = 65536
+"""Samples after which a revolution that does not end is given up, whatever is said of its times; twice what the
+fastest device takes at its slowest speed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +56,22 @@ class Stream:
     keepalive: Keepalive | None = None
     zero_offset_deg: float = 0.0
 
+    @property
+    def most_bytes(self) -> int:
+        """Bytes of packets that a revolution may have: those of the slowest one, twice.
+
+        Times come from the device, a peer or a file. Whatever they say, it is never more than `LONGEST_REVOLUTION`
+        samples.
+        """
+        samples = float(LONGEST_REVOLUTION)
+        if self.sample_ns > 0:
+            samples = min(samples, 2e9 * self.slowest_turn_s / self.sample_ns)
+        wire = self.format
+        sizes = [(size, wire.samples_in((Block(size, 1),))) for size in (wire.shortest, wire.longest)]
+        most = max(math.ceil(samples / max(each, 1)) * size for size, each in sizes)
+        # The last packet is there before it is seen that it is too much.
+        return most + wire.longest
+
 
 class RawStream(NamedTuple):
     """A measurement stream among bytes that were recorded without times.
@@ -63,10 +85,6 @@ class RawStream(NamedTuple):
     stream: Stream
 
 
-_LONGEST_REVOLUTION: Final = 65536
-"""Samples after which a recorded revolution that does not end is given up; several times what any device takes."""
-
-
 def raw_stream(begin: int, wire: StreamFormat, decoder: Decoder, sample_us: float) -> RawStream:
     """A recorded stream of which nothing is known but its format and the time of a sample."""
     stream = Stream(
@@ -76,6 +94,6 @@ def raw_stream(begin: int, wire: StreamFormat, decoder: Decoder, sample_us: floa
         mode=ScanMode(0, wire.name, sample_us, 0.0, wire.response_type),
         sample_ns=sample_us * 1e3,
         spin_up_s=0.0,
-        slowest_turn_s=_LONGEST_REVOLUTION * sample_us * 1e-6,
+        slowest_turn_s=LONGEST_REVOLUTION * sample_us * 1e-6,
     )
     return RawStream(begin, stream)

@@ -3,8 +3,9 @@
 It is always opened as a *client*. Since 2024 the routers of ROS 2 forward nothing from peer to peer, but always
 from and to clients, so a peer is seen by luck of the network only (rmw_zenoh's README, and its issues 625 and 929).
 
-zenoh calls back in threads of its own. Everything is handed to the event loop here, in order; what the loop does
-not take in time is dropped, oldest first, and counted. When the router goes away zenoh connects again by itself
+zenoh calls back in threads of its own. Everything is handed to the event loop here, in order, a bounded number and
+time in each turn of the loop (`lidario.network.handover`); what the loop does not take in time is dropped, oldest
+first, and counted. When the router goes away zenoh connects again by itself
 and declares everything anew; `Bus.on_change` tells of both.
 """
 
@@ -14,12 +15,12 @@ import asyncio
 import json
 import logging
 import os
-from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 
 from lidario.errors import ConnectFailed, InvalidValue, Unsupported
+from lidario.network.handover import ITEM_BYTES, Handover
 from lidario.network.router import check_router, why_no_router
 from lidario.port.background import run_in_thread
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 __all__ = ["DEFAULT_ROUTER", "Bus", "Sample", "Sender"]
 
+T = TypeVar("T")
 _log = logging.getLogger("lidario")
 
 DEFAULT_ROUTER: Final = "tcp/localhost:7447"
@@ -35,11 +37,13 @@ DEFAULT_ROUTER: Final = "tcp/localhost:7447"
 OPEN_S: Final = 10.0
 CLOSE_S: Final = 2.0
 """Longest time that closing may take; zenoh tells the router, which may be unreachable."""
-MOST_WAITING_BYTES: Final = 64 << 20
-"""What waits for the event loop, of one subscription: 200 ms of a thousand lidars. How many messages that are says
-little: those of a fleet of 32 come 320 times a second."""
-OVERHEAD: Final = 256
-"""What a message takes beside its bytes, so that empty ones are bounded too."""
+MOST_MESSAGE_BYTES: Final = 2 << 20
+"""Of one message; a scan of the most samples has 1.2 million."""
+LONGEST_KEY: Final = 1024
+MOST_REPLY_BYTES: Final = 16 << 20
+"""Of all responses to one query, and of all tokens that are listed: those of some thousand lidars."""
+QUERY_BYTES: Final = 4096
+"""What a query that waits for its response takes, about."""
 MISSING: Final = "zenoh needs eclipse-zenoh, which is not installed: pip install 'lidario-asyncio[zenoh]'"
 
 
@@ -159,29 +163,25 @@ class Bus:
             finally:
                 query.drop()
 
+        put = self._handover(send)
         with self._told():
-            self._held.append(self._session.declare_queryable(key, lambda query: self._call(send, query)))
+            self._held.append(self._session.declare_queryable(key, lambda query: put(query, QUERY_BYTES)))
 
-    def subscribe(self, key: str, take: Callable[[Sample], None]) -> Callable[[], None]:
-        """Call `take` on the event loop with everything that is published under `key`; returns what ends that."""
-        inbox = _Inbox(take)
+    def subscribe(self, key: str, take: Callable[[Sample], Iterable[None] | None]) -> Callable[[], None]:
+        """Call `take` on the event loop with everything that is published under `key`; returns what ends that.
+
+        What `take` returns is work that may take long, done in steps.
+        """
+        put = self._handover(take)
 
         def receive(sample: Any) -> None:
             # In a thread of zenoh.
-            attachment = sample.attachment
-            made = Sample(
-                str(sample.key_expr), sample.payload.to_bytes(), attachment.to_bytes() if attachment else b""
-            )
-            self.dropped += inbox.put(made)
-            if not inbox.is_due:
-                inbox.is_due = True
-                self._call(hand_over)
-
-        def hand_over() -> None:
-            # Cleared first: what is added from now on asks again.
-            inbox.is_due = False
-            if not self._closed:
-                inbox.hand_over()
+            payload, attachment, name = sample.payload, sample.attachment, str(sample.key_expr)
+            if len(payload) > MOST_MESSAGE_BYTES or len(name) > LONGEST_KEY:
+                self.dropped += 1
+                return
+            beside = attachment.to_bytes() if attachment and len(attachment) <= LONGEST_KEY else b""
+            put(Sample(name, payload.to_bytes(), beside), len(payload) + len(name) + len(beside))
 
         with self._told():
             subscriber: Any = self._session.declare_subscriber(key, receive)
@@ -196,8 +196,15 @@ class Bus:
     def watch_tokens(self, key: str, changed: Callable[[str, bool], None]) -> None:
         """Call `changed` on the event loop with each token of `key`: True for those there and those that come."""
 
+        def take(change: tuple[str, bool]) -> None:
+            changed(*change)
+
+        put = self._handover(take)
+
         def receive(sample: Any) -> None:
-            self._call(changed, str(sample.key_expr), "PUT" in str(sample.kind))
+            name = str(sample.key_expr)
+            if len(name) <= LONGEST_KEY:
+                put((name, "PUT" in str(sample.kind)), len(name))
 
         with self._told():
             self._held.append(self._session.liveliness().declare_subscriber(key, receive, history=True))
@@ -205,20 +212,15 @@ class Bus:
     async def tokens(self, key: str, seconds: float) -> list[str]:
         """The tokens of `key` that are there. Cancelling ends the waiting."""
         replies = await self._gather(lambda: self._session.liveliness().get(key, timeout=seconds))
-        return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+        return [reply.key for reply in replies]
 
     async def query(self, key: str, seconds: float) -> list[Sample]:
         """Ask everybody who responds to `key`. Cancelling ends the waiting."""
         everybody = _zenoh().QueryTarget.ALL
         none = _zenoh().ConsolidationMode.NONE
-        replies = await self._gather(
+        return await self._gather(
             lambda: self._session.get(key, timeout=seconds, target=everybody, consolidation=none)
         )
-        return [
-            Sample(str(reply.ok.key_expr), reply.ok.payload.to_bytes(), b"")
-            for reply in replies
-            if reply.ok is not None
-        ]
 
     async def close(self) -> None:
         """End everything; returns when the router knows, after two seconds at most. Cancelling ends the waiting."""
@@ -243,10 +245,23 @@ class Bus:
 
     # ------------------------------------------------------------------------------------------ inside
 
-    async def _gather(self, ask: Callable[[], Any]) -> list[Any]:
+    async def _gather(self, ask: Callable[[], Any]) -> list[Sample]:
         with self._told():
             # The iteration blocks until the last response has come, or the time is up.
-            return await run_in_thread(lambda: list(ask()))
+            return await run_in_thread(lambda: _collected(ask()))
+
+    def _handover(self, take: Callable[[T], Iterable[None] | None]) -> Callable[[T, int], None]:
+        """What hands things and their sizes over from a thread of zenoh to `take`, on the event loop."""
+
+        def take_open(item: T) -> Iterable[None] | None:
+            return None if self._closed else take(item)
+
+        handover = Handover(take_open, self._call, self._loop.call_soon)
+
+        def put(item: T, size: int) -> None:
+            self.dropped += handover.put(item, size)
+
+        return put
 
     @contextmanager
     def _told(self) -> Iterator[None]:
@@ -276,45 +291,19 @@ class Bus:
             _log.debug("the event loop is closed, so what zenoh brings is dropped")
 
 
-class _Inbox:
-    """Samples of one subscription on their way from zenoh's thread to the event loop.
-
-    No lock is needed: adding to a deque and taking from it are atomic, and each counter is changed by one thread.
-
-    Attributes:
-        is_due: Whether the loop was asked to take them, and has not begun to.
-    """
-
-    def __init__(self, take: Callable[[Sample], None]) -> None:
-        self.is_due = False
-        self._take = take
-        self._waiting: deque[Sample] = deque()
-        self._put = self._taken = 0
-
-    def put(self, sample: Sample) -> int:
-        """Add a sample, in zenoh's thread; returns how many were dropped for it."""
-        dropped = 0
-        self._waiting.append(sample)
-        self._put += _size(sample)
-        while self._put - self._taken > MOST_WAITING_BYTES and len(self._waiting) > 1:
-            with suppress(IndexError):  # the loop was faster
-                self._put -= _size(self._waiting.popleft())
-                dropped += 1
-        return dropped
-
-    def hand_over(self) -> None:
-        """Have all samples taken, in the event loop's thread."""
-        while True:
-            try:
-                sample = self._waiting.popleft()
-            except IndexError:  # none was left, or zenoh's thread has dropped it
-                return
-            self._taken += _size(sample)
-            self._take(sample)
-
-
-def _size(sample: Sample) -> int:
-    return len(sample.payload) + OVERHEAD
+def _collected(replies: Iterable[Any]) -> list[Sample]:
+    """The responses, as far as they are bounded."""
+    found: list[Sample] = []
+    size = 0
+    for reply in replies:
+        if reply.ok is not None:
+            name, payload = str(reply.ok.key_expr), reply.ok.payload
+            size += len(name) + len(payload) + ITEM_BYTES
+            if size > MOST_REPLY_BYTES:
+                _log.warning("more was responded to a query of zenoh than is taken: the rest is left out")
+                break
+            found.append(Sample(name, payload.to_bytes(), b""))
+    return found
 
 
 def _discard(session: Any) -> None:
@@ -336,6 +325,8 @@ def _config(module: Any, router: str) -> zenoh.Config:
     config.insert_json5("scouting/multicast/enabled", "false")
     # How soon it tries again when the router is gone: zenoh's own first wait is a second.
     config.insert_json5("connect/retry", "{period_init_ms: 250, period_max_ms: 4000, period_increase_factor: 2}")
+    # It would put together messages of a gigabyte from their fragments.
+    config.insert_json5("transport/link/rx/max_message_size", str(2 * MOST_MESSAGE_BYTES))
     # It would keep files in /dev/shm open for messages of a few kilobytes.
     config.insert_json5("transport/shared_memory/enabled", "false")
     return config

@@ -136,6 +136,8 @@ def _of_message(bus: Bus, first: Sample) -> Remote:
 async def _ask(bus: Bus, key: str) -> dict[str, Status]:
     found: dict[str, Status] = {}
     for reply in await bus.query(status_key(key), ASK_S):
+        # Each may take milliseconds, and how many there are is for the network to say.
+        await asyncio.sleep(0)
         place, status = reply.key.removesuffix(_STATUS), Status.of(reply.payload)
         if status is None:
             continue

@@ -30,6 +30,8 @@ T = TypeVar("T")
 SCAN_TYPE: Final = 0
 """Type of the descriptor that announces whole scans; no device has it."""
 MOST_RESPONSES: Final = 512
+LONGEST_RESPONSE: Final = 4096
+"""Bytes of a response that is remembered, and of its request; a length in a request is one byte."""
 SLOWEST_TURN_S: Final = 10.0
 
 
@@ -75,9 +77,9 @@ class RemoteStreams:
 
     def learn(self, event: StreamEvent) -> None:
         """Remember what the device responded."""
-        if isinstance(event, Responded) and (
-            event.request in self.responses or len(self.responses) < MOST_RESPONSES
-        ):
+        if not isinstance(event, Responded) or len(event.request) + len(event.payload) > LONGEST_RESPONSE:
+            return
+        if event.request in self.responses or len(self.responses) < MOST_RESPONSES:
             self.responses[event.request] = event
 
     def begin(self, began: StreamBegan) -> None:

@@ -7,6 +7,7 @@ otherwise.
 
 from __future__ import annotations
 
+import asyncio
 import re
 from dataclasses import dataclass
 from typing import Final
@@ -69,7 +70,12 @@ async def list_remote_lidars(router: str = DEFAULT_ROUTER) -> list[RemoteLidar]:
         replies = await bus.query(status_key("**"), ASK_S) if tokens else []
     finally:
         await bus.close()
-    told = {each.key: status for each in replies if (status := Status.of(each.payload)) is not None}
+    told: dict[str, Status] = {}
+    for each in replies:
+        # Each may take milliseconds, and how many there are is for the network to say.
+        await asyncio.sleep(0)
+        if (status := Status.of(each.payload)) is not None:
+            told[each.key] = status
     found: dict[str, RemoteLidar] = {}
     for token in map(parse_token, tokens):
         if token is None:

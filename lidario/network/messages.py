@@ -33,7 +33,9 @@ _ENTRY: Final = struct.Struct("<BxxxIq")
 
 MOST_SAMPLES: Final = 1 << 17
 """Of one scan; several times what any device takes in a revolution."""
-MOST_ENTRIES: Final = 4096
+MOST_ENTRIES: Final = 1024
+MOST_RAW_BYTES: Final = 1 << 18
+"""Of a raw message; publishers send some 16 KiB."""
 _LONGEST_NAME: Final = 64
 _MOST_METRES: Final = 1e6
 _MOST_RPM: Final = 1e6
@@ -147,7 +149,7 @@ def is_raw(data: bytes) -> bool:
 
 def parse_raw_message(data: bytes) -> list[Entry] | None:
     """What `encode_raw_message` wrote; None for anything else."""
-    if len(data) < _RAW.size:
+    if not _RAW.size <= len(data) <= MOST_RAW_BYTES:
         return None
     magic, count = _RAW.unpack_from(data)
     if magic != _RAW_MAGIC or count > MOST_ENTRIES:

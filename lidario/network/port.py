@@ -19,8 +19,8 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Callable
-from typing import Any, Final, Protocol
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, Final, Protocol, TypeAlias
 
 from lidario.errors import DeviceLost
 from lidario.laserscan import LaserScan
@@ -29,7 +29,7 @@ from lidario.network.device import SCAN_TYPE, RemoteStreams
 from lidario.network.foreign import scan_of_laserscan
 from lidario.network.keys import parse_attachment
 from lidario.network.messages import Entry, parse_raw_message, parse_scan
-from lidario.network.raw import time_here
+from lidario.network.raw import joined, time_here
 from lidario.network.senders import OneSender, Senders
 from lidario.network.status import Status
 from lidario.port.line import Line, Schedule
@@ -50,6 +50,10 @@ SETTLE_S: Final = 5.0
 """From the return of the router to the loss of who has no token by then; a publisher tries every four seconds."""
 SILENCE_S: Final = 5.0
 """Longest pause of a publisher that shows no token: a node that is not ours."""
+
+MOST_TOKENS: Final = 1024
+Take: TypeAlias = Callable[[Sample], Iterable[None] | None]
+AGAIN_S: Final = 1.0  # from one warning about the lidar of a publisher to the next
 
 
 class Audience(Protocol):
@@ -100,9 +104,9 @@ class RemotePort(Port):
         """Name the session (an `Audience`) that it receives for."""
         self._remote.audience = audience
 
-    def receive(self, sample: Sample) -> None:
-        """Take what was published under the key of the lidar."""
-        self._remote.receive(sample)
+    def receive(self, sample: Sample) -> Iterable[None] | None:
+        """Take what was published under the key of the lidar; what is returned is work, in steps."""
+        return self._remote.receive(sample)
 
     def learn(self, sample: Sample) -> None:
         """Take a status."""
@@ -123,9 +127,7 @@ class _RemoteLine(Line):
         self._port = port
         self._bus = bus
         self._streams = streams
-        self._take: Callable[[Sample], None] = {"raw": self._take_raw, "scan": self._take_scan}.get(
-            form, self._take_laserscan
-        )
+        self._take: Take = {"raw": self._take_raw, "scan": self._take_scan}.get(form, self._take_laserscan)
         self._raw = form == "raw"
         self._closing = False
         self._wanted = False
@@ -133,7 +135,7 @@ class _RemoteLine(Line):
         self._senders = Senders()
         self._sender = OneSender(sender, self._loop.time())
         self._told_of_rival = self._told_of_silence = False
-        self._away = ""
+        self._away, self._told_away_at = "", -AGAIN_S
         self._gap = 0
         self._seq: int | None = None
         self._tokens: set[str] = set()
@@ -176,10 +178,10 @@ class _RemoteLine(Line):
 
     # ------------------------------------------------------------------------------------------ receiving
 
-    def receive(self, sample: Sample) -> None:
+    def receive(self, sample: Sample) -> Iterable[None] | None:
         self._heard = self._loop.time()
         if self._closing or self._port.is_forked:
-            return
+            return None
         attachment, gap = self._senders.follow(sample)
         gid = b"" if attachment is None else attachment.gid
         who = self._sender.follow(gid, self._loop.time(), lambda: _is_ours(sample, self._raw))
@@ -189,19 +191,19 @@ class _RemoteLine(Line):
                 self._told_of_rival = True
                 text = "%s: two publishers send under this key; the second one is ignored. Give each its own key"
                 _log.warning(text, self._port.name)
-            return
+            return None
         if who == "new":
             # What its bytes mean it tells itself.
             self._flows, self._gap, self._seq = not self._raw, 0, None
         self._gap += gap
-        self._take(sample)
+        return self._take(sample)
 
     def learn(self, sample: Sample) -> None:
         status, attachment = Status.of(sample.payload), parse_attachment(sample.attachment)
         if status is None or self._closing or self._sender.is_other(b"" if attachment is None else attachment.gid):
             return
-        if status.lost != self._away:
-            self._away = status.lost
+        if status.lost != self._away and (now := self._loop.time()) - self._told_away_at >= AGAIN_S:
+            self._away, self._told_away_at = status.lost, now
             _log.warning("%s: %s", self._port.name, status.lost or "the lidar is back at its publisher")
         self._streams.about = status.about
         for event in status.about.events:
@@ -231,21 +233,32 @@ class _RemoteLine(Line):
         if self._wanted and self.audience is not None:
             self.audience.deliver(scan, missed)
 
-    def _take_raw(self, sample: Sample) -> None:
+    def _take_raw(self, sample: Sample) -> Iterator[None]:
         entries = parse_raw_message(sample.payload)
         if entries is None:
             self.bad += 1
             return
+        reads: list[tuple[bytes, int]] = []
         for entry in entries:
             if entry.is_event:
+                self._hand_over(reads)
+                reads = []
                 self._take_event(entry)
+                yield
             elif self._wanted and self._flows:
                 at_ns = time_here(entry.at_ns, self._streams.stream.began, self._port.wall_offset_ns)
                 if at_ns is None:
                     self.bad += 1
-                    return
+                    break
                 self._port.show("in", entry.data, at_ns)
-                self._port.hand_over(entry.data, at_ns)
+                reads.append((entry.data, at_ns))
+        self._hand_over(reads)
+
+    def _hand_over(self, reads: Sequence[tuple[bytes, int]]) -> None:
+        """Hand over what was read at those times, as one piece: a message may have thousands of reads."""
+        if reads:
+            data, now, arrivals = joined(reads)
+            self._port.hand_over(data, now, arrivals)
 
     def _take_event(self, entry: Entry) -> None:
         event = event_of(entry.data.decode("utf-8", "replace"))
@@ -276,7 +289,8 @@ class _RemoteLine(Line):
 
     def token_changed(self, token: str, alive: bool) -> None:
         if alive:
-            self._tokens.add(token)
+            if len(self._tokens) < MOST_TOKENS:
+                self._tokens.add(token)
             self._has_token = True
         else:
             self._tokens.discard(token)

@@ -18,8 +18,8 @@ __all__ = ["Known", "OneSender", "Senders"]
 
 T = TypeVar("T")
 
-MOST: Final = 65536
-"""Publishers that are remembered. Each one that restarts is another one."""
+MOST: Final = 16384
+"""Publishers that are remembered, each with its key. Each one that restarts is another one."""
 RIVAL_S: Final = 2.0
 """Longest pause of a publisher before another one under its key takes its place; four revolutions of the slowest
 devices."""

@@ -11,7 +11,7 @@ of which so much is missing that parts of two may have met. The last two are cou
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from lidario.families.base import Samples, Stream
@@ -57,6 +57,7 @@ class Assembler:
         self._wall_offset_ns = wall_offset_ns
         self._seam = Seam(stream.format.full_turn, stream.format.first_seam)
         self._endless_ns = _ENDLESS_REVOLUTIONS * 1e9 * stream.slowest_turn_s
+        self._most_bytes = stream.most_bytes
         self._partial = PartialRevolution(whole=False)
         self._count = RevolutionCount(1e9 * stream.slowest_turn_s)
         self._last_spanned_ns = 0.0
@@ -80,42 +81,39 @@ class Assembler:
 
     def add(self, event: Packets) -> list[Scan]:
         """Take the next packets of the stream; return the revolutions they completed, usually none."""
-        splits = self._seam.splits(self._stream.format.headings(event))
-        if not splits:
-            self._keep(event)
-            return []
-        offsets = packet_offsets(event.blocks)
-        if len(splits) == 1:
-            # Live it is always so.
-            scan = self._end_at(event, splits[0], 0, offsets)
-            self._keep(self._part(event, splits[0].packet, event.count, offsets))
-            return [] if scan is None else [scan]
-        scans: list[Scan] = []
-        begin = done = 0
-        while done < len(splits):
-            left = len(splits) - done if self._by_blocks else 1
-            if left >= _WORTH_A_BLOCK and (
-                self._next_offset_deg is not None or not is_ready(self._stream, self._partial, self._count)
-            ):
-                # The first revolutions of a stream, and those behind a gap, teach what the others are measured by.
-                # All revolutions of a block have the same zero-angle offset.
-                left = 1
-            elif left >= _WORTH_A_BLOCK:
-                block = self._add_block(event, offsets, splits[done:], begin)
-                if block:
-                    scans += block
-                    begin = splits[-1].packet
-                    break
-                # Something is not as it should be, somewhere. Behind it all may be well again.
-                left = max(1, left // 2)
-            for split in splits[done : done + left]:
-                scan = self._end_at(event, split, begin, offsets)
-                if scan is not None:
-                    scans.append(scan)
-                begin = split.packet
-            done += left
-        self._keep(self._part(event, begin, event.count, offsets))
-        return scans
+        return [scan for scans in self.ends(event) for scan in scans]
+
+    def ends(self, event: Packets) -> Iterator[list[Scan]]:
+        """As `add`, one or a block at a time; packets that are left when it is closed are counted as discarded."""
+        kept = 0
+        try:
+            splits = self._seam.splits(self._stream.format.headings(event))
+            offsets = packet_offsets(event.blocks) if splits else ()
+            done = 0
+            while done < len(splits):
+                left = len(splits) - done if self._by_blocks else 1
+                if left >= _WORTH_A_BLOCK and (
+                    self._next_offset_deg is not None or not is_ready(self._stream, self._partial, self._count)
+                ):
+                    # Those behind a beginning or a gap teach what others are measured by. A block has one offset.
+                    left = 1
+                elif left >= _WORTH_A_BLOCK:
+                    block = self._add_block(event, offsets, splits[done:], kept)
+                    if block:
+                        kept = splits[-1].packet
+                        yield block
+                        break
+                    # Something is not as it should be, somewhere. Behind it all may be well again.
+                    left = max(1, left // 2)
+                for split in splits[done : done + left]:
+                    scan = self._end_at(event, split, kept, offsets)
+                    kept = split.packet
+                    yield [] if scan is None else [scan]
+                done += left
+            rest, kept = self._part(event, kept, event.count, offsets) if kept else event, event.count
+            self._keep(rest)
+        finally:
+            self.stats.discarded_packets += event.count - kept
 
     def _end_at(self, event: Packets, split: Split, begin: int, offsets: Sequence[int]) -> Scan | None:
         """Keep the packets of an event from number `begin` up to a split, and end the revolution there."""
@@ -167,13 +165,15 @@ class Assembler:
 
     def _keep(self, packets: Packets) -> None:
         """Add packets to the revolution in the making."""
-        runs = self._partial.runs
-        runs.append(packets)
+        partial = self._partial
+        partial.runs.append(packets)
+        partial.size += len(packets.data)
         count, received_ns = packets.arrivals[-1]
         self.stats.unfinished_packets += count
-        if received_ns - runs[0].arrivals[0][1] > self._endless_ns:
-            # It will never end as it should; without a bound it would be kept for ever.
-            if self._partial.whole:
+        lasts_ns = received_ns - partial.runs[0].arrivals[0][1]
+        if lasts_ns > self._endless_ns or partial.size > self._most_bytes:
+            # It will never end as it should. Time alone is no bound: peers and files say what time it is.
+            if partial.whole:
                 self.stats.break_scan()
             self._count.restart()
             self.stats.finish(self.stats.unfinished_packets, delivered=False)

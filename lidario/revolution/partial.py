@@ -6,8 +6,9 @@ before, and the packets that came after it, which stay bytes until the revolutio
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,10 @@ from lidario.wire.blocks import Block, join_blocks, packet_offsets, some_blocks
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["PartialRevolution", "SampleArrays", "part_of"]
+__all__ = ["MOST_IN_A_PART", "PartialRevolution", "SampleArrays", "part_of", "parts_of"]
+
+MOST_IN_A_PART: Final = 512
+"""Packets of a part: several revolutions of most formats, which are decoded as one block."""
 
 
 @dataclass(slots=True, eq=False)
@@ -66,6 +70,7 @@ class PartialRevolution:
         skipped_behind_carried: The samples of those.
         carried_packets: Packets that a whole revolution has, as far as was known when that packet was decoded.
         runs: The packets since, as they were reported.
+        size: Their bytes.
     """
 
     whole: bool
@@ -78,6 +83,7 @@ class PartialRevolution:
     skipped_behind_carried: int = 0
     carried_packets: float = 0.0
     runs: list[Packets] = field(default_factory=list)
+    size: int = 0
 
     def packets(self) -> Packets | None:
         """All its packets, as if they had been reported together; None when it has none."""
@@ -184,3 +190,11 @@ def part_of(
         at_ns -= round(behind * sample_ns)
     arrivals.append((end - begin, at_ns))
     return Packets(packets.data[offsets[begin] : offsets[end]], blocks, tuple(arrivals))
+
+
+def parts_of(packets: Packets, wire: StreamFormat, sample_ns: float) -> Iterator[Packets]:
+    """The same packets, few enough at a time that to find where revolutions end in them takes a bounded time."""
+    offsets = packet_offsets(packets.blocks)
+    for begin in range(0, packets.count, MOST_IN_A_PART):
+        end = min(begin + MOST_IN_A_PART, packets.count)
+        yield part_of(packets, begin, end, offsets, wire, sample_ns)

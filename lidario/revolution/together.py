@@ -1,6 +1,6 @@
-"""Runs of packets that were read together, joined to one.
+"""Bytes that were read together are parsed in slices; the runs of packets that these give are joined to one.
 
-A program that blocked its event loop finds seconds of a stream at once, and `Link` parses them in slices, all with
+A program that blocked its event loop finds seconds of a stream at once, and they are parsed in slices, all with
 the time at which they were read. Seen alone, the packets of the first slice seem to have come late by all that
 stands behind them, and a whole revolution seems to have a hole in it. Joined, `Assembler` sees how much was
 measured after each packet, and dates it by that.
@@ -8,12 +8,29 @@ measured after each packet, and dates it by that.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterator, Sequence
+from typing import Final
 
 from lidario.wire.blocks import Block, join_blocks
 from lidario.wire.events import Arrival, Event, Packets
 
-__all__ = ["join_runs"]
+__all__ = ["SLICE", "join_runs", "slices"]
+
+SLICE: Final = 2048
+"""Bytes that are parsed in one step. Those that look most like packets and are none take 2 us each."""
+
+
+def slices(
+    data: bytes, now: int, arrivals: Sequence[Arrival] = (), most: int = SLICE
+) -> Iterator[tuple[memoryview, int, Sequence[Arrival]]]:
+    """What was received, in pieces of so many bytes: the arguments of `Link.receive_data`, for each."""
+    view = memoryview(data)
+    for begin in range(0, len(view), most):
+        end = min(begin + most, len(view))
+        inside = bisect_right(arrivals, begin, key=_bytes_of), bisect_left(arrivals, end, key=_bytes_of)
+        came = [(size - begin, at_ns) for size, at_ns in arrivals[inside[0] : inside[1]]]
+        yield view[begin:end], arrivals[inside[1]][1] if inside[1] < len(arrivals) else now, came
 
 
 def join_runs(events: Sequence[Event]) -> list[Event]:
@@ -45,3 +62,7 @@ def _as_one(runs: Sequence[Packets]) -> list[Packets]:
             arrivals.append((before + count, at_ns))
         before = arrivals[-1][0]
     return [Packets(b"".join([run.data for run in runs]), tuple(blocks), tuple(arrivals))]
+
+
+def _bytes_of(arrival: Arrival) -> int:
+    return arrival[0]

@@ -30,6 +30,7 @@ from lidario.network.status import Status
 from lidario.recording.about import About
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
+from lidario.session.log import Trouble
 from lidario.version import __version__
 
 __all__ = ["Broadcast", "Outlet"]
@@ -105,6 +106,7 @@ class Broadcast(Entered):
         self._times: deque[float] = deque(maxlen=64)
         self._ticking: asyncio.Task[None] | None = None
         self._status: Outlet | None = None
+        self._trouble = Trouble(_log)
 
     @property
     @abstractmethod
@@ -274,7 +276,7 @@ class Broadcast(Entered):
         other = parse_token(token)
         if alive and token != own and other is not None:
             text = "%s %s of %s is published under %s, too: give each lidar a key of its own"
-            _log.warning(text, other.model, other.serial, other.robot, self.key)
+            self._trouble.tell(text, other.model, other.serial, other.robot, self.key)
 
     def _router_changed(self, connected: bool) -> None:
         what = "is back" if connected else "is lost; scans are not sent until it is back"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Iterable, Iterator
 from typing import Final, Self
 
 from lidario.arguments import shown, whole
@@ -18,16 +19,16 @@ from lidario.network.bus import DEFAULT_ROUTER, Bus, Sample
 from lidario.network.foreign import scan_of_laserscan
 from lidario.network.keys import LASERSCAN_IN_KEY, Attachment, check_key, parse_attachment, status_key
 from lidario.network.messages import is_raw, parse_scan
-from lidario.network.raw import RawDecoder
-from lidario.network.senders import Known, Senders
+from lidario.network.raw import Decoders
+from lidario.network.senders import Senders
 from lidario.network.status import Status
 from lidario.ros.waiting import FleetScan, WaitingScans
 from lidario.scan import Scan
 
 __all__ = ["Fleet", "FleetScan"]
 
-MOST_DECODERS: Final = 4096
-"""Publishers of raw bytes that are decoded at once; each one holds the revolution in the making."""
+MOST_MISSING: Final = 4096
+"""Lidars of which messages are missing that no scan has told of yet."""
 _STATUS: Final = status_key("")
 
 
@@ -68,7 +69,7 @@ class Fleet(Entered):
         self._bus: Bus | None = None
         self._offset_ns = 0
         self._senders = Senders()
-        self._decoders: Known[RawDecoder] = Known(MOST_DECODERS)
+        self._decoders = Decoders(0)
         self._missing: dict[str, int] = {}
         self._gaps = 0
         self._closed = False
@@ -98,6 +99,7 @@ class Fleet(Entered):
         if self._bus is not None:
             raise LocalProtocolError("a fleet can be started once: make another one")
         self._offset_ns = time.time_ns() - round(asyncio.get_running_loop().time() * 1e9)
+        self._decoders = Decoders(self._offset_ns)
         bus = await Bus.open(self._router)
         try:
             bus.subscribe(status_key(self._keys), self._learn)
@@ -136,41 +138,38 @@ class Fleet(Entered):
     def _learn(self, sample: Sample) -> None:
         attachment, status = parse_attachment(sample.attachment), Status.of(sample.payload)
         if attachment is not None and status is not None and status.form == "raw":
-            self._decoder(sample.key.removesuffix(_STATUS), attachment).learn(status)
+            self._decoders.of(sample.key.removesuffix(_STATUS), attachment.gid).learn(status)
 
-    def _take(self, sample: Sample) -> None:
+    def _take(self, sample: Sample) -> Iterator[None]:
         attachment, gap = self._senders.follow(sample)
         self._gaps += gap
-        scans = self._scans_of(sample, attachment)
-        if scans is None:
+        found = self._scans_of(sample, attachment)
+        if found is None:
             self.bad_messages += 1
-            scans = []
+            found = ()
         # Where no scan tells of a gap yet, the next one does.
         gap += self._missing.pop(sample.key, 0)
-        for scan in scans:
-            self._scans.put(FleetScan(sample.key, scan, 0 if attachment is None else attachment.time_ns, gap))
-            gap = 0
-        if gap and len(self._missing) < MOST_DECODERS:
+        for scans in found:
+            for scan in scans:
+                self._scans.put(FleetScan(sample.key, scan, 0 if attachment is None else attachment.time_ns, gap))
+                gap = 0
+            if scans:
+                self._wake()
+            yield
+        if gap and len(self._missing) < MOST_MISSING:
             self._missing[sample.key] = gap
-        if scans:
-            self._wake()
 
-    def _scans_of(self, sample: Sample, attachment: Attachment | None) -> list[Scan] | None:
-        """The scans that a message holds or completes; None where it is none of ours."""
+    def _scans_of(self, sample: Sample, attachment: Attachment | None) -> Iterable[list[Scan]] | None:
+        """The scans that a message holds or completes, in steps; None where it is none of ours."""
         if is_raw(sample.payload) and attachment is not None:
-            return self._decoder(sample.key, attachment).add(sample.payload)
+            return self._decoders.of(sample.key, attachment.gid).steps(sample.payload)
         if LASERSCAN_IN_KEY not in sample.key:
             scan = parse_scan(sample.payload, self._offset_ns)
         else:
             laser = LaserScan.from_cdr(sample.payload)
             number = 0 if attachment is None else max(0, attachment.number)
             scan = None if laser is None else scan_of_laserscan(laser, number, self._offset_ns)
-        return None if scan is None else [scan]
-
-    def _decoder(self, key: str, attachment: Attachment) -> RawDecoder:
-        found = self._decoders.get((key, attachment.gid)) or RawDecoder(self._offset_ns)
-        self._decoders.put(key, attachment.gid, found)
-        return found
+        return None if scan is None else [[scan]]
 
     def _wake(self) -> None:
         if self._waiter is not None and not self._waiter.done():

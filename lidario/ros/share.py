@@ -167,7 +167,9 @@ class _RawFeed:
         """As `Tap`."""
         if direction == "in":
             self._chunks += 1
-            self._add(Entry(False, now, data))
+            # A program that blocked its loop reads much at once; a message must not be too large.
+            for at in range(0, len(data), COLLECT_BYTES):
+                self._add(Entry(False, now, data[at : at + COLLECT_BYTES]))
 
     def see_event(self, text: str, now: int) -> None:
         """Something was added to the chronicle."""

@@ -5,14 +5,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from lidario.port.line import Schedule, Tap
 from lidario.port.port import Port
 from lidario.recording.chronicle import Chronicle
 from lidario.session.delivery import Delivery
 from lidario.wire.envelope import Request
-from lidario.wire.events import Packets
 from lidario.wire.link import Link, LinkStats
 from lidario.wire.states import LinkState
 
@@ -85,10 +82,6 @@ class DeviceLine:
     def now(self) -> int:
         """As `Port.now`."""
         return self._port.now()
-
-    def deliver_to(self, callback: Callable[[Packets], None] | None) -> None:
-        """Call `callback` with each run of packets, those that came since the descriptor first; None for nobody."""
-        self._delivery.deliver_to(callback)
 
     def set_polling(self, latency: float, schedule: Schedule | None) -> None:
         """As `Port.set_polling`."""

@@ -20,15 +20,13 @@ import anyio
 from lidario.errors import InternalError, LidarError, ResponseTimeout
 from lidario.families.base import Device, Script, Timing
 from lidario.port.port import Port
-from lidario.revolution.together import join_runs
-from lidario.session.device_line import DeviceLine
+from lidario.session.intake import Intake
 from lidario.session.patience import RESPONSE_S, Patience
 from lidario.session.readiness import Readiness
 from lidario.session.script import play
 from lidario.session.stopper import PATIENCE_S, Stopper
 from lidario.session.waiting import Awaited, Waiting
 from lidario.wire.envelope import Request
-from lidario.wire.events import Event, Packets, Response
 from lidario.wire.states import LinkState
 
 __all__ = ["Dialogue"]
@@ -37,7 +35,7 @@ T = TypeVar("T")
 _log = logging.getLogger("lidario")
 
 
-class Dialogue(DeviceLine):
+class Dialogue(Intake):
     """Talks to one device over one port.
 
     Attributes:
@@ -53,7 +51,6 @@ class Dialogue(DeviceLine):
         self._device = device
         self._timing = timing
         self._loop = asyncio.get_running_loop()
-        self._overflow = port.overflow_bytes
         self._patience = Patience()
         self.protection_stops: int = 0
         self.reset_at: float | None = None
@@ -99,34 +96,33 @@ class Dialogue(DeviceLine):
 
     # ------------------------------------------------------------------------------------------------ receiving
 
-    def data_received(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]] = ()) -> None:
-        """As `Receiver`. A mistake of ours ends the dialogue: it must not leave readers waiting."""
-        try:
-            overflow = self._port.overflow_bytes
-            if overflow != self._overflow:
-                # They came before `data`: the port keeps what comes first.
-                self._link.discard_data(overflow - self._overflow)
-                self._overflow = overflow
-            self._link.receive_data(data, now, arrivals)
-            for event in join_runs(self._link.events_received()):
-                self._handle(event)
-        except Exception as error:
-            if self.fatal is None:
-                _log.exception("lidario failed at what the device sent")
-            failure = InternalError(f"lidario failed at what the device sent ({error!r}); please report this")
-            failure.__cause__ = error
-            self.fail(failure)
-            self.stop_device()
+    def responded(self, payload: bytes) -> None:
+        """As `Intake.responded`."""
+        self._readiness.responded()
+        self._waiting.wake(Awaited.RESPONSE, payload)
+
+    def taken(self) -> None:
+        """As `Intake.taken`."""
         self._readiness.received()
         if not self._link.is_awaiting:
             self._waiting.wake(Awaited.CHANGE)
             self._stopper.try_now()
 
+    def mistaken(self, error: Exception) -> None:
+        """As `Intake.mistaken`. It ends the dialogue: it must not leave readers waiting."""
+        if self.fatal is None:
+            _log.error("lidario failed at what the device sent", exc_info=error)
+        failure = InternalError(f"lidario failed at what the device sent ({error!r}); please report this")
+        failure.__cause__ = error
+        self.fail(failure)
+        self.stop_device()
+
     def connection_lost(self, error: LidarError | None) -> None:
         """As `Receiver`."""
         self._stopper.cancel()
         if error is not None:
-            self.fail(error)
+            # What came before is still worth having.
+            self._turns.then(lambda: self.fail(error))
 
     def fail(self, error: LidarError) -> None:
         """End the dialogue for good; the first error wins."""
@@ -327,15 +323,6 @@ class Dialogue(DeviceLine):
         self._waiting.wake(Awaited.CHANGE)
 
     # ------------------------------------------------------------------------------------------------ inside
-
-    def _handle(self, event: Event) -> None:
-        if isinstance(event, Packets):
-            self._delivery.deliver(event, streaming=self.is_streaming)
-        else:
-            # Of a stream, the script is told what its descriptor announces.
-            told = event.payload if isinstance(event, Response) else bytes((event.type,))
-            self._readiness.responded()
-            self._waiting.wake(Awaited.RESPONSE, told)
 
     async def _until_it_listens(self) -> None:
         """Wait until the device accepts a request."""

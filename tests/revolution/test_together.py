@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pytest
 
-from lidario.revolution.together import join_runs
+from lidario.revolution.together import join_runs, slices
 from lidario.wire.events import Descriptor, Event, Packets, Response
 from tests.support.cases import CASES, Case, named
 from tests.support.streams import cut_up, open_stream
@@ -51,3 +51,18 @@ def test_what_stands_between_them_keeps_its_place() -> None:
     assert [type(event) for event in joined] == [Response, Descriptor, Packets, Response, Packets]
     assert joined[-1] is run
     assert join_runs([]) == []
+
+
+@pytest.mark.parametrize("case", CASES[::4], ids=named)
+@pytest.mark.parametrize("most", [100, 1000, 10**6])
+def test_slices_are_the_same_bytes_with_the_same_times(case: Case, most: int) -> None:
+    data = case.raw[:20_000]
+    arrivals = [(at, at * 7) for at in range(333, len(data), 333)]
+    whole, cut = open_stream(case), open_stream(case)
+    whole.receive_data(data, len(data) * 7, arrivals)
+    for piece, now, came in slices(data, len(data) * 7, arrivals, most):
+        assert len(piece) <= most
+        assert all(0 < size < len(piece) for size, _ in came)
+        cut.receive_data(piece, now, came)
+    assert join_runs(cut.events_received()) == join_runs(whole.events_received())
+    assert cut.stats == whole.stats

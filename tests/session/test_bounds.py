@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from lidario import Lidar, LidarError, NetworkAddress, run
-from lidario.session.delivery import Delivery
+from lidario.session.delivery import EARLY_BYTES, Delivery
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
 from lidario.wire.stats import LinkStats
@@ -142,11 +142,19 @@ def test_early_packets_are_bounded() -> None:
     stats = LinkStats()
     delivery = Delivery(stats)
     run = Packets(b"\0" * 5, (Block(5, 1),), ((1, 0),))
-    for _ in range(100):
-        delivery.deliver(run, streaming=True)
+    most = EARLY_BYTES // 512
+    for _ in range(2 * most):
+        assert list(delivery.deliver(run, streaming=True)) == []
     got: list[Packets] = []
-    delivery.deliver_to(got.append)
-    assert (len(got), stats.unread_packets) == (64, 36)
+
+    def take(packets: Packets) -> list[None]:
+        got.append(packets)
+        return []
+
+    assert delivery.deliver_to(take)
+    assert list(delivery.early()) == []
+    assert (len(got) + stats.unread_packets, len(got) <= most) == (2 * most, True)
+    assert len(got) > 0.9 * most
 
 
 @driven

@@ -1,0 +1,103 @@
+"""Work that may take long, done in steps: each turn of the event loop takes a bounded time of it.
+
+A peer decides how many bytes come, and what they are. Some cost a thousand times what ordinary ones do: noise that
+looks like packets, revolutions of two packets each. So what is done with them is a generator that yields after each
+small piece, and `Turns` goes on with it in later turns of the loop. Between two of them every other task runs.
+
+What comes meanwhile waits in order. How much that may be is for the caller to say: `Turns.size` tells it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from typing import Final
+
+__all__ = ["DELIVERY_BYTES", "MOST_WAITING", "TURN_NS", "Turns"]
+
+TURN_NS: Final = 10_000_000
+"""Nanoseconds of each turn of the loop. An ordinary revolution takes half a millisecond, so that what comes while a
+program blocks its loop for two seconds is decoded in one turn, and a reader is given the latest."""
+MOST_WAITING: Final = 1 << 20
+"""Bytes that may wait: 15 s of the fastest stream, which take 0.1 s."""
+
+DELIVERY_BYTES: Final = 512
+"""What a delivery takes beside its bytes while it waits, about: many small ones are bounded too."""
+
+
+class Turns:
+    """Does work in the order in which it came.
+
+    Args:
+        now: The time in nanoseconds. Where it stands still all is done at once.
+        failed: Called with what was raised in a later turn; in the first one it reaches the caller of `add`.
+
+    Attributes:
+        size: Of the work that waits, as it was given to `add`.
+    """
+
+    def __init__(self, now: Callable[[], int], failed: Callable[[Exception], None]) -> None:
+        self.size: int = 0
+        self._now = now
+        self._failed = failed
+        self._waiting: deque[tuple[Iterator[None], int]] = deque()
+        self._busy = False
+        self._due = False
+        self._then: list[Callable[[], None]] = []
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether nothing waits."""
+        return not self._waiting
+
+    def add(self, steps: Iterable[None], size: int = 0) -> None:
+        """Do this behind what waits; at once, as far as the time of this turn goes, where nothing does."""
+        self._waiting.append((iter(steps), size))
+        self.size += size
+        if not (self._busy or self._due):
+            self._go_on()
+
+    def then(self, callback: Callable[[], None]) -> None:
+        """Call this when all that waits is done, now if nothing does."""
+        if self._waiting:
+            self._then.append(callback)
+        else:
+            callback()
+
+    def _go_on(self) -> None:
+        until = self._now() + TURN_NS
+        self._busy = True
+        try:
+            while self._waiting:
+                steps, size = self._waiting[0]
+                try:
+                    for _ in steps:
+                        if self._now() >= until:
+                            self._due = True
+                            asyncio.get_running_loop().call_soon(self._turn)
+                            return
+                except BaseException:
+                    self._end_first(size)
+                    if self._waiting:
+                        self._due = True
+                        asyncio.get_running_loop().call_soon(self._turn)
+                    raise
+                self._end_first(size)
+        finally:
+            self._busy = False
+
+    def _end_first(self, size: int) -> None:
+        self._waiting.popleft()
+        self.size -= size
+
+    def _turn(self) -> None:
+        self._due = False
+        try:
+            self._go_on()
+        except Exception as error:
+            self._failed(error)
+        if not self._waiting:
+            then, self._then = self._then, []
+            for callback in then:
+                callback()

@@ -1,0 +1,95 @@
+"""Work in steps: a bounded time of it in each turn of the event loop, in order, and nothing is lost."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+
+import pytest
+
+from lidario.port.turns import TURN_NS, Turns
+
+
+class Worked:
+    """What was done, on a clock that each step moves on.
+
+    Attributes:
+        now: Nanoseconds.
+        done: The steps that were made.
+        turns: How many had been made at each turn of the loop.
+    """
+
+    def __init__(self) -> None:
+        self.now = 0
+        self.done: list[str] = []
+        self.turns: list[int] = []
+        self.errors: list[Exception] = []
+        self.all = Turns(lambda: self.now, self.errors.append)
+
+    def steps(self, name: str, count: int, each_ns: int = TURN_NS // 4, fails: bool = False) -> Iterator[None]:
+        for step in range(count):
+            self.now += each_ns
+            self.done.append(f"{name}{step}")
+            yield
+        if fails:
+            raise ZeroDivisionError(name)
+
+    async def end(self) -> None:
+        while not self.all.is_idle:
+            self.turns.append(len(self.done))
+            await asyncio.sleep(0)
+
+
+async def test_what_takes_no_time_is_done_at_once() -> None:
+    worked = Worked()
+    worked.all.add(worked.steps("a", 1000, each_ns=0), 7)
+    assert len(worked.done) == 1000
+    assert worked.all.is_idle
+    assert worked.all.size == 0
+
+
+async def test_each_turn_takes_a_bounded_time_and_the_order_stays() -> None:
+    worked = Worked()
+    worked.all.add(worked.steps("a", 10), 100)
+    worked.all.add(worked.steps("b", 3), 20)
+    assert worked.done == ["a0", "a1", "a2", "a3"]
+    assert worked.all.size == 120
+    await worked.end()
+    assert worked.done == [*(f"a{step}" for step in range(10)), "b0", "b1", "b2"]
+    assert [after - before for before, after in zip(worked.turns, worked.turns[1:], strict=False)] == [4, 4]
+    assert worked.all.size == 0
+
+
+async def test_a_step_may_bring_more_work() -> None:
+    worked = Worked()
+
+    def outer() -> Iterator[None]:
+        worked.all.add(worked.steps("inner", 1))
+        worked.done.append("outer")
+        yield
+
+    worked.all.add(outer())
+    assert worked.done == ["outer", "inner0"]
+
+
+async def test_what_waits_for_the_end_of_it_is_called_then() -> None:
+    worked = Worked()
+    worked.all.then(lambda: worked.done.append("at once"))
+    worked.all.add(worked.steps("a", 9))
+    worked.all.then(lambda: worked.done.append("end"))
+    assert worked.done[-1] == "a3"
+    await worked.end()
+    assert (worked.done[0], worked.done[-2:]) == ("at once", ["a8", "end"])
+
+
+async def test_a_failure_in_the_first_turn_reaches_the_caller_and_a_later_one_is_told() -> None:
+    worked = Worked()
+    with pytest.raises(ZeroDivisionError, match="a"):
+        worked.all.add(worked.steps("a", 1, fails=True))
+    assert worked.all.is_idle
+    worked.all.add(worked.steps("b", 9, fails=True), 5)
+    worked.all.add(worked.steps("c", 1), 5)
+    await worked.end()
+    assert [str(error) for error in worked.errors] == ["b"]
+    assert worked.done[-1] == "c0"
+    assert worked.all.size == 0

@@ -1,0 +1,100 @@
+"""A revolution has a bound in bytes: what is told of its times comes from a device, a peer or a file."""
+
+from __future__ import annotations
+
+import tracemalloc
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from lidario.families.stream import LONGEST_REVOLUTION
+from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.revolution.sectors import SectorAssembler
+from lidario.wire.blocks import packet_offsets
+from tests.support.cases import CASES, Case, named
+from tests.support.streams import arrived, in_one_run, stream_of
+
+
+def never_ending(case: Case) -> bytes:
+    """A packet of that stream in the midst of a revolution; again and again it never ends one."""
+    run = in_one_run(case.make_format(), case.raw, 0)
+    offsets = packet_offsets(run.blocks)
+    headings = [int(each) for each in case.make_format().headings(run)]
+    full = case.make_format().full_turn
+    middle = min(range(run.count), key=lambda number: abs(headings[number] - full // 2))
+    return run.data[offsets[middle] : offsets[middle + 1]]
+
+
+def fed(assembler: Assembler, lead: bytes, packet: bytes, total: int, wire: Any, *, together: int) -> int:
+    """Feed a stream and then one packet again and again, at one time; return the most bytes that were held."""
+    assembler.add(in_one_run(wire, lead, 0))
+    most = 0
+    for _ in range(0, total, together * len(packet)):
+        assembler.add(arrived(packet * together, together, 0))
+        most = max(most, assembler.stats.unfinished_packets * len(packet))
+    return most
+
+
+@pytest.mark.exhaustive("case", sample=CASES[::5], full=CASES)
+@pytest.mark.parametrize("sectors", [False, True], ids=["scans", "sectors"])
+def test_a_revolution_whose_times_stand_still_is_given_up_by_its_bytes(case: Case, sectors: bool) -> None:
+    stream = replace(stream_of(case), slowest_turn_s=0.2)
+    assert stream.sample_ns > 0
+    stats = AssemblerStats()
+    assembler = Assembler(stream, stats=stats)
+    if sectors:
+        assembler = SectorAssembler(assembler, lambda *_: None)
+        assembler.divide([8])
+    packet = never_ending(case)
+    most = fed(assembler, case.raw, packet, 2 * stream.most_bytes, case.make_format(), together=8)
+    assert stream.most_bytes // 4 < most <= stream.most_bytes
+    assert stats.discarded_packets * len(packet) > stream.most_bytes
+    # What comes then is a stream as any other.
+    before = stats.scans
+    assembler.add(in_one_run(case.make_format(), case.raw, 10**9))
+    assert stats.scans > before
+
+
+def test_what_it_takes_is_bounded_too() -> None:
+    """One packet at a time, whatever is claimed: an hour for a revolution, ten picoseconds for a sample."""
+    case = next(case for case in CASES if case.make_format().longest == 5)
+    stream = replace(stream_of(case), slowest_turn_s=3600.0, sample_ns=0.01)
+    assembler = Assembler(stream)
+    packet = never_ending(case)
+    tracemalloc.start()
+    try:
+        # It takes long to trace them all.
+        part = fed(assembler, case.raw, packet, stream.most_bytes // 16, case.make_format(), together=1)
+        assert tracemalloc.get_traced_memory()[1] * stream.most_bytes / part < 50e6
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("case", CASES, ids=named)
+def test_it_is_what_the_slowest_revolution_can_hold_twice(case: Case) -> None:
+    stream = stream_of(case)
+    wire = case.make_format()
+    run = in_one_run(wire, case.raw, 0)
+    bytes_a_sample = len(run.data) / wire.samples_in(run.blocks)
+    slowest = stream.slowest_turn_s * 1e9 / stream.sample_ns
+    assert stream.most_bytes >= min(2 * slowest, LONGEST_REVOLUTION) * bytes_a_sample
+    # Whatever is claimed.
+    most = replace(stream, sample_ns=0.0).most_bytes
+    assert most == replace(stream, sample_ns=1e-3).most_bytes == replace(stream, slowest_turn_s=3600.0).most_bytes
+    assert stream.most_bytes <= most < 1 << 20
+
+
+def test_what_is_left_when_it_is_given_up_midway_is_counted() -> None:
+    case = CASES[0]
+    stats = AssemblerStats()
+    assembler = Assembler(stream_of(case), stats=stats)
+    run = in_one_run(case.make_format(), case.raw, 10**9)
+    steps = assembler.ends(run)
+    for _ in range(3):
+        next(steps)
+    assembler.end()
+    steps.close()  # type: ignore[attr-defined]
+    assert stats.all_packets - stats.lost_packets == run.count
+    assert stats.unfinished_packets == 0
+    assert stats.discarded_packets > 0
