@@ -150,6 +150,9 @@ class _SerialLine(Line):
     def is_closing(self) -> bool:
         return self._closing
 
+    def descriptor(self) -> int | None:
+        return self._device.fileno() if _POSIX else None
+
     def set_baudrate(self, baudrate: int) -> None:
         try:
             self._device.baudrate = baudrate

@@ -84,6 +84,10 @@ class SocketLine(Line, Generic[T]):
         """As `Line.is_closing`."""
         return self._transport.is_closing()
 
+    def descriptor(self) -> int | None:
+        """As `Line.descriptor`."""
+        return int(self._socket.fileno())
+
     def close(self) -> None:
         """As `Line.close`."""
         self._transport.close()
