@@ -40,7 +40,7 @@ _log = logging.getLogger("lidario")
 NAME = "lidario-guard"
 """What the process is called in the list of all processes."""
 START_S = 10.0
-"""Longest time that starting it may take; usually 30 ms."""
+"""Longest time that starting it may take; usually 20 ms."""
 RELEASE_S = 0.5
 """Longest time for which closing the port waits until the guard has let go of it; usually a millisecond. A guard
 that is stopped or starved is killed then."""

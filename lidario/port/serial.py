@@ -21,13 +21,14 @@ import logging
 import os
 import sys
 import threading
+import time
 
 import serial
 import serial_asyncio
 
 from lidario.errors import ConnectFailed
 from lidario.port.background import run_in_thread
-from lidario.port.diagnose import busy, held, is_pseudo_terminal, why_not_opened
+from lidario.port.diagnose import busy, guard_is_left, held, is_pseudo_terminal, why_not_opened
 from lidario.port.line import Line, Schedule
 from lidario.port.polled import NO_HANDLE, Polled
 from lidario.port.port import Port
@@ -40,6 +41,10 @@ _log = logging.getLogger("lidario")
 DRAIN_S = 0.5
 """Longest time for which closing waits until the adapter has sent what was written."""
 _DRAIN_POLL_S = 0.002
+GUARD_S = 4.0
+"""Longest time for which the guard of a killed program is waited for. Mostly it needs 0.15 s; 2.7 s where the
+device owed a response (`lidario.port.guard_process.LONGEST_S`)."""
+_GUARD_POLL_S = 0.01
 _POSIX = os.name == "posix"
 
 _FOREIGN: tuple[type[Exception], ...] = (OSError, ValueError, OverflowError)
@@ -55,7 +60,7 @@ async def open_serial(path: str, baudrate: int) -> Port:
     """Open a serial port exclusively: no other program can open it meanwhile.
 
     It is opened in a thread, since that takes up to tens of milliseconds. Cancelling leaves nothing open: a device
-    that opens too late is closed.
+    that opens too late is closed. The guard of a program that was killed just now is waited for.
 
     Args:
         path: The device, as in ``/dev/ttyUSB0`` or ``COM3``.
@@ -64,7 +69,7 @@ async def open_serial(path: str, baudrate: int) -> Port:
     Raises:
         ConnectFailed: Missing, forbidden, busy, or no serial port; the text says which.
     """
-    device = await run_in_thread(lambda: _open(path, baudrate), _Device.close)
+    device = await run_in_thread(lambda: _open_when_free(path, baudrate), _Device.close)
     port = Port(path, baudrate)
     port.connection_made(_SerialLine(asyncio.get_running_loop(), port, device))
     return port
@@ -75,6 +80,22 @@ class _Device(serial.Serial):  # type: ignore[misc]
 
     def flush(self) -> None:
         """Do nothing; `_SerialLine.close` has waited already. pyserial's own blocks until the last byte is out."""
+
+
+def _open_when_free(path: str, baudrate: int) -> _Device:
+    """As `_open`; first the guard of a program that was killed stops the device, and lets go of the port."""
+    deadline = time.monotonic() + GUARD_S
+    last = False
+    while True:
+        try:
+            return _open(path, baudrate)
+        except ConnectFailed as error:
+            if error.reason != "busy" or last or time.monotonic() > deadline:
+                raise
+        # Where there is none, it may have ended just now: once more.
+        last = not guard_is_left(path)
+        if not last:
+            time.sleep(_GUARD_POLL_S)
 
 
 def _open(path: str, baudrate: int) -> _Device:

@@ -64,7 +64,7 @@ class Dialogue(DeviceLine):
         self._listens_at = 0.0
         self._response_due = 0.0
         self._stopper = Stopper(self, device, timing.quiet_s)
-        port.attach(self, lambda: (self._stopper.requests(), self.free_at(float("inf"))))
+        port.attach(self, lambda: ((device.fill, *self._stopper.requests()), self.free_at(float("inf"))))
 
     # ------------------------------------------------------------------------------------------------ what it is
 
