@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import marshal
 import os
 import signal
 import socket
@@ -47,7 +46,8 @@ that is stopped or starved is killed then."""
 MARGIN_S = 0.005
 """Added to the pause that the stop requests demand: an adapter may deliver one late and the next one on time."""
 _SCRIPT = str(Path(__file__).with_name("guard_process.py"))
-_LENGTH = 4
+_FAREWELL = b"farewell\n"
+_STATES = {None: "-", False: "0", True: "1"}
 _SIZE_OF_PID = 16
 
 _Order: TypeAlias = tuple[list[tuple[bytes, bool | None]], float, float]
@@ -266,8 +266,12 @@ def _at_its_end(channel: socket.socket) -> bool:
 
 
 def _message(order: _Order | None) -> bytes:
-    data = marshal.dumps(order)
-    return len(data).to_bytes(_LENGTH, "big") + data
+    """One line, which `lidario.port.guard_process.order_in` reads; None for the farewell."""
+    if order is None:
+        return _FAREWELL
+    requests, settle, listens_at = order
+    words = [repr(settle), repr(listens_at), *(_STATES[dtr] + data.hex() for data, dtr in requests)]
+    return " ".join(words).encode() + b"\n"
 
 
 _guards: WeakSet[Guard] = WeakSet()

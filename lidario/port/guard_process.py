@@ -11,14 +11,12 @@ shared with other interpreters. `socket` alone would be 1.8 MB more than `_socke
 
 import _socket
 import fcntl
-import marshal
 import os
 import sys
 import termios
 import time
 
-LENGTH = 4
-"""Bytes that tell the length of a message, as in `lidario.port.guard`."""
+FAREWELL = b"farewell"
 LEAST = 5
 """How often the stop requests are written at least. A device does not hear what comes within 10 ms of a STOP, be it
 the program's last one or ours, nor while it responds, which takes a few milliseconds. And bytes may be damaged."""
@@ -36,6 +34,8 @@ POLL_S = 0.005
 Order = tuple[list[tuple[bytes, bool | None]], float, float]
 """What stops the device: for each request its bytes and the state of DTR; the pause in seconds that the device
 needs after them; and when it listens at the latest, on the monotonic clock."""
+
+STATES = {"-": None, "0": False, "1": True}
 
 
 def main() -> None:
@@ -65,21 +65,29 @@ def main() -> None:
 
 def last_order(channel: _socket.socket) -> tuple[Order | None, int]:
     """Wait for the end of the socket: what was said last, None after a farewell, and the descriptor of the line."""
-    held, order, handle = b"", None, -1
+    held, last, handle = b"", b"", -1
     while True:
         try:
             data, passed, _, _ = channel.recvmsg(4096, _socket.CMSG_SPACE(4))
         except ConnectionResetError:  # it has not even read our pid
             data, passed = b"", []
         if not data:
-            return order, handle
+            return order_in(last), handle
         for _, _, numbers in passed:
             handle = int.from_bytes(numbers[:4], sys.byteorder)
-        held += data
-        while len(held) >= LENGTH and len(held) >= (end := LENGTH + int.from_bytes(held[:LENGTH], "big")):
-            order, held = marshal.loads(held[LENGTH:end]), held[end:]
-            if order is None:
-                return None, handle
+        *told, held = (held + data).split(b"\n")
+        last = told[-1] if told else last
+        if last == FAREWELL:
+            return None, handle
+
+
+def order_in(line: bytes) -> Order | None:
+    """The order in a message: the two times, and for each request the state of DTR and its bytes in hexadecimal."""
+    if not line:
+        return None  # nothing was said yet
+    settle, listens_at, *words = line.decode().split()
+    requests = [(bytes.fromhex(word[1:]), STATES[word[0]]) for word in words]
+    return requests, float(settle), float(listens_at)
 
 
 def leave_still(handle: int, order: Order) -> None:

@@ -105,15 +105,18 @@ async def test_a_device_that_only_talks_needs_none() -> None:
 
 async def test_where_the_system_cannot_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     with served("rplidar-s2") as server:
-        for take_away in (
-            lambda patch: patch.delattr(os, "posix_spawn"),
-            lambda patch: patch.setattr(sys, "frozen", True, raising=False),
-            lambda patch: patch.setattr(sys, "executable", ""),
-            lambda patch: patch.setattr(sys, "executable", "/bin/false"),
-            lambda patch: patch.setattr(sys, "executable", "/no/such/file"),
+        for owner, name, value in (
+            (os, "posix_spawn", None),
+            (sys, "frozen", True),
+            (sys, "executable", ""),
+            (sys, "executable", "/bin/false"),
+            (sys, "executable", "/no/such/file"),
         ):
             with monkeypatch.context() as patch:
-                take_away(patch)
+                if value is None:
+                    patch.delattr(owner, name)
+                else:
+                    patch.setattr(owner, name, value, raising=False)
                 with pytest.raises(Unsupported, match=r"guard: .*[Oo]pen the lidar without"):
                     await open_lidar(server.path, guard=True)
         assert requests(server) == []

@@ -54,7 +54,7 @@ def kill_at_random(server: PtyServer, family: str, dice: random.Random) -> tuple
             until(lambda: not is_left_still(server) or process.poll() is not None)
         time.sleep(dice.uniform(0.0, LONGEST_S))
         with server.lock:
-            scanned = server.device.scanning  # type: ignore[attr-defined]
+            scanned = server.device.scanning
             process.kill()
             killed = time.monotonic()
         until(lambda: is_left_still(server))

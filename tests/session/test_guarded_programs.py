@@ -135,7 +135,7 @@ def test_two_sessions_in_one_program_have_two_guards() -> None:
 
 @pytest.mark.parametrize("kind", [TcpServer, UdpServer])
 def test_over_a_network(kind: type[TcpServer | UdpServer]) -> None:
-    with kind(simulate("rplidar-s2", spin_up=0)) as server:  # type: ignore[arg-type]
+    with kind(simulate("rplidar-s2", spin_up=0)) as server:
         scheme = "tcp" if kind is TcpServer else "udp"
         source = f"{scheme}://{server.address[0]}:{server.address[1]}"
         with child(UNDISTURBED + HEAD + SCAN + RUN, source) as process:
