@@ -7,8 +7,13 @@ the device would go on: `tests/session/test_killed.py` counts how often it does.
 from __future__ import annotations
 
 import asyncio
+import os
 import random
+import signal
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import pytest
 
@@ -94,3 +99,31 @@ def test_killed_at_any_moment_it_leaves_the_device_still(model: str, rounds: int
     assert scanned >= rounds // 4
     print(f"{model}: {scanned} of {number} scanned; still after {sorted(worst)[len(worst) // 2]:.3f} s", end=" ")
     print(f"(half), {sorted(worst)[-len(worst) // 20]:.3f} s (19 of 20), {max(worst):.3f} s (all)")
+
+
+@pytest.mark.parametrize("real", [False, True], ids=["pseudo-terminal", "taken for a real port"])
+def test_a_program_that_opens_the_port_meanwhile_waits(real: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A real port that somebody holds is not opened at all, since that would move its control lines."""
+    if real:
+        monkeypatch.setattr("lidario.port.serial.is_pseudo_terminal", lambda path: False)
+    with served("rplidar-s2") as server, child(UNDISTURBED + PROGRAM, server.path, "rplidar", "1") as process:
+        until(lambda: not is_left_still(server))
+        (guard,) = guards_of(process.pid)
+        # It is made to stay at the port for a while longer.
+        os.kill(guard, signal.SIGSTOP)
+        process.kill()
+        process.communicate()
+        with pytest.raises(lidario.ConnectFailed, match=r"busy: held by PID .*lidario-guard"), soon(monkeypatch):
+            asyncio.run(scan_once(server.path, "rplidar"))
+        assert not is_left_still(server)
+        threading.Timer(0.2, os.kill, (guard, signal.SIGCONT)).start()
+        scan = asyncio.run(scan_once(server.path, "rplidar"))
+        assert len(scan.ranges) > 100
+
+
+@contextmanager
+def soon(patch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A guard is waited for shortly."""
+    with patch.context() as shortly:
+        shortly.setattr("lidario.port.serial.GUARD_S", 0.1)
+        yield

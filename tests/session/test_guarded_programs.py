@@ -92,9 +92,56 @@ async def main():
             await asyncio.sleep(0.01)
         await lidar.scan()
 """
+ENDINGS = {
+    "garbage": """
+loop = asyncio.new_event_loop()
+lidar = loop.run_until_complete(open_it())
+scans = lidar.scans()
+loop.run_until_complete(anext(scans))
+loop.run_until_complete(scans.aclose())
+del lidar, scans
+for _ in range(3):
+    gc.collect()
+    loop.run_until_complete(asyncio.sleep(0.2))
+loop.close()
+""",
+    "the loop was closed": """
+loop = asyncio.new_event_loop()
+lidar = loop.run_until_complete(open_it())
+loop.run_until_complete(lidar.scan())
+loop.close()
+del lidar
+gc.collect()
+""",
+    "never closed": """
+warnings.simplefilter("ignore")  # of the loop
+loop = asyncio.new_event_loop()
+lidar = loop.run_until_complete(open_it())
+loop.run_until_complete(lidar.scan())
+""",
+    "never closed without await": """
+lidar = lidario.open_sync(sys.argv[1], guard=True)
+lidar.scan()
+""",
+    "an exception": """
+async def main():
+    async with open_it() as lidar:
+        await lidar.scan()
+        raise SystemExit(0)
+asyncio.run(main())
+""",
+}
 IGNORING = """
 for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
     signal.signal(number, signal.SIG_IGN)
+"""
+
+
+OPENS = """
+import asyncio, gc, os, sys, warnings
+import lidario
+def open_it():
+    return lidario.open_lidar(sys.argv[1], guard=True)
 """
 
 
@@ -105,6 +152,11 @@ def killed(process: subprocess.Popen[str], *servers: PtyServer | TcpServer | Udp
     until(lambda: all(map(is_left_still, servers)), lambda: [server.device.log[-12:] for server in servers])
     until(lambda: not guards_of(process.pid))
     assert all(map(is_left_still, servers))
+
+
+def scans(server: PtyServer) -> bool:
+    with server.lock:
+        return server.device.scanning
 
 
 def guard_of(process: subprocess.Popen[str], count: int = 1) -> int:
@@ -120,6 +172,33 @@ def test_every_kind_of_program(program: str) -> None:
         guard_of(process)
         killed(process, server)
         assert list(holders(server.path)) == []
+
+
+MOTORS = ["rplidar-a2", "rplidar-a2-no-board", "rplidar-c1", "ldrobot-ld14p", "ydlidar-x4", "rplidar-old-firmware"]
+
+
+@pytest.mark.exhaustive("model", sample=MOTORS[:1], full=MOTORS)
+def test_every_way_in_which_a_motor_is_driven(model: str) -> None:
+    """An accessory board is found when the stream is started, and only then it is known what stops the motor."""
+    always_turns = model == "rplidar-a2-no-board"
+    with served(model) as server, child(UNDISTURBED + HEAD + SCAN + RUN, server.path) as process:
+        line_of(process)
+        if not always_turns:
+            killed(process, server)
+            return
+        process.kill()
+        until(lambda: not scans(server))
+
+
+def test_a_motor_that_shall_go_on_goes_on() -> None:
+    program = UNDISTURBED + HEAD.replace("guard=True", "guard=True, keep_spinning=True") + SCAN + RUN
+    with served("rplidar-s2") as server, child(program, server.path) as process:
+        line_of(process)
+        process.kill()
+        process.wait()
+        until(lambda: not guards_of(process.pid))
+        assert not scans(server)
+        assert not is_left_still(server)
 
 
 def test_two_sessions_in_one_program_have_two_guards() -> None:
@@ -241,3 +320,13 @@ def test_the_program_has_no_child_that_it_did_not_start(adopts: list[str]) -> No
             assert (out, said) == ("no children\n", "")
             assert guards_of(process.pid) == []
         assert is_left_still(server)
+
+
+@pytest.mark.exhaustive("ending", sample=["garbage", "never closed"], full=ENDINGS)
+def test_a_program_that_ends_by_itself_leaves_none(ending: str) -> None:
+    with served("rplidar-s2") as server:
+        with child(UNDISTURBED + OPENS + ENDINGS[ending], server.path) as process:
+            _, said = process.communicate()
+            assert (process.returncode, said) == (0, "")
+            until(lambda: not guards_of(process.pid))
+        until(lambda: is_left_still(server))
