@@ -35,7 +35,7 @@ Order = tuple[list[tuple[bytes, bool | None]], float, float]
 """What stops the device: for each request its bytes and the state of DTR; the pause in seconds that the device
 needs after them; and when it listens at the latest, on the monotonic clock."""
 
-STATES = {"-": None, "0": False, "1": True}
+STATES: dict[str, bool | None] = {"-": None, "0": False, "1": True}
 
 
 def main() -> None:
