@@ -15,7 +15,7 @@ from lidario.errors import ConnectFailed
 from lidario.families.registry import FAMILIES
 from lidario.port.guard import NAME as GUARD
 
-__all__ = ["busy", "guard_is_left", "held", "holders", "is_pseudo_terminal", "why_not_opened"]
+__all__ = ["busy", "held", "holders", "is_pseudo_terminal", "why_not_opened"]
 
 _GONE = (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.EIO, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP)
 _NOT_SERIAL = (errno.ENOTTY, errno.EINVAL, errno.EISDIR)
@@ -62,21 +62,6 @@ def holders(path: str) -> Iterator[tuple[int, str]]:
                     break
         except OSError:
             continue
-
-
-def guard_is_left(path: str) -> bool:
-    """Whether the guard of a program that is dead holds `path`: it ends as soon as it has stopped the device."""
-    found = dict(holders(path))
-    for pid, name in found.items():
-        if name != GUARD:
-            continue
-        try:
-            program = int(Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")[-2])
-        except (OSError, ValueError, IndexError):
-            continue  # it has just ended
-        if program not in found and program != os.getpid():
-            return True
-    return False
 
 
 def busy(path: str) -> ConnectFailed:

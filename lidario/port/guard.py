@@ -109,7 +109,7 @@ class Guard:
         self._timer: asyncio.TimerHandle | None = None
         try:
             with theirs:
-                child = _spawn(theirs.fileno())
+                child = _spawn(theirs.fileno(), port)
             self._channel.settimeout(START_S)
             self._pid = _pid_from(self._channel, child)
         except (OSError, ValueError) as error:
@@ -213,7 +213,7 @@ class Guard:
             _reap(self._pid)
 
 
-def _spawn(channel: int) -> int:
+def _spawn(channel: int, port: str) -> int:
     """Start the process; returns the number of a child that ends as soon as the guard runs.
 
     All signals are blocked in it: those of the terminal, and those that a service manager sends to all processes of
@@ -222,8 +222,8 @@ def _spawn(channel: int) -> int:
     nothing = (os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0), (os.POSIX_SPAWN_DUP2, 1, 2)
     return os.posix_spawn(
         sys.executable,
-        # -I and -S: nothing of the user's is imported. Its last arguments tell others whose guard it is.
-        [sys.executable, "-I", "-S", _SCRIPT, NAME, str(os.getpid())],
+        # -I and -S: nothing of the user's is imported. The last arguments tell others whose guard it is, of what.
+        [sys.executable, "-I", "-S", _SCRIPT, NAME, str(os.getpid()), port],
         os.environ,
         file_actions=[(os.POSIX_SPAWN_DUP2, channel, 0), *nothing],
         setsigmask=signal.valid_signals(),

@@ -39,7 +39,7 @@ STATES: dict[str, bool | None] = {"-": None, "0": False, "1": True}
 
 
 def main() -> None:
-    """Be the guard: ``guard_process.py NAME PID``, with the socket as standard input."""
+    """Be the guard: ``guard_process.py NAME PID PORT``, with the socket as standard input."""
     # What the program has made inheritable is not ours, such as the socket on which it listens.
     os.closerange(3, os.sysconf("SC_OPEN_MAX"))
     if os.fork():

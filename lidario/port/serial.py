@@ -28,7 +28,8 @@ import serial_asyncio
 
 from lidario.errors import ConnectFailed
 from lidario.port.background import run_in_thread
-from lidario.port.diagnose import busy, guard_is_left, held, is_pseudo_terminal, why_not_opened
+from lidario.port.diagnose import busy, held, is_pseudo_terminal, why_not_opened
+from lidario.port.left import POLL_S, WAIT_S, guard_is_left
 from lidario.port.line import Line, Schedule
 from lidario.port.polled import NO_HANDLE, Polled
 from lidario.port.port import Port
@@ -41,10 +42,6 @@ _log = logging.getLogger("lidario")
 DRAIN_S = 0.5
 """Longest time for which closing waits until the adapter has sent what was written."""
 _DRAIN_POLL_S = 0.002
-GUARD_S = 4.0
-"""Longest time for which the guard of a killed program is waited for. Mostly it needs 0.15 s; 2.7 s where the
-device owed a response (`lidario.port.guard_process.LONGEST_S`)."""
-_GUARD_POLL_S = 0.01
 _POSIX = os.name == "posix"
 
 _FOREIGN: tuple[type[Exception], ...] = (OSError, ValueError, OverflowError)
@@ -84,7 +81,7 @@ class _Device(serial.Serial):  # type: ignore[misc]
 
 def _open_when_free(path: str, baudrate: int) -> _Device:
     """As `_open`; first the guard of a program that was killed stops the device, and lets go of the port."""
-    deadline = time.monotonic() + GUARD_S
+    deadline = time.monotonic() + WAIT_S
     last = False
     while True:
         try:
@@ -95,7 +92,7 @@ def _open_when_free(path: str, baudrate: int) -> _Device:
         # Where there is none, it may have ended just now: once more.
         last = not guard_is_left(path)
         if not last:
-            time.sleep(_GUARD_POLL_S)
+            time.sleep(POLL_S)
 
 
 def _open(path: str, baudrate: int) -> _Device:

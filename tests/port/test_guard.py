@@ -16,8 +16,9 @@ import pytest
 from lidario import InvalidValue, Unsupported, open_lidar, simulate
 from lidario.port import guard_process
 from lidario.port.background import run_in_thread
-from lidario.port.diagnose import busy, guard_is_left, holders
+from lidario.port.diagnose import busy, holders
 from lidario.port.guard import Guard, start_guard
+from lidario.port.left import guard_is_left
 from lidario.port.serial import open_serial
 from lidario.wire.envelope import Request
 from tests.cli.processes import served

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import signal
 import subprocess
+import threading
 import time
 from contextlib import ExitStack
 from pathlib import Path
@@ -15,6 +17,7 @@ from lidario.port.diagnose import holders
 from lidario.sim.serve import PtyServer, TcpServer, UdpServer
 from lidario.simulation import simulate
 from tests.cli.processes import served
+from tests.session.test_guarded import scan_once
 from tests.support.children import UNDISTURBED, child, forget, line_of, requests, until
 from tests.support.guards import guards_of, is_left_still, switches
 from tests.support.terminals import WaitingPtyServer
@@ -213,13 +216,21 @@ def test_two_sessions_in_one_program_have_two_guards() -> None:
 
 
 @pytest.mark.parametrize("kind", [TcpServer, UdpServer])
-def test_over_a_network(kind: type[TcpServer | UdpServer]) -> None:
+def test_over_a_network_and_the_next_program_waits(kind: type[TcpServer | UdpServer]) -> None:
     with kind(simulate("rplidar-s2", spin_up=0)) as server:
         scheme = "tcp" if kind is TcpServer else "udp"
         source = f"{scheme}://{server.address[0]}:{server.address[1]}"
         with child(UNDISTURBED + HEAD + SCAN + RUN, source) as process:
             line_of(process)
-            killed(process, server)
+            (guard,) = guards_of(process.pid)
+            # It is made to hold the connection for a while longer; a bridge takes one.
+            os.kill(guard, signal.SIGSTOP)
+            process.kill()
+            process.wait()
+            threading.Timer(0.2, os.kill, (guard, signal.SIGCONT)).start()
+            assert asyncio.run(scan_once(source, "rplidar")).mode
+            assert guards_of(process.pid) == []
+        until(lambda: is_left_still(server))
 
 
 def test_a_line_that_reconnecting_has_made(tmp_path: Path) -> None:

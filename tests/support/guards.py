@@ -20,7 +20,7 @@ def guards_of(program: int) -> list[int]:
     for process in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
             arguments = (process / "cmdline").read_bytes().split(b"\0")
-            if arguments[-3:] == [NAME.encode(), str(program).encode(), b""]:
+            if arguments[-4:-2] == [NAME.encode(), str(program).encode()]:
                 found.append(int(process.name))
     return sorted(found)
 
