@@ -99,8 +99,6 @@ class Guard:
 
     def __init__(self, port: str) -> None:
         self._port = port
-        self._channel, theirs = socket.socketpair()
-        _guards.add(self)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._told: _Order | None = None
         self._listens_at = 0.0
@@ -108,18 +106,14 @@ class Guard:
         self._dismissed: Callable[[], None] | None = None
         self._timer: asyncio.TimerHandle | None = None
         try:
-            with theirs:
-                child = _spawn(theirs.fileno(), port)
-            self._channel.settimeout(START_S)
-            self._pid = _pid_from(self._channel, child)
+            self._channel, self._pid = _started(port)
         except (OSError, ValueError) as error:
-            self._channel.close()
             raise Unsupported(
                 f"guard: {sys.executable} could not start its process ({error}). Open the lidar without guard"
             ) from error
         # Where this process is the one that orphans are given to, as the first one of a container is.
         self._is_ours = _reap(self._pid, os.WNOHANG)
-        self._channel.setblocking(False)
+        _guards.add(self)
 
     def watch(self, loop: asyncio.AbstractEventLoop) -> None:
         """Have the loop see its end."""
@@ -158,7 +152,7 @@ class Guard:
             return
         self._dismissed = then
         self._send(None)
-        self._timer = self._loop.call_later(RELEASE_S, self._kill)
+        self._timer = self._loop.call_later(RELEASE_S, self._give_up)
 
     def dismiss_at_once(self) -> None:
         """As `dismiss`, without a loop; blocks for a millisecond, `RELEASE_S` at most."""
@@ -200,6 +194,11 @@ class Guard:
             self._timer.cancel()
         self._dismissed()
 
+    def _give_up(self) -> None:
+        """It did not let go in time."""
+        self._kill()
+        self._readable()
+
     def _kill(self) -> None:
         """It had nothing to do any more. The number is its own as long as the socket has not ended."""
         with suppress(OSError):
@@ -211,6 +210,26 @@ class Guard:
         self._channel.close()
         if self._is_ours:
             _reap(self._pid)
+
+
+def _started(port: str) -> tuple[socket.socket, int]:
+    """Start the process; returns the socket that leads to it, which does not block, and its number.
+
+    Raises:
+        OSError: It does not come to run.
+        ValueError: It has ended at once.
+    """
+    ours, theirs = socket.socketpair()
+    try:
+        with theirs:
+            child = _spawn(theirs.fileno(), port)
+        ours.settimeout(START_S)
+        pid = _pid_from(ours, child)
+    except BaseException:
+        ours.close()
+        raise
+    ours.setblocking(False)
+    return ours, pid
 
 
 def _spawn(channel: int, port: str) -> int:
