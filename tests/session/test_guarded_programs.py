@@ -200,7 +200,7 @@ def test_a_motor_that_shall_go_on_goes_on() -> None:
         process.kill()
         process.wait()
         until(lambda: not guards_of(process.pid))
-        assert not scans(server)
+        until(lambda: not scans(server))
         assert not is_left_still(server)
 
 
@@ -291,7 +291,7 @@ def test_half_a_request_that_was_written_last(half: str) -> None:
         with child(UNDISTURBED + HEAD + IN_HALF + RUN, server.path, half) as process:
             assert process.wait() == 9
             until(lambda: not guards_of(process.pid))
-        assert is_left_still(server), requests(server)[-12:]
+        until(lambda: is_left_still(server), lambda: requests(server)[-12:])
 
 
 @pytest.mark.parametrize("model", ["rplidar-s2", "ydlidar-4ros"])
@@ -330,7 +330,7 @@ def test_the_program_has_no_child_that_it_did_not_start(adopts: list[str]) -> No
             out, said = process.communicate()
             assert (out, said) == ("no children\n", "")
             assert guards_of(process.pid) == []
-        assert is_left_still(server)
+        until(lambda: is_left_still(server))
 
 
 @pytest.mark.exhaustive("ending", sample=["garbage", "never closed"], full=ENDINGS)
