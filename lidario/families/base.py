@@ -130,6 +130,13 @@ class Device(ABC):
     def halt(self) -> tuple[Request, ...]:
         """End the stream and switch laser and motor off, in an order the device obeys without a pause."""
 
+    def halt_unknown(self) -> tuple[Request, ...]:
+        """What else may stop the motor of a device that has not said what it is. Default: nothing.
+
+        It is written when the line is quiet, before the port is closed: it may keep the device from hearing.
+        """
+        return ()
+
     @abstractmethod
     def reset(self) -> Request:
         """Restart the device."""

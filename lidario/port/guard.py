@@ -50,7 +50,8 @@ _FAREWELL = b"farewell\n"
 _STATES = {None: "-", False: "0", True: "1"}
 _SIZE_OF_PID = 16
 
-_Order: TypeAlias = tuple[list[tuple[bytes, bool | None]], float, float]
+_Plain: TypeAlias = list[tuple[bytes, bool | None]]
+_Order: TypeAlias = tuple[_Plain, _Plain, float, float]
 """As `lidario.port.guard_process.Order`."""
 
 
@@ -123,18 +124,19 @@ class Guard:
     def take(self, handle: int) -> None:
         """Pass it the line. It does nothing before it was told what stops the device."""
         with suppress(OSError):
-            socket.send_fds(self._channel, [_message(([], 0.0, 0.0))], [handle])
+            socket.send_fds(self._channel, [_message(([], [], 0.0, 0.0))], [handle])
 
-    def tell(self, requests: Sequence[Request], listens_at: float) -> None:
+    def tell(self, requests: Sequence[Request], last: Sequence[Request], listens_at: float) -> None:
         """Say what stops the device from now on. To be called before anything is written that changes it.
 
         Args:
             requests: The stop requests.
+            last: What is written once after them, since the device may not hear anything then.
             listens_at: When the device listens at the latest, on the monotonic clock.
         """
         listens_at = listens_at if listens_at > time.monotonic() else 0.0
         settle = max((request.settle for request in requests), default=0.0) + MARGIN_S
-        order = ([(request.data, request.dtr) for request in requests], settle, listens_at)
+        order = _plain(requests), _plain(last), settle, listens_at
         if order != self._told and self._send(order):
             self._told, self._listens_at = order, listens_at
 
@@ -288,9 +290,15 @@ def _message(order: _Order | None) -> bytes:
     """One line, which `lidario.port.guard_process.order_in` reads; None for the farewell."""
     if order is None:
         return _FAREWELL
-    requests, settle, listens_at = order
-    words = [repr(settle), repr(listens_at), *(_STATES[dtr] + data.hex() for data, dtr in requests)]
+    requests, last, settle, listens_at = order
+    words = [repr(settle), repr(listens_at), str(len(last))]
+    words += [_STATES[dtr] + data.hex() for data, dtr in last + requests]
     return " ".join(words).encode() + b"\n"
+
+
+def _plain(requests: Sequence[Request]) -> _Plain:
+    """What the guard needs of requests: it knows nothing of lidario."""
+    return [(request.data, request.dtr) for request in requests]
 
 
 _guards: WeakSet[Guard] = WeakSet()

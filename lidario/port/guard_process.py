@@ -31,9 +31,11 @@ DRAIN_S = 0.1
 closing it would wait for up to 30 s."""
 POLL_S = 0.005
 
-Order = tuple[list[tuple[bytes, bool | None]], float, float]
-"""What stops the device: for each request its bytes and the state of DTR; the pause in seconds that the device
-needs after them; and when it listens at the latest, on the monotonic clock."""
+Requests = list[tuple[bytes, bool | None]]
+"""For each request its bytes and the state of DTR."""
+Order = tuple[Requests, Requests, float, float]
+"""What stops the device; what is written once at the end; the pause in seconds that the device needs after each
+time; and when it listens at the latest, on the monotonic clock."""
 
 STATES: dict[str, bool | None] = {"-": None, "0": False, "1": True}
 
@@ -82,17 +84,20 @@ def last_order(channel: _socket.socket) -> tuple[Order | None, int]:
 
 
 def order_in(line: bytes) -> Order | None:
-    """The order in a message: the two times, and for each request the state of DTR and its bytes in hexadecimal."""
+    """The order in a message: two times, how many requests are for the end, and then all requests.
+
+    Of each request the state of DTR, and its bytes in hexadecimal.
+    """
     if not line:
         return None  # nothing was said yet
-    settle, listens_at, *words = line.decode().split()
+    settle, listens_at, count, *words = line.decode().split()
     requests = [(bytes.fromhex(word[1:]), STATES[word[0]]) for word in words]
-    return requests, float(settle), float(listens_at)
+    return requests[int(count) :], requests[: int(count)], float(settle), float(listens_at)
 
 
 def leave_still(handle: int, order: Order) -> None:
     """Write the stop requests, `LEAST` times and until the device must have listened, and let them leave."""
-    requests, settle, listens_at = order
+    requests, last, settle, listens_at = order
     if not any(data or dtr is not None for data, dtr in requests):
         return  # a device that only talks
     listens_at = min(listens_at, time.monotonic() + LONGEST_S)
@@ -107,6 +112,10 @@ def leave_still(handle: int, order: Order) -> None:
         # The last one comes as soon as the device listens.
         time.sleep(pause if left <= 0 else min(pause, max(settle, left)))
         pause *= GROWTH
+    if last:
+        time.sleep(settle)
+        for data, dtr in last:
+            write(handle, data, dtr)
     drain(handle)
 
 

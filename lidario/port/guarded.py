@@ -11,8 +11,9 @@ from lidario.wire.envelope import Request
 
 __all__ = ["Guarded", "Stops"]
 
-Stops: TypeAlias = Callable[[], tuple[Sequence[Request], float]]
-"""Gives the requests that leave the device still, and when it listens at the latest, on the monotonic clock."""
+Stops: TypeAlias = Callable[[], tuple[Sequence[Request], Sequence[Request], float]]
+"""Gives the requests that leave the device still, those that may do so at the end, and when it listens at the
+latest, on the monotonic clock."""
 
 
 class Guarded(Tapped):

@@ -168,8 +168,8 @@ class Port(Guarded, asyncio.Protocol):
     def set_repeat(self, request: bytes, interval: float) -> None:
         """While there is a schedule, have `request` written when it was not written for `interval` seconds.
 
-        The thread that reads the line does that, so a device that must be kept going survives a program that blocks
-        the event loop. Only serial lines have that thread; others ignore it.
+        A thread does that, so a device that must be kept going survives a program that blocks the event loop. A
+        device in memory lives on the loop, and ignores it.
 
         Args:
             request: The bytes; none to write nothing any more, and then no write is in progress on return.
@@ -288,6 +288,8 @@ class Port(Guarded, asyncio.Protocol):
         Args:
             exc: Why; a DeviceLost is passed on as it is, and is told even where the port was closed as asked.
         """
+        if self._line is not None:
+            self._line.set_repeat(b"", 0.0)
         error = exc if isinstance(exc, DeviceLost) else None
         if error is None and self._explain_loss is not None:
             error = self._explain_loss()

@@ -15,8 +15,10 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 
-__all__ = ["Repeat"]
+__all__ = ["Repeat", "Repeated"]
 
+LEAST_REST_S = 0.01
+"""Shortest time between two looks of the thread; a clock that stands still must not keep it busy."""
 _UNSHOWN = 256
 """Writes that are kept for the taps; more than are made in the longest time for which bytes are kept."""
 
@@ -79,7 +81,28 @@ class Repeat:
             self._unshown.clear()
             return written
 
+    def next_at(self, now: float) -> float:
+        """When to call `serve` again, in seconds of a clock that says `now`."""
+        rest_ns = self._written_ns + self._interval_ns - self._clock()
+        return now + max(rest_ns * 1e-9, LEAST_REST_S)
+
     def stop(self) -> None:
         """Write it no more; a write in progress in another thread has ended when this returns."""
         with self._lock:
             self._stopped = True
+
+
+class Repeated:
+    """A line that the reading thread only writes to: an event loop reads it, and its buffer is large.
+
+    Args:
+        repeat: What is written.
+    """
+
+    def __init__(self, repeat: Repeat) -> None:
+        self._repeat = repeat
+
+    def serve(self, now: float, late: float) -> float:  # noqa: ARG002
+        """As `lidario.port.thread.Served`."""
+        self._repeat.serve()
+        return self._repeat.next_at(now)

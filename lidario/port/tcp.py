@@ -56,14 +56,14 @@ class _TcpPort(Port):
 
     def connection_made(self, transport: asyncio.BaseTransport | Line) -> None:
         # Not isinstance: uvloop's transports are no subclasses of asyncio.Transport.
-        super().connection_made(_TcpLine(cast("asyncio.Transport", transport)))
+        super().connection_made(_TcpLine(cast("asyncio.Transport", transport), self))
 
 
 class _TcpLine(SocketLine[asyncio.Transport]):
     """asyncio's transport of a TCP connection."""
 
-    def __init__(self, transport: asyncio.Transport) -> None:
-        super().__init__(transport)
+    def __init__(self, transport: asyncio.Transport, port: Port) -> None:
+        super().__init__(transport, port)
         # A connection that is already dead refuses options; its end is told by the transport.
         with contextlib.suppress(OSError):
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -73,6 +73,7 @@ class _TcpLine(SocketLine[asyncio.Transport]):
                     self._socket.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
 
     def write(self, data: bytes) -> None:
+        self._wrote(data)
         if os.name == "posix" and not self._transport.get_write_buffer_size():
             # An error is left to the transport, which meets it too and ends the connection.
             with contextlib.suppress(OSError):

@@ -24,12 +24,13 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from typing import Protocol
 
 from lidario.port.inbox import Inbox
 from lidario.port.repeat import Repeat
 from lidario.port.start import start_thread
 
-__all__ = ["ReadingThread", "Watched", "reading_thread"]
+__all__ = ["ReadingThread", "Served", "Watched", "reading_thread"]
 
 RECENT_SHARE = 0.15
 """Share of the interval: a port that the loop has read that recently is not read again now. The next step counts
@@ -48,6 +49,19 @@ JOIN_S = 0.1
 """Longest time for which ending the thread is waited for. It takes less than a tenth of a millisecond."""
 _FORGET = 0.95
 """Share of the greatest lateness that is remembered after another wake-up."""
+
+
+class Served(Protocol):
+    """One port that the thread works for."""
+
+    def serve(self, now: float, late: float) -> float:
+        """Do what is due; return when to come back, in seconds of the monotonic clock.
+
+        Args:
+            now: The time.
+            late: Seconds by which the next call may be late.
+        """
+        ...
 
 
 class Watched:
@@ -71,12 +85,7 @@ class Watched:
         self._next_at = 0.0
 
     def serve(self, now: float, late: float) -> float:
-        """Read the port if it is due; return when to come back, in seconds of the monotonic clock.
-
-        Args:
-            now: The time.
-            late: Seconds by which the next read may be late.
-        """
+        """As `Served`: read the port if it is due."""
         repeat = self.repeat
         if repeat is not None:
             repeat.serve()
@@ -99,7 +108,7 @@ class Watched:
 
 
 class ReadingThread:
-    """The thread, and the ports that it reads.
+    """The thread, and the ports that it serves.
 
     Args:
         clock: The time in seconds.
@@ -109,7 +118,7 @@ class ReadingThread:
         self._clock = clock
         # Reentrant: the garbage collector may call `remove` during `add`.
         self._lock = threading.RLock()
-        self._ports: list[Watched] = []
+        self._ports: list[Served] = []
         self._thread: threading.Thread | None = None
         self._late = 0.0
         # Released to wake the thread; a lock wakes it more cheaply and more exactly than an Event or a pipe.
@@ -122,8 +131,8 @@ class ReadingThread:
         """Whether the thread exists."""
         return self._thread is not None
 
-    def add(self, watched: Watched) -> None:
-        """Read this port from now on; starts the thread where it does not run.
+    def add(self, watched: Served) -> None:
+        """Serve this port from now on; starts the thread where it does not run.
 
         Where Ctrl-C ends it, the port may be read all the same, until `remove` is called.
 
@@ -141,8 +150,8 @@ class ReadingThread:
                 self._ports.clear()
                 raise
 
-    def remove(self, watched: Watched) -> None:
-        """Stop reading this port; the last one ends the thread. Ignored where it is not there.
+    def remove(self, watched: Served) -> None:
+        """Stop serving this port; the last one ends the thread. Ignored where it is not there.
 
         The thread may still try to read it once; `Inbox.share` prevents that.
         """

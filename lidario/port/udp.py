@@ -85,9 +85,8 @@ class _UdpLine(SocketLine[asyncio.DatagramTransport]):
     """
 
     def __init__(self, transport: asyncio.DatagramTransport, port: Port) -> None:
-        super().__init__(transport)
+        super().__init__(transport, port)
         self.error: Exception | None = None
-        self._port = port
         with contextlib.suppress(OSError):
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
 
@@ -103,6 +102,7 @@ class _UdpLine(SocketLine[asyncio.DatagramTransport]):
             self._transport.abort()
 
     def write(self, data: bytes) -> None:
+        self._wrote(data)
         if os.name != "posix":
             self._transport.sendto(data)
             return

@@ -114,7 +114,10 @@ async def connect(
             if not connection.device.can_be_stopped:
                 port.unguard()
             return connection
-        port.close_soon()
+        for dialogue in asked:
+            dialogue.hang_up()
+        if not asked:
+            port.close_soon()
     except BaseException as error:
         # Ctrl-C may come when the device has responded, and before its connection is returned.
         for dialogue in asked:
@@ -275,6 +278,7 @@ async def _try_known(
     except ResponseTimeout:
         # It may hear us although its responses do not reach us.
         dialogue.stop_device()
+        await dialogue.settled_down()
         half_open.release()
         port.attach(None)
         return None

@@ -23,8 +23,9 @@ from lidario.port.port import Port
 from lidario.revolution.together import join_runs
 from lidario.session.device_line import DeviceLine
 from lidario.session.patience import RESPONSE_S, Patience
+from lidario.session.readiness import Readiness
 from lidario.session.script import play
-from lidario.session.stopper import CLOCK_S, PATIENCE_S, Stopper
+from lidario.session.stopper import PATIENCE_S, Stopper
 from lidario.session.waiting import Awaited, Waiting
 from lidario.wire.envelope import Request
 from lidario.wire.events import Event, Packets, Response
@@ -34,9 +35,6 @@ __all__ = ["Dialogue"]
 
 T = TypeVar("T")
 _log = logging.getLogger("lidario")
-
-_MARGIN_S = 0.005
-"""Added to every pause a device demands: an adapter may deliver one request late and the next one on time."""
 
 
 class Dialogue(DeviceLine):
@@ -60,11 +58,10 @@ class Dialogue(DeviceLine):
         self.protection_stops: int = 0
         self.reset_at: float | None = None
         self._waiting = Waiting()
-        # When the device listens: not before this time, nor while a response is outstanding that may still come.
-        self._listens_at = 0.0
-        self._response_due = 0.0
-        self._stopper = Stopper(self, device, timing.quiet_s)
-        port.attach(self, lambda: ((device.fill, *self._stopper.requests()), self.free_at(float("inf"))))
+        self._readiness = Readiness(self._link)
+        self._on_still: Callable[[], None] | None = None
+        self._stopper = Stopper(self, self._readiness, device, timing.quiet_s)
+        port.attach(self, self._stopper.unseen)
 
     # ------------------------------------------------------------------------------------------------ what it is
 
@@ -97,8 +94,8 @@ class Dialogue(DeviceLine):
         self._stopper.keep_spinning = on
 
     def when_still(self, callback: Callable[[], None] | None) -> None:
-        """As `Stopper.on_still`."""
-        self._stopper.on_still = callback
+        """Have `callback` called each time the device is seen still."""
+        self._on_still = callback
 
     # ------------------------------------------------------------------------------------------------ receiving
 
@@ -120,6 +117,7 @@ class Dialogue(DeviceLine):
             failure.__cause__ = error
             self.fail(failure)
             self.stop_device()
+        self._readiness.received()
         if not self._link.is_awaiting:
             self._waiting.wake(Awaited.CHANGE)
             self._stopper.try_now()
@@ -175,7 +173,7 @@ class Dialogue(DeviceLine):
             now = self._loop.time()
             timeout = self._patience.timeout(request, now)
             # As the pause in `write`: noted before it is written.
-            self._response_due = now + timeout
+            self._readiness.asked(now, timeout)
             self.write((request,))
             if request.expects is None:
                 return b""
@@ -188,7 +186,7 @@ class Dialogue(DeviceLine):
                     self.chronicle.started(request.data)
                 return payload
             except TimeoutError:
-                self._link.forget()
+                self._readiness.give_up()
             except BaseException:
                 # The device is still busy with it: the next request waits until it has responded.
                 self._link.abandon()
@@ -225,7 +223,7 @@ class Dialogue(DeviceLine):
 
     def keep_alive(self, request: Request) -> None:
         """Send a request in the midst of a stream; its response is part of the stream."""
-        if self.fatal is None and not self._stopper.wanted and self._loop.time() >= self._listens_at:
+        if self.fatal is None and not self._stopper.wanted and not self._readiness.is_pausing:
             self.write((request,))
 
     # ------------------------------------------------------------------------------------------------ stopping
@@ -242,29 +240,37 @@ class Dialogue(DeviceLine):
         """As `Stopper.written`."""
         await self._stopper.written()
 
-    def hang_up(self) -> None:
+    async def settled_down(self) -> None:
+        """As `Stopper.surely_settled`, shielded from anyio's cancellation."""
+        with anyio.CancelScope(shield=True):
+            await self._stopper.surely_settled()
+
+    def hang_up(self, *, patient: bool = True) -> None:
         """Leave the device still, then close the port; without waiting. Nothing is delivered any more.
 
         After the event loop was closed no timer can do that, so it blocks as `abandon` does.
+
+        Args:
+            patient: As for `Stopper.hang_up`.
         """
         if self._loop.is_closed():
             self.abandon()
             return
         self._port.announce_close()
         self.deliver_to(None)
-        self._stopper.hang_up()
+        self._stopper.hang_up(patient=patient)
 
-    async def close(self) -> None:
+    async def close(self, *, patient: bool = True) -> None:
         """As `hang_up`, and return when the port is closed.
 
         The waiting is bounded and shielded from anyio's cancellation. A second native cancellation ends it as soon
-        as the stop requests are written; timers go on with closing the port.
+        as the device is seen still; timers go on with closing the port.
         """
-        self.hang_up()
+        self.hang_up(patient=patient)
         if self._loop.is_closed():
             return
+        await self.settled_down()
         with anyio.CancelScope(shield=True):
-            await self._stopper.surely_written()
             await self._port.wait_closed()
 
     def abandon(self) -> None:
@@ -281,13 +287,16 @@ class Dialogue(DeviceLine):
         for request in requests:
             if request.dtr is not None:
                 self._port.set_dtr(request.dtr)
-        self._port.abandon(b"".join(request.data for request in requests), self.free_at(patient_until))
+        self._port.abandon(b"".join(request.data for request in requests), self._readiness.free_at(patient_until))
 
-    def free_at(self, patient_until: float) -> float:
-        """When the device listens, on the loop's clock; a response is not waited for beyond `patient_until`."""
-        if not self._link.is_awaiting:
-            return self._listens_at
-        return max(self._listens_at, min(self._response_due, patient_until))
+    def settled(self, still: bool) -> None:
+        """As `Writer`."""
+        self._link.forget()
+        if still:
+            self._link.drained()
+            if self._on_still is not None:
+                self._on_still()
+        self._waiting.wake(Awaited.CHANGE)
 
     def close_port(self) -> None:
         """Begin to close the port."""
@@ -298,9 +307,7 @@ class Dialogue(DeviceLine):
         # What KeyboardInterrupt kept from being written is not written before something else.
         self._link.data_to_send()
         # Noted before anything is written: KeyboardInterrupt may come right behind it, and a finalizer waits then.
-        settle = max((request.settle for request in requests), default=0.0)
-        if settle:
-            self._listens_at = max(self._listens_at, self._loop.time() + settle + _MARGIN_S)
+        self._readiness.pause(max((request.settle for request in requests), default=0.0))
         for request in requests:
             if request.baudrate is not None:
                 self.set_baudrate(request.baudrate)
@@ -327,22 +334,17 @@ class Dialogue(DeviceLine):
         else:
             # Of a stream, the script is told what its descriptor announces.
             told = event.payload if isinstance(event, Response) else bytes((event.type,))
+            self._readiness.responded()
             self._waiting.wake(Awaited.RESPONSE, told)
 
     async def _until_it_listens(self) -> None:
         """Wait until the device accepts a request."""
         while True:
             self._waiting.check()
-            now = self._loop.time()
-            if self._link.is_awaiting and self._response_due - now <= CLOCK_S:
-                self._link.forget()
+            now, until = self._loop.time(), self._readiness.next_question_at()
             if self._stopper.wanted:
                 until = now + PATIENCE_S
-            elif self._link.is_awaiting:
-                until = self._response_due
-            elif self._listens_at - now > CLOCK_S:
-                until = self._listens_at
-            else:
+            elif not until:
                 return
             with suppress(TimeoutError):
                 await self._waiting.wait(until - now, Awaited.CHANGE)

@@ -249,7 +249,7 @@ class Reconnector:
 
     async def _leave(self) -> None:
         assert self._known is not None
-        await self._known.dialogue.close()
+        await self._known.dialogue.close(patient=False)  # it is stopped, and seen still, when it was found again
         if self._unused is not None:
             await self._unused()
 

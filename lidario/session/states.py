@@ -22,7 +22,8 @@
 * INTERRUPTED: a stream is wanted, but the device was stopped so that it can be asked something.
 * AWAY: there is no line to the device until the session has found it again (`reconnect`); no stream is wanted.
 * AWAITED: the same, and a stream is wanted.
-* STOPPING: no stream is wanted any more; the stop requests wait until the device listens.
+* STOPPING: no stream is wanted any more; the stop requests are not written yet, or it was not seen yet that they
+  were heard.
 * CLOSED: the session is over.
 
 `StreamControl` holds the state and asks this table for the next one. An event that the table does not know in a
@@ -58,7 +59,7 @@ class Event(Enum):
     INTERRUPT = "the device is asked something"
     RESUME = "the device was asked and is free again"
     UNWANT = "nobody wants scans any more"
-    STILL = "the stop requests were written"
+    STILL = "the device is seen still"
     LOSE = "the line to the device is no good any more"
     RETURN = "there is a new line to the device"
     CLOSE = "the session ends"

@@ -129,7 +129,11 @@ class Link:
                 request would stop them unannounced.
         """
         if request.ends_stream:
-            self._drain()
+            if self.state is LinkState.AWAIT_RESPONSE and self._format is None:
+                # The device is busy with it, and may not have heard this one.
+                self.abandon()
+            else:
+                self._drain()
             if not request.data and request.dtr is None:
                 self._unasked = True
                 self.state = LinkState.IDLE

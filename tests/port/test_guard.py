@@ -152,7 +152,7 @@ async def test_the_end_of_the_socket_without_a_farewell_is_the_end_of_the_progra
         handle = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         guard.take(handle)
         os.close(handle)
-        guard.tell([STOP], 0.0)
+        guard.tell([STOP], [], 0.0)
         asyncio.get_running_loop().remove_reader(guard._channel.fileno())
         guard.let_go()
         assert written(master, 25) == b"stop!" * guard_process.LEAST
@@ -206,8 +206,13 @@ class Clock:
         self.note({termios.TIOCMBIS: "DTR on", termios.TIOCMBIC: "DTR off"}[request])
         return b""
 
-    def left_still(self, *orders: tuple[bytes, bool | None], listens_at: float = 0.0) -> list[tuple[float, Any]]:
-        guard_process.leave_still(5, (list(orders), 0.015, listens_at))
+    def left_still(
+        self,
+        *orders: tuple[bytes, bool | None],
+        last: guard_process.Requests | None = None,
+        listens_at: float = 0.0,
+    ) -> list[tuple[float, Any]]:
+        guard_process.leave_still(5, (list(orders), last or [], 0.015, listens_at))
         return self.written
 
 
@@ -237,6 +242,11 @@ def test_the_motor_that_hangs_on_dtr(clock: Clock) -> None:
     seen = [what for _, what in clock.left_still((b"", True), (b"stop", None))]
     # Else the system would clear DTR when the port is closed, and the motor would turn.
     assert seen[:3] == [("settings", termios.CREAD), "DTR on", b"stop"]
+
+
+def test_what_makes_a_device_deaf_comes_last(clock: Clock) -> None:
+    seen = [what for _, what in clock.left_still((b"stop", None), last=[(b"pwm", None), (b"", True)])]
+    assert seen == [b"stop"] * 5 + [b"pwm", ("settings", termios.CREAD), "DTR on"]
 
 
 def test_a_motor_that_stops_when_dtr_is_cleared(clock: Clock) -> None:

@@ -95,56 +95,9 @@ async def main():
             await asyncio.sleep(0.01)
         await lidar.scan()
 """
-ENDINGS = {
-    "garbage": """
-loop = asyncio.new_event_loop()
-lidar = loop.run_until_complete(open_it())
-scans = lidar.scans()
-loop.run_until_complete(anext(scans))
-loop.run_until_complete(scans.aclose())
-del lidar, scans
-for _ in range(3):
-    gc.collect()
-    loop.run_until_complete(asyncio.sleep(0.2))
-loop.close()
-""",
-    "the loop was closed": """
-loop = asyncio.new_event_loop()
-lidar = loop.run_until_complete(open_it())
-loop.run_until_complete(lidar.scan())
-loop.close()
-del lidar
-gc.collect()
-""",
-    "never closed": """
-warnings.simplefilter("ignore")  # of the loop
-loop = asyncio.new_event_loop()
-lidar = loop.run_until_complete(open_it())
-loop.run_until_complete(lidar.scan())
-""",
-    "never closed without await": """
-lidar = lidario.open_sync(sys.argv[1], guard=True)
-lidar.scan()
-""",
-    "an exception": """
-async def main():
-    async with open_it() as lidar:
-        await lidar.scan()
-        raise SystemExit(0)
-asyncio.run(main())
-""",
-}
 IGNORING = """
 for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
     signal.signal(number, signal.SIG_IGN)
-"""
-
-
-OPENS = """
-import asyncio, gc, os, sys, warnings
-import lidario
-def open_it():
-    return lidario.open_lidar(sys.argv[1], guard=True)
 """
 
 
@@ -191,6 +144,20 @@ def test_every_way_in_which_a_motor_is_driven(model: str) -> None:
             return
         process.kill()
         until(lambda: not scans(server))
+
+
+def test_a_device_that_has_not_said_what_it_is() -> None:
+    """Only what stops every kind of motor, one after the other, can help then."""
+    with served("rplidar-a2") as server:
+        with server.lock:
+            server.device.mute = True  # type: ignore[attr-defined]
+        source = f"serial://{server.path}?baud={server.device.baudrate}&family=rplidar"  # type: ignore[attr-defined]
+        with child(UNDISTURBED + HEAD + SCAN + RUN, source) as process:
+            until(lambda: any(each.name == "get_info" for each in requests(server)))
+            process.kill()
+            process.wait()
+            until(lambda: not guards_of(process.pid))
+        until(lambda: [each.name for each in requests(server)][-2:] == ["stop", "set_motor_pwm"])
 
 
 def test_a_motor_that_shall_go_on_goes_on() -> None:
@@ -330,14 +297,4 @@ def test_the_program_has_no_child_that_it_did_not_start(adopts: list[str]) -> No
             out, said = process.communicate()
             assert (out, said) == ("no children\n", "")
             assert guards_of(process.pid) == []
-        until(lambda: is_left_still(server))
-
-
-@pytest.mark.exhaustive("ending", sample=["garbage", "never closed"], full=ENDINGS)
-def test_a_program_that_ends_by_itself_leaves_none(ending: str) -> None:
-    with served("rplidar-s2") as server:
-        with child(UNDISTURBED + OPENS + ENDINGS[ending], server.path) as process:
-            _, said = process.communicate()
-            assert (process.returncode, said) == (0, "")
-            until(lambda: not guards_of(process.pid))
         until(lambda: is_left_still(server))

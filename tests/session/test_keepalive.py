@@ -206,3 +206,45 @@ async def test_zero_offset_is_told_and_applied_only_when_asked() -> None:
     shift = (after.device_angles[0] - before.device_angles[0]) % 360
     assert shift == pytest.approx(347.5, abs=0.5)
     assert again.device_angles[0] == pytest.approx(before.device_angles[0], abs=0.5)
+
+
+@pytest.mark.parametrize("steps", range(1, 40, 3))
+@pytest.mark.parametrize("on", [True, False])
+@driven
+async def test_a_toggle_that_was_not_confirmed_is_looked_at_before_the_next_stream(on: bool, steps: int) -> None:
+    """Without protection nothing is sent in mid-scan; with it, what keeps the device going."""
+    rig = make_rig("ydlidar")
+    async with rig.open() as lidar:
+        await lidar.set_power_down_protection(not on)
+        async with lidar.scans() as stream:
+            await anext(stream)
+            setting = asyncio.ensure_future(lidar.set_power_down_protection(on))
+            for _ in range(steps):
+                await asyncio.sleep(0)
+            setting.cancel()
+            await asyncio.wait([setting])
+            before = names(rig).count("scan")
+            for _ in range(50):
+                await anext(stream)
+        kept = names(rig).count("scan") - before
+        assert (kept > 10) is rig.device.protected, (kept, rig.device.protected)
+        assert rig.device.lapses == 0
+    assert left_still(rig)
+
+
+@driven
+async def test_a_toggle_whose_response_was_lost_is_looked_at() -> None:
+    rig = make_rig("ydlidar")
+    async with rig.open() as lidar:
+        await lidar.set_power_down_protection(True)
+        rig.device.response_delay_s = 0.3
+        with pytest.raises(TimeoutError):
+            async with asyncio.timeout(0.1):
+                await lidar.set_power_down_protection(False)
+        assert not rig.device.protected
+        rig.device.response_delay_s = 0.0005
+        before = lidar.stats.keepalives
+        await scan_for(lidar, 20.0)
+        assert lidar.stats.keepalives == before
+        assert not rig.device.protected
+        assert rig.device.lapses == 0

@@ -152,6 +152,7 @@ async def test_states_are_logged_for_who_looks_for_them(caplog: pytest.LogCaptur
     rig = make_rig("rplidar")
     async with rig.open() as lidar:
         await take(lidar, 1)
+        await asyncio.sleep(0.1)  # until the line was seen quiet
     states = [record.getMessage() for record in caplog.records if "->" in record.getMessage()]
     assert [line.split(": ")[1] for line in states] == [
         "idle -> starting",

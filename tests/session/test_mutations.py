@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import pytest
 
 from lidario.session.dialogue import Dialogue
+from lidario.session.readiness import Readiness
 from lidario.session.stopper import Stopper
-from lidario.wire.envelope import Request
+from tests.session import test_slow_responses as slow
 from tests.session.test_two_tasks import (
     Work,
     ask,
@@ -19,27 +20,23 @@ from tests.session.test_two_tasks import (
     start,
     two_tasks,
 )
+from tests.support.devices import make_rig
+from tests.support.loop import run_driven
 
 pytestmark = pytest.mark.discards("the fixes that keep it from that are taken out")
 
 
 def without_the_pause_behind_a_request(patch: pytest.MonkeyPatch) -> None:
-    """`Dialogue.write` does not note when the device listens again, nor is a quiet line waited for behind STOP.
+    """It is not noted when the device listens again, nor is a quiet line waited for behind STOP.
 
     One of the two is enough: the line has to be quiet for longer than the device is deaf.
     """
-    write = Dialogue.write
 
     async def not_drained(self: Dialogue) -> bool:
         self._link.drained()
         return True
 
-    def forgetful(self: Dialogue, requests: Sequence[Request]) -> None:
-        listens_at = self._listens_at
-        write(self, requests)
-        self._listens_at = listens_at
-
-    patch.setattr(Dialogue, "write", forgetful)
+    patch.setattr(Readiness, "pause", lambda self, settle: None)
     patch.setattr(Dialogue, "drain", not_drained)
 
 
@@ -83,3 +80,13 @@ def test_the_matrix_notices_where_the_device_is_silent(monkeypatch: pytest.Monke
     monkeypatch.setattr("lidario.session.waiting.Waiting._raise", lambda self, error: None)
     with pytest.raises(AssertionError, match=r"ask x b_closes at step .*: it waited for"):
         two_tasks("rplidar", ask, b_closes, 1, silent_cell)
+
+
+@pytest.mark.parametrize("family", ["rplidar", "ydlidar"])
+def test_slow_responses_show_where_a_quiet_line_is_believed(family: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A device that owes a response is quiet, and has not heard the stop requests."""
+    delay_s, moment_s = (0.2, 2.22) if family == "rplidar" else (1.5, 0.02)
+    run_driven(lambda: slow.both(make_rig(family), delay_s, slow.start, slow.b_stops, moment_s))
+    monkeypatch.setattr(Readiness, "owes_until", 0.0)
+    with pytest.raises(AssertionError):
+        run_driven(lambda: slow.both(make_rig(family), delay_s, slow.start, slow.b_stops, moment_s))

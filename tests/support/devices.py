@@ -93,7 +93,8 @@ def left_still(rig: Rig) -> bool:
 def discarded(rig: Rig) -> list[tuple[str, str]]:
     """Requests the strict device discarded, and why.
 
-    Not those that are meant to be lost: questions to a device that boots, and STOP to one in Protection Stop.
+    Not those that are meant to be lost: questions to a device that boots, STOP to one in Protection Stop, and what
+    stops the motor of another model, where the device has not said which it is.
     """
     return [
         (each.name, each.why)
@@ -101,6 +102,7 @@ def discarded(rig: Rig) -> list[tuple[str, str]]:
         if not each.obeyed
         and each.why != "still booting after reset"
         and (each.name, each.why) != ("stop", PROTECTED)
+        and (each.name, each.why) != ("set_motor_pwm", "unknown to this device")
     ]
 
 

@@ -76,6 +76,10 @@ class RplidarDevice(Device):
         """As `Device.halt`: the motor first, since nothing is heard for 10 ms after STOP."""
         return (*self._motor.halt(), commands.STOP)
 
+    def halt_unknown(self) -> tuple[Request, ...]:
+        """As `Device.halt_unknown`: what stops an A2 or A3, then what stops an A1 and makes the others deaf."""
+        return () if self._major else (commands.motor_pwm(0), commands.DTR_STOPS)
+
     def reset(self) -> Request:
         """As `Device.reset`."""
         return commands.RESET

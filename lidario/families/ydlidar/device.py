@@ -75,7 +75,8 @@ class YdlidarDevice(Device):
         self._be(model or FOUR_ROS)
         self._code: int | None = None
         self._health_request: Request | None = None
-        self._protected = False
+        # None: it was told to change it and has not said that it did.
+        self._protected: bool | None = False
         self._offset_deg = 0.0
         # What the program has set, to be set again when the device was restarted.
         self._wanted_protection: bool | None = None
@@ -131,7 +132,7 @@ class YdlidarDevice(Device):
         if self._protected or (lasted_s and not earliest <= lasted_s <= latest):
             return False
         yield from learn_protection(self._say_protected)
-        return self._protected
+        return bool(self._protected)
 
     def identify(self) -> Script[DeviceInfo]:
         """As `Device.identify`; asked until two responses are equal."""
@@ -215,6 +216,8 @@ class YdlidarDevice(Device):
             raise Unsupported(f"this device has one scan mode, {self._mode.name!r}, and not {mode.name!r}")
         if self._was_restarted:
             yield from self._restore()
+        if self._protected is None:
+            yield from learn_protection(self._say_protected)
         stream = yield from self._begin()
         return Stream(
             format=stream,
@@ -297,7 +300,7 @@ class YdlidarDevice(Device):
         self._wanted_protection = wanted
         return wanted
 
-    def _say_protected(self, on: bool) -> None:
+    def _say_protected(self, on: bool | None) -> None:
         self._protected = on
 
     def _restore(self) -> Script[None]:

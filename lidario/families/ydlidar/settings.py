@@ -63,13 +63,17 @@ def step_to(wanted: int) -> Script[float]:
     return (yield from ask_speed()) / 100
 
 
-def toggle_to(wanted: bool, tell: Callable[[bool], None]) -> Script[None]:
-    """Toggle power-down protection until it is as `wanted`; `tell` is called with each state that it says.
+def toggle_to(wanted: bool, tell: Callable[[bool | None], None]) -> Script[None]:
+    """Toggle power-down protection until it is as `wanted`.
+
+    `tell` is called with each state that the device says, and with None where it is about to be told to change it:
+    whoever is cancelled then does not know which state it has.
 
     Raises:
         RemoteProtocolError: It does not get there.
     """
     for attempt in range(MOST_TOGGLES):
+        tell(None)
         try:
             state = (yield commands.TOGGLE_PROTECTION)[0]
         except ResponseTimeout:
@@ -84,10 +88,11 @@ def toggle_to(wanted: bool, tell: Callable[[bool], None]) -> Script[None]:
     raise RemoteProtocolError(f"power-down protection does not go {'on' if wanted else 'off'}")
 
 
-def learn_protection(tell: Callable[[bool], None]) -> Script[None]:
+def learn_protection(tell: Callable[[bool | None], None]) -> Script[None]:
     """Find out whether power-down protection is on: two toggles tell it and leave it. `tell` as in `toggle_to`."""
     told = 0
     for _ in range(MOST_TOGGLES):
+        tell(None)
         try:
             state = (yield _LEARN_PROTECTION)[0]
         except ResponseTimeout:

@@ -1,0 +1,89 @@
+"""When the device listens: not during the pause that its last request demands, nor while it owes a response.
+
+A response that was given up is owed all the same for a while, by a device that has responded before: it may take
+its time. What it is sent meanwhile it discards, and does not say so.
+"""
+
+from __future__ import annotations
+
+import asyncio
+
+from lidario.session.stopper import CLOCK_S
+from lidario.wire.link import Link
+
+__all__ = ["Readiness"]
+
+LATEST_RESPONSE_S = 2.0
+"""Behind its request, a response may come so late from a device that takes its time; none is waited for longer."""
+_MARGIN_S = 0.005
+"""Added to every pause a device demands: an adapter may deliver one request late and the next one on time."""
+
+
+class Readiness:
+    """What is known of one device's readiness to hear.
+
+    Args:
+        link: Knows whether a response is outstanding.
+    """
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._loop = asyncio.get_running_loop()
+        self._listens_at = 0.0
+        self._asked_at = 0.0
+        self._due = 0.0
+        self._late_until = 0.0
+        self._has_responded = False
+
+    @property
+    def is_pausing(self) -> bool:
+        """Whether the pause that the last request demands is not over."""
+        return self._loop.time() < self._listens_at
+
+    @property
+    def owes_until(self) -> float:
+        """Until when the device may be busy with a response that has not come, on the loop's clock; 0 for none."""
+        return self._due if self._link.is_awaiting else self._late_until
+
+    def pause(self, settle: float) -> None:
+        """A request is about to be written that demands a pause of so many seconds."""
+        if settle:
+            self._listens_at = max(self._listens_at, self._loop.time() + settle + _MARGIN_S)
+
+    def asked(self, now: float, timeout: float) -> None:
+        """A question is about to be written, whose response is waited for for so many seconds."""
+        self._asked_at, self._due = now, now + timeout
+
+    def responded(self) -> None:
+        """A response has come."""
+        self._has_responded = True
+
+    def received(self) -> None:
+        """Bytes have come; where no response is outstanding, one that was given up is among them."""
+        if not self._link.is_awaiting:
+            self._late_until = 0.0
+
+    def give_up(self) -> None:
+        """The response has not come in time."""
+        self._link.forget()
+        if self._has_responded:
+            self._late_until = self._asked_at + LATEST_RESPONSE_S
+
+    def forget(self) -> None:
+        """Nothing is owed any more."""
+        self._link.forget()
+        self._late_until = 0.0
+
+    def free_at(self, patient_until: float) -> float:
+        """When the device listens; a response is not waited for beyond `patient_until`."""
+        if not self._link.is_awaiting:
+            return self._listens_at
+        return max(self._listens_at, min(self._due, patient_until))
+
+    def next_question_at(self) -> float:
+        """When the next question may be written; what is overdue is given up. In the past for now."""
+        now = self._loop.time()
+        if self._link.is_awaiting and self._due - now <= CLOCK_S:
+            self.give_up()
+        until = self._due if self._link.is_awaiting else self._listens_at
+        return until if until - now > CLOCK_S else 0.0

@@ -1,0 +1,51 @@
+"""Over a network too, a device with power-down protection is kept alive while the program blocks its event loop."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from types import ModuleType
+
+import pytest
+import uvloop
+
+from lidario import open_lidar
+from lidario.sim.serve import TcpServer
+from tests.support.devices import make_rig, names
+from tests.support.ports import PATIENCE_S
+
+LONGEST_BLOCK_S = 20.0
+
+
+@pytest.mark.parametrize("library", [asyncio, uvloop], ids=["asyncio", "uvloop"])
+def test_the_thread_writes_what_the_loop_does_not(library: ModuleType) -> None:
+    """The loop is blocked until the device has heard what keeps it going, often enough to outlast its patience."""
+    rig = make_rig("ydlidar")
+
+    async def main() -> None:
+        written: list[bytes] = []
+        with TcpServer(rig.device) as server:
+            address = "tcp://{}:{}?family=ydlidar".format(*server.address)
+            async with asyncio.timeout(3 * PATIENCE_S), open_lidar(address) as lidar:
+                await lidar.set_power_down_protection(True)
+                async with lidar.scans() as stream:
+                    await anext(stream)
+                    lidar.tap(lambda way, data, at: written.append(data) if way == "out" else None)
+                    heard, began = names(rig).count("scan"), time.monotonic()
+                    while names(rig).count("scan") < heard + 3 and time.monotonic() - began < LONGEST_BLOCK_S:
+                        time.sleep(0.01)  # noqa: ASYNC251 - that is what blocks the loop
+                    assert names(rig).count("scan") >= heard + 3
+                    assert rig.device.scanning
+                    kept = lidar.stats.keepalives
+                assert kept >= 3
+                while rig.device.scanning:
+                    await asyncio.sleep(0.01)
+                heard = len(names(rig))
+                await asyncio.sleep(0.2)
+                assert "scan" not in names(rig)[heard:], "behind the stop requests it was written again"
+            assert rig.device.lapses == 0
+            assert written.count(b"\xa5\x60") >= 3
+
+    with asyncio.Runner(loop_factory=library.new_event_loop) as runner:
+        runner.run(main())
+    assert not rig.device.scanning

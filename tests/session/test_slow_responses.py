@@ -1,0 +1,212 @@
+"""Devices that take their time: stopped in the midst of anything, they are still, and that was seen.
+
+A strict device discards the stop requests as long as it owes a response. They are written again until the line
+tells that they were heard. No document says how long a device may take; responses are waited for for up to 2 s.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+
+import pytest
+
+from lidario import ConnectFailed, Lidar, LidarError, ScanStream, StreamFailed, open_lidar
+from lidario.families.rplidar.simulated.device import SimulatedRplidar
+from tests.support.devices import Rig, both_families, left_still, make_rig, take
+from tests.support.loop import DrivenLoop, driven, run_driven
+
+pytestmark = pytest.mark.discards("stop requests are tried while a response is outstanding")
+
+SLOWEST_S = 1.5
+DELAYS_S = [0.05, 0.1, 0.11, 0.13, 0.2, 0.5, SLOWEST_S]
+LONGEST_CLOSE_S = 2.5
+"""A response is waited for for 2 s at most; then the line is listened to."""
+
+
+async def start(lidar: Lidar) -> None:
+    await anext(lidar.scans())
+
+
+async def ask_while_scanning(lidar: Lidar) -> None:
+    await lidar.scan()
+    await lidar.get_health()
+
+
+async def set_speed(lidar: Lidar) -> None:
+    await lidar.scan()
+    await lidar.set_scan_frequency(8.0)
+
+
+async def reset(lidar: Lidar) -> None:
+    await lidar.scan()
+    await lidar.reset()
+
+
+async def b_stops(lidar: Lidar, work: asyncio.Task[None]) -> None:
+    with suppress(StreamFailed):
+        await lidar.stop()
+
+
+async def b_closes(lidar: Lidar, work: asyncio.Task[None]) -> None:
+    await lidar.close()
+
+
+async def b_cancels(lidar: Lidar, work: asyncio.Task[None]) -> None:
+    work.cancel()
+
+
+Work = Callable[[Lidar], Awaitable[None]]
+Other = Callable[[Lidar, "asyncio.Task[None]"], Awaitable[None]]
+A: list[Work] = [start, ask_while_scanning, set_speed, reset]
+B: list[Other] = [b_stops, b_closes, b_cancels]
+
+
+async def both(rig: Rig, delay_s: float, a: Work, b: Other, moment_s: float) -> None:
+    """Task A; after a while task B; then the device must be still, before the session is closed and behind it."""
+    loop = asyncio.get_running_loop()
+    lidar = await rig.open()
+    rig.device.response_delay_s = delay_s
+
+    async def work() -> None:
+        with suppress(LidarError, StopAsyncIteration):
+            await a(lidar)
+
+    task = asyncio.ensure_future(work())
+    await asyncio.sleep(moment_s)
+    stray = lidar.stats.stray_bytes
+    await b(lidar, task)
+    await asyncio.wait([task])
+    await asyncio.sleep(5.0)
+    assert not lidar.is_scanning
+    assert not rig.device.scanning
+    assert not rig.device.motor_on
+    assert lidar.stats.stray_bytes - stray < 200, "a stream came into an idle session"
+    began = loop.time()
+    await lidar.close()
+    assert loop.time() - began < LONGEST_CLOSE_S
+    await asyncio.sleep(2 * SLOWEST_S)
+    assert not rig.device.scanning
+    assert not rig.device.motor_on
+
+
+@pytest.mark.exhaustive("phases", sample=[2], full=[12])
+@pytest.mark.exhaustive("delay_s", sample=[0.13, 0.2, SLOWEST_S], full=DELAYS_S)
+@pytest.mark.parametrize("b", B, ids=lambda work: work.__name__)
+@both_families
+def test_it_is_stopped_at_any_moment(family: str, b: Other, delay_s: float, phases: int) -> None:
+    for a in A:
+        for phase in range(phases):
+            moment_s = 0.02 + 4 * delay_s * (phase + 0.3) / phases
+            try:
+                run_driven(
+                    lambda a=a, moment_s=moment_s: both(make_rig(family), delay_s, a, b, moment_s)  # type: ignore[misc]
+                )
+            except AssertionError as error:
+                raise AssertionError(f"{a.__name__}, after {moment_s:.3f} s: {error}") from error
+
+
+@pytest.mark.parametrize("model", ["rplidar-a1", "rplidar-a2"])
+def test_motors_of_other_kinds(model: str) -> None:
+    """By DTR, and by an accessory board."""
+    for a in (start, ask_while_scanning, reset):
+        for b in B:
+            for moment_s in (0.05, 0.5, 1.2):
+                run_driven(
+                    lambda a=a, b=b, moment_s=moment_s: both(make_rig("rplidar", model), 0.2, a, b, moment_s)  # type: ignore[misc]
+                )
+
+
+@driven
+async def test_it_is_told_in_the_log_where_it_cannot_be_seen(caplog: pytest.LogCaptureFixture) -> None:
+    """A device that hears nothing any more and streams on."""
+    rig = make_rig("rplidar")
+    lidar = await rig.open()
+    stream = lidar.scans()
+    await anext(stream)
+    rig.device.receive = lambda data, now: None
+    with pytest.raises(StreamFailed, match="after 3 STOP requests"):
+        await lidar.stop()
+    caplog.clear()
+    await lidar.close()
+    told = [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
+    assert told == ["the device goes on sending after 3 stop requests"]
+    assert rig.device.scanning
+
+
+@pytest.mark.parametrize("timeout_s", [0.0, 0.01, 0.2, 0.7])
+@driven
+async def test_a_reset_that_is_given_up_does_not_leave_the_motor_on(timeout_s: float) -> None:
+    """The motor of an A1 hangs on DTR, which a reset does not touch."""
+    rig = make_rig("rplidar", "rplidar-a1")
+    async with rig.open() as lidar:
+        await take(lidar, 1)
+        with suppress(TimeoutError):
+            async with asyncio.timeout(timeout_s):
+                await lidar.reset()
+    assert not rig.device.motor_on
+    assert not rig.device.scanning
+    await asyncio.sleep(3.0)
+    assert not rig.device.motor_on
+
+
+@pytest.mark.parametrize("model", ["rplidar-a1", "rplidar-a2", "rplidar-s2"])
+@pytest.mark.parametrize("ways", ["unknown type", "always another"])
+@driven
+async def test_a_device_that_nobody_understands_is_left_still(model: str, ways: str) -> None:
+    """Its motor is driven by DTR, by an accessory board, by its own request; it was on before."""
+    rig = make_rig("rplidar", model)
+    rig.device.begin_streaming(1, 0)
+    garble(rig.device, ways)
+    with pytest.raises(LidarError):
+        await open_lidar(rig.device, family="rplidar")
+    assert not rig.device.scanning
+    assert not rig.device.motor_on
+
+
+def garble(device: SimulatedRplidar, ways: str) -> None:
+    respond, count = device._respond, 0
+
+    def odd(kind: int, data: bytes, request: object) -> str:
+        nonlocal count
+        count += 1
+        if ways == "unknown type":
+            return respond(0x77, data, request)  # type: ignore[arg-type]
+        return respond(kind, bytes([data[0]]) + count.to_bytes(len(data) - 1, "little"), request)  # type: ignore[arg-type]
+
+    device._respond = odd  # type: ignore[method-assign]
+
+
+@driven
+async def test_the_stop_requests_go_on_though_the_task_that_closes_is_cancelled_twice() -> None:
+    rig = make_rig("rplidar")
+    lidar = await rig.open()
+    rig.device.response_delay_s = 0.5
+    reading = asyncio.ensure_future(ScanStream.__anext__(lidar.scans()))
+    await asyncio.sleep(2.3)
+    closing = asyncio.ensure_future(lidar.close())
+    for _ in range(2):
+        await asyncio.sleep(0.01)
+        closing.cancel()
+    await asyncio.wait([closing, reading])
+    assert closing.cancelled()
+    reading.exception()
+    assert isinstance(asyncio.get_running_loop(), DrivenLoop)
+    assert left_still(rig)
+
+
+@driven
+async def test_a_silent_port_is_not_waited_for() -> None:
+    """Nothing has ever responded: there is no device that takes its time."""
+    rig = make_rig("rplidar")
+    rig.device.mute = True
+    loop = asyncio.get_running_loop()
+    opening = asyncio.ensure_future(rig.open()._open())
+    await asyncio.sleep(2.0)
+    opening.cancel()
+    began = loop.time()
+    with pytest.raises((asyncio.CancelledError, ConnectFailed)):
+        await opening
+    assert loop.time() - began < 1.0
