@@ -208,7 +208,7 @@ async def _find(
     heard = await listen(port, speeds, families)
     if heard.stream is not None:
         known = _Try(*heard.stream)
-        return await _try_known(port, known), [known]
+        return await _try_known(port, known, on_dialogue=on_dialogue), [known]
     # One that is waited for shortly may be late. Then at another speed it is noise, but not at the same.
     quick = heard.silent and len(families) > 1 and all(a.baudrate != b.baudrate for a, b in pairwise(tries))
     return await _ask_in_turns(port, tries, quick=quick, silent=heard.silent, patient=patient), tries

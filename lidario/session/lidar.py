@@ -189,11 +189,15 @@ class Lidar(Questions, AsyncOnly):
             stream.release()
 
     async def stop(self) -> None:
-        """Stop laser and motor and end every stream; returns when the line is quiet. The session stays open.
+        """Stop laser and motor and end every stream; returns when that was seen. The session stays open.
 
         Every reader ends at once, also one whose stream is just being started. The stop requests are written
-        before anything is awaited, or, where the device does not listen at that moment, by a timer. Cancelling
-        ends only the waiting.
+        before anything is awaited, or, where the device does not listen at that moment, by a timer; and again until
+        they were heard, which takes some hundredths of a second, and 2 s where a response is owed. Cancelling ends
+        only the waiting.
+
+        Raises:
+            StreamFailed: Bytes still arrive after several stop requests.
         """
         self._check_open()
         await self._scanner.stop()
@@ -241,8 +245,9 @@ class Lidar(Questions, AsyncOnly):
 
         Everything else ends with SessionClosed at once: readers, questions, a stream that is being started. The
         stop requests are written before anything is awaited, or, where the device does not listen at that moment,
-        by a timer. Cancelling it ends only the waiting for the port to close; it does not end earlier than the stop
-        requests are written, which takes a tenth of a second at most.
+        by a timer. They are written again until they were heard: some hundredths of a second, and up to 2 s where
+        the device owes a response. Where that cannot be seen, the log says so. Cancelling it ends only the waiting
+        for the port to close, which comes after that.
 
         Raises:
             LocalProtocolError: It was called in another event loop, such as one of another thread. The session goes

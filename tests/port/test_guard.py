@@ -62,6 +62,10 @@ async def test_it_needs_little_memory_and_is_never_woken() -> None:
 
 
 async def test_one_that_was_killed_is_told_once_and_the_session_goes_on(caplog: pytest.LogCaptureFixture) -> None:
+    def told() -> list[str]:
+        warnings = [record.message for record in caplog.records if record.levelno >= logging.WARNING]
+        return [text for text in warnings if "guard" in text]  # a busy machine may lose scans, which is told too
+
     with served("rplidar-s2") as server:
         async with open_lidar(server.path, guard=True) as lidar, lidar.scans() as scans:
             await anext(scans)
@@ -70,14 +74,12 @@ async def test_one_that_was_killed_is_told_once_and_the_session_goes_on(caplog: 
             await ended(guard)
             await lidar.get_health()
             async with asyncio.timeout(30.0):
-                while not caplog.records:
+                while not told():
                     await anext(scans)
             await lidar.stop()
             await lidar.scan()
         until(lambda: is_left_still(server))
-    told = [record.message for record in caplog.records if record.levelno >= logging.WARNING]
-    assert len(told) == 1
-    assert "guard" in told[0]
+    assert len(told()) == 1
 
 
 async def test_one_that_is_stopped_does_not_keep_the_port(monkeypatch: pytest.MonkeyPatch) -> None:

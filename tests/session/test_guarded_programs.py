@@ -151,7 +151,7 @@ def test_a_device_that_has_not_said_what_it_is() -> None:
     with served("rplidar-a2") as server:
         with server.lock:
             server.device.mute = True  # type: ignore[attr-defined]
-        source = f"serial://{server.path}?baud={server.device.baudrate}&family=rplidar"  # type: ignore[attr-defined]
+        source = f"serial://{server.path}?baud={server.device.baudrate}&family=rplidar"
         with child(UNDISTURBED + HEAD + SCAN + RUN, source) as process:
             until(lambda: any(each.name == "get_info" for each in requests(server)))
             process.kill()
