@@ -308,6 +308,7 @@ def open_sync(
     latency: float = DEFAULT_LATENCY_S,
     keep_spinning: bool = False,
     reconnect: bool | Reconnect = False,
+    guard: bool = False,
 ) -> SyncLidar:
     """Open a device for a program without ``await``, for use in ``with``.
 
@@ -322,6 +323,7 @@ def open_sync(
         latency=latency,
         keep_spinning=keep_spinning,
         reconnect=reconnect,
+        guard=guard,
     )
     thread = LoopThread()
     try:

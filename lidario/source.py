@@ -100,6 +100,11 @@ class Source:
         return self.options["model"].casefold() if "model" in self.options else None
 
     @property
+    def is_driven_from_here(self) -> bool:
+        """Whether a device may be there that this program drives, and that goes on when the program dies."""
+        return self.kind in ("serial", "tcp", "udp", "auto", "id")
+
+    @property
     def rate(self) -> float:
         """How many times as fast as it was recorded a file is played; 0 for as fast as it is read."""
         return float(self.options.get("rate", "1"))

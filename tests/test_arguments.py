@@ -113,7 +113,9 @@ def fleet(**arguments: Any) -> object:
 
 CALLS: dict[str, Callable[[Any], object]] = {
     "open_lidar": lidario.open_lidar,
-    **dict(by_name(opened, "family", "baudrate", "latency", "keep_spinning", "reconnect", called="open_lidar")),
+    **dict(
+        by_name(opened, "family", "baudrate", "latency", "keep_spinning", "reconnect", "guard", called="open_lidar")
+    ),
     "simulate": lidario.simulate,
     **dict(by_name(lidario.simulate, "world", "spin_up", "seed", "serial")),
     **dict(by_name(lidario.Reconnect, "limit_s", "first_wait_s", "longest_wait_s")),

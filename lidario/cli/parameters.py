@@ -1,4 +1,4 @@
-"""What several verbs take: sources, files, their completion in the shell, durations, numbers, scan modes."""
+"""What several verbs take: sources, files, their completion in the shell, durations, numbers, modes, the guard."""
 
 from __future__ import annotations
 
@@ -9,7 +9,15 @@ from typing import Any, Final
 import click
 from click.shell_completion import CompletionItem
 
-__all__ = ["Duration", "FiniteRange", "WholeRange", "complete_file", "complete_source", "mode_option"]
+__all__ = [
+    "Duration",
+    "FiniteRange",
+    "WholeRange",
+    "complete_file",
+    "complete_source",
+    "guard_option",
+    "mode_option",
+]
 
 _UNITS: Final = {"ms": 1e-3, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0}
 _MODE_DIGITS: Final = 9
@@ -89,4 +97,7 @@ class _ModeType(click.ParamType["str | int"]):
 
 mode_option: Final = click.option(
     "--mode", type=_ModeType(), metavar="MODE", help="Scan mode by name or id, as `lidario info` lists them."
+)
+guard_option: Final = click.option(
+    "--guard", is_flag=True, help="Have laser and motor switched off also when this command is killed (kill -9)."
 )

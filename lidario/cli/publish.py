@@ -13,7 +13,7 @@ import click
 from click.core import ParameterSource
 
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.parameters import WholeRange, complete_source, mode_option
+from lidario.cli.parameters import WholeRange, complete_source, guard_option, mode_option
 from lidario.cli.streams import ReaderGone, emit, message
 
 if TYPE_CHECKING:
@@ -66,6 +66,7 @@ _OF_ROS: Final = (
 @mode_option
 @click.option("--reconnect/--no-reconnect", default=True, show_default=True,
               help="Come back when the lidar is unplugged or restarts.")  # fmt: skip
+@guard_option
 def publish(
     source: str,
     ros: bool,
@@ -75,6 +76,7 @@ def publish(
     robot: str | None,
     mode: str | int | None,
     reconnect: bool,
+    guard: bool,
     **of_ros: Any,
 ) -> int:
     """Publish live scans over zenoh, until Ctrl-C.
@@ -108,7 +110,7 @@ def publish(
         from lidario import open_lidar
 
         _needs_zenoh()
-        async with open_lidar(source, reconnect=reconnect) as lidar:
+        async with open_lidar(source, reconnect=reconnect, guard=guard) as lidar:
             publisher = make(lidar)
             publisher.on_change = lambda _: message(publisher.news)
             async with publisher:

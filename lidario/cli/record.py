@@ -16,7 +16,7 @@ import click
 
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import progress
-from lidario.cli.parameters import Duration, WholeRange, complete_source, mode_option
+from lidario.cli.parameters import Duration, WholeRange, complete_source, guard_option, mode_option
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ class _Told:
 @mode_option
 @click.option("--scans", is_flag=True, help="Write each scan too, as LaserScan on the topic /scan.")
 @click.option("--force", is_flag=True, help="Replace a file that is there already.")
+@guard_option
 def record(
     source: str,
     output: str | None,
@@ -50,6 +51,7 @@ def record(
     mode: str | int | None,
     scans: bool,
     force: bool,
+    guard: bool,
 ) -> int:
     """Record a lidar to a file, every byte in both directions.
 
@@ -64,7 +66,7 @@ def record(
         raise click.BadParameter(f"{path!r} does not end in .mcap", param_hint="-o")
     told = _Told()
     try:
-        run(lambda: _record(told, source, path, seconds, count, mode, scans, force))
+        run(lambda: _record(told, source, path, seconds, count, mode, scans, force, guard))
     except Stopped:
         if seconds is not None or count is not None:
             raise
@@ -85,11 +87,12 @@ async def _record(
     mode: str | int | None,
     scans: bool,
     force: bool,
+    guard: bool,
 ) -> None:
     from lidario import open_lidar
 
     with progress(f"opening {source} …") as show:
-        async with open_lidar(source) as lidar:
+        async with open_lidar(source, guard=guard) as lidar:
             recording = lidar.record(path, scans=scans, overwrite=force)
             async with recording, lidar.scans(mode) as stream:
                 told.recording, told.began = recording, time.monotonic()

@@ -19,7 +19,7 @@ import click
 
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import Writer, console, introduced, progress, rendered
-from lidario.cli.parameters import WholeRange, complete_source, mode_option
+from lidario.cli.parameters import WholeRange, complete_source, guard_option, mode_option
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ class _Order:
     form: str
     keep_spinning: bool
     reconnect: bool
+    guard: bool
 
 
 @dataclass
@@ -59,6 +60,7 @@ class _Tally:
 @click.option("--csv", "as_csv", is_flag=True, help="One row per sample.")
 @click.option("--keep-spinning", is_flag=True, help="Leave the motor on; only the measuring stops.")
 @click.option("--reconnect", is_flag=True, help="Go on when the lidar was unplugged or restarted, and is back.")
+@guard_option
 def scan(
     source: str,
     count: int,
@@ -67,6 +69,7 @@ def scan(
     as_csv: bool,
     keep_spinning: bool,
     reconnect: bool,
+    guard: bool,
 ) -> int:
     """Read scans and print them.
 
@@ -76,7 +79,7 @@ def scan(
     if as_json and as_csv:
         raise click.UsageError("--json and --csv exclude each other", click.get_current_context())
     form = "json" if as_json else "csv" if as_csv else "people"
-    return _run_order(_Order(source, count, mode, form, keep_spinning, reconnect))
+    return _run_order(_Order(source, count, mode, form, keep_spinning, reconnect, guard))
 
 
 def _run_order(order: _Order) -> int:
@@ -113,7 +116,9 @@ async def _read(order: _Order, tally: _Tally, writer: Writer) -> None:
     where = order.source if order.source != "auto" else "the first scan"
     with ExitStack() as waiting:
         waiting.enter_context(progress(f"waiting for {where} …"))
-        opened = open_lidar(order.source, keep_spinning=order.keep_spinning, reconnect=order.reconnect)
+        opened = open_lidar(
+            order.source, keep_spinning=order.keep_spinning, reconnect=order.reconnect, guard=order.guard
+        )
         async with opened as lidar:
             tally.lidar, tally.began = lidar, time.monotonic()
             async with lidar.scans(order.mode) as stream:

@@ -17,7 +17,7 @@ import numpy as np
 
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import console, dump, facts, introduced, progress, rendered
-from lidario.cli.parameters import Duration, complete_source, mode_option
+from lidario.cli.parameters import Duration, complete_source, guard_option, mode_option
 from lidario.cli.streams import emit
 
 if TYPE_CHECKING:
@@ -97,7 +97,8 @@ class Measured:
               help="How long to measure, such as 10s or 2min.")  # fmt: skip
 @mode_option
 @click.option("--json", "as_json", is_flag=True, help="One object for programs.")
-def stats(source: str, seconds: float, mode: str | int | None, as_json: bool) -> int:
+@guard_option
+def stats(source: str, seconds: float, mode: str | int | None, as_json: bool, guard: bool) -> int:
     """Measure rate, damage and load; end with a verdict.
 
     Also how even the revolutions are, and how many points have no return. A revolution before the measuring begins
@@ -109,7 +110,7 @@ def stats(source: str, seconds: float, mode: str | int | None, as_json: bool) ->
     stopped: Stopped | None = None
     try:
         with progress(f"measuring for {seconds:g} s …"):
-            run(lambda: measure(source, seconds, mode, measured))
+            run(lambda: measure(source, seconds, mode, measured, guard=guard))
     except Stopped as caught:
         stopped = caught
     if measured.line is not None and measured.stamps:
@@ -123,7 +124,9 @@ def stats(source: str, seconds: float, mode: str | int | None, as_json: bool) ->
     return ExitCode.OK
 
 
-async def measure(source: str, seconds: float, mode: str | int | None, into: Measured) -> None:
+async def measure(
+    source: str, seconds: float, mode: str | int | None, into: Measured, *, guard: bool = False
+) -> None:
     """Read scans for so long; what was read until then is in `into` also when it is cancelled.
 
     Raises:
@@ -131,7 +134,7 @@ async def measure(source: str, seconds: float, mode: str | int | None, into: Mea
     """
     from lidario import RecordingError, open_lidar
 
-    async with open_lidar(source) as lidar, lidar.scans(mode) as scans:
+    async with open_lidar(source, guard=guard) as lidar, lidar.scans(mode) as scans:
         into.model, into.serial = lidar.info.model, lidar.info.serial
         if await anext(scans, None) is None:
             raise RecordingError(f"{source} holds no full revolution")

@@ -19,7 +19,7 @@ import click
 
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import progress
-from lidario.cli.parameters import WholeRange, complete_source, mode_option
+from lidario.cli.parameters import WholeRange, complete_source, guard_option, mode_option
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ MOST_LIDARS: Final = 16
 @click.option("--colour", "colours", multiple=True, metavar="#RRGGBB",
               help="Colour of a lidar, once for each SOURCE.")  # fmt: skip
 @mode_option
+@guard_option
 def view(
     sources: tuple[str, ...],
     port: int,
@@ -50,6 +51,7 @@ def view(
     mounts: tuple[str, ...],
     colours: tuple[str, ...],
     mode: str | int | None,
+    guard: bool,
 ) -> int:
     """Show live scans in a browser, until Ctrl-C.
 
@@ -62,7 +64,7 @@ def view(
     sources = sources or ("auto",)
     if len(sources) > MOST_LIDARS:
         raise click.UsageError(f"a page shows {MOST_LIDARS} lidars at most", click.get_current_context())
-    feeds = [Feed(source, mode=mode) for source in sources]
+    feeds = [Feed(source, mode=mode, guard=guard) for source in sources]
     places = _places(len(sources), mounts, colours)
     try:
         run(lambda: _serve(feeds, places, port, lan))

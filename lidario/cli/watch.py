@@ -22,7 +22,7 @@ import click
 
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import Writer, progress, terminal
-from lidario.cli.parameters import complete_source, mode_option
+from lidario.cli.parameters import complete_source, guard_option, mode_option
 from lidario.cli.streams import message
 
 if TYPE_CHECKING:
@@ -42,7 +42,8 @@ BESIDE: Final = 30
 @click.command()
 @click.argument("source", default="auto", shell_complete=complete_source)
 @mode_option
-def watch(source: str, mode: str | int | None) -> int:
+@guard_option
+def watch(source: str, mode: str | int | None, guard: bool) -> int:
     """Show live scans in the terminal, until Ctrl-C.
 
     A lidar that is lost is opened again as soon as it is back.
@@ -61,7 +62,7 @@ def watch(source: str, mode: str | int | None) -> int:
     from lidario.cli.running import run
     from lidario.web.feed import Feed
 
-    feed = Feed(source, mode=mode)
+    feed = Feed(source, mode=mode, guard=guard)
     writer = Writer()
     # The picture says what the log would say, and a line of the log would run through it.
     quiet = logging.NullHandler()

@@ -113,12 +113,14 @@ class Device(ABC):
         by_network: Whether it may be reached by a network: its line has no speed of its own.
         is_guess: Whether its model was not named by a user, but is one that is looked for: what the device says of
             itself counts more.
+        fill: Bytes that complete any request that was half written, and begin none. Default: none are needed.
     """
 
     can_keep_spinning: bool = True
     can_be_stopped: bool = True
     by_network: bool = False
     is_guess: bool = False
+    fill: Request = Request("FILL", b"")
 
     @abstractmethod
     def stop(self) -> Request:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from lidario.errors import ConnectFailed
 from lidario.families.registry import FAMILIES
+from lidario.port.guard import NAME as GUARD
 
 __all__ = ["busy", "held", "holders", "is_pseudo_terminal", "why_not_opened"]
 
@@ -65,7 +66,7 @@ def holders(path: str) -> Iterator[tuple[int, str]]:
 
 def busy(path: str) -> ConnectFailed:
     """The error for a port that another program holds, with the name of that program where it can be found."""
-    who = next(holders(path), None)
+    who = min(holders(path), key=lambda holder: holder[1] == GUARD, default=None)
     if who is None:
         return ConnectFailed(f"{path} is busy: another program holds it. Stop that program first.", reason="busy")
     return ConnectFailed(

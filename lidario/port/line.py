@@ -86,6 +86,10 @@ class Line(ABC):
     def close_without_loop(self) -> None:
         """Close after the event loop was closed. Never raises."""
 
+    def descriptor(self) -> int | None:
+        """The file descriptor by which another process can write too; None where there is none."""
+        return None
+
     def set_baudrate(self, baudrate: int) -> None:  # noqa: B027 - most lines have no speed
         """Change the speed. Raises ConnectFailed where the adapter cannot do it."""
 

@@ -27,8 +27,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from lidario.errors import DeviceLost
+from lidario.port.guarded import Guarded, Stops
 from lidario.port.line import Line, Receiver, Schedule
-from lidario.port.tapped import Tapped
 
 __all__ = ["Port"]
 
@@ -40,7 +40,7 @@ LONGEST_WAIT_S = 0.05
 """Longest time that `Port.abandon` waits for the device to listen. The longest silence after a STOP is 10 ms."""
 
 
-class Port(Tapped, asyncio.Protocol):
+class Port(Guarded, asyncio.Protocol):
     """One open line; made by `open_serial`, `open_tcp`, `open_udp`, `open_simulated` or `connect_in_memory`.
 
     Attributes:
@@ -99,12 +99,12 @@ class Port(Tapped, asyncio.Protocol):
         """Bytes that were received and dropped because the event loop was blocked until the buffer was full."""
         return 0 if self._line is None else self._line.overflow_bytes
 
-    def attach(self, receiver: Receiver | None) -> None:
-        """Set the receiver of what arrives from now on, or None.
+    def attach(self, receiver: Receiver | None, stops: Stops | None = None) -> None:
+        """Set the receiver of what arrives from now on, or None; and what leaves the device still, for a guard.
 
         If the line was lost while there was no receiver, the new one is told now.
         """
-        self._receiver = receiver
+        self._receiver, self._stops = receiver, stops
         if receiver is not None and self._untold is not None:
             error, self._untold = self._untold, None
             self._loop.call_soon(receiver.connection_lost, error)
@@ -117,6 +117,7 @@ class Port(Tapped, asyncio.Protocol):
         line = self._line
         if line is None or not self.is_open:
             return
+        self.tell_guard()
         if self._loop.is_closed():
             line.write_without_loop(data)
         else:
@@ -142,6 +143,7 @@ class Port(Tapped, asyncio.Protocol):
         forked child. Once it is asserted, it stays so when the port is closed.
         """
         if self._line is not None and self.is_open:
+            self.tell_guard()
             self._line.set_dtr(asserted)
 
     def set_polling(self, latency: float, schedule: Schedule | None) -> None:
@@ -278,6 +280,7 @@ class Port(Tapped, asyncio.Protocol):
         """Hand bytes to the receiver, as `Receiver.data_received`."""
         if self._receiver is not None:
             self._receiver.data_received(data, now, arrivals)
+            self._tell_guard_of_change()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """As `asyncio.Protocol`: the line is closed, and the receiver is told what it means.
@@ -305,7 +308,11 @@ class Port(Tapped, asyncio.Protocol):
             self.closed()
 
     def closed(self) -> None:
-        """End the waiting for the close, and run what `on_close` named. A failure of that is logged."""
+        """The line is closed: dismiss the guard, end the waiting for the close, and run what `on_close` named."""
+        self.unguard(self._freed)
+
+    def _freed(self) -> None:
+        """Nobody holds the line any more. A failure of what `on_close` named is logged."""
         self._settle()
         callback, self._on_close = self._on_close, None
         if callback is None:
@@ -314,6 +321,9 @@ class Port(Tapped, asyncio.Protocol):
             callback()
         except Exception:
             _log.warning("ending what serves %s failed", self.name, exc_info=True)
+
+    def _handle(self) -> int | None:
+        return self._line.descriptor() if self._line is not None and self.is_open else None
 
     def _settle(self) -> None:
         if self._close_timer is not None:

@@ -21,6 +21,7 @@ import logging
 import os
 import sys
 import threading
+import time
 
 import serial
 import serial_asyncio
@@ -28,6 +29,7 @@ import serial_asyncio
 from lidario.errors import ConnectFailed
 from lidario.port.background import run_in_thread
 from lidario.port.diagnose import busy, held, is_pseudo_terminal, why_not_opened
+from lidario.port.left import POLL_S, WAIT_S, guard_is_left
 from lidario.port.line import Line, Schedule
 from lidario.port.polled import NO_HANDLE, Polled
 from lidario.port.port import Port
@@ -55,7 +57,7 @@ async def open_serial(path: str, baudrate: int) -> Port:
     """Open a serial port exclusively: no other program can open it meanwhile.
 
     It is opened in a thread, since that takes up to tens of milliseconds. Cancelling leaves nothing open: a device
-    that opens too late is closed.
+    that opens too late is closed. The guard of a program that was killed just now is waited for.
 
     Args:
         path: The device, as in ``/dev/ttyUSB0`` or ``COM3``.
@@ -64,7 +66,7 @@ async def open_serial(path: str, baudrate: int) -> Port:
     Raises:
         ConnectFailed: Missing, forbidden, busy, or no serial port; the text says which.
     """
-    device = await run_in_thread(lambda: _open(path, baudrate), _Device.close)
+    device = await run_in_thread(lambda: _open_when_free(path, baudrate), _Device.close)
     port = Port(path, baudrate)
     port.connection_made(_SerialLine(asyncio.get_running_loop(), port, device))
     return port
@@ -75,6 +77,22 @@ class _Device(serial.Serial):  # type: ignore[misc]
 
     def flush(self) -> None:
         """Do nothing; `_SerialLine.close` has waited already. pyserial's own blocks until the last byte is out."""
+
+
+def _open_when_free(path: str, baudrate: int) -> _Device:
+    """As `_open`; first the guard of a program that was killed stops the device, and lets go of the port."""
+    deadline = time.monotonic() + WAIT_S
+    last = False
+    while True:
+        try:
+            return _open(path, baudrate)
+        except ConnectFailed as error:
+            if error.reason != "busy" or last or time.monotonic() > deadline:
+                raise
+        # Where there is none, it may have ended just now: once more.
+        last = not guard_is_left(path)
+        if not last:
+            time.sleep(POLL_S)
 
 
 def _open(path: str, baudrate: int) -> _Device:
@@ -149,6 +167,9 @@ class _SerialLine(Line):
 
     def is_closing(self) -> bool:
         return self._closing
+
+    def descriptor(self) -> int | None:
+        return self._device.fileno() if _POSIX else None
 
     def set_baudrate(self, baudrate: int) -> None:
         try:

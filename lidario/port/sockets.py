@@ -17,6 +17,8 @@ from collections.abc import Awaitable, Callable
 from typing import Any, Generic, TypeVar
 
 from lidario.errors import ConnectFailed
+from lidario.port.background import run_in_thread
+from lidario.port.left import wait_for_guard
 from lidario.port.line import Line
 from lidario.port.port import Port
 from lidario.port.repeat import Repeat, Repeated
@@ -57,6 +59,7 @@ async def connected(
     if not 0 < number < 65536 or "\0" in host:
         # uvloop would take the number modulo 65536 and the name up to the zero byte.
         raise ConnectFailed(f"{name}: not an address that can be connected to", reason="refused")
+    await run_in_thread(lambda: wait_for_guard(name))
     try:
         async with asyncio.timeout(seconds):
             await connect()
@@ -98,6 +101,10 @@ class SocketLine(Line, Generic[T]):
     def is_closing(self) -> bool:
         """As `Line.is_closing`."""
         return self._transport.is_closing()
+
+    def descriptor(self) -> int | None:
+        """As `Line.descriptor`."""
+        return int(self._socket.fileno())
 
     def close(self) -> None:
         """As `Line.close`."""

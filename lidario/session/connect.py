@@ -34,7 +34,7 @@ from lidario.port.tcp import open_tcp
 from lidario.port.udp import open_udp
 from lidario.session.connection import Connection, connect_recording, connect_remote
 from lidario.session.dialogue import Dialogue
-from lidario.session.guard import Guard
+from lidario.session.half_open import HalfOpen
 from lidario.session.handshake import introduce
 from lidario.session.listening import listen
 from lidario.session.remembered import adapter_of, last_at, remember
@@ -66,6 +66,7 @@ async def connect(
     patient: bool = True,
     simulation: Simulation | None = None,
     on_dialogue: Callable[[Dialogue], None] | None = None,
+    guard: bool = False,
 ) -> Connection:
     """Open a port and find out which device is at its other end.
 
@@ -79,6 +80,7 @@ async def connect(
             Where it is not, and family and speed are known, it is asked for about a second.
         simulation: The device of a ``sim://`` source, where it outlives its ports.
         on_dialogue: Called with the dialogue before anything is written, where family and speed are known.
+        guard: Whether a process of its own leaves the device still when this one is killed (`Port.guard`).
 
     Raises:
         ConnectFailed: It could not be opened, or nothing responds; the text says what was tried and what came back.
@@ -101,12 +103,16 @@ async def connect(
 
     port.add_tap(received.see)
     try:
+        if guard and source.is_driven_from_here:
+            await port.guard()
         connection, tries = await _find(port, tries, patient=patient, on_dialogue=began)
         if connection is None and len(tries) == 1 and source.model is None:
             connection = await _find_by_dtr(port, tries)
         if connection is not None:
             if adapter is not None:
                 remember(adapter, connection.family.name, port.baudrate)
+            if not connection.device.can_be_stopped:
+                port.unguard()
             return connection
         for dialogue in asked:
             dialogue.hang_up()
@@ -264,7 +270,7 @@ async def _try_known(
     if known.baudrate and known.baudrate != port.baudrate:
         port.set_baudrate(known.baudrate)
     dialogue = Dialogue(port, device, family.timing)
-    guard = Guard(dialogue)
+    half_open = HalfOpen(dialogue)
     try:
         if on_dialogue is not None:
             on_dialogue(dialogue)
@@ -273,13 +279,13 @@ async def _try_known(
         # It may hear us although its responses do not reach us.
         dialogue.stop_device()
         await dialogue.settled_down()
-        guard.release()
+        half_open.release()
         port.attach(None)
         return None
     except BaseException:
         await dialogue.close()
         raise
-    return Connection(port, family, device, dialogue, info, guard)
+    return Connection(port, family, device, dialogue, info, half_open)
 
 
 async def _try(port: Port, attempt: _Try, *, quick: bool, patience_s: float | None = None) -> Connection | None:
@@ -299,18 +305,18 @@ async def _try(port: Port, attempt: _Try, *, quick: bool, patience_s: float | No
             return None  # the adapter cannot do it; its device runs at another speed
     device = _made(port, attempt)
     dialogue = Dialogue(port, device, family.timing)
-    guard = Guard(dialogue)
+    half_open = HalfOpen(dialogue)
     try:
         usual_s = QUICK_S if quick else family.timing.probe_s
         dialogue.hurry(usual_s if patience_s is None else patience_s)
         info = await introduce(dialogue, device, patience=0, quiet=quick)
         dialogue.hurry(None)
     except ResponseTimeout:
-        guard.release()
+        half_open.release()
         port.attach(None)
         port.write(device.complete_probe())
         return None
     except BaseException:
         await dialogue.close()
         raise
-    return Connection(port, family, device, dialogue, info, guard)
+    return Connection(port, family, device, dialogue, info, half_open)

@@ -13,7 +13,7 @@ from lidario.model import DeviceInfo
 from lidario.port.background import run_in_thread
 from lidario.port.port import Port
 from lidario.session.dialogue import Dialogue
-from lidario.session.guard import Guard
+from lidario.session.half_open import HalfOpen
 from lidario.source import Source
 
 __all__ = ["Connection", "connect_recording", "connect_remote"]
@@ -31,7 +31,7 @@ class Connection:
         device: The device as that family sees it.
         dialogue: The conversation with it.
         info: What it says it is.
-        guard: Leaves it still, until a session takes care of it.
+        half_open: Leaves it still, until a session takes care of it.
     """
 
     port: Port
@@ -39,7 +39,7 @@ class Connection:
     device: Device
     dialogue: Dialogue
     info: DeviceInfo
-    guard: Guard
+    half_open: HalfOpen
 
 
 async def connect_recording(source: Source, family: str | None) -> Connection:
@@ -62,7 +62,7 @@ async def connect_recording(source: Source, family: str | None) -> Connection:
     # Nothing is under way on this line, so nothing has to be waited for.
     dialogue = Dialogue(port, device, replace(own.timing, quiet_s=_NO_TIME_S, boot_poll_s=_NO_TIME_S))
     info = await dialogue.run(device.identify())
-    return Connection(port, own, device, dialogue, info, Guard(dialogue))
+    return Connection(port, own, device, dialogue, info, HalfOpen(dialogue))
 
 
 async def connect_remote(source: Source) -> Connection:
@@ -79,4 +79,4 @@ async def connect_remote(source: Source) -> Connection:
         remote.port, remote.device, replace(remote.family.timing, quiet_s=_NO_TIME_S, boot_poll_s=_NO_TIME_S)
     )
     info = await dialogue.run(remote.device.identify())
-    return Connection(remote.port, remote.family, remote.device, dialogue, info, Guard(dialogue))
+    return Connection(remote.port, remote.family, remote.device, dialogue, info, HalfOpen(dialogue))

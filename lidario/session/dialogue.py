@@ -58,7 +58,7 @@ class Dialogue(Intake):
         self._readiness = Readiness(self._link)
         self._on_still: Callable[[], None] | None = None
         self._stopper = Stopper(self, self._readiness, device, timing.quiet_s)
-        port.attach(self)
+        port.attach(self, self._stopper.unseen)
 
     # ------------------------------------------------------------------------------------------------ what it is
 

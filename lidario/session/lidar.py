@@ -80,7 +80,7 @@ class Lidar(Questions, AsyncOnly):
         self._closed = False
         self._loop = asyncio.get_running_loop()
         self._abandoned = weakref.finalize(self, _abandon, dialogue, self._scanner, reconnector)
-        connection.guard.release()
+        connection.half_open.release()
 
     def __repr__(self) -> str:
         state = "scanning" if self.is_scanning else "idle"
@@ -294,7 +294,7 @@ class Lidar(Questions, AsyncOnly):
             weakref.finalize(self, _abandon, new, self._scanner, self._reconnector),
         )
         former.detach()
-        connection.guard.release()
+        connection.half_open.release()
         self._counters.line_lost(old)
         self._use(new, connection.device, connection.info)
         self._scanner.take_note(health)

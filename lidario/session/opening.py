@@ -13,6 +13,7 @@ from lidario.arguments import finite, shown, whole, yes_or_no
 from lidario.entered import AsyncOnly
 from lidario.errors import InvalidValue, LocalProtocolError, Unsupported
 from lidario.families.registry import check_family, check_source
+from lidario.port.guard import check_guard
 from lidario.session.connect import connect
 from lidario.session.discovery import find_source
 from lidario.session.handshake import healthy
@@ -44,6 +45,7 @@ class OpenLidar(AsyncOnly):
         latency: float,
         keep_spinning: bool,
         reconnect: Reconnect | None = None,
+        guard: bool = False,
     ) -> None:
         self._source = source
         self._family = family
@@ -51,6 +53,7 @@ class OpenLidar(AsyncOnly):
         self._latency = latency
         self._keep_spinning = keep_spinning
         self._reconnect = reconnect
+        self._guard = guard
         self._lidar: Lidar | None = None
         self._entered = False
 
@@ -86,9 +89,13 @@ class OpenLidar(AsyncOnly):
             raise LocalProtocolError(
                 "lidario needs an asyncio event loop: under trio, run it by anyio.run(main, backend='asyncio')"
             ) from None
+        if self._guard and self._source.is_driven_from_here:
+            check_guard()
         source = await find_source(self._source, self._family)
         if source.kind == "file" and self._keep_spinning:
             raise InvalidValue("keep_spinning: a recording has no motor")
+        if self._guard and not source.is_driven_from_here:
+            _log.info("guard: nothing at %s goes on when this program dies, so there is none", source.text)
         if self._reconnect is None:
             return await self._open_on(source, None)
         simulation = None
@@ -105,7 +112,7 @@ class OpenLidar(AsyncOnly):
 
     async def _open_on(self, source: Source, reconnector: Reconnector | None) -> Lidar:
         first = connect if reconnector is None else reconnector.connect
-        connection = await first(source, self._family, self._baudrate)
+        connection = await first(source, self._family, self._baudrate, guard=self._guard)
         try:
             # A recording and another machine's lidar tell it themselves, and only when they are open.
             check_family(source, self._family, connection.info.family)
@@ -118,7 +125,9 @@ class OpenLidar(AsyncOnly):
                     "this %s cannot be stopped from here: its motor turns while it has power", connection.info.model
                 )
             health = await healthy(connection.dialogue, connection.device)
-            return Lidar(connection, health, source.text, self._latency, self._keep_spinning, reconnector)
+            lidar = Lidar(connection, health, source.text, self._latency, self._keep_spinning, reconnector)
+            connection.port.tell_guard()
+            return lidar
         except BaseException:
             await connection.dialogue.close()
             raise
@@ -132,6 +141,7 @@ def open_lidar(
     latency: float = DEFAULT_LATENCY_S,
     keep_spinning: bool = False,
     reconnect: bool | Reconnect = False,
+    guard: bool = False,
 ) -> OpenLidar:
     """Open a device, for use in ``async with`` or with ``await``.
 
@@ -151,6 +161,9 @@ def open_lidar(
             by its own serial number, set it as it was set, and go on in the same streams. True comes back for as
             long as it takes; a `Reconnect` says how long. See `docs/reconnect.md`. It is about a device that was
             open: the first opening fails as without it.
+        guard: Start a small process with the session, which switches laser and motor off when this program is
+            killed (``kill -9``, `os._exit`, no memory left, a crash). See `docs/robot.md`. Simulated devices,
+            recordings and other machines' lidars need none, and have none.
 
     Raises:
         ConnectFailed: No such port, no permission, busy, silent, or ambiguous; each says which, and the cure.
@@ -160,7 +173,8 @@ def open_lidar(
         RemoteProtocolError: The device gives a different identity each time: the line damages what it carries.
         InvalidValue: An argument is wrong: `baudrate` is a whole number above 0, `latency` a number of
             seconds from 0 on; `keep_spinning` of a recording; or `family` is not that of the source.
-        Unsupported: `keep_spinning` on a device whose motor stops with its laser.
+        Unsupported: `keep_spinning` on a device whose motor stops with its laser; or `guard` on a system that
+            cannot do it, such as Windows.
     """
     where = as_source(source)
     check_source(where, family)
@@ -171,4 +185,5 @@ def open_lidar(
     policy = reconnect if isinstance(reconnect, Reconnect) else None
     if policy is None and yes_or_no(reconnect, "reconnect"):
         policy = Reconnect()
-    return OpenLidar(where, family, baudrate, latency, yes_or_no(keep_spinning, "keep_spinning"), policy)
+    spinning, guarded = yes_or_no(keep_spinning, "keep_spinning"), yes_or_no(guard, "guard")
+    return OpenLidar(where, family, baudrate, latency, spinning, policy, guarded)

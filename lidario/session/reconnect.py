@@ -28,6 +28,7 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 from typing import TYPE_CHECKING
 
 from lidario.arguments import finite, number, shown
@@ -139,10 +140,11 @@ class Reconnector:
         self._gave_up: Callable[[LidarError], None] | None = None
         self._unused: Callable[[], Awaitable[None]] | None = None
 
-    async def connect(self, source: Source, family: str | None, baudrate: int | None) -> Connection:
+    async def connect(self, source: Source, family: str | None, baudrate: int | None, *, guard: bool) -> Connection:
         """Connect for the first time, and note which device it is, as `lidario.session.connect.connect`."""
         await self._places.begin()
-        self._known = await connect(source, family, baudrate, simulation=self._simulation)
+        self._connect = partial(connect, simulation=self._simulation, guard=guard)
+        self._known = await self._connect(source, family, baudrate)
         return self._known
 
     def serve(
@@ -285,9 +287,7 @@ class Reconnector:
         known = self._known
         assert known is not None
         speed = None if known.port.baudrate == 0 else known.port.baudrate
-        connection = await connect(
-            place, known.family.name, speed, patient=False, simulation=self._simulation, on_dialogue=self._began
-        )
+        connection = await self._connect(place, known.family.name, speed, patient=False, on_dialogue=self._began)
         dialogue = connection.dialogue
         try:
             if connection.info.serial != known.info.serial or self._nameless(place):

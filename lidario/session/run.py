@@ -3,7 +3,7 @@
 Left alone, SIGTERM (systemd, docker, `kill`) and SIGHUP (a closed terminal) end a process at once: no context
 manager is left, no finalizer runs, and laser and motor go on. `run` makes them cancel the main task, as
 `asyncio.run` does on Ctrl-C. A process that is killed by SIGKILL cannot do anything; its lidar goes on until the
-next program opens it.
+next program opens it, unless it was opened with `guard=True`.
 """
 
 from __future__ import annotations

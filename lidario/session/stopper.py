@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol
@@ -129,6 +130,15 @@ class Stopper:
     def requests(self) -> tuple[Request, ...]:
         """What leaves the device still: laser off, and the motor too unless it shall go on. Chosen here alone."""
         return (self._device.stop(),) if self.keep_spinning else self._device.halt()
+
+    def unseen(self) -> tuple[Sequence[Request], Sequence[Request], float]:
+        """What a guard needs, who sees nothing of the device.
+
+        Returns:
+            What to write several times, what to write at the end, and when the device listens at the latest.
+        """
+        listens_at = max(self._hearing.free_at(math.inf), self._hearing.owes_until)
+        return (self._device.fill, *self.requests()), self._device.halt_unknown(), listens_at
 
     def sent(self, request: Request) -> None:
         """Take note that `request` was sent: it may have set the device in motion.

@@ -28,7 +28,7 @@ _TRAFFIC_S: Final = 1.0
 
 
 class Feed:
-    """One lidar and the latest of it.
+    """One lidar and the latest of it; `guard` as for `open_lidar`.
 
     Attributes:
         source: Where it was asked for.
@@ -45,9 +45,10 @@ class Feed:
         on_change: Called with this feed for each change of state.
     """
 
-    def __init__(self, source: str, *, mode: str | int | None = None) -> None:
+    def __init__(self, source: str, *, mode: str | int | None = None, guard: bool = False) -> None:
         self.source = source
         self.mode = mode
+        self._guard = guard
         self.state: FeedState = "connecting"
         self.reason: str = ""
         self.info: DeviceInfo | None = None
@@ -92,7 +93,7 @@ class Feed:
 
     async def _read(self, source: str) -> None:
         loop = asyncio.get_running_loop()
-        async with open_lidar(source, reconnect=True) as lidar, lidar.scans(self.mode) as scans:
+        async with open_lidar(source, reconnect=True, guard=self._guard) as lidar, lidar.scans(self.mode) as scans:
             self.info = lidar.info
             before, since = lidar.stats, loop.time()
             watching = asyncio.create_task(self._watch(lidar))

@@ -72,8 +72,9 @@ class Away:
     def __init__(self) -> None:
         self.asked: list[tuple[str, float]] = []
 
-    def __call__(self, source: str, *, reconnect: bool) -> object:
+    def __call__(self, source: str, *, reconnect: bool, guard: bool) -> object:
         assert reconnect
+        assert not guard
         self.asked.append((source, asyncio.get_running_loop().time()))
         if len(self.asked) == 1:
             return lidario.open_lidar(S2 + "&fault=unplug:3s&serial=" + "AB" * 16)

@@ -22,6 +22,7 @@ from lidario.wire.formats import StreamFormat
 __all__ = [
     "DTR_STOPS",
     "DTR_TURNS",
+    "FILL",
     "GET_ACC_BOARD_FLAG",
     "GET_HEALTH",
     "GET_INFO",
@@ -78,6 +79,8 @@ class Conf(IntEnum):
     NETWORK_ADDRESS = 0x0001CCC0
 
 
+FILL: Final = Request("FILL", bytes(HQ_PAYLOAD + 3))
+"""What the longest request may lack: its length, its payload and its checksum. A length of 0 ends it at once."""
 STOP: Final = Request("STOP", encode_request(0x25), settle=STOP_SETTLE_S, ends_stream=True)
 RESET: Final = Request("RESET", encode_request(0x40), settle=RESET_SETTLE_S, ends_stream=True)
 GET_INFO: Final = Request(

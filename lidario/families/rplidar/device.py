@@ -55,6 +55,8 @@ HQ_SCAN: Final = ScanMode(0, "HQ scan", 0.0, 0.0, HQ_TYPE)
 class RplidarDevice(Device):
     """An RPLIDAR of any series that sends one of the six known formats."""
 
+    fill: Request = commands.FILL
+
     def __init__(self) -> None:
         self._major = 0
         self._firmware: tuple[int, int] = (0, 0)

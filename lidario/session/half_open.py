@@ -1,8 +1,8 @@
 """Leaves a device still that is being opened, when the program ends before anybody holds its session.
 
-Ctrl-C is raised wherever the interpreter is, also between two statements that belong together. So the guard is made
-before anything is written, and lives in the frames that open the device; when they are gone, its finalizer writes
-the stop requests. The session lets go of it as soon as it has a finalizer of its own.
+Ctrl-C is raised wherever the interpreter is, also between two statements that belong together. So a `HalfOpen` is
+made before anything is written, and lives in the frames that open the device; when they are gone, its finalizer
+writes the stop requests. The session lets go of it as soon as it has a finalizer of its own.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ import weakref
 
 from lidario.session.dialogue import Dialogue
 
-__all__ = ["Guard"]
+__all__ = ["HalfOpen"]
 
 
-class Guard:
-    """Watches the dialogue with one device that is being opened.
+class HalfOpen:
+    """The dialogue with one device that is being opened.
 
     Args:
         dialogue: The dialogue.

@@ -1,0 +1,313 @@
+"""The guard of an open line: a process that leaves the device still when this one dies without a farewell.
+
+`os._exit`, SIGKILL, a system that is short of memory, a crash of the interpreter: no code of the program runs then.
+So another process must write the stop requests. What it does stands in `lidario.port.guard_process`; here it is
+started, told what stops the device, and dismissed. Each line has its own, from its opening on, and so has a line
+that reconnecting has made.
+
+Between the two is a pair of sockets. The first message passes the descriptor of the port; each says what stops the
+device from now on. The end of the socket is the end of the program, unless a farewell came before. A guard that has
+let go of the port ends, and that is seen here as the end of the socket.
+
+The guard is no child of this process: a program that waits for all of its children would wait for the guard too. A
+forked child of this process lets go of the socket, or the guard would not learn that the parent is dead.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import signal
+import socket
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TypeAlias
+from weakref import WeakSet
+
+from lidario.errors import Unsupported
+from lidario.port.background import run_in_thread
+from lidario.wire.envelope import Request
+
+__all__ = ["NAME", "Guard", "check_guard", "start_guard"]
+
+_log = logging.getLogger("lidario")
+
+NAME = "lidario-guard"
+"""What the process is called in the list of all processes."""
+START_S = 10.0
+"""Longest time that starting it may take; usually 20 ms."""
+RELEASE_S = 0.5
+"""Longest time for which closing the port waits until the guard has let go of it; usually a millisecond. A guard
+that is stopped or starved is killed then."""
+MARGIN_S = 0.005
+"""Added to the pause that the stop requests demand: an adapter may deliver one late and the next one on time."""
+_SCRIPT = str(Path(__file__).with_name("guard_process.py"))
+_FAREWELL = b"farewell\n"
+_STATES = {None: "-", False: "0", True: "1"}
+_SIZE_OF_PID = 16
+
+_Plain: TypeAlias = list[tuple[bytes, bool | None]]
+_Order: TypeAlias = tuple[_Plain, _Plain, float, float]
+"""As `lidario.port.guard_process.Order`."""
+
+
+def check_guard() -> None:
+    """Find out whether this system can have a guard.
+
+    Raises:
+        Unsupported: It cannot; the text says why, and the cure.
+    """
+    if not hasattr(os, "posix_spawn") or not hasattr(socket, "send_fds"):
+        raise Unsupported(
+            "guard: this system cannot pass an open port on to another process (Windows cannot). Open the lidar "
+            "without guard, and see that the program is never killed outright"
+        )
+    if getattr(sys, "frozen", False) or not sys.executable:
+        raise Unsupported(
+            "guard: this program brings its own interpreter, which cannot be started a second time. Open the lidar "
+            "without guard, or run the program by python"
+        )
+
+
+async def start_guard(port: str) -> Guard:
+    """Start the process, in a thread. Cancelling ends it again.
+
+    Args:
+        port: What it will guard, for messages.
+
+    Raises:
+        Unsupported: The system cannot do it, or has no room for one more process.
+    """
+    check_guard()
+    guard = await run_in_thread(lambda: Guard(port), Guard.dismiss_at_once)
+    guard.watch(asyncio.get_running_loop())
+    return guard
+
+
+class Guard:
+    """The guard of one line. Made in a thread, since it waits until the process runs.
+
+    Args:
+        port: What it guards, for messages.
+
+    Raises:
+        Unsupported: The process could not be started.
+    """
+
+    def __init__(self, port: str) -> None:
+        self._port = port
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._told: _Order | None = None
+        self._listens_at = 0.0
+        self._ended = False
+        self._dismissed: Callable[[], None] | None = None
+        self._timer: asyncio.TimerHandle | None = None
+        try:
+            self._channel, self._pid = _started(port)
+        except (OSError, ValueError) as error:
+            raise Unsupported(
+                f"guard: {sys.executable} could not start its process ({error}). Open the lidar without guard"
+            ) from error
+        # Where this process is the one that orphans are given to, as the first one of a container is.
+        self._is_ours = _reap(self._pid, os.WNOHANG)
+        _guards.add(self)
+
+    def watch(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Have the loop see its end."""
+        self._loop = loop
+        loop.add_reader(self._channel.fileno(), self._readable)
+
+    def take(self, handle: int) -> None:
+        """Pass it the line. It does nothing before it was told what stops the device."""
+        with suppress(OSError):
+            socket.send_fds(self._channel, [_message(([], [], 0.0, 0.0))], [handle])
+
+    def tell(self, requests: Sequence[Request], last: Sequence[Request], listens_at: float) -> None:
+        """Say what stops the device from now on. To be called before anything is written that changes it.
+
+        Args:
+            requests: The stop requests.
+            last: What is written once after them, since the device may not hear anything then.
+            listens_at: When the device listens at the latest, on the monotonic clock.
+        """
+        listens_at = listens_at if listens_at > time.monotonic() else 0.0
+        settle = max((request.settle for request in requests), default=0.0) + MARGIN_S
+        order = _plain(requests), _plain(last), settle, listens_at
+        if order != self._told and self._send(order):
+            self._told, self._listens_at = order, listens_at
+
+    @property
+    def awaits_change(self) -> bool:
+        """Whether it was told that the device may not listen, which may have changed since."""
+        return self._listens_at > 0.0
+
+    def dismiss(self, then: Callable[[], None]) -> None:
+        """Say farewell: nothing is to be stopped any more. Calls `then` when it has let go of the line."""
+        if self._loop is None or self._loop.is_closed():
+            self.dismiss_at_once()
+        if self._ended or self._loop is None:
+            then()
+            return
+        self._dismissed = then
+        self._send(None)
+        self._timer = self._loop.call_later(RELEASE_S, self._give_up)
+
+    def dismiss_at_once(self) -> None:
+        """As `dismiss`, without a loop; blocks for a millisecond, `RELEASE_S` at most."""
+        if self._ended:
+            return
+        self._send(None)
+        with suppress(OSError):
+            self._channel.settimeout(RELEASE_S)
+            self._channel.recv(1)
+        self._kill()
+        self._end()
+
+    def let_go(self) -> None:
+        """Close this end of the socket, in a forked child: it is the parent's guard."""
+        self._ended = True
+        self._channel.close()
+
+    def _send(self, order: _Order | None) -> bool:
+        """Whether it was sent; a guard that is stopped, or gone, takes nothing."""
+        message = _message(order)
+        try:
+            return self._channel.send(message) == len(message)
+        except OSError:
+            return False
+
+    def _readable(self) -> None:
+        """Nothing is ever sent: it is the end."""
+        if self._loop is not None:
+            self._loop.remove_reader(self._channel.fileno())
+        self._end()
+        if self._dismissed is None:
+            _log.warning(
+                "%s: its guard has ended (was it killed?). The session goes on, but laser and motor too, if this "
+                "program is killed",
+                self._port,
+            )
+            return
+        if self._timer is not None:
+            self._timer.cancel()
+        self._dismissed()
+
+    def _give_up(self) -> None:
+        """It did not let go in time."""
+        self._kill()
+        self._readable()
+
+    def _kill(self) -> None:
+        """It had nothing to do any more. The number is its own as long as the socket has not ended."""
+        with suppress(OSError):
+            if not _at_its_end(self._channel):
+                os.kill(self._pid, signal.SIGKILL)
+
+    def _end(self) -> None:
+        self._ended = True
+        self._channel.close()
+        if self._is_ours:
+            _reap(self._pid)
+
+
+def _started(port: str) -> tuple[socket.socket, int]:
+    """Start the process; returns the socket that leads to it, which does not block, and its number.
+
+    Raises:
+        OSError: It does not come to run.
+        ValueError: It has ended at once.
+    """
+    ours, theirs = socket.socketpair()
+    try:
+        with theirs:
+            child = _spawn(theirs.fileno(), port)
+        ours.settimeout(START_S)
+        pid = _pid_from(ours, child)
+    except BaseException:
+        ours.close()
+        raise
+    ours.setblocking(False)
+    return ours, pid
+
+
+def _spawn(channel: int, port: str) -> int:
+    """Start the process; returns the number of a child that ends as soon as the guard runs.
+
+    All signals are blocked in it: those of the terminal, and those that a service manager sends to all processes of
+    a service, must not end it before the program.
+    """
+    nothing = (os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0), (os.POSIX_SPAWN_DUP2, 1, 2)
+    return os.posix_spawn(
+        sys.executable,
+        # -I and -S: nothing of the user's is imported. The last arguments tell others whose guard it is, of what.
+        [sys.executable, "-I", "-S", _SCRIPT, NAME, str(os.getpid()), port],
+        os.environ,
+        file_actions=[(os.POSIX_SPAWN_DUP2, channel, 0), *nothing],
+        setsigmask=signal.valid_signals(),
+    )
+
+
+def _pid_from(channel: socket.socket, child: int) -> int:
+    """Wait until the guard runs, and the child that has started it is gone.
+
+    Raises:
+        OSError: It does not come to run.
+        ValueError: It has ended at once.
+    """
+    try:
+        return int(channel.recv(_SIZE_OF_PID))
+    except BaseException:
+        with suppress(OSError):
+            os.kill(child, signal.SIGKILL)
+        raise
+    finally:
+        _reap(child)
+
+
+def _reap(child: int, options: int = 0) -> bool:
+    """Wait for a child; False where it is none, or somebody else has waited for it."""
+    try:
+        os.waitpid(child, options)
+    except OSError:
+        return False
+    return True
+
+
+def _at_its_end(channel: socket.socket) -> bool:
+    """Whether the other end is closed."""
+    channel.setblocking(False)
+    try:
+        return not channel.recv(1)
+    except BlockingIOError:
+        return False
+
+
+def _message(order: _Order | None) -> bytes:
+    """One line, which `lidario.port.guard_process.order_in` reads; None for the farewell."""
+    if order is None:
+        return _FAREWELL
+    requests, last, settle, listens_at = order
+    words = [repr(settle), repr(listens_at), str(len(last))]
+    words += [_STATES[dtr] + data.hex() for data, dtr in last + requests]
+    return " ".join(words).encode() + b"\n"
+
+
+def _plain(requests: Sequence[Request]) -> _Plain:
+    """What the guard needs of requests: it knows nothing of lidario."""
+    return [(request.data, request.dtr) for request in requests]
+
+
+_guards: WeakSet[Guard] = WeakSet()
+
+
+def _forget_parents() -> None:
+    for guard in list(_guards):
+        guard.let_go()
+
+
+with suppress(AttributeError):  # not on Windows
+    os.register_at_fork(after_in_child=_forget_parents)

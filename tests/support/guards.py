@@ -1,0 +1,54 @@
+"""The guards that there are, as the system lists them."""
+
+from __future__ import annotations
+
+import os
+import re
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, cast
+
+from lidario.port.guard import NAME
+from lidario.sim.server import Server
+
+__all__ = ["guards_of", "is_left_still", "kilobytes", "own_guards", "switches"]
+
+
+def guards_of(program: int) -> list[int]:
+    """The processes that guard a line of this program, also when it is dead. A zombie is none."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            arguments = (process / "cmdline").read_bytes().split(b"\0")
+            if arguments[-4:-2] == [NAME.encode(), str(program).encode()]:
+                found.append(int(process.name))
+    return sorted(found)
+
+
+def kilobytes(pid: int, what: str) -> int:
+    """What a process needs of memory: ``Rss``, or ``Pss``, which divides what several share."""
+    return _number(Path(f"/proc/{pid}/smaps_rollup"), what)
+
+
+def switches(pid: int) -> int:
+    """How often a process has gone to sleep: as often as it was woken."""
+    return _number(Path(f"/proc/{pid}/status"), "voluntary_ctxt_switches")
+
+
+def _number(path: Path, what: str) -> int:
+    match = re.search(rf"^{what}:\s*(\d+)", path.read_text(), re.MULTILINE)
+    assert match is not None, path
+    return int(match[1])
+
+
+def is_left_still(server: Server) -> bool:
+    """Whether laser and motor are off; a pseudo-terminal has no DTR, by which an A1 stops its motor."""
+    with server.lock:
+        device = cast("Any", server.device)
+        by_dtr = getattr(device.profile, "motor", "") == "dtr"
+        return not device.scanning and (by_dtr or not device.motor_on)
+
+
+def own_guards() -> list[int]:
+    """The guards of this program."""
+    return guards_of(os.getpid())
