@@ -132,8 +132,7 @@ class Link:
         """
         if request.ends_stream:
             if self.state is LinkState.AWAIT_RESPONSE and self._format is None:
-                # The device is busy with it, and may not have heard this one.
-                self.abandon()
+                self.abandon()  # the device is busy with it, and may not have heard this one
             else:
                 self._drain()
             if not request.data and request.dtr is None:
@@ -155,8 +154,7 @@ class Link:
 
     def data_to_send(self) -> bytes:
         """The bytes to write to the port now."""
-        data = bytes(self._outgoing)
-        self._outgoing.clear()
+        data, self._outgoing = bytes(self._outgoing), bytearray()
         return data
 
     def forget(self) -> None:
