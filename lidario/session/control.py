@@ -10,7 +10,7 @@ import asyncio
 import logging
 from collections.abc import Callable
 
-from lidario.errors import DeviceLost, LidarError, ResponseTimeout, StreamFailed
+from lidario.errors import DeviceLost, LidarError, ResponseTimeout, StreamFailed, Unsupported
 from lidario.families.base import Device
 from lidario.model import ScanMode
 from lidario.revolution.assemble import AssemblerStats
@@ -18,7 +18,7 @@ from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.session.dialogue import Dialogue
 from lidario.session.log import Trouble
-from lidario.session.modes import Wanted
+from lidario.session.modes import Wanted, does_not_fit
 from lidario.session.running import Failure, Running, Totals
 from lidario.session.states import Event, State, next_state
 
@@ -133,7 +133,11 @@ class StreamControl:
             self.go(Event.WANT)
 
     async def start(self, wanted: Wanted) -> None:
-        """Start the stream; where none begins, `failure` says so."""
+        """Start the stream; where none begins, `failure` says so.
+
+        Raises:
+            Unsupported: It sends more than the line carries.
+        """
         try:
             stream = await self._dialogue.run(self._device.start(wanted.mode, force=wanted.force))
         except ResponseTimeout as error:
@@ -143,6 +147,10 @@ class StreamControl:
         if self.state is not State.STARTING or wanted != self.wanted:
             # Nobody wants it any more, and the stop requests are written already.
             return
+        # Not before: the descriptor decides which format is sent, not what the list of modes foretold.
+        misfit = does_not_fit(self._device, self.modes, stream.mode, self._dialogue.baudrate)
+        if misfit:
+            raise Unsupported(misfit)
         self.go(Event.STARTED)
         self.ran = True
         self._running = Running(

@@ -15,7 +15,7 @@ from lidario.session.dialogue import Dialogue
 from lidario.session.failures import Failures
 from lidario.session.handshake import come_back
 from lidario.session.inquiry import Inquiry
-from lidario.session.modes import Wanted, agree, does_not_fit
+from lidario.session.modes import Wanted, agree
 from lidario.session.readers import Readers
 from lidario.session.states import State
 
@@ -121,9 +121,6 @@ class Starter:
             try:
                 modes = (*control.modes, *self._device.unlisted_modes())
                 wanted = agree(modes, mode, force, control.wanted, alone=not len(hub))
-                misfit = does_not_fit(self._device, control.modes, wanted.mode, self._dialogue.baudrate)
-                if misfit:
-                    raise Unsupported(misfit)
             except (LocalProtocolError, Unsupported) as error:
                 mailbox.end(error)
                 continue
