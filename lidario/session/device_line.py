@@ -45,6 +45,11 @@ class DeviceLine:
         return self._port.baudrate
 
     @property
+    def port_name(self) -> str:
+        """What was opened, as `Port.name`."""
+        return self._port.name
+
+    @property
     def is_open(self) -> bool:
         """Whether requests can still be written."""
         return self._port.is_open
