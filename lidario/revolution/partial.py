@@ -20,7 +20,7 @@ from lidario.wire.formats import StreamFormat
 
 __all__ = ["MOST_IN_A_PART", "PartialRevolution", "SampleArrays", "part_of", "parts_of"]
 
-MOST_IN_A_PART: Final = 512
+MOST_IN_A_PART: Final = 2048
 """Packets of a part: several revolutions of most formats, which are decoded as one block."""
 
 

@@ -43,33 +43,49 @@ class Intake(DeviceLine, ABC):
             # They came before `data`: the port keeps what comes first.
             self._link.discard_data(overflow - self._overflow)
             self._overflow = overflow
-        size = len(data) + DELIVERY_BYTES
-        if not self._turns.is_idle and self._turns.size + size > MOST_WAITING:
+        size, idle = len(data) + DELIVERY_BYTES, self._turns.is_idle
+        if not idle and self._turns.size + size > MOST_WAITING:
             self._link.discard_data(len(data), shown=True)
             return
         try:
-            most = IDLE_SLICE if self._turns.is_idle else SLICE
-            self._turns.add(self._receive(data, now, arrivals, most), size)
+            if idle and len(data) <= IDLE_SLICE:
+                # Live it is mostly so: a revolution, or less, and nothing before it.
+                runs = self._parse(data, now, arrivals)
+                if len(runs) == 1:
+                    self._turns.add(self._delivery.deliver(runs[0], streaming=self.is_streaming))
+                elif runs:
+                    self._turns.add(self._hand_on(runs))
+                self.taken()
+            else:
+                self._turns.add(self._receive(data, now, arrivals, IDLE_SLICE if idle else SLICE), size)
         except Exception as error:
             self.mistaken(error)
+
+    def _parse(self, data: bytes | memoryview, now: int, arrivals: Sequence[tuple[int, int]]) -> list[Packets]:
+        """The packets that these bytes complete; responses are told at once."""
+        self._link.receive_data(data, now, arrivals)
+        runs: list[Packets] = []
+        for event in self._link.events_received():
+            if isinstance(event, Packets):
+                runs.append(event)
+            else:
+                # Of a stream, the script is told what its descriptor announces.
+                self.responded(event.payload if isinstance(event, Response) else bytes((event.type,)))
+        return runs
 
     def _receive(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]], most: int) -> Iterator[None]:
         """Parse, so many bytes at a time, and hand on what was found, in steps."""
         runs: list[Packets] = []
-        pieces = ((data, now, arrivals),) if len(data) <= most else slices(data, now, arrivals, most)
-        for piece in pieces:
-            self._link.receive_data(*piece)
-            for event in self._link.events_received():
-                if isinstance(event, Packets):
-                    runs.append(event)
-                else:
-                    # Of a stream, the script is told what its descriptor announces.
-                    self.responded(event.payload if isinstance(event, Response) else bytes((event.type,)))
+        for piece in slices(data, now, arrivals, most):
+            runs += self._parse(*piece)
             yield
+        yield from self._hand_on(runs)
+        self.taken()
+
+    def _hand_on(self, runs: list[Packets]) -> Iterator[None]:
         for packets in join_runs(runs) if len(runs) > 1 else runs:
             if isinstance(packets, Packets):
                 yield from self._delivery.deliver(packets, streaming=self.is_streaming)
-        self.taken()
 
     @abstractmethod
     def responded(self, payload: bytes) -> None:
