@@ -17,6 +17,7 @@ from dataclasses import replace
 from lidario.families.base import Samples, Stream
 from lidario.revolution.build import DatedRevolution, build_scan, turned_by
 from lidario.revolution.count import Beginning, RevolutionCount
+from lidario.revolution.doubled import DoubledPackets
 from lidario.revolution.ended import EndedRevolution
 from lidario.revolution.judge import FALSE_PART, beginning_of, is_broken, is_complete, least_of, samples_missing
 from lidario.revolution.ordinary import ordinary_beginning
@@ -55,6 +56,7 @@ class Assembler:
         self._stream = stream
         self._byte_ns = byte_ns_at(baudrate)
         self._wall_offset_ns = wall_offset_ns
+        self._doubled = DoubledPackets(stream.format, stream.sample_ns, self.stats)
         self._seam = Seam(stream.format.full_turn, stream.format.first_seam)
         self._endless_ns = _ENDLESS_REVOLUTIONS * 1e9 * stream.slowest_turn_s
         self._partial = PartialRevolution(whole=False)
@@ -80,7 +82,10 @@ class Assembler:
 
     def add(self, event: Packets) -> list[Scan]:
         """Take the next packets of the stream; return the revolutions they completed, usually none."""
-        splits = self._seam.splits(self._stream.format.headings(event))
+        event, headings = self._doubled.drop(event)
+        if not event.data:
+            return []
+        splits = self._seam.splits(headings)
         if not splits:
             self._keep(event)
             return []
@@ -240,12 +245,8 @@ class Assembler:
         room: int,
     ) -> Samples:
         """Decode all packets of a revolution, with so many free elements before their samples."""
-        return self._stream.decoder.decode(
-            packets,
-            None if split.broken else following,
-            room,
-            None if split.marked or split.broken else split.seam,
-        )
+        seam = None if split.marked or split.broken else split.seam
+        return self._stream.decoder.decode(packets, None if split.broken else following, room, seam)
 
     def _scan(self, ended: EndedRevolution) -> Scan | None:
         """Date a revolution and build its scan; None when it is not whole, or parts of two have met in it."""
