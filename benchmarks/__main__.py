@@ -27,9 +27,11 @@ from benchmarks import (
     scale,
     stages,
     start,
+    truth,
     vendor,
     view,
 )
+from benchmarks.compare import write_rows
 from benchmarks.peers import set_up
 from benchmarks.plots import draw
 from benchmarks.processes import ROOT
@@ -52,6 +54,7 @@ BENCHMARKS: dict[str, Callable[[Setting], Result]] = {
     "vendor": vendor.run,
     "faults": faults.run,
     "damage": damage.run,
+    "truth": truth.run,
     "garbage": garbage.run,
     "view": view.run,
     "publish": publish.run,
@@ -69,7 +72,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     command = " ".join(("python -m benchmarks", *(sys.argv[1:] if arguments is None else arguments)))
     peers = None if options.no_peers else set_up()
-    setting = Setting(options.quick, peers)
+    setting = Setting(options.quick, peers, tuple(options.select.split(",")) if options.select else ())
     about = machine() | {"command": command}
     began = time.monotonic()
     results = [BENCHMARKS[name](setting) for name in names]
@@ -79,6 +82,8 @@ def main(arguments: list[str] | None = None) -> int:
     path = options.json or _RESULTS / ("quick.json" if options.quick else "latest.json")
     _write(path, about, results)
     print(f"every value: {path}", file=sys.stderr)
+    if options.rows is not None:
+        write_rows(options.rows, about["revision"], {result.name: result.rows for result in results})
     if options.plots and peers is not None:
         print(draw(path, peers), file=sys.stderr)
     if options.readme and names == ["faults"]:
@@ -95,6 +100,8 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--only", metavar="NAMES", help=f"some of {','.join(BENCHMARKS)}")
     made.add_argument("--no-peers", action="store_true", help="lidario alone; nothing is installed")
     made.add_argument("--json", type=Path, metavar="FILE", help="where every value goes")
+    made.add_argument("--select", metavar="WORDS", help="only rows that have all of these words (truth, damage)")
+    made.add_argument("--rows", type=Path, metavar="FILE", help="where rows go that two commits can be compared by")
     made.add_argument("--plots", action="store_true", help="draw benchmarks/plots/*.svg from it")
     made.add_argument(
         "--readme",

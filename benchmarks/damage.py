@@ -10,8 +10,9 @@ distance (within 1 mm), *wrong* when it has none. A sample that came without a d
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,14 +140,17 @@ SCARCE: dict[str, Callable[[Bytes, Places, np.random.Generator], Damaged]] = {
 
 def run(setting: Setting) -> Result:
     """Every kind of damage to every format."""
-    tables, data = list[Table](), dict[str, dict[str, list[int]]]()
+    tables, data, rows = list[Table](), dict[str, dict[str, list[int]]](), list[dict[str, Any]]()
     for damage in (*DAMAGES, *SCARCE):
         setting.say(damage)
         table = Table(
             f"Damage: {damage}", ["", "kept", "wrong", "packets missing, told", "revolutions missing, told"]
         )
         for name, kind in KINDS.items():
+            if not setting.selects(name, damage):
+                continue
             found = outcome(kind, damage, seed=1)
+            rows.append({"format": name, "case": damage, **asdict(found)})
             data.setdefault(damage, {})[name] = [getattr(found, field) for field in Outcome.__slots__]
             table.rows.append(
                 [
@@ -157,8 +161,9 @@ def run(setting: Setting) -> Result:
                     f"{found.missing_scans}, {found.told_scans}",
                 ]
             )
-        tables.append(table)
-    return Result("damage", tables, data)
+        if table.rows:
+            tables.append(table)
+    return Result("damage", tables, data, rows)
 
 
 def outcome(kind: Kind, damage: str, seed: int) -> Outcome:

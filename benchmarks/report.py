@@ -30,10 +30,16 @@ class Setting:
     Attributes:
         quick: Only so long that everything is seen to work.
         peers: The other drivers; None to leave them out.
+        words: Only rows that have all of these words in their names, in benchmarks that can.
     """
 
     quick: bool
     peers: Peers | None = None
+    words: tuple[str, ...] = ()
+
+    def selects(self, *names: str) -> bool:
+        """Whether each of the words is in one of the names."""
+        return all(any(word in name for name in names) for word in self.words)
 
     def say(self, what: str) -> None:
         """Tell what is going on, on standard error."""
@@ -71,11 +77,13 @@ class Result:
         name: Its name.
         tables: For people.
         data: For programs: every value of every round.
+        rows: For `benchmarks.compare`: figures that are the same in each run, by what they are of.
     """
 
     name: str
     tables: list[Table]
     data: dict[str, Any]
+    rows: list[dict[str, Any]] = field(default_factory=list)
 
 
 def median(values: Sequence[float]) -> float:

@@ -1,0 +1,168 @@
+"""Two commits beside each other, row by row: ``python -m benchmarks.compare A.jsonl B.jsonl``.
+
+``python -m benchmarks --only truth,damage --rows FILE`` writes such a file: its first line tells of which commit it
+is, each other line is a row of a table. What became better or worse from A to B is printed, and the exit status is
+1 where anything became worse. A row that only A has counts as worse, unless ``--part`` says that B has but some.
+
+What is better depends on the figure: more points kept; fewer wrong; what is told nearer to what is missing. Figures
+that differ by less than a slack, such as two points of ten thousand, are alike; ``--strict`` allows none.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+__all__ = ["Change", "changes", "main", "read_rows", "write_rows"]
+
+Row = Mapping[str, Any]
+Key = tuple[str, str, str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A figure of a row that has a good and a bad direction.
+
+    Attributes:
+        name: For people.
+        of: The figure of a row; the smaller the better.
+        slack: By how much it may differ and still be alike; of a row.
+        shown: As it is printed.
+    """
+
+    name: str
+    of: Callable[[Row], float]
+    slack: Callable[[Row], float]
+    shown: Callable[[Row], str]
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One figure of one row that differs.
+
+    Attributes:
+        key: Benchmark, format, case and way.
+        what: The figure.
+        before: What it was.
+        after: What it is.
+        worse: Whether that is worse.
+    """
+
+    key: Key
+    what: str
+    before: str
+    after: str
+    worse: bool
+
+
+def _number(name: str, slack: float = 0.0, *, points: float = 0.0, more: bool = False) -> Figure:
+    """A figure by its name; figures are alike within `slack`, and `points` of all points of the row."""
+    sign = -1 if more else 1
+    return Figure(
+        name,
+        lambda row: sign * float(row[name]),
+        lambda row: slack + points * float(row["points"]),
+        lambda row: str(row[name]),
+    )
+
+
+def _part(name: str, at: int, what: str, slack: float) -> Figure:
+    return Figure(
+        f"{name}, {what}", lambda row: float(row[name][at]), lambda _: slack, lambda row: str(row[name][at])
+    )
+
+
+def _told(what: str, told: str, missing: str) -> Figure:
+    """How far what is told is from what is missing; one of two hundred is alike."""
+    return Figure(
+        what,
+        lambda row: abs(row[told] - row[missing]),
+        lambda row: 0.005 * float(row[missing]),
+        lambda row: f"{row[told]} of {row[missing]}",
+    )
+
+
+FIGURES: Final = (
+    _number("kept", points=2e-4, more=True),
+    _number("wrong", points=2e-5),
+    _number("farthest_deg", 0.1),
+    _number("mixed", points=2e-5),
+    _number("twice"),
+    _number("delivered", more=True),
+    _told("packets told", "told", "missing"),
+    _told("revolutions told", "told_revolutions", "missing_revolutions"),
+    _told("revolutions told", "told_scans", "missing_scans"),
+    _number("seq_off"),
+    _part("rpm_off", 0, "half of the scans", 0.05),
+    _part("rpm_off", 1, "at most", 0.5),
+    _part("times_off_ms", 0, "half of the points", 0.05),
+    _part("times_off_ms", 1, "at most", 0.5),
+    _number("overlap_ms", 0.5),
+)
+"""All figures that have a direction; a row has those whose names it has."""
+
+
+def write_rows(path: Path, revision: str, rows: Mapping[str, Sequence[Row]]) -> None:
+    """Write the rows of benchmarks, by their names, behind a line with the commit that they are of."""
+    lines = [json.dumps({"revision": revision})]
+    lines += [json.dumps({"benchmark": name, **row}) for name, each in rows.items() for row in each]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def read_rows(path: Path) -> tuple[str, dict[Key, Row]]:
+    """The commit, and the rows by what they are of."""
+    head, *lines = (json.loads(line) for line in path.read_text().splitlines())
+    rows = {(row["benchmark"], row["format"], row["case"], row.get("way", "")): row for row in lines}
+    return head["revision"], rows
+
+
+def changes(before: Row, after: Row, key: Key, *, strict: bool = False) -> list[Change]:
+    """The figures of one row that became better or worse."""
+    found = list[Change]()
+    for figure in FIGURES:
+        try:
+            old, new = figure.of(before), figure.of(after)
+        except (KeyError, TypeError):
+            continue  # not a figure of this benchmark, or one of no scan at all
+        if abs(new - old) > (0.0 if strict else figure.slack(before)):
+            found.append(Change(key, figure.name, figure.shown(before), figure.shown(after), new > old))
+    return found
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Compare two files."""
+    options = _parser().parse_args(arguments)
+    (old, before), (new, after) = read_rows(options.before), read_rows(options.after)
+    words = [] if options.select is None else options.select.split(",")
+    keys = [key for key in before if all(any(word in name for name in key) for word in words)]
+    both = [key for key in keys if key in after]
+    found = [each for key in both for each in changes(before[key], after[key], key, strict=options.strict)]
+    gone = [] if options.part else [key for key in keys if key not in after]
+    for title, worse in (("worse", True), ("better", False)):
+        some = [each for each in found if each.worse is worse]
+        print(f"{title}: {len(some)} figures of {len({each.key for each in some})} rows")
+        for each in some:
+            print(f"  {', '.join(filter(None, each.key))}: {each.what} {each.before} -> {each.after}")
+    for key in gone:
+        print(f"gone: {', '.join(filter(None, key))}")
+    print(f"{len(both)} rows of {old} and {new} compared, {len(set(after) - set(before))} are new")
+    return int(bool(gone) or any(each.worse for each in found))
+
+
+def _parser() -> argparse.ArgumentParser:
+    made = argparse.ArgumentParser(prog="python -m benchmarks.compare", description=__doc__)
+    made.add_argument("before", type=Path, metavar="A.jsonl")
+    made.add_argument("after", type=Path, metavar="B.jsonl")
+    made.add_argument("--select", metavar="WORDS", help="only rows that have all of these words in their names")
+    made.add_argument("--part", action="store_true", help="B may have only some of the rows of A")
+    made.add_argument("--strict", action="store_true", help="no slack: each figure counts")
+    return made
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,199 @@
+"""What was delivered of a stream whose truth is known, and how far off it is."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from benchmarks.truth_cases import Line
+from benchmarks.truth_code import UNTOLD, Floats, Ints
+from benchmarks.truth_streams import TrueStream
+from benchmarks.truth_ways import Received
+from lidario.scan import Scan
+
+__all__ = ["Score", "score"]
+
+_OFF_DEG = 1.0
+_SEAM_DEG = 2.0
+"""So near to where a revolution begins a sample may be on either side."""
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """What became of one stream.
+
+    Attributes:
+        points: Samples of whole revolutions.
+        kept: Of these, delivered within a degree, each counted once.
+        wrong: Points delivered more than a degree off, or with a distance that no sample has.
+        strange: Of these, those with such a distance.
+        farthest_deg: The farthest off.
+        mixed: Points of another revolution than most of their scan.
+        twice: Points delivered that had been delivered before.
+        revolutions: Whole revolutions.
+        delivered: Scans.
+        missing: Packets that did not come, between the first and the last.
+        told: Packets counted as lost.
+        missing_revolutions: Whole revolutions that were not delivered.
+        told_revolutions: Revolutions counted as missed.
+        seq_off: By how many revolutions `Scan.seq` is off, from the first scan on, at most.
+        broken: Revolutions discarded.
+        rpm_off: By how much the speed is off, percent, of half of the scans and at most; None of no scan.
+        no_rpm: Scans without a speed.
+        times_off_ms: By how much the time of a point is off, of half of the points and at most; None of no point.
+            In a file, which has no times, from the first point of the scan on.
+        overlap_ms: By how much a scan begins before the one before it ends, at most.
+    """
+
+    points: int
+    kept: int
+    wrong: int
+    strange: int
+    farthest_deg: float
+    mixed: int
+    twice: int
+    revolutions: int
+    delivered: int
+    missing: int
+    told: int
+    missing_revolutions: int
+    told_revolutions: int
+    seq_off: int
+    broken: int
+    rpm_off: tuple[float, float] | None
+    no_rpm: int
+    times_off_ms: tuple[float, float] | None
+    overlap_ms: float
+
+    def row(self) -> dict[str, Any]:
+        """Its figures, as many digits as they are worth."""
+        return {name: _rounded(value) for name, value in asdict(self).items()}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Points:
+    """The points of one scan that are known, and which samples they are."""
+
+    sample: Ints
+    off_deg: Floats
+    times_ns: Floats
+    strange: int
+
+
+def score(stream: TrueStream, line: Line, received: Received, *, timed: bool) -> Score:
+    """How far off is what was received.
+
+    Args:
+        stream: The truth.
+        line: What came of it.
+        received: What was made of that.
+        timed: Whether the way it took tells times.
+    """
+    scans, stats = received.scans, received.stats
+    found = [_points(stream, scan) for scan in scans]
+    numbers = [_number(stream, each) for each in found]
+    sample = np.concatenate([np.empty(0, np.int64), *(each.sample for each in found)])
+    off = np.concatenate([np.empty(0), *(each.off_deg for each in found)])
+    strange = sum(each.strange for each in found)
+    revolution = np.floor(stream.turns).astype(np.int64)
+    wanted = (revolution >= stream.whole.start) & (revolution < stream.whole.stop)
+    got = np.zeros(len(stream.turns), np.bool_)
+    got[sample[off <= _OFF_DEG]] = True
+    known = [at for at, number in enumerate(numbers) if number is not None]
+    passed = [numbers[at] - numbers[known[0]] for at in known]  # type: ignore[operator]
+    return Score(
+        points=int(wanted.sum()),
+        kept=int((got & wanted).sum()),
+        wrong=int((off > _OFF_DEG).sum()) + strange,
+        strange=strange,
+        farthest_deg=float(off.max(initial=0.0)),
+        mixed=sum(_mixed(stream, each, number) for each, number in zip(found, numbers, strict=True)),
+        twice=len(sample) - len(np.unique(sample)),
+        revolutions=len(stream.whole),
+        delivered=len(scans),
+        missing=_missing(stream, line, received),
+        told=stats.lost_packets,
+        missing_revolutions=max(0, len(stream.whole) - len(scans)),
+        told_revolutions=stats.missed_scans,
+        seq_off=max(
+            (abs(scans[at].seq - scans[known[0]].seq - by) for at, by in zip(known, passed, strict=True)), default=0
+        ),
+        broken=stats.broken_scans,
+        rpm_off=_two(_rpm_off(stream, scans, numbers)),
+        no_rpm=sum(bool(np.isnan(scan.rpm)) for scan in scans),
+        times_off_ms=_two(_times_off(stream, found, timed=timed)),
+        overlap_ms=_overlap(scans) * 1e-6,
+    )
+
+
+def _points(stream: TrueStream, scan: Scan) -> _Points:
+    there = np.flatnonzero(scan.device_distances)
+    packet, place = stream.code.decode(scan.device_distances[there])
+    sizes = np.diff(stream.firsts)
+    fits = (packet >= 0) & (place >= 0)
+    fits[fits] = place[fits] < sizes[packet[fits]]
+    sample = stream.firsts[packet[fits]] + place[fits]
+    off = np.abs((scan.device_angles[there[fits]] - stream.degrees[sample] + 180.0) % 360.0 - 180.0)
+    strange = int((~fits & (packet != UNTOLD)).sum())
+    return _Points(sample, off, scan.times_ns[there[fits]].astype(np.float64), strange)
+
+
+def _number(stream: TrueStream, points: _Points) -> int | None:
+    """Of which revolution most points of a scan are."""
+    if not len(points.sample):
+        return None
+    return int(np.median(np.floor(stream.turns[points.sample])))
+
+
+def _mixed(stream: TrueStream, points: _Points, number: int | None) -> int:
+    if number is None:
+        return 0
+    turns, edge = stream.turns[points.sample] - number, _SEAM_DEG / 360.0
+    return int(((turns < -edge) | (turns > 1 + edge)).sum())
+
+
+def _missing(stream: TrueStream, line: Line, received: Received) -> int:
+    return len(stream.offsets) - 1 - received.packets if line.missing is None else line.missing
+
+
+def _rpm_off(stream: TrueStream, scans: list[Scan], numbers: list[int | None]) -> Floats:
+    """Percent from the mean speed of the revolution or of the one before it, whichever is nearer."""
+    begins, off = stream.begins_ns, list[float]()
+    for scan, number in zip(scans, numbers, strict=True):
+        if number is None or np.isnan(scan.rpm):
+            continue
+        true = [
+            60e9 / (begins[each + 1] - begins[each])
+            for each in (number - 1, number)
+            if {each, each + 1} <= set(begins)
+        ]
+        if true:
+            off.append(min(abs(scan.rpm / each - 1) * 100 for each in true))
+    return np.array(off)
+
+
+def _times_off(stream: TrueStream, found: list[_Points], *, timed: bool) -> Floats:
+    off = [np.empty(0)]
+    for points in found:
+        if len(points.sample):
+            late = points.times_ns - stream.times_ns[points.sample]
+            off.append(np.abs(late if timed else late - late[0]))
+    return np.concatenate(off) * 1e-6
+
+
+def _overlap(scans: list[Scan]) -> float:
+    ends = [int(scan.times_ns[-1]) for scan in scans if len(scan)]
+    begins = [int(scan.times_ns[0]) for scan in scans if len(scan)]
+    return float(max([0, *(end - begin for end, begin in zip(ends[:-1], begins[1:], strict=True))]))
+
+
+def _two(off: Floats) -> tuple[float, float] | None:
+    return (float(np.median(off)), float(off.max())) if len(off) else None
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, tuple | list):
+        return [_rounded(each) for each in value]
+    return round(value, 3) if isinstance(value, float) else value
