@@ -93,7 +93,7 @@ class Decoder(Protocol):
         """Decode packets that follow each other.
 
         Args:
-            packets: At least one packet; their arrivals are not read.
+            packets: At least one packet.
             following: The packet after the last one, since some formats need it to know how far the rotor
                 turned; None when there is none, and the last packet is then decoded with the step of its
                 neighbours.
@@ -102,6 +102,10 @@ class Decoder(Protocol):
             seam: Heading at which the revolution ends, so that `Samples.before_seam` can be told; None where no
                 packet lies across its end.
         """
+        ...
+
+    def tell_time(self, sample_ns: float) -> None:
+        """Take note of how long a sample takes, before the first packet; 0 where the device does not say."""
         ...
 
     def fork(self) -> Self:

@@ -54,6 +54,7 @@ class Assembler:
     ) -> None:
         self.stats: AssemblerStats = stats or AssemblerStats()
         self._stream = stream
+        stream.decoder.tell_time(stream.sample_ns)
         self._byte_ns = byte_ns_at(baudrate)
         self._wall_offset_ns = wall_offset_ns
         self._doubled = DoubledPackets(stream.format, stream.sample_ns, self.stats)
