@@ -58,22 +58,38 @@ class Pace:
 
     def add(self, spans: Sequence[int], arrivals: Sequence[Arrival]) -> None:
         """Take the next packets: how far ahead of each the next one is, and when they came."""
-        at, turned = 0, self._turned
+        far = max(spans, default=0) > self._farthest
+        begin, turned = 0, self._turned
         for count, at_ns in arrivals:
-            while at < count - 1 and at < len(spans):
-                turned += spans[at]
-                if abs(spans[at]) > self._farthest:
-                    self.clear()
-                at += 1
             # Only the last packet of a read came just then.
             if self._points and self._points[-1].at_ns == at_ns:
                 self._points.pop()
+            passed = spans[begin : count - 1]
+            begin, turned = count - 1, turned + sum(passed)
+            if far and max(passed, default=0) > self._farthest:
+                self.clear()
             self._points.append(_Point(at_ns, turned, self._came + count))
-        if max(spans[at:], default=0) > self._farthest:
+        if far and max(spans[begin:], default=0) > self._farthest:
             self.clear()
-        self._turned += sum(spans)
+        self._turned = turned + sum(spans[begin:])
         self._came += len(spans)
         del self._points[:-_REMEMBERED]
+
+    def is_same_read(self, arrivals: Sequence[Arrival], count: int, turned: int, last: int) -> bool:
+        """Whether so many packets came with the ones before, as in a file: time tells nothing. Then they are taken.
+
+        Args:
+            arrivals: When they came.
+            count: How many they are.
+            turned: How far the rotor turned, up to the packet behind them.
+            last: How far during the last one.
+        """
+        if len(arrivals) != 1 or not self._points or arrivals[0][1] != self._points[-1].at_ns:
+            return False
+        self._turned += turned
+        self._came += count
+        self._points[-1] = _Point(arrivals[0][1], self._turned - last, self._came)
+        return True
 
     def measured(self, packet_ns: float, arc: float = 0.0) -> tuple[float, float] | None:
         """How many packets the device has measured for each arc, in each half of the time.
@@ -89,6 +105,8 @@ class Pace:
         if not packet_ns or len(points) < 3:
             return None
         begin, end = points[0], points[-1]
+        if end.at_ns - begin.at_ns < 2 * _FEWEST * packet_ns:
+            return None
         middle = min(points, key=lambda point: abs(2 * point.at_ns - begin.at_ns - end.at_ns))
         found: list[float] = []
         for before, after in ((begin, middle), (middle, end)):

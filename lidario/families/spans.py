@@ -81,10 +81,11 @@ def spans_between(
     """
     spans = np.empty_like(headings)
     np.subtract(headings[1:], headings[:-1], out=spans[:-1])
-    spans[-1] = 0 if following is None else following - int(headings[-1])
+    last = 0 if following is None else following - int(headings[-1])
+    # Mostly it is only here that the angles pass 0.
+    spans[-1] = last + full_turn if last < -retreat else last
     least, greatest, total = extent(spans)
     if least < -retreat:
-        # Mostly it is only at the end that the angles pass 0.
         np.add(spans, full_turn, out=spans, where=spans < -retreat)
         least, greatest, total = extent(spans)
     if greatest >= full_turn - retreat:

@@ -93,7 +93,7 @@ class Wheel:
         """
         spans, shortest, longest, total = spans_between(headings, following, self._full_turn, self._retreat)
         if following is not None and self._is_steady(spans, shortest, longest):
-            if not self._confirmed:
+            if not self._confirmed and not self._pace.is_same_read(arrivals, len(spans), total, int(spans[-1])):
                 self._remember(spans.tolist(), arrivals)
                 # The spans are alike; are they one arc each?
                 if not self._is_confirmed():

@@ -55,5 +55,5 @@ def ordinary_beginning(
         number=number,
         packets_before=packets_before,
         ordinary=ordinary,
-        spanned_ns=spanned_ns,
+        spanned_ns=spanned_ns if ended.told else 0.0,
     )
