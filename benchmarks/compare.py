@@ -1,8 +1,9 @@
 """Two commits beside each other, row by row: ``python -m benchmarks.compare A.jsonl B.jsonl``.
 
-``python -m benchmarks --only truth,damage --rows FILE`` writes such a file: its first line tells of which commit it
-is, each other line is a row of a table. What became better or worse from A to B is printed, and the exit status is
-1 where anything became worse. A row that only A has counts as worse, unless ``--part`` says that B has but some.
+``python -m benchmarks --only truth,damage --rows FILE`` writes such a file: a line tells the commit, the benchmark
+and its columns, each of the lines behind it is a row. What became better or worse from A to B is printed, and the
+exit status is 1 where anything became worse. A row that only A has counts as worse, unless ``--part`` says that B
+has but some.
 
 What is better depends on the figure: more points kept; fewer wrong; what is told nearer to what is missing. Figures
 that differ by less than a slack, such as two points of ten thousand, are alike; ``--strict`` allows none.
@@ -108,17 +109,26 @@ FIGURES: Final = (
 
 
 def write_rows(path: Path, revision: str, rows: Mapping[str, Sequence[Row]]) -> None:
-    """Write the rows of benchmarks, by their names, behind a line with the commit that they are of."""
-    lines = [json.dumps({"revision": revision})]
-    lines += [json.dumps({"benchmark": name, **row}) for name, each in rows.items() for row in each]
-    path.write_text("\n".join(lines) + "\n")
+    """Write the rows of benchmarks, by their names, each behind a line with the commit that they are of."""
+    lines = list[str]()
+    for name, each in rows.items():
+        if each:
+            lines.append(json.dumps({"revision": revision, "benchmark": name, "columns": list(each[0])}))
+            lines += [json.dumps(list(row.values()), ensure_ascii=False) for row in each]
+    path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
 
 
 def read_rows(path: Path) -> tuple[str, dict[Key, Row]]:
     """The commit, and the rows by what they are of."""
-    head, *lines = (json.loads(line) for line in path.read_text().splitlines())
-    rows = {(row["benchmark"], row["format"], row["case"], row.get("way", "")): row for row in lines}
-    return head["revision"], rows
+    revision, head, rows = "", dict[str, Any](), dict[Key, Row]()
+    for line in path.read_text(encoding="utf-8").splitlines():
+        read = json.loads(line)
+        if isinstance(read, dict):
+            head, revision = read, read["revision"]
+            continue
+        row = dict(zip(head["columns"], read, strict=True))
+        rows[head["benchmark"], row["format"], row["case"], row.get("way", "")] = row
+    return revision, rows
 
 
 def changes(before: Row, after: Row, key: Key, *, strict: bool = False) -> list[Change]:

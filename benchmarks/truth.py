@@ -9,6 +9,7 @@ angle and its time can be compared with the true ones. The table tells of each s
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
@@ -17,14 +18,19 @@ from benchmarks.truth_cases import CASES, Case, happen
 from benchmarks.truth_forms import FORMATS
 from benchmarks.truth_score import Score, score
 from benchmarks.truth_streams import Form
+from benchmarks.truth_vendor import by_vendor
 from benchmarks.truth_ways import WAYS, receive
 
 __all__ = ["judged", "run"]
 
+Vendor = tuple[int, int] | None
+"""Points kept, and wrong ones; None where the rules are not known."""
+
 _COLUMNS = (
     "format, what happens, way",
     "kept",
-    "wrong",
+    "by the vendor's rules: kept, wrong",
+    "wrong, mixed, twice",
     "farthest",
     "revolutions",
     "packets missing, told",
@@ -45,27 +51,56 @@ def run(setting: Setting) -> Result:
             setting.say(case.name)
         for form in FORMATS.values():
             ways = [way for way in WAYS if setting.selects(form.name, case.name, way)]
-            for way, found in judged(case, form, ways):
-                table.rows.append([f"{form.name}, {case.name}, {way}", *_cells(found)])
-                rows.append({"format": form.name, "case": case.name, "way": way, **found.row()})
-    table.notes.append("off: of half of the scans or points, and at most; farthest: of all points, in degrees")
-    return Result("truth", [table], {}, rows)
+            for way, found, vendor in judged(case, form, ways):
+                table.rows.append([f"{form.name}, {case.name}, {way}", *_cells(found, vendor)])
+                rows.append({"format": form.name, "case": case.name, "way": way, **found.row(), "vendor": vendor})
+    table.notes += [
+        "wrong: points more than a degree off; mixed: of another revolution than their scan; twice: once more",
+        "farthest: of all points, in degrees; off: of half of the scans or points, and at most",
+    ]
+    return Result("truth", [table, _summed(rows)], {}, rows)
 
 
-def judged(case: Case, form: Form, ways: list[str]) -> Iterator[tuple[str, Score]]:
-    """What becomes of one stream, in each of these ways in which it can come."""
+def _summed(rows: list[dict[str, Any]]) -> Table:
+    """All formats together, by what happens and in which way."""
+    table = Table(
+        "Truth, all formats together",
+        ("what happens, way", "kept", "wrong, mixed, twice", "revolutions", _COLUMNS[6], _COLUMNS[7]),
+    )
+    sums = dict[tuple[str, str], Counter[str]]()
+    for row in rows:
+        whole = Counter({name: value for name, value in row.items() if isinstance(value, int)})
+        sums.setdefault((row["case"], row["way"]), Counter()).update(whole)
+    for names, each in sums.items():
+        table.rows.append(
+            [
+                ", ".join(names),
+                f"{100 * each['kept'] / each['points']:.1f} %",
+                f"{each['wrong']}, {each['mixed']}, {each['twice']}",
+                f"{each['delivered']} of {each['revolutions']}",
+                f"{each['missing']}, {each['told']}",
+                f"{each['missing_revolutions']}, {each['told_revolutions']}",
+            ]
+        )
+    return table
+
+
+def judged(case: Case, form: Form, ways: list[str]) -> Iterator[tuple[str, Score, Vendor]]:
+    """What becomes of one stream, in each of these ways in which it can come; and by the vendor's rules."""
     if not ways:
         return
     stream, line = happen(case, form)
+    vendor = by_vendor(stream, line)
     for way in ways:
         if case.in_files or way != "file":
-            yield way, score(stream, line, receive(stream, line, way), timed=way != "file")
+            yield way, score(stream, line, receive(stream, line, way), timed=way != "file"), vendor
 
 
-def _cells(found: Score) -> list[str]:
+def _cells(found: Score, vendor: Vendor) -> list[str]:
     return [
         f"{100 * found.kept / found.points:.1f} %" if found.points else "-",
-        str(found.wrong),
+        "-" if vendor is None else f"{100 * vendor[0] / found.points:.1f} %, {vendor[1]}",
+        f"{found.wrong}, {found.mixed}, {found.twice}",
         f"{found.farthest_deg:.2f}",
         f"{found.delivered} of {found.revolutions}",
         f"{found.missing}, {found.told}",

@@ -31,12 +31,14 @@ class Line:
         missing: Packets of the stream that do not come as they were, between the first that does and the last.
             None where that is told by what is found intact: damaged bytes may pass a check value.
         blocked_ns: From when to when nobody reads.
+        pace_s: The shortest and the longest time from one read to the next.
     """
 
     data: NDArray[np.uint8]
     at_ns: Floats
     missing: int | None
     blocked_ns: tuple[float, float] = (0.0, 0.0)
+    pace_s: tuple[float, float] = (0.016, 0.06)
 
 
 Damage = Callable[[TrueStream, np.random.Generator], Line]
@@ -53,6 +55,7 @@ class Case:
         speed: Of the rotor, by its ordinary speed and the seconds since the beginning.
         seconds: How long the stream lasts.
         begin: Where the rotor is at the beginning, in turns.
+        clock: How long a sample takes, of what the device says.
         in_files: Whether it can happen to a file, which holds no times.
     """
 
@@ -61,12 +64,13 @@ class Case:
     speed: Speed
     seconds: float = 6.0
     begin: float = 0.3
+    clock: float = 1.0
     in_files: bool = True
 
 
 def happen(case: Case, form: Form) -> tuple[TrueStream, Line]:
     """The stream of one format to which this happens, and what comes of it; always the same."""
-    stream = true_stream(form, partial(case.speed, form.hertz), case.seconds, case.begin)
+    stream = true_stream(form, partial(case.speed, form.hertz), case.seconds, case.begin, case.clock)
     random = np.random.default_rng(zlib.crc32(f"{form.name} {case.name}".encode()))
     return stream, case.damage(stream, random)
 
@@ -94,6 +98,12 @@ def _from_half(hertz: float, seconds: Floats) -> Floats:
 def _spin_up(hertz: float, seconds: Floats) -> Floats:
     """As a motor speeds up that is driven evenly, from two turns a second on."""
     return hertz - (hertz - 2.0) * np.exp(-seconds / 0.7)
+
+
+def _jerky_spin_up(hertz: float, seconds: Floats) -> Floats:
+    """As a motor starts that has not yet settled: an X4's packets are 6 to 22 degrees apart at first."""
+    jerks = 4.8 - 2.8 * np.cos(2 * np.pi * seconds / 0.4)
+    return np.where(seconds < 1.8, jerks, 7.6 + (hertz - 7.6) * np.clip((seconds - 1.8) / 0.5, 0.0, 1.0))
 
 
 def _clean(stream: TrueStream, random: np.random.Generator) -> Line:
@@ -203,6 +213,8 @@ def _cases() -> Iterator[Case]:
     yield Case("0.5 to 10 Hz in 3 s", _clean, _from_half)
     yield Case("5 to 10 Hz in 0.5 s", _clean, partial(_ramp, 5.0, 10.0, 0.5))
     yield Case("spinning up from 2 Hz", _clean, _spin_up)
+    yield Case("spinning up in jerks of 2 to 7.6 Hz", _clean, _jerky_spin_up)
+    yield Case("a clock 0.5 % slow", _clean, _drifting, clock=1.005)
     for spoilt, how in ((False, "gone"), (True, "spoilt")):
         yield Case(f"each second packet {how}", partial(_each_second, spoilt=spoilt), _drifting)
         for percent in (20, 40, 60):

@@ -76,6 +76,8 @@ class Code:
         run = np.cumsum(np.diff(place, prepend=UNKNOWN - 1) != 1) - 1 if len(place) else place
         packet = np.full(int(run[-1]) + 1 if len(run) else 0, UNTOLD)
         held = self._held(run, place, digit, len(packet))
+        # A sample whose digit is not that of the others has a distance that is none of its packet's.
+        fits[fits] = digit[fits] == held[place[fits] % self.digits, run[fits]]
         whole = (held >= 0).all(axis=0)
         packet[whole] = (held[:, whole] * self.radix ** np.arange(self.digits)[:, None]).sum(axis=0)
         self._complete(packet, held)
@@ -83,12 +85,13 @@ class Code:
         return np.where(fits, packet[run], UNKNOWN), place
 
     def _held(self, run: Ints, place: Ints, digit: Ints, runs: int) -> Ints:
-        """The digits that each run holds, shape (digits, runs); `UNTOLD` where it has none, or two that differ."""
+        """The digits that most samples of each run hold, shape (digits, runs); `UNTOLD` where it has none."""
         held = np.full((self.digits, runs), UNTOLD)
         for each in range(self.digits):
             here = (place >= 0) & (place % self.digits == each)
-            held[each, run[here]] = digit[here]
-            held[each, run[here][held[each, run[here]] != digit[here]]] = UNTOLD
+            counts = np.bincount(run[here] * self.radix + digit[here], minlength=runs * self.radix)
+            counts = counts.reshape(runs, self.radix)
+            held[each] = np.where(counts.any(axis=1), counts.argmax(axis=1), UNTOLD)
         return held
 
     def _complete(self, packet: Ints, held: Ints) -> None:

@@ -42,8 +42,8 @@ class Score:
         broken: Revolutions discarded.
         rpm_off: By how much the speed is off, percent, of half of the scans and at most; None of no scan.
         no_rpm: Scans without a speed.
-        times_off_ms: By how much the time of a point is off, of half of the points and at most; None of no point.
-            In a file, which has no times, from the first point of the scan on.
+        times_off_ms: By how much the time of a point is off, of half of the points and at most; of those whose
+            angle is right. In a file, which has no times, from the first point of the scan on.
         overlap_ms: By how much a scan begins before the one before it ends, at most.
     """
 
@@ -177,8 +177,10 @@ def _rpm_off(stream: TrueStream, scans: list[Scan], numbers: list[int | None]) -
 def _times_off(stream: TrueStream, found: list[_Points], *, timed: bool) -> Floats:
     off = [np.empty(0)]
     for points in found:
-        if len(points.sample):
-            late = points.times_ns - stream.times_ns[points.sample]
+        # What is at a wrong angle may be another sample than its distance tells, by damage.
+        right = points.off_deg <= _OFF_DEG
+        if right.any():
+            late = (points.times_ns - stream.times_ns[points.sample])[right]
             off.append(np.abs(late if timed else late - late[0]))
     return np.concatenate(off) * 1e-6
 

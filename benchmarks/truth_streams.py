@@ -1,7 +1,8 @@
 """Streams of which the truth is known: where the rotor was at each sample, and when that was measured.
 
 A stream is made of samples at an even pace, the angle of a rotor whose speed is a function of time, and the packers
-of the simulated devices (`benchmarks.truth_forms`), which write both as a device would. A packet leaves a sample and a half after its last sample, and takes its time on the line.
+of the simulated devices (`benchmarks.truth_forms`), which write both as a device would. A packet leaves a sample
+and a half after its last sample, and takes its time on the line.
 """
 
 from __future__ import annotations
@@ -133,7 +134,7 @@ class TrueStream:
         return dict(zip(numbers.astype(int).tolist(), np.interp(numbers, self.turns, self.times_ns), strict=True))
 
 
-def true_stream(form: Form, hertz: Hertz, seconds: float, begin: float = 0.3) -> TrueStream:
+def true_stream(form: Form, hertz: Hertz, seconds: float, begin: float = 0.3, clock: float = 1.0) -> TrueStream:
     """A stream of one format whose rotor turns as told.
 
     Args:
@@ -141,12 +142,14 @@ def true_stream(form: Form, hertz: Hertz, seconds: float, begin: float = 0.3) ->
         hertz: Speed of the rotor, by the seconds since the beginning.
         seconds: How long it lasts.
         begin: Where the rotor is at the beginning, in turns.
+        clock: How long a sample takes, of what the device says.
     """
+    sample_ns = form.sample_ns * clock
     grid = np.arange(0.0, seconds + 1.0, _GRID_S)
     speed = hertz(grid)
     turned = begin + np.concatenate(([0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * _GRID_S)))
-    count = int(seconds * 1e9 / form.sample_ns) // form.samples * form.samples
-    times = np.arange(count, dtype=np.float64) * form.sample_ns
+    count = int(seconds * 1e9 / sample_ns) // form.samples * form.samples
+    times = np.arange(count, dtype=np.float64) * sample_ns
     turns = np.interp(times * 1e-9, grid, turned)
     sizes = (
         _divided(turns, form.samples)

@@ -24,8 +24,6 @@ __all__ = ["WAYS", "Received", "receive"]
 WAYS = ("read", "held", "file")
 """Each read parsed by itself; what was read kept until a revolution should be complete; a file of bytes."""
 
-_READ_S = (0.016, 0.06)
-
 
 @dataclass(frozen=True, slots=True)
 class Received:
@@ -54,7 +52,7 @@ def _reads(line: Line, random: np.random.Generator) -> Iterator[tuple[int, int]]
     """Up to which byte each read reaches, and when it is."""
     now, done, (begin, end) = 0.0, 0, line.blocked_ns
     while done < len(line.data):
-        now += random.uniform(*_READ_S) * 1e9
+        now += random.uniform(*line.pace_s) * 1e9
         if begin <= now < end:
             now = end
         until = int(np.searchsorted(line.at_ns, now, side="right"))
