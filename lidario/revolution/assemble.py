@@ -20,7 +20,6 @@ from lidario.revolution.count import Beginning, RevolutionCount
 from lidario.revolution.doubled import DoubledPackets
 from lidario.revolution.ended import EndedRevolution
 from lidario.revolution.judge import FALSE_PART, beginning_of, is_broken, is_complete, least_of, samples_missing
-from lidario.revolution.ordinary import ordinary_beginning
 from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
 from lidario.revolution.seam import Seam, Split
 from lidario.revolution.sparse_speed import dated_angles
@@ -256,14 +255,9 @@ class Assembler:
         ordinary_ns = self._last_spanned_ns or ended.spanned_ns
         number = stats.scans + stats.missed_scans - self._told_unseen - (not ended.partial.whole)
         before = stats.all_packets - (0 if packets is None else packets.count)
-        beginning = ordinary_beginning(self._stream.format, ended, ordinary_ns, number, before)
-        if beginning is not None:
-            revolution_ns = self._reckon(beginning)
-        else:
-            judged = self._judge(ended, ordinary_ns, number, before)
-            if judged is None:
-                return None
-            revolution_ns = judged
+        revolution_ns = self._judge(ended, ordinary_ns, number, before)
+        if revolution_ns is None:
+            return None
         spanned_ns = self._last_spanned_ns = ended.spanned_ns
         samples, arrays = ended.samples, ended.arrays
         if math.isnan(revolution_ns) and not lost:
@@ -291,7 +285,7 @@ class Assembler:
         ended.spanned_ns = count * ended.sample_ns
 
     def _judge(self, ended: EndedRevolution, ordinary_ns: float, number: int, packets_before: int) -> float | None:
-        """Count one that is not ordinary; return what it took, NaN when unknown; None where it makes no scan."""
+        """Count a revolution; return what it took, NaN when unknown; None where it makes no scan."""
         partial, packets, samples, wire = ended.partial, ended.packets, ended.samples, self._stream.format
         if samples is not None:
             ended.spanned_ns += samples_missing(ended, gap_behind=self._partial.carried is None) * ended.sample_ns

@@ -196,15 +196,6 @@ class RevolutionCount:
     def follow(self, here: Beginning) -> Passed:
         """Tell what passed since the beginning before; it is one revolution on by the angles."""
         last, self._last = self._last, here
-        usual = last is not None and last is self._sure and not self._late and here.revolution_ns
-        if usual and last is not None and not here.lost and not last.lost:
-            # Mostly nothing is missing, and the rotor keeps its speed. Then what follows would find the same.
-            elapsed, share = here.start_ns - last.start_ns, 1 + here.over - last.over
-            alike = 1 / ALIKE < here.revolution_ns / last.revolution_ns < ALIKE
-            ordinary = alike and not here.broken and elapsed > 0 and share >= LEAST_SHARE
-            if ordinary and abs(elapsed / last.revolution_ns - share) < NOISE:
-                self._sure = self._counted = here
-                return Passed(0, 0, elapsed / share)
         self._correct_packet(here)
         self._correct_speed(here, last)
         if last is None or not last.revolution_ns or self.needs_speed or self._uncounted:
