@@ -37,6 +37,8 @@ class Samples:
             there, by the angles of the rotor, which no correction has moved.
         certain: Whether the angle that a packet covers is known for sure. Where it is not, as when nearly all
             packets are missing, neither the angles nor `lost` can be relied on.
+        first: Whether that rests on the first packets of a stream alone, so that those behind them may tell that
+            the angles are wrong.
     """
 
     angle_deg: NDArray[np.float32]
@@ -52,6 +54,7 @@ class Samples:
     certain: bool = True
     reported_rpm: float = math.nan
     gaps: Sequence[tuple[int, int]] = ()
+    first: bool = False
 
     @property
     def skipped_behind(self) -> int:

@@ -29,12 +29,14 @@ class Arcs(NamedTuple):
         missing: Packets missing behind each, an array; None when none is.
         typical: The mean arc, in heading units; 0 when nothing is known.
         certain: Whether the speed is sure.
+        first: Whether it was taken from the first packets of a stream, and time may still speak against it.
     """
 
     arc: Arc
     missing: NDArray[np.intp] | None
     typical: float
     certain: bool
+    first: bool = False
 
     @property
     def lost(self) -> int:

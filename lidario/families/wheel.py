@@ -92,6 +92,7 @@ class Wheel:
             arrivals: When they came, as in `Packets`.
         """
         spans, shortest, longest, total = spans_between(headings, following, self._full_turn, self._retreat)
+        first = not self._arc
         if following is not None and self._is_steady(spans, shortest, longest):
             if not self._confirmed and not self._pace.is_same_read(arrivals, len(spans), total, int(spans[-1])):
                 self._remember(spans.tolist(), arrivals)
@@ -99,7 +100,7 @@ class Wheel:
                 if not self._is_confirmed():
                     return self._among_gaps(spans, followed=True)
             self._arc, self._certain, self._strange = float(spans[-1]), True, 0
-            return Arcs(spans, None, total / len(spans), certain=True)
+            return Arcs(spans, None, total / len(spans), certain=True, first=first and not self._confirmed)
         plain = spans.tolist()
         self._remember(plain if following is not None else plain[:-1], arrivals)
         return self._among_gaps(spans, followed=following is not None)

@@ -221,7 +221,7 @@ class Assembler:
             here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
             if arrays is not None:
                 here.begin_with(arrays)
-            if partial.carried_packets and samples.certain:
+            if partial.first_packets and samples.certain:
                 revoked = partial.revoke_carried(samples.revolution_packets)
                 self.stats.lost_packets += revoked
                 lost += revoked

@@ -66,6 +66,7 @@ def decoded_samples(arrays: Decoded, arcs: Arcs, full_turn: int, each: int, befo
         revolution_samples=packets * each,
         certain=arcs.certain,
         gaps=gaps,
+        first=arcs.first,
     )
 
 
