@@ -142,6 +142,9 @@ class ArcDecoder(ABC):
             gaps=[((at + 1) * self.samples, int(missing[at]) * self.samples) for at in gaps.tolist()],
         )
 
+    def tell_time(self, sample_ns: float) -> None:  # noqa: B027 - only formats without arcs need it
+        """As `Decoder.tell_time`; packets tell how far the rotor turned."""
+
     def fork(self) -> Self:
         """As `Decoder.fork`."""
         return copy.copy(self)

@@ -37,6 +37,8 @@ class Samples:
             there, by the angles of the rotor, which no correction has moved.
         certain: Whether the angle that a packet covers is known for sure. Where it is not, as when nearly all
             packets are missing, neither the angles nor `lost` can be relied on.
+        first: Whether that rests on the first packets of a stream alone, so that those behind them may tell that
+            the angles are wrong.
     """
 
     angle_deg: NDArray[np.float32]
@@ -52,6 +54,7 @@ class Samples:
     certain: bool = True
     reported_rpm: float = math.nan
     gaps: Sequence[tuple[int, int]] = ()
+    first: bool = False
 
     @property
     def skipped_behind(self) -> int:
@@ -93,7 +96,7 @@ class Decoder(Protocol):
         """Decode packets that follow each other.
 
         Args:
-            packets: At least one packet; their arrivals are not read.
+            packets: At least one packet.
             following: The packet after the last one, since some formats need it to know how far the rotor
                 turned; None when there is none, and the last packet is then decoded with the step of its
                 neighbours.
@@ -102,6 +105,10 @@ class Decoder(Protocol):
             seam: Heading at which the revolution ends, so that `Samples.before_seam` can be told; None where no
                 packet lies across its end.
         """
+        ...
+
+    def tell_time(self, sample_ns: float) -> None:
+        """Take note of how long a sample takes, before the first packet; 0 where the device does not say."""
         ...
 
     def fork(self) -> Self:

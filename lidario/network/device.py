@@ -196,6 +196,9 @@ class _NoPackets:
     def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Any:
         raise NotImplementedError
 
+    def tell_time(self, sample_ns: float) -> None:
+        pass
+
     def fork(self) -> Self:
         return self
 

@@ -17,9 +17,9 @@ from dataclasses import replace
 from lidario.families.base import Samples, Stream
 from lidario.revolution.build import DatedRevolution, build_scan, turned_by
 from lidario.revolution.count import Beginning, RevolutionCount
+from lidario.revolution.doubled import DoubledPackets
 from lidario.revolution.ended import EndedRevolution
 from lidario.revolution.judge import FALSE_PART, beginning_of, is_broken, is_complete, least_of, samples_missing
-from lidario.revolution.ordinary import ordinary_beginning
 from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
 from lidario.revolution.seam import Seam, Split
 from lidario.revolution.sparse_speed import dated_angles
@@ -53,8 +53,10 @@ class Assembler:
     ) -> None:
         self.stats: AssemblerStats = stats or AssemblerStats()
         self._stream = stream
+        stream.decoder.tell_time(stream.sample_ns)
         self._byte_ns = byte_ns_at(baudrate)
         self._wall_offset_ns = wall_offset_ns
+        self._doubled = DoubledPackets(stream.format, stream.sample_ns, self.stats)
         self._seam = Seam(stream.format.full_turn, stream.format.first_seam)
         self._endless_ns = _ENDLESS_REVOLUTIONS * 1e9 * stream.slowest_turn_s
         self._most_bytes = stream.most_bytes
@@ -85,9 +87,12 @@ class Assembler:
 
     def ends(self, event: Packets) -> Iterator[list[Scan]]:
         """As `add`, one or a block at a time; packets that are left when it is closed are counted as discarded."""
+        event, headings = self._doubled.drop(event)
+        if not event.data:
+            return
         kept = 0
         try:
-            splits = self._seam.splits(self._stream.format.headings(event))
+            splits = self._seam.splits(headings)
             offsets = packet_offsets(event.blocks) if splits else ()
             done = 0
             while done < len(splits):
@@ -216,7 +221,7 @@ class Assembler:
             here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
             if arrays is not None:
                 here.begin_with(arrays)
-            if partial.carried_packets and samples.certain:
+            if partial.first_packets and samples.certain:
                 revoked = partial.revoke_carried(samples.revolution_packets)
                 self.stats.lost_packets += revoked
                 lost += revoked
@@ -240,12 +245,8 @@ class Assembler:
         room: int,
     ) -> Samples:
         """Decode all packets of a revolution, with so many free elements before their samples."""
-        return self._stream.decoder.decode(
-            packets,
-            None if split.broken else following,
-            room,
-            None if split.marked or split.broken else split.seam,
-        )
+        seam = None if split.marked or split.broken else split.seam
+        return self._stream.decoder.decode(packets, None if split.broken else following, room, seam)
 
     def _scan(self, ended: EndedRevolution) -> Scan | None:
         """Date a revolution and build its scan; None when it is not whole, or parts of two have met in it."""
@@ -254,14 +255,9 @@ class Assembler:
         ordinary_ns = self._last_spanned_ns or ended.spanned_ns
         number = stats.scans + stats.missed_scans - self._told_unseen - (not ended.partial.whole)
         before = stats.all_packets - (0 if packets is None else packets.count)
-        beginning = ordinary_beginning(self._stream.format, ended, ordinary_ns, number, before)
-        if beginning is not None:
-            revolution_ns = self._reckon(beginning)
-        else:
-            judged = self._judge(ended, ordinary_ns, number, before)
-            if judged is None:
-                return None
-            revolution_ns = judged
+        revolution_ns = self._judge(ended, ordinary_ns, number, before)
+        if revolution_ns is None:
+            return None
         spanned_ns = self._last_spanned_ns = ended.spanned_ns
         samples, arrays = ended.samples, ended.arrays
         if math.isnan(revolution_ns) and not lost:
@@ -278,7 +274,7 @@ class Assembler:
         """Fill in the times, as if nothing were missing."""
         packets, count = ended.packets, ended.count
         packet_bytes = self._stream.format.shortest if packets is None else len(packets.data) / packets.count
-        ended.sample_ns = self._stream.sample_ns
+        ended.sample_ns, ended.told = self._stream.sample_ns, self._stream.sample_ns > 0
         ended.start_ns = first_sample_ns(ended, packet_bytes=packet_bytes, byte_ns=self._byte_ns)
         ended.elapsed_ns = ended.partial.last_ns - ended.start_ns
         if not ended.sample_ns:
@@ -289,7 +285,7 @@ class Assembler:
         ended.spanned_ns = count * ended.sample_ns
 
     def _judge(self, ended: EndedRevolution, ordinary_ns: float, number: int, packets_before: int) -> float | None:
-        """Count one that is not ordinary; return what it took, NaN when unknown; None where it makes no scan."""
+        """Count a revolution; return what it took, NaN when unknown; None where it makes no scan."""
         partial, packets, samples, wire = ended.partial, ended.packets, ended.samples, self._stream.format
         if samples is not None:
             ended.spanned_ns += samples_missing(ended, gap_behind=self._partial.carried is None) * ended.sample_ns

@@ -64,6 +64,7 @@ class Beginning:
             the longest packet of the format.
         borrowed: Whether its speed is that of a revolution before, since its own is not known.
         behind: Of those that are lost, how many are missing behind the place where the next one begins.
+        spanned_ns: What its samples took, and those that are known to be missing; 0 when that is not known.
     """
 
     start_ns: int
@@ -79,6 +80,12 @@ class Beginning:
     ordinary: bool = True
     borrowed: bool = False
     behind: int = 0
+    spanned_ns: float = 0.0
+
+    @property
+    def tells_time(self) -> bool:
+        """Whether its samples tell when the next one begins, if no whole revolution is missing between them."""
+        return self.spanned_ns > 0 and self.revolution_ns > 0 and not (self.broken or self.borrowed)
 
 
 class Passed(NamedTuple):
@@ -189,15 +196,6 @@ class RevolutionCount:
     def follow(self, here: Beginning) -> Passed:
         """Tell what passed since the beginning before; it is one revolution on by the angles."""
         last, self._last = self._last, here
-        usual = last is not None and last is self._sure and not self._late and here.revolution_ns
-        if usual and last is not None and not here.lost and not last.lost:
-            # Mostly nothing is missing, and the rotor keeps its speed. Then what follows would find the same.
-            elapsed, share = here.start_ns - last.start_ns, 1 + here.over - last.over
-            alike = 1 / ALIKE < here.revolution_ns / last.revolution_ns < ALIKE
-            ordinary = alike and not here.broken and elapsed > 0 and share >= LEAST_SHARE
-            if ordinary and abs(elapsed / last.revolution_ns - share) < NOISE:
-                self._sure = self._counted = here
-                return Passed(0, 0, elapsed / share)
         self._correct_packet(here)
         self._correct_speed(here, last)
         if last is None or not last.revolution_ns or self.needs_speed or self._uncounted:
@@ -206,6 +204,10 @@ class RevolutionCount:
             return Passed(unseen, lost, math.nan if unseen else self._interval(here, last))
         elapsed = here.start_ns - last.start_ns
         extra = elapsed / last.revolution_ns - (1 + here.over - last.over)
+        if last.tells_time:
+            # A rotor changes its speed; the time that a sample takes stays.
+            by_samples = (elapsed - last.spanned_ns) / last.revolution_ns
+            extra = min(extra, by_samples, key=abs)
         # More than one revolution has: an outage of almost one lies in it, and its angles fell back by little.
         most = max(MORE_THAN_ONE * last.revolution_packets, last.revolution_packets + 1)
         met = last.broken and last.packets >= most
@@ -291,6 +293,9 @@ class RevolutionCount:
             else:
                 elapsed = (here.start_ns - last.start_ns) / here.revolution_ns
                 confirmed = abs(elapsed - (1 + here.over - last.over)) < NOISE
+                if last.tells_time and not confirmed:
+                    late_ns = here.start_ns - last.start_ns - last.spanned_ns
+                    confirmed = abs(late_ns) < NOISE * last.revolution_ns
             if confirmed:
                 self._sure = here
                 return

@@ -29,6 +29,7 @@ class EndedRevolution:
         elapsed_ns: Time from then to the arrival of its last packet.
         sample_ns: Nanoseconds a sample.
         spanned_ns: Time that its samples take, and those that are known to be missing.
+        told: Whether the device says how long a sample takes. If not, it is measured: `spanned_ns` proves nothing.
     """
 
     partial: PartialRevolution
@@ -42,6 +43,7 @@ class EndedRevolution:
     elapsed_ns: int = 0
     sample_ns: float = 0.0
     spanned_ns: float = 0.0
+    told: bool = True
 
     @property
     def count(self) -> int:

@@ -175,6 +175,7 @@ def beginning_of(
         packets_before=packets_before,
         ordinary=ordinary,
         behind=0 if gap_behind else samples.lost_behind,
+        spanned_ns=ended.spanned_ns if samples.certain and ended.told else 0.0,
     )
 
 

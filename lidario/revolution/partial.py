@@ -68,7 +68,9 @@ class PartialRevolution:
         carried_ns: Arrival of that packet.
         lost_behind_carried: Packets missing right behind that packet.
         skipped_behind_carried: The samples of those.
-        carried_packets: Packets that a whole revolution has, as far as was known when that packet was decoded.
+        carried_packets: Packets that a whole revolution has, as far as was known when that packet was decoded; 0
+            where that was certain.
+        first_packets: The same; 0 where it rested on more than the first packets of a stream.
         runs: The packets since, as they were reported.
         size: Their bytes.
     """
@@ -82,6 +84,7 @@ class PartialRevolution:
     lost_behind_carried: int = 0
     skipped_behind_carried: int = 0
     carried_packets: float = 0.0
+    first_packets: float = 0.0
     runs: list[Packets] = field(default_factory=list)
     size: int = 0
 
@@ -118,6 +121,7 @@ class PartialRevolution:
         self.lost_behind_carried = samples.lost_behind
         self.skipped_behind_carried = samples.skipped_behind
         self.carried_packets = 0.0 if samples.certain else samples.revolution_packets
+        self.first_packets = samples.revolution_packets if samples.first else self.carried_packets
 
     def revoke_carried(self, revolution_packets: float) -> int:
         """Drop the carried samples if their packet was stretched over a gap; return the packets missing there.
@@ -125,9 +129,9 @@ class PartialRevolution:
         The first packet of a stream may be judged by a gap behind it. When the revolution has ended it is known how
         many packets one really has.
         """
-        if self.carried is None or not self.carried_packets:
+        if self.carried is None or not self.first_packets:
             return 0
-        missing = round(revolution_packets / self.carried_packets) - 1
+        missing = round(revolution_packets / self.first_packets) - 1
         if missing < 1:
             return 0
         self.carried = None

@@ -25,6 +25,7 @@ class AssemblerStats:
         scan_packets: Packets of revolutions delivered.
         discarded_packets: Packets of revolutions not delivered: broken ones, and the parts of one at the beginning
             and the end of each stream.
+        doubled_packets: Packets that came twice in a row: the second one was dropped.
         unfinished_packets: Packets of the revolution in the making.
         left_off: Stamp and length in nanoseconds of the last revolution before the device went away, until the
             first one after it is back. Not a counter.
@@ -36,6 +37,7 @@ class AssemblerStats:
     missed_scans: int = 0
     scan_packets: int = 0
     discarded_packets: int = 0
+    doubled_packets: int = 0
     unfinished_packets: int = 0
     left_off: tuple[int, float] | None = None
 

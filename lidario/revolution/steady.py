@@ -251,5 +251,6 @@ def _block(
         packets=ends[-1] - (ends[-2] if len(ends) > 1 else 0),
         lost=0,
         broken=False,
+        spanned_ns=revolutions[-1].spanned_ns,
     )
     return SteadyBlock(revolutions, used, following, beginning, samples)

@@ -44,6 +44,7 @@ class Counters:
             lost_packets=assembled.lost_packets,
             scan_packets=assembled.scan_packets,
             discarded_packets=assembled.discarded_packets + link.unread_packets,
+            doubled_packets=assembled.doubled_packets,
             unfinished_packets=assembled.unfinished_packets,
             records=link.records,
             record_bytes=link.record_bytes,

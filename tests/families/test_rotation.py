@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from lidario.families.rplidar.decode import DECODERS
-from lidario.families.rplidar.rotation import Rotation
 from lidario.families.rplidar.simulated import packers
+from lidario.families.wheel import Wheel
 from tests.support.cases import CASES, KINDS, Case, named
 from tests.support.kept import arrivals
 from tests.support.streams import assembled, in_one_run
@@ -28,10 +28,10 @@ def steps(first: int, step: int, count: int, missing: Sequence[int]) -> np.ndarr
 @pytest.mark.parametrize("share", [9, 30])
 def test_a_gap_seen_first_is_not_the_ordinary_step(arc: int, width: int, share: int) -> None:
     """The part of a revolution that comes first has one span, and that is a gap of one to three packets."""
-    rotation, count = Rotation(TURN), TURN // arc
-    rotation.arcs(np.array([TURN + 12 - (width + 1) * arc - arc // 4], np.int32), 12)
+    wheel, count = Wheel(TURN), TURN // arc
+    wheel.follow(np.array([TURN + 12 - (width + 1) * arc - arc // 4], np.int32), 12)
     missing = np.random.default_rng(arc).choice(np.arange(2, count - 2, 2), min(share, count // 3), replace=False)
-    found = rotation.arcs(steps(12, arc, count, missing.tolist()), 12 + arc * count)
+    found = wheel.follow(steps(12, arc, count, missing.tolist()), 12 + arc * count)
     assert found.lost == len(missing)
     assert found.arc.max() <= 1.05 * arc
     assert found.certain

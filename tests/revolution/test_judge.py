@@ -1,16 +1,67 @@
 """What the judges find of a revolution of which something is missing."""
 
+from dataclasses import replace
+from math import nan
 from typing import Any
 
+import numpy as np
 import pytest
 
+from lidario.families.base import Samples
 from lidario.families.rplidar.formats import DenseFormat
 from lidario.families.ydlidar.formats import PointCloud
+from lidario.revolution.ended import EndedRevolution
 from lidario.revolution.judge import beginning_of, is_broken, least_of
-from tests.revolution.test_ordinary import EACH, SAMPLE_NS, decoded, ended, partial
+from lidario.revolution.partial import PartialRevolution, SampleArrays
+from lidario.wire.blocks import Block
+from lidario.wire.events import Packets
 
+SAMPLE_NS = 31250.0
+EACH = 40
+NOTHING = np.empty(0, np.float32)
 END_NS = 10**12
 USUAL_NS = 80 * EACH * SAMPLE_NS
+
+
+def decoded(packets: int, revolution_packets: float, **changes: Any) -> Samples:
+    return replace(
+        Samples(
+            NOTHING,
+            NOTHING,
+            None,
+            before_seam=packets * EACH,
+            ends=range(EACH, packets * EACH + 1, EACH),
+            lost=0,
+            unbroken=packets,
+            revolution_packets=revolution_packets,
+            revolution_samples=revolution_packets * EACH,
+            reported_rpm=nan,
+        ),
+        **changes,
+    )
+
+
+def partial(packets: int, last_ns: int, **changes: Any) -> PartialRevolution:
+    run = Packets(bytes(84 * packets), (Block(84, packets),), ((packets, last_ns),))
+    carried = SampleArrays(NOTHING, NOTHING, None)
+    return replace(PartialRevolution(whole=True, behind_gap=False, carried=carried, runs=[run]), **changes)
+
+
+def ended(revolution: PartialRevolution, samples: Samples, start_ns: int) -> EndedRevolution:
+    count = samples.ends[-1]
+    arrays = SampleArrays(np.empty(count, np.float32), np.empty(count, np.float32), None)
+    return EndedRevolution(
+        revolution,
+        revolution.runs[0],
+        samples,
+        arrays,
+        samples.lost,
+        [],
+        start_ns=start_ns,
+        elapsed_ns=revolution.last_ns - start_ns,
+        sample_ns=SAMPLE_NS,
+        spanned_ns=count * SAMPLE_NS,
+    )
 
 
 @pytest.mark.parametrize(("packets", "broken"), [(2, True), (3, False), (80, False)])

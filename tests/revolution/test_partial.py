@@ -16,7 +16,7 @@ DECODED = Samples(NOTHING, NOTHING, None, 200, range(40, 201, 40), 1, 2, gaps=[(
 @pytest.mark.parametrize(("known", "found", "missing"), [(80, 80, 0), (80, 90, 0), (40, 80, 1), (20.2, 80, 3)])
 def test_a_packet_that_was_stretched_over_a_gap_is_dropped(known: float, found: float, missing: int) -> None:
     """It was taken to cover as much as `known` packets make a revolution; now it is known how many do."""
-    partial = PartialRevolution(whole=True, carried=SOME, carried_packets=known)
+    partial = PartialRevolution(whole=True, carried=SOME, first_packets=known)
     assert partial.revoke_carried(found) == missing
     assert (partial.carried is None) is bool(missing)
 

@@ -6,9 +6,10 @@ angles of a whole stretch are one product of two small matrices. What is inside 
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +39,8 @@ from lidario.families.rplidar.formats import (
     UltraDenseFormat,
     UltraFormat,
 )
-from lidario.families.rplidar.rotation import Arc, FollowsRotation, Rotation
+from lidario.families.spans import Arc
+from lidario.families.wheel import Wheel
 from lidario.wire.events import Packets
 
 __all__ = ["CapsuleDecoder", "DenseDecoder", "ExpressDecoder", "UltraDecoder", "UltraDenseDecoder", "in_turn"]
@@ -81,7 +83,7 @@ class Capsules(NamedTuple):
     missing: NDArray[np.intp] | None
 
 
-class CapsuleDecoder(FollowsRotation, ABC):
+class CapsuleDecoder(ABC):
     """What the four capsule formats have in common: samples at equal steps from the start angle.
 
     While it works, angles are counted in units of which a degree has 64 for each sample of a packet: whole
@@ -100,16 +102,26 @@ class CapsuleDecoder(FollowsRotation, ABC):
     corrected: ClassVar[bool] = False
 
     def __init__(self) -> None:
-        self._rotation = Rotation(FULL_TURN_Q6)
+        self._wheel = Wheel(FULL_TURN_Q6)
         self._units = 64.0 * self.samples
         order = np.arange(self.samples, dtype=np.float32)
         self._steps = np.stack((np.full_like(order, self.samples), order))
         """What a start angle and an arc contribute to each sample of a packet."""
 
+    def tell_time(self, sample_ns: float) -> None:
+        """As `Decoder.tell_time`."""
+        self._wheel.packet_ns = self.samples * sample_ns
+
+    def fork(self) -> Self:
+        """As `Decoder.fork`."""
+        twin = copy.copy(self)
+        twin._wheel = self._wheel.copy()  # noqa: SLF001 - its own
+        return twin
+
     def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         """As `Decoder.decode`."""
         words, after, starts, next_start = self._read(packets, following)
-        arcs = self._rotation.arcs(starts, next_start)
+        arcs = self._wheel.follow(starts, next_start, packets.arrivals)
         capsules = Capsules(words, after, arcs.missing)
         decoded = self._samples_of(capsules, starts, arcs.arc, room)
         self._remember(capsules, decoded.distance)
@@ -123,7 +135,7 @@ class CapsuleDecoder(FollowsRotation, ABC):
     ) -> SteadySamples | None:
         """As `Decoder.decode_steady`."""
         words, after, starts, next_start = self._read(packets, following)
-        arcs = None if next_start is None else self._rotation.steady(starts, next_start, ends)
+        arcs = None if next_start is None else self._wheel.steady(starts, next_start, ends)
         if arcs is None:
             return None
         capsules = Capsules(words, after, None)
@@ -135,7 +147,7 @@ class CapsuleDecoder(FollowsRotation, ABC):
             before_seam = [self._before_seam(end, start, arc, seam) for end, start, arc in lasts]
 
         def settle() -> None:
-            self._rotation.settle(arcs)
+            self._wheel.settle(arcs)
             self._remember(capsules, decoded.distance)
 
         return decoded_steady(decoded, arcs.typical, FULL_TURN_Q6, packet_ends, self.samples, before_seam, settle)
@@ -165,7 +177,7 @@ class CapsuleDecoder(FollowsRotation, ABC):
             intensity = np.concatenate((np.empty(room, np.uint8), intensity))
         return Decoded(angle, distance, intensity)
 
-    def _remember(self, capsules: Capsules, distance: Floats) -> None:
+    def _remember(self, capsules: Capsules, distance: Floats) -> None:  # noqa: B027 - most need nothing
         """Keep what the next packets need of these."""
 
     @abstractmethod

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from functools import partial
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from lidario.families.base import Samples, SteadySamples
 from lidario.families.rplidar.decoded import Decoded, Ints, Words, decoded_samples, decoded_steady
 from lidario.families.rplidar.formats import FULL_TURN_Q6, FULL_TURN_Q14
 from lidario.families.rplidar.nodes import NODE
-from lidario.families.rplidar.rotation import FollowsRotation, Rotation
+from lidario.families.rplidar.rotation import NodeSteps, ToldArcs
 from lidario.wire.events import Packets
 
 __all__ = ["HqDecoder", "NodeDecoder"]
@@ -24,20 +25,27 @@ FIRST_ANGLE: Final = 9
 """Offset of the first node's angle in a packet of 0x83."""
 
 
-class HqDecoder(FollowsRotation):
+class HqDecoder:
     """0x83: whole nodes, passed through."""
 
     samples = 96
 
     def __init__(self) -> None:
         # From the first of 96 nodes to the last there are 95 steps.
-        self._rotation = Rotation(FULL_TURN_Q14, inside=(self.samples - 1) / self.samples)
+        self._arcs = ToldArcs(FULL_TURN_Q14, (self.samples - 1) / self.samples)
+
+    def tell_time(self, sample_ns: float) -> None:
+        """As `Decoder.tell_time`; packets tell how far the rotor turned."""
+
+    def fork(self) -> Self:
+        """As `Decoder.fork`; it remembers nothing."""
+        return self
 
     def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         """As `Decoder.decode`."""
         nodes, first, inside = self._read(packets)
         after = None if following is None else self._first_angle(following)
-        arcs = self._rotation.arcs_told(first, after, inside)
+        arcs = self._arcs.arcs(first, after, inside)
         before_seam = nodes.size if seam is None else nodes.size - self._behind_seam(nodes["angle"][-1], seam)
         return decoded_samples(self._samples_of(nodes, room), arcs, FULL_TURN_Q14, self.samples, before_seam)
 
@@ -46,7 +54,7 @@ class HqDecoder(FollowsRotation):
     ) -> SteadySamples | None:
         """As `Decoder.decode_steady`."""
         nodes, first, inside = self._read(packets)
-        arcs = self._rotation.steady_told(first, self._first_angle(following), inside, ends)
+        arcs = self._arcs.steady(first, self._first_angle(following), inside, ends)
         if arcs is None:
             return None
         before_seam = packet_ends = [end * self.samples for end in ends]
@@ -100,13 +108,20 @@ class HqDecoder(FollowsRotation):
         return int(np.count_nonzero(beyond < FULL_TURN_Q14 // 2 - left))
 
 
-class NodeDecoder(FollowsRotation):
+class NodeDecoder:
     """0x81: the plain node."""
 
     def __init__(self) -> None:
-        # Nodes carry corrected angles, which scatter by most of a step: only a doubled step is a lost node.
-        # Without a check value, a few bytes may pass for nodes that are up to 30 degrees ahead.
-        self._rotation = Rotation(FULL_TURN_Q6, jitter=0.75, retreat=1 / 12)
+        self._steps = NodeSteps(FULL_TURN_Q6)
+
+    def tell_time(self, sample_ns: float) -> None:
+        """As `Decoder.tell_time`; the steps of nodes tell how far the rotor turned."""
+
+    def fork(self) -> Self:
+        """As `Decoder.fork`."""
+        twin = copy.copy(self)
+        twin._steps = self._steps.fork()  # noqa: SLF001 - its own
+        return twin
 
     def decode(
         self,
@@ -117,7 +132,7 @@ class NodeDecoder(FollowsRotation):
     ) -> Samples:
         """As `Decoder.decode`."""
         rows, angles = self._read(packets)
-        arcs = self._rotation.arcs(angles, None if following is None else self._angle(following))
+        arcs = self._steps.arcs(angles, None if following is None else self._angle(following))
         return decoded_samples(self._samples_of(rows, angles, room), arcs, FULL_TURN_Q6, 1, len(rows))
 
     def decode_steady(
@@ -130,13 +145,11 @@ class NodeDecoder(FollowsRotation):
     ) -> SteadySamples | None:
         """As `Decoder.decode_steady`."""
         rows, angles = self._read(packets)
-        arcs = self._rotation.steady(angles, self._angle(following), ends)
+        arcs = self._steps.steady(angles, self._angle(following), ends)
         if arcs is None:
             return None
         decoded = self._samples_of(rows, angles, room)
-        return decoded_steady(
-            decoded, arcs.typical, FULL_TURN_Q6, ends, 1, ends, partial(self._rotation.settle, arcs)
-        )
+        return decoded_steady(decoded, arcs.typical, FULL_TURN_Q6, ends, 1, ends, partial(self._steps.settle, arcs))
 
     @staticmethod
     def _read(packets: Packets) -> tuple[NDArray[np.void], Ints]:

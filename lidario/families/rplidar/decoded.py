@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.base import Samples, SteadySamples
-from lidario.families.rplidar.rotation import Arcs
+from lidario.families.spans import Arcs
 
 __all__ = ["Bytes", "Decoded", "Floats", "Ints", "Words", "decoded_samples", "decoded_steady"]
 
@@ -66,6 +66,7 @@ def decoded_samples(arrays: Decoded, arcs: Arcs, full_turn: int, each: int, befo
         revolution_samples=packets * each,
         certain=arcs.certain,
         gaps=gaps,
+        first=arcs.first,
     )
 
 

@@ -90,6 +90,9 @@ class PointCloudDecoder:
             gaps=[(ends[at], samples) for at, samples in skipped],
         )
 
+    def tell_time(self, sample_ns: float) -> None:
+        """As `Decoder.tell_time`; packets tell how far the rotor turned."""
+
     def fork(self) -> Self:
         """As `Decoder.fork`."""
         return copy.copy(self)

@@ -237,8 +237,11 @@ def _run(packets: list[bytes]) -> Packets:
     return in_one_run(FORMATS[0x85](), b"".join(packets))
 
 
-def _remembered(decoder: DenseDecoder) -> dict[str, Any]:
-    return {name: value for name, value in vars(decoder._rotation).items() if name != "_remembered"}
+def _remembered(decoder: DenseDecoder) -> list[float]:
+    """What a packet before a gap is decoded to: its arc is that of the packet before."""
+    alone = packers.pack_dense([0], [[1] * 40])
+    following = packers.pack_dense([23040 // 80 * 20], [[1] * 40])
+    return [float(angle) for angle in decoder.fork().decode(_run([alone]), following).angle_deg]
 
 
 def test_steady_revolutions_are_remembered_only_when_settled() -> None:

@@ -6,7 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from lidario.families.rplidar.rotation import Arcs, Rotation
+from lidario.families.rplidar.rotation import NodeSteps, ToldArcs
+from lidario.families.spans import Arcs
+from lidario.families.wheel import Wheel
 from tests.support.ramp import ramp
 
 TURN = 23040
@@ -22,13 +24,13 @@ def missing(arcs: Arcs) -> list[int]:
 
 
 def test_arcs_reach_from_packet_to_packet() -> None:
-    arcs = Rotation(TURN).arcs(headings(22000, 22500, 23010, 480), 985)
+    arcs = Wheel(TURN).follow(headings(22000, 22500, 23010, 480), 985)
     assert list(arcs.arc) == [500, 510, 510, 505]
     assert missing(arcs) == [0, 0, 0, 0]
 
 
 def test_without_a_follower_the_last_arc_is_the_usual_one() -> None:
-    arcs = Rotation(TURN).arcs(headings(0, 500, 1000, 1500), None)
+    arcs = Wheel(TURN).follow(headings(0, 500, 1000, 1500), None)
     assert list(arcs.arc) == [500, 500, 500, 500]
     assert missing(arcs) == [0, 0, 0, 0]
 
@@ -37,52 +39,47 @@ def test_without_a_follower_the_last_arc_is_the_usual_one() -> None:
 def test_a_gap_is_counted_and_not_stretched_over(gone: int) -> None:
     before = [500 * k for k in range(10)]
     after = [500 * (k + 10 + gone) for k in range(5)]
-    arcs = Rotation(TURN).arcs(headings(*before, *after), 500 * (15 + gone))
+    arcs = Wheel(TURN).follow(headings(*before, *after), 500 * (15 + gone))
     assert missing(arcs) == [0] * 9 + [gone] + [0] * 5
     np.testing.assert_allclose(arcs.arc, 500)
 
 
 def test_what_is_usual_is_remembered_from_turn_to_turn() -> None:
-    rotation = Rotation(TURN)
-    rotation.arcs(headings(*range(0, 10000, 500)), 10000)
-    arcs = rotation.arcs(headings(10000), 12000)
+    wheel = Wheel(TURN)
+    wheel.follow(headings(*range(0, 10000, 500)), 10000)
+    arcs = wheel.follow(headings(10000), 12000)
     assert (missing(arcs), list(arcs.arc)) == ([3], [500.0])
     # Alone, with nothing to go by, a jump is a step.
-    assert missing(Rotation(TURN).arcs(headings(10000), 12000)) == [0]
+    assert missing(Wheel(TURN).follow(headings(10000), 12000)) == [0]
 
 
 def test_another_speed_is_believed_when_it_lasts() -> None:
-    """As when the speed was set while the stream could not be read: at first, like a gap behind each packet."""
-    rotation = Rotation(TURN)
-    rotation.arcs(headings(*range(0, 10000, 500)), 10000)
-    assert missing(rotation.arcs(headings(10000, 11500, 13000), 14500)) == [2, 2, 2]
-    arcs = rotation.arcs(headings(14500, 16000, 17500), 19000)
-    assert (missing(arcs), arcs.typical) == ([0, 0, 0], 1500)
-    # One ordinary span among them, and they were gaps.
-    rotation = Rotation(TURN)
-    rotation.arcs(headings(*range(0, 10000, 500)), 10000)
-    for second, gone in ((1500, 2), (500, 0), (1500, 2)):
-        arcs = rotation.arcs(headings(10000, 11500), 11500 + second)
-        assert (missing(arcs), arcs.typical) == ([2, gone], 500)
+    """As when the speed was set while the stream could not be read: no span fits the arc that was known."""
+    wheel = Wheel(TURN)
+    wheel.follow(headings(*range(0, 10000, 500)), 10000)
+    arcs = wheel.follow(headings(*range(10000, 16400, 800)), 16400)
+    assert (missing(arcs), arcs.typical, arcs.certain) == ([0] * 8, 800, True)
+    arcs = wheel.follow(headings(*range(16400, 18800, 300)), 18800)
+    assert (missing(arcs), arcs.typical, arcs.certain) == ([0] * 8, 300, True)
 
 
 def test_a_gap_is_counted_by_the_speed_of_its_own_revolution() -> None:
-    rotation = Rotation(TURN)
-    rotation.arcs(headings(*range(0, 10000, 500)), 10000)
-    arcs = rotation.arcs(headings(*range(10000, 16200, 620), 16200 + 4 * 620), 16200 + 5 * 620)
+    wheel = Wheel(TURN)
+    wheel.follow(headings(*range(0, 10000, 500)), 10000)
+    arcs = wheel.follow(headings(*range(10000, 16200, 620), 16200 + 4 * 620), 16200 + 5 * 620)
     assert (missing(arcs), arcs.typical) == ([0] * 9 + [4, 0], 620)
 
 
 def test_a_small_step_back_is_no_lost_turn() -> None:
-    rotation = Rotation(TURN, jitter=0.75)
+    rotation = NodeSteps(TURN)
     arcs = rotation.arcs(headings(100, 107, 114, 110, 121, 128), 135)
     assert missing(arcs) == [0] * 6
 
 
 def test_a_rotor_that_stands_divides_by_nothing() -> None:
-    rotation = Rotation(TURN)
+    wheel = Wheel(TURN)
     for following in (None, 700):
-        arcs = rotation.arcs(headings(700, 700, 700), following)
+        arcs = wheel.follow(headings(700, 700, 700), following)
         assert missing(arcs) == [0, 0, 0]
         assert np.isfinite(arcs.arc).all()
 
@@ -103,13 +100,13 @@ def test_random_losses_are_counted_to_the_packet(arc: int, lost: list[bool], see
         there.append(not (each and fits))
     kept = np.flatnonzero([*there, True, True])
     gaps = np.diff(kept) - 1
-    rotation, found = Rotation(TURN), []
+    wheel, found = Wheel(TURN), []
     parts = np.array_split(np.arange(len(kept) - 1), turns)
     for part in parts:
         if len(part):
             those = (angles[kept[part]] % TURN).astype(np.int32)
             following = int(angles[kept[part[-1] + 1]] % TURN)
-            result = rotation.arcs(those, following)
+            result = wheel.follow(those, following)
             found += missing(result)
             assert np.abs(np.asarray(result.arc) - arc).max() <= 0.03 * arc + 1
     assert found == gaps.tolist()
@@ -127,7 +124,7 @@ def test_nothing_is_missing_while_the_rotor_changes_its_speed(
     angles = ramp(first_hz, last_hz, packet_s, before_s=0.5, until_s=2.5)
     # Packets that tell their arc, those of 0x83, tell it from the first of 96 samples to the last.
     inside = 95 / 96 if told else 1.0
-    rotation = Rotation(TURN, inside=inside)
+    rotation, wheel = ToldArcs(TURN, inside), Wheel(TURN)
     turns = angles // TURN
     for number in range(int(turns[-1])):
         (of_one,) = np.nonzero(turns == number)
@@ -135,8 +132,8 @@ def test_nothing_is_missing_while_the_rotor_changes_its_speed(
         here = (angles[of_one] % TURN).astype(np.int32)
         if told:
             spans = angles[of_one + 1] - angles[of_one]
-            arcs = rotation.arcs_told(here, following, np.rint(spans * inside).astype(np.uint16))
+            arcs = rotation.arcs(here, following, np.rint(spans * inside).astype(np.uint16))
         else:
-            arcs = rotation.arcs(here, following)
+            arcs = wheel.follow(here, following)
         assert arcs.lost == 0, f"revolution {number}"
         assert TURN / arcs.typical == pytest.approx(len(of_one), rel=0.05, abs=1)

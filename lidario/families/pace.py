@@ -1,0 +1,118 @@
+"""How many packets the device has measured, by the time between those that came.
+
+A device measures at an even pace, so time tells how many packets it has measured, whether they came or not. Bytes
+come late, but never early, and how late they are may change at any moment. So what time says is asked for twice: in
+the first half and in the second half of what is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+from lidario.wire.events import Arrival
+
+__all__ = ["Pace"]
+
+_REMEMBERED: Final = 64
+_FEWEST: Final = 8.0
+"""Packets that the device must have measured in each half, for time to say anything: it is off by one or two."""
+
+
+class _Point(NamedTuple):
+    """What was known when a read came.
+
+    Attributes:
+        at_ns: When.
+        turned: How far the rotor had turned at the beginning of its last packet, in heading units.
+        came: Packets up to that one.
+    """
+
+    at_ns: int
+    turned: int
+    came: int
+
+
+class Pace:
+    """When packets of one stream came, and where the rotor was.
+
+    Args:
+        farthest: How far apart packets may be for both to be believed: nothing tells where one that leaps farther
+            comes from, and whole turns may hide in it. In heading units.
+    """
+
+    def __init__(self, farthest: int) -> None:
+        self._farthest = farthest
+        self._points: list[_Point] = []
+        self._turned = self._came = 0
+
+    def copy(self) -> Pace:
+        """Another one, which goes on from here."""
+        twin = Pace(self._farthest)
+        twin._points, twin._turned, twin._came = [*self._points], self._turned, self._came
+        return twin
+
+    def clear(self) -> None:
+        """What comes does not follow what came."""
+        self._points = []
+
+    def add(self, spans: Sequence[int], arrivals: Sequence[Arrival]) -> None:
+        """Take the next packets: how far ahead of each the next one is, and when they came."""
+        far = max(spans, default=0) > self._farthest
+        begin, turned = 0, self._turned
+        for count, at_ns in arrivals:
+            # Only the last packet of a read came just then.
+            if self._points and self._points[-1].at_ns == at_ns:
+                self._points.pop()
+            passed = spans[begin : count - 1]
+            begin, turned = count - 1, turned + sum(passed)
+            if far and max(passed, default=0) > self._farthest:
+                self.clear()
+            self._points.append(_Point(at_ns, turned, self._came + count))
+        if far and max(spans[begin:], default=0) > self._farthest:
+            self.clear()
+        self._turned = turned + sum(spans[begin:])
+        self._came += len(spans)
+        del self._points[:-_REMEMBERED]
+
+    def is_same_read(self, arrivals: Sequence[Arrival], count: int, turned: int, last: int) -> bool:
+        """Whether so many packets came with the ones before, as in a file: time tells nothing. Then they are taken.
+
+        Args:
+            arrivals: When they came.
+            count: How many they are.
+            turned: How far the rotor turned, up to the packet behind them.
+            last: How far during the last one.
+        """
+        if len(arrivals) != 1 or not self._points or arrivals[0][1] != self._points[-1].at_ns:
+            return False
+        self._turned += turned
+        self._came += count
+        self._points[-1] = _Point(arrivals[0][1], self._turned - last, self._came)
+        return True
+
+    def measured(self, packet_ns: float, arc: float = 0.0) -> tuple[float, float] | None:
+        """How many packets the device has measured for each arc, in each half of the time.
+
+        Args:
+            packet_ns: What a packet takes; 0 where that is not known.
+            arc: How long an arc is; 0: for each packet that came.
+
+        Returns:
+            None where too little time has passed to tell.
+        """
+        points = self._points
+        if not packet_ns or len(points) < 3:
+            return None
+        begin, end = points[0], points[-1]
+        if end.at_ns - begin.at_ns < 2 * _FEWEST * packet_ns:
+            return None
+        middle = min(points, key=lambda point: abs(2 * point.at_ns - begin.at_ns - end.at_ns))
+        found: list[float] = []
+        for before, after in ((begin, middle), (middle, end)):
+            measured = (after.at_ns - before.at_ns) / packet_ns
+            arcs = (after.turned - before.turned) / arc if arc else after.came - before.came
+            if measured < _FEWEST or arcs <= 0:
+                return None
+            found.append(measured / arcs)
+        return found[0], found[1]

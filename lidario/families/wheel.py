@@ -1,0 +1,311 @@
+"""A clock and a wheel: how far the rotor turned during each packet, and how many packets are missing.
+
+A lidar measures at an even pace: each packet takes the same time. Its rotor turns at a speed that changes slowly. A
+packet states the angle at which it begins, and the next packet begins where the rotor then stands. So from packet
+to packet the angle advances by one *arc*, and where packets are missing, by two arcs or more.
+
+What the model believes, and why:
+
+1. **An arc is like the one before it.** Packets are so short that a rotor, whatever it does, changes its speed by a
+   few percent from one to the next. So a *span* from packet to packet that is much as the last arc is an arc. A
+   rotor may go from standstill to full speed, and nothing seems to be missing.
+2. **A longer span is a gap.** It holds a whole number of arcs. The packet before it is not stretched over it: its
+   arc lies on the line between the arc before the gap and the mean arc in it.
+3. **A shorter span is another speed**, if the next span is like it. So is a span that fits no whole number of arcs.
+   One that stands alone hides a whole turn: of that, the angles tell nothing.
+4. **The clock has the last word.** Spans that agree with each other are one arc each, or a whole number of them:
+   where each second packet is lost, two. The angle alone cannot tell which. Time can: it is known when packets
+   came, and how long each takes to measure, and so how many the device has measured (`Pace`). Bytes come late, but
+   never early. So time is believed only where it says the same twice, in the first and in the second half of what
+   is looked at. It only chooses among whole numbers; how long an arc is, the angles tell, and they are exact.
+
+Until a speed is sure by these rules, no arc is certain. What is known once stays, until spans or time speak against
+it; nothing is learned anew behind a gap.
+
+Without times, as in a file of bytes, spans that agree are taken for one arc each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.families.pace import Pace
+from lidario.families.spans import LIKENESS, RETREAT_TURNS, Arcs, SteadyArcs, spans_between
+from lidario.wire.events import Arrival
+
+__all__ = ["Wheel"]
+
+AGREEING: Final = 6
+"""Spans that agree, without the help of time, before an arc is certain: no revolution has fewer packets."""
+FEW_AGREEING: Final = 3
+"""The same, where time says how many arcs they are."""
+TRUSTED_GAP: Final = 8
+"""Missing packets up to which the arc over the gap says more than the last arc that was seen."""
+REMEMBERED: Final = 64
+"""Spans that are kept while the speed is not sure."""
+_OFF: Final = 0.25
+"""Part by which the number of arcs that time tells may be off a whole number."""
+_HALFWAY: Final = 1.5
+_FITTING: Final = 0.75
+"""Share of the spans that must be a whole number of arcs: where whole turns hide in them, fewer are, by chance."""
+_STRANGE: Final = 4
+"""Spans in a row, all far from the last arc, after which it is looked for anew."""
+
+
+class Wheel:
+    """Follows the rotor through one stream of packets that only state where they begin.
+
+    Args:
+        full_turn: 360 degrees in the unit of the headings.
+
+    Attributes:
+        packet_ns: Nanoseconds that a packet takes to measure; 0 where that is not known: then time tells nothing.
+    """
+
+    def __init__(self, full_turn: int) -> None:
+        self.packet_ns: float = 0.0
+        self._full_turn = full_turn
+        self._retreat = int(full_turn * RETREAT_TURNS)
+        self._arc = 0.0
+        self._certain = self._confirmed = False
+        self._strange = 0
+        # Since the speed was last confirmed.
+        self._spans: list[int] = []
+        self._pace = Pace(full_turn // 2)
+
+    def copy(self) -> Wheel:
+        """Another one, which goes on from here without changing what this one remembers."""
+        twin = Wheel(self._full_turn)
+        vars(twin).update(vars(self), _pace=self._pace.copy())
+        return twin
+
+    def follow(self, headings: NDArray[np.int32], following: int | None, arrivals: Sequence[Arrival] = ()) -> Arcs:
+        """The arc of each packet and the gaps behind them.
+
+        Args:
+            headings: Where packets that follow each other begin.
+            following: Where the next packet begins, if that is known.
+            arrivals: When they came, as in `Packets`.
+        """
+        spans, shortest, longest, total = spans_between(headings, following, self._full_turn, self._retreat)
+        first = not self._arc
+        if following is not None and self._is_steady(spans, shortest, longest):
+            if not self._confirmed and not self._pace.is_same_read(arrivals, len(spans), total, int(spans[-1])):
+                self._remember(spans.tolist(), arrivals)
+                # The spans are alike; are they one arc each?
+                if not self._is_confirmed():
+                    return self._among_gaps(spans, followed=True)
+            self._arc, self._certain, self._strange = float(spans[-1]), True, 0
+            return Arcs(spans, None, total / len(spans), certain=True, first=first and not self._confirmed)
+        plain = spans.tolist()
+        self._remember(plain if following is not None else plain[:-1], arrivals)
+        return self._among_gaps(spans, followed=following is not None)
+
+    def steady(self, headings: NDArray[np.int32], following: int, ends: Sequence[int]) -> SteadyArcs | None:
+        """The arcs of several revolutions, where `follow` would find nothing missing in any; else None.
+
+        Nothing is remembered before `settle`.
+
+        Args:
+            headings: Those of all packets.
+            following: Where the packet behind them begins.
+            ends: Packets up to the end of each revolution.
+        """
+        if not self._certain:
+            return None
+        spans, _, _, _ = spans_between(headings, following, self._full_turn, self._retreat)
+        begins = [0, *ends[:-1]]
+        shortest = np.minimum.reduceat(spans, begins).tolist()
+        longest = np.maximum.reduceat(spans, begins).tolist()
+        totals = np.add.reduceat(spans, begins, dtype=np.int64).tolist()
+        before = self._arc
+        for short, long, end in zip(shortest, longest, ends, strict=True):
+            if not (before < _HALFWAY * short and long <= _HALFWAY * before):
+                return None
+            before = float(spans[end - 1])
+        typical = [total / (end - begin) for total, begin, end in zip(totals, begins, ends, strict=True)]
+        return SteadyArcs(spans, typical, before)
+
+    def settle(self, arcs: SteadyArcs) -> None:
+        """Remember revolutions that `steady` has told, as `follow` would have."""
+        self._arc, self._strange = arcs.last, 0
+        self._forget()
+
+    def _is_steady(self, spans: NDArray[np.int32], shortest: int, longest: int) -> bool:
+        """Whether each span is one arc: near the last arc, or near the span before."""
+        if self._certain and self._arc < _HALFWAY * shortest and longest <= _HALFWAY * self._arc:
+            return True
+        if shortest <= 0 or not (self._certain or len(spans) >= AGREEING):
+            return False
+        earlier = np.empty_like(spans)
+        earlier[0], earlier[1:] = round(self._arc) if self._certain else spans[0], spans[:-1]
+        changes = np.abs(spans - earlier)
+        return bool((changes <= LIKENESS * earlier).all() and (changes <= LIKENESS * spans).all())
+
+    # ------------------------------------------------------------------------------------------------- gaps
+
+    def _among_gaps(self, spans: NDArray[np.int32], *, followed: bool) -> Arcs:
+        """As `follow`, where spans may hold more than one packet, or less."""
+        plain: list[int] = spans.tolist()
+        told = plain if followed else plain[:-1]
+        is_strange = self._certain and self._is_strange(told)
+        if is_strange or not (self._certain and self._confirmed):
+            self._learn(anew=is_strange or not self._certain)
+        if self._arc <= 0:
+            return Arcs(np.maximum(spans, 0.0), None, 0.0, certain=False)
+        begin = self._arc
+        arc, missing = self._walk(plain, followed=followed)
+        if self._certain and self._is_too_much(told, missing):
+            self._arc, self._confirmed = begin, False
+            self._learn(anew=True)
+            arc, missing = self._walk(plain, followed=followed)
+        passed = sum(1 + more for each, more in zip(arc, missing, strict=True) if each > 0)
+        typical = sum(each * (1 + more) for each, more in zip(arc, missing, strict=True)) / max(1, passed)
+        behind = np.array(missing)
+        return Arcs(np.array(arc), behind if behind.any() else None, typical, self._certain)
+
+    def _walk(self, spans: Sequence[int], *, followed: bool) -> tuple[list[float], list[int]]:
+        """The arc of each packet, and how many are missing behind it, from the last arc on."""
+        arcs, missing = list[float](), list[int]()
+        last, fell, end = self._arc, False, len(spans) - 1
+        for at, span in enumerate(spans):
+            if at == end and not followed:
+                arcs.append(last)
+                missing.append(0)
+                break
+            likely = spans[at + 1] if at < end else 0
+            if span < 0 or fell:
+                # A leap beside a fall is one heading that is out of place.
+                if span < 0 and missing:
+                    arcs[-1], missing[-1] = last, 0
+                arcs.append(last)
+                missing.append(0)
+                fell = span < 0
+                continue
+            times = span / last
+            whole = max(1, round(times))
+            anew = abs(likely - span) <= LIKENESS * span / 2
+            if whole > 1 and anew and abs(times - whole) > _OFF:
+                whole = 1
+            if whole == 1:
+                if span and (times > 1 - _OFF or anew):
+                    last = float(span)
+                # One that is shorter, and alone, hides a whole turn; or the rotor stands.
+                arcs.append(last if span else 0.0)
+                missing.append(0)
+                continue
+            mean = span / whole
+            # The arc before a gap lies on the line from the one before it to the middle of the gap.
+            lonely = at > 0 and missing[at - 1] > 0
+            missing.append(whole - 1)
+            if whole > TRUSTED_GAP + 1 or abs(times - whole) > _OFF:
+                # A whole turn may hide in it.
+                arcs.append(last)
+                continue
+            arcs.append(mean if lonely else last + (mean - last) / (1 + (whole - 1) / 2))
+            last = mean
+        self._arc = last
+        return arcs, missing
+
+    def _is_strange(self, spans: Sequence[int]) -> bool:
+        """Whether spans fit no whole number of arcs for some time: the speed may be another one."""
+        fitting, known = self._fitting(spans, self._arc)
+        self._strange = 0 if 2 * fitting > known or not known else self._strange + known
+        return self._strange >= _STRANGE
+
+    def _fitting(self, spans: Sequence[int], arc: float) -> tuple[int, int]:
+        """How many spans are a whole number of arcs, and how many are so short that this can be told."""
+        known = [span / arc for span in spans if 0 < span <= (TRUSTED_GAP + 1.5) * arc]
+        return sum(abs(each - max(1, round(each))) <= LIKENESS for each in known), len(known)
+
+    # ------------------------------------------------------------------------------------------------- speed
+
+    def _remember(self, spans: Sequence[int], arrivals: Sequence[Arrival]) -> None:
+        """Keep spans, and where the rotor was when packets came, while the speed is not sure."""
+        if self._certain and self._confirmed and not self._strange:
+            self._forget()
+        self._pace.add(spans, arrivals)
+        self._spans = [*self._spans, *spans][-REMEMBERED:]
+
+    def _forget(self) -> None:
+        self._spans = []
+        self._pace.clear()
+
+    def _is_confirmed(self) -> bool:
+        """Whether time does not say that spans are of several packets each. It may not say anything yet."""
+        by_time = self._pace.measured(self.packet_ns)
+        if by_time is None:
+            return True
+        if min(by_time) < _HALFWAY:
+            self._confirmed = max(by_time) < _HALFWAY
+            if self._confirmed:
+                self._forget()
+            return True
+        return False
+
+    def _is_too_much(self, spans: Sequence[int], missing: Sequence[int]) -> bool:
+        """Whether the device cannot have measured so many packets in that time, by both halves of it."""
+        turned, passed = sum(spans), len(spans) + sum(missing)
+        if turned <= 0 or passed <= len(spans):
+            return False
+        by_time = self._pace.measured(self.packet_ns, turned / passed)
+        return by_time is not None and max(by_time) < 1 - _OFF
+
+    def _learn(self, *, anew: bool) -> None:
+        """Find the arc from what is remembered: the largest group of spans that agree, and what time says of it.
+
+        Args:
+            anew: Whether nothing is known, or what is known is wrong. If not, only time can speak against it.
+        """
+        spans = sorted([span for span in self._spans if span > 0])
+        if not spans:
+            return
+        arc, agreeing = _largest_group(spans)
+        by_time = self._pace.measured(self.packet_ns, arc)
+        if by_time is not None:
+            whole = 1 if self._are_several(spans, arc) else max(1, round(min(by_time)))
+            agrees = whole == 1 or max(abs(each / whole - 1) for each in by_time) <= _OFF
+            fitting, known = self._fitting(spans, arc / whole)
+            if agrees and agreeing >= FEW_AGREEING and fitting >= _FITTING * known and 2 * known > len(spans):
+                if anew or whole > 1:
+                    self._take(arc / whole, sure=True)
+                self._confirmed = max(by_time) < _HALFWAY or whole > 1
+            elif not self._confirmed:
+                self._certain = False
+            return
+        if not anew:
+            return
+        # Time does not tell. Gaps only ever lengthen a span, so the short ones tell the truth.
+        short = spans[len(spans) // 4]
+        for parts in (4, 3, 2):
+            if sum(abs(span - short / parts) <= LIKENESS * short / parts for span in spans) >= _STRANGE:
+                short = round(short / parts)
+                break
+        ordinary = [span for span in spans if abs(span - short) <= short / 2]
+        middle = ordinary[len(ordinary) // 2] if ordinary else short
+        agreeing = sum(abs(span - middle) <= LIKENESS * middle for span in ordinary)
+        self._take(float(middle), sure=agreeing >= AGREEING and 2 * agreeing > len(ordinary))
+
+    def _are_several(self, spans: Sequence[int], arc: float) -> bool:
+        """Whether spans are of one, two and more such arcs. Were they of half an arc, others would come too."""
+        fitting, known = self._fitting(spans, arc)
+        longer = sum(span > _HALFWAY * arc for span in spans)
+        return fitting >= _FITTING * known and longer >= _STRANGE and 4 * longer > len(spans)
+
+    def _take(self, arc: float, *, sure: bool) -> None:
+        self._arc, self._certain, self._strange = arc, sure, 0
+
+
+def _largest_group(spans: Sequence[int]) -> tuple[float, int]:
+    """The mean of the most spans that agree, of a sorted list, and how many they are; of equal ones the shorter."""
+    best = begin = place = 0
+    for end in range(len(spans)):
+        while spans[end] > (1 + LIKENESS / 2) * spans[begin]:
+            begin += 1
+        if end + 1 - begin > best:
+            best, place = end + 1 - begin, begin
+    return sum(spans[place : place + best]) / best, best

@@ -1,0 +1,111 @@
+"""Packets that a line delivers twice: the second one is dropped.
+
+A packet states where it begins, and the rotor has turned when the next one begins. So a packet with the heading and
+the check value of the one before it, and all its other bytes, is that packet once more, unless so much time lies
+between them that the rotor may have turned once. If it stayed, the angle would seem to go back, and a start packet
+would begin a second revolution. Only the second one is dropped: where a third one is alike, the rotor stands still.
+
+A packet of one sample without a check value (`StreamFormat.samples` is 1, and all have one size) is never dropped:
+of a slow rotor, two samples may be alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from operator import eq
+from typing import Final
+
+import numpy as np
+
+from lidario.revolution.partial import part_of
+from lidario.revolution.stats import AssemblerStats
+from lidario.wire.blocks import Block, join_blocks, packet_offsets
+from lidario.wire.events import Arrival, Packets
+from lidario.wire.formats import Headings, StreamFormat
+
+__all__ = ["DoubledPackets", "without"]
+
+FASTEST_TURN_NS: Final = 25_000_000
+"""No rotor takes less: two packets that are alike and farther apart are of two revolutions."""
+
+
+class DoubledPackets:
+    """Finds packets of one stream that came twice.
+
+    Args:
+        wire: The format.
+        sample_ns: Nanoseconds a sample; 0 where the device does not say.
+        stats: Where they are counted.
+    """
+
+    def __init__(self, wire: StreamFormat, sample_ns: float, stats: AssemblerStats) -> None:
+        self._wire, self._sample_ns, self._stats = wire, sample_ns, stats
+        self._can_tell = wire.shortest != wire.longest or wire.samples > 1
+        self._last_heading = -1
+        self._last_packet = b""
+        self._last_ns = 0
+        self._alike = 1
+
+    def drop(self, packets: Packets) -> tuple[Packets, Headings]:
+        """The next packets without those that came twice, perhaps none, and their headings."""
+        headings = self._wire.headings(packets)
+        found = self._find(packets, headings) if self._can_tell else ()
+        if not found:
+            return packets, headings
+        self._stats.doubled_packets += len(found)
+        left = without(packets, found)
+        return left, self._wire.headings(left) if left.data else ()
+
+    def _find(self, packets: Packets, headings: Headings) -> list[int]:
+        """Which of the next packets are the packet before once more; mostly none."""
+        before, self._last_heading = self._last_heading, int(headings[-1])
+        if isinstance(headings, np.ndarray):
+            same = (np.flatnonzero(headings[1:] == headings[:-1]) + 1).tolist()
+        elif any(map(eq, headings, headings[1:])):
+            same = [at for at in range(1, len(headings)) if headings[at] == headings[at - 1]]
+        else:
+            same = []
+        if int(headings[0]) == before and not packets.skipped:
+            same = [0, *same]
+        found = self._among(packets, same) if same else []
+        if not same or same[-1] != packets.count - 1:
+            self._alike = 1
+        self._last_packet = packets.data[len(packets.data) - packets.blocks[-1].size :]
+        self._last_ns = packets.received_ns
+        return found
+
+    def _among(self, packets: Packets, same: Sequence[int]) -> list[int]:
+        """Which of those with the heading of the packet before are that packet once more."""
+        data, offsets = packets.data, packet_offsets(packets.blocks)
+        found, previous = list[int](), -1
+        for at in same:
+            if at - 1 != previous:
+                self._alike = 1
+            previous = at
+            before = data[offsets[at - 1] : offsets[at]] if at else self._last_packet
+            self._alike = self._alike + 1 if data[offsets[at] : offsets[at + 1]] == before else 1
+            if self._alike == 2 and self._apart_ns(packets, at, offsets) < FASTEST_TURN_NS:
+                found.append(at)
+        return found
+
+    def _apart_ns(self, packets: Packets, number: int, offsets: Sequence[int]) -> int:
+        """How long behind the one before a packet came."""
+        came_ns = part_of(packets, number, number + 1, offsets, self._wire, self._sample_ns).received_ns
+        if not number:
+            return came_ns - self._last_ns
+        return came_ns - part_of(packets, number - 1, number, offsets, self._wire, self._sample_ns).received_ns
+
+
+def without(packets: Packets, dropped: Sequence[int]) -> Packets:
+    """The same without some packets, of which the numbers ascend."""
+    offsets, gone = packet_offsets(packets.blocks), set(dropped)
+    kept = [at for at in range(packets.count) if at not in gone]
+    blocks: list[Block] = []
+    join_blocks(blocks, [Block(offsets[at + 1] - offsets[at], 1) for at in kept])
+    arrivals: list[Arrival] = []
+    for count, at_ns in packets.arrivals:
+        left = count - sum(1 for at in dropped if at < count)
+        if left and (not arrivals or left > arrivals[-1][0]):
+            arrivals.append((left, at_ns))
+    data = b"".join([packets.data[offsets[at] : offsets[at + 1]] for at in kept])
+    return Packets(data, tuple(blocks), tuple(arrivals), packets.skipped)

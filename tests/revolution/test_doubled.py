@@ -1,0 +1,93 @@
+"""A packet that comes twice is dropped and counted, and costs nothing else."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.revolution.doubled import without
+from lidario.scan import Scan
+from lidario.wire.blocks import Block
+from lidario.wire.events import Packets
+from tests.support.cases import CASES, Case, named
+from tests.support.streams import in_one_run, stream_of
+
+WITH_A_CHECK = [case for case in CASES if case.response_type != 0x81 or not case.name.startswith("rplidar")]
+NODES = next(case for case in CASES if case.name == "rplidar_32k_81")
+
+
+def scans_of(case: Case, packets: list[bytes], ends_ns: list[int], run: int) -> tuple[list[Scan], AssemblerStats]:
+    """The scans of packets of which so many at a time are handed over."""
+    wire, assembler, scans = case.make_format(), Assembler(stream_of(case)), list[Scan]()
+    for at in range(0, len(packets), run):
+        part = packets[at : at + run]
+        scans += assembler.add(in_one_run(wire, b"".join(part), ends_ns[at + len(part) - 1]))
+    return scans, assembler.stats
+
+
+def pace(case: Case) -> list[int]:
+    """When each packet of a golden stream has come."""
+    return [round(each * case.byte_ns) for each in np.cumsum([len(packet) for packet in case.packets])]
+
+
+@pytest.mark.parametrize("case", WITH_A_CHECK, ids=named)
+@given(data=st.data())
+def test_it_costs_nothing(case: Case, data: st.DataObject) -> None:
+    ends_ns = pace(case)
+    run = data.draw(st.sampled_from([1, 3, 17, len(case.packets)]), "packets at a time")
+    every = data.draw(st.integers(1, 40), "one in so many comes twice")
+    first = data.draw(st.integers(0, every - 1), "the first of them")
+    packets, times, twice = list[bytes](), list[int](), 0
+    for number, (packet, end_ns) in enumerate(zip(case.packets, ends_ns, strict=True)):
+        copies = 2 if number % every == first else 1
+        twice += copies - 1
+        packets += [packet] * copies
+        times += [end_ns] * copies
+    plain, before = scans_of(case, list(case.packets), ends_ns, 1)
+    found, stats = scans_of(case, packets, times, 1)
+    assert stats == replace(before, doubled_packets=twice)
+    assert [scan.stamp_ns for scan in found] == [scan.stamp_ns for scan in plain]
+    # However many came together, which of them have a later stamp.
+    together, stats = scans_of(case, packets, times, run)
+    assert (stats.doubled_packets, stats.scans, stats.lost_packets) == (twice, before.scans, before.lost_packets)
+    for scan, other in zip(together, plain, strict=True):
+        np.testing.assert_array_equal(scan.device_angles, other.device_angles)
+        np.testing.assert_array_equal(scan.device_distances, other.device_distances)
+        assert scan.seq == other.seq
+
+
+@pytest.mark.parametrize("case", WITH_A_CHECK, ids=named)
+@pytest.mark.parametrize("run", [1, 2, 5])
+def test_of_many_that_are_alike_only_the_second_one_is_dropped(case: Case, run: int) -> None:
+    """Then the rotor stands still, and nothing is missing."""
+    packets = [case.packets[0], *[case.packets[1]] * 6, case.packets[2]]
+    wire, assembler = case.make_format(), Assembler(stream_of(case))
+    for at in range(0, len(packets), run):
+        assembler.add(in_one_run(wire, b"".join(packets[at : at + run])))
+    assembler.end()
+    assert (assembler.stats.doubled_packets, assembler.stats.discarded_packets) == (1, 7)
+
+
+def test_two_alike_that_may_both_be_true_stay() -> None:
+    """A node is one sample: where the rotor is slow, the next one may be the same."""
+    assembler = Assembler(stream_of(NODES))
+    assembler.add(in_one_run(NODES.make_format(), NODES.packets[0] * 2))
+    assert (assembler.stats.doubled_packets, assembler.stats.unfinished_packets) == (0, 2)
+
+
+def test_the_times_of_the_others_stay() -> None:
+    found = Packets(b"aabbccccdd", (Block(2, 2), Block(4, 1), Block(2, 1)), ((1, 10), (2, 20), (3, 30), (4, 40)), 7)
+    left = without(found, [1, 2])
+    assert left == Packets(b"aadd", (Block(2, 2),), ((1, 10), (2, 40)), 7)
+
+
+@pytest.mark.parametrize("case", WITH_A_CHECK, ids=named)
+def test_one_that_comes_again_a_revolution_later_is_another_one(case: Case) -> None:
+    wire, assembler = case.make_format(), Assembler(stream_of(case))
+    assembler.add(in_one_run(wire, case.packets[0]))
+    assembler.add(in_one_run(wire, case.packets[0], 30_000_000))
+    assembler.add(replace(in_one_run(wire, case.packets[0], 30_000_000), skipped=100))
+    assert assembler.stats.doubled_packets == 0
