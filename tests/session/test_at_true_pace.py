@@ -129,11 +129,7 @@ def end_at_random(server: PtyServer, family: str, seed: int) -> None:
     until(lambda: is_left_still(server), lambda: (told, requests(server)[-5:]))
     # What came too soon for it, the host may have sent in time: a busy machine lets the device see a STOP late, or
     # a question together with the stop requests that were written a tenth of a second after it.
-    lost = [
-        each
-        for each in requests(server)
-        if not each.obeyed and not each.why.startswith(NO_MISTAKE)
-    ]
+    lost = [each for each in requests(server) if not each.obeyed and not each.why.startswith(NO_MISTAKE)]
     assert not lost, (told, lost)
     until_it_listens(server)
 
