@@ -36,7 +36,7 @@ def test_one_byte_in_a_thousand(case: Case) -> None:
         assert share >= 0.91  # the vendor's SDK: 0.83 to 0.85
     for seed, result in zip(SEEDS, results, strict=True):
         # Every point is the clean one; every packet that did not make it is counted, and no turn given up.
-        assert result.moved.max() <= 2, f"seed {seed}"
+        assert result.moved.max() <= 3, f"seed {seed}"  # 0.05 degrees, before a gap
         assert result.wrong == 0, f"seed {seed}"
         assert result.broken == 0
         if case.truth.family != "ydlidar":

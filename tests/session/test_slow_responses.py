@@ -92,7 +92,7 @@ async def both(rig: Rig, delay_s: float, a: Work, b: Other, moment_s: float) -> 
     assert not rig.device.motor_on
 
 
-@pytest.mark.exhaustive("phases", sample=[2], full=[12])
+@pytest.mark.exhaustive("phases", sample=[1], full=[4])
 @pytest.mark.exhaustive("delay_s", sample=[0.13, 0.2, SLOWEST_S], full=DELAYS_S)
 @pytest.mark.parametrize("b", B, ids=lambda work: work.__name__)
 @both_families
