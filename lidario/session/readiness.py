@@ -81,7 +81,7 @@ class Readiness:
         return max(self._listens_at, min(self._due, patient_until))
 
     def next_question_at(self) -> float:
-        """When the next question may be written; what is overdue is given up. In the past for now."""
+        """When the next question may be written, 0 for now. Gives up a response that is overdue."""
         now = self._loop.time()
         if self._link.is_awaiting and self._due - now <= CLOCK_S:
             self.give_up()

@@ -69,7 +69,7 @@ class Writer(Protocol):
 
 
 class Hearing(Protocol):
-    """What a `Stopper` needs to know of the device; all times are seconds of the loop's clock."""
+    """Tells a `Stopper` when the device listens; all times are seconds of the loop's clock."""
 
     @property
     def owes_until(self) -> float:
@@ -208,6 +208,7 @@ class Stopper:
         if self._hanging_up:
             return
         self._hanging_up, self._patient = True, patient
+        self._doubtful = self._doubtful and patient
         if self.still or not self._writer.is_open:
             self._settle(still=self.still)
         else:

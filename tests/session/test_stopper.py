@@ -122,6 +122,21 @@ async def test_a_device_that_owes_a_response_is_told_again_when_it_has_come(come
 
 
 @driven
+async def test_a_line_that_is_left_is_not_waited_for() -> None:
+    """Also where the stop requests were written before, and a response is owed."""
+    loop = asyncio.get_running_loop()
+    paper = Paper(0.0)
+    paper.owes_until = loop.time() + 1.5
+    stopper = Stopper(paper, paper, FAMILIES[0].device(), 0.02)
+    stopper.stop()
+    await asyncio.sleep(0.1)
+    stopper.hang_up(patient=False)
+    await stopper.surely_settled()
+    assert not paper.is_open
+    assert loop.time() < 1000.2
+
+
+@driven
 async def test_a_device_that_goes_on_sending_is_told_three_times(caplog: pytest.LogCaptureFixture) -> None:
     paper = Paper(0.0)
     stopper = Stopper(paper, paper, FAMILIES[0].device(), 0.02)

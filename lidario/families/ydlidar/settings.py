@@ -66,8 +66,8 @@ def step_to(wanted: int) -> Script[float]:
 def toggle_to(wanted: bool, tell: Callable[[bool | None], None]) -> Script[None]:
     """Toggle power-down protection until it is as `wanted`.
 
-    `tell` is called with each state that the device says, and with None where it is about to be told to change it:
-    whoever is cancelled then does not know which state it has.
+    `tell` is called with each state that the device confirms, and with None before each toggle is sent: until the
+    response comes, the state is not known. A script that is cancelled there leaves it unknown.
 
     Raises:
         RemoteProtocolError: It does not get there.
