@@ -1,15 +1,30 @@
-"""What the headings of packets tell: how far ahead of each the next one is, and what follows from that."""
+"""What the heads of packets tell: where the rotor stood, and how far ahead the next packet is."""
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple, TypeAlias
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple, Protocol, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LIKENESS", "RETREAT_TURNS", "Arc", "Arcs", "SteadyArcs", "extent", "spans_between"]
+from lidario.wire.events import Arrival
 
-Arc: TypeAlias = NDArray[np.int32] | NDArray[np.uint16] | NDArray[np.float64]
+__all__ = [
+    "LIKENESS",
+    "RETREAT_TURNS",
+    "Arc",
+    "Arcs",
+    "Heads",
+    "Ints",
+    "SteadyArcs",
+    "Turning",
+    "by_revolution",
+    "spans_between",
+]
+
+Ints: TypeAlias = NDArray[np.int32]
+Arc: TypeAlias = NDArray[np.int32] | NDArray[np.float64]
 
 RETREAT_TURNS: Final = 1 / 36
 """How far packets under a check value fall back at most. Any more is the long way round, forwards."""
@@ -20,84 +35,131 @@ _FEW: Final = 80
 numpy take 3."""
 
 
+class Heads(NamedTuple):
+    """Where packets that follow each other stand, in heading units; arrays of shape (packets,).
+
+    Attributes:
+        first: The angle of the first sample of each.
+        following: That of the packet behind them; None where it is not known.
+        counts: Samples of each; one number where all packets have as many.
+        way: From the first sample of each to its last, where packets tell that; else None.
+        read: What else the decoder has read of them.
+    """
+
+    first: Ints
+    following: int | None
+    counts: Ints | int
+    way: Ints | None = None
+    read: Any = None
+
+    @property
+    def samples(self) -> int:
+        """Samples of all packets."""
+        if isinstance(self.counts, int):
+            return self.counts * len(self.first)
+        return int(np.add.reduce(self.counts))
+
+
 class Arcs(NamedTuple):
     """What is known of packets that follow each other.
 
     Attributes:
-        arc: Rotation during each packet, in heading units: whole numbers where nothing is missing. Where packets
-            tell it themselves, only the part that they tell.
-        missing: Packets missing behind each, an array; None when none is.
-        typical: The mean arc, in heading units; 0 when nothing is known.
+        arc: Rotation during each packet, in heading units: up to the first sample of the next one, or, where
+            packets tell their own, up to the last sample.
+        skipped: Samples missing behind each, an array; None when none is.
+        step: The mean rotation from sample to sample, in heading units; 0 when nothing is known.
         certain: Whether the speed is sure.
         first: Whether it was taken from the first packets of a stream, and time may still speak against it.
     """
 
     arc: Arc
-    missing: NDArray[np.intp] | None
-    typical: float
+    skipped: NDArray[np.intp] | None
+    step: float
     certain: bool
     first: bool = False
-
-    @property
-    def lost(self) -> int:
-        """Packets missing altogether."""
-        return 0 if self.missing is None else int(self.missing.sum())
-
-    @property
-    def lost_behind(self) -> int:
-        """Packets missing behind the last one."""
-        return 0 if self.missing is None else int(self.missing[-1])
-
-    @property
-    def unbroken(self) -> int:
-        """Leading packets before the first gap."""
-        if self.missing is None or not self.missing.any():
-            return len(self.arc)
-        return int(np.flatnonzero(self.missing)[0]) + 1
 
 
 class SteadyArcs(NamedTuple):
     """What is known of several revolutions without a gap.
 
     Attributes:
-        arc: Rotation during each packet, in heading units.
-        typical: The mean arc of each revolution.
-        last: The arc of the last packet.
+        arc: As in `Arcs`.
+        steps: The mean step of each revolution.
     """
 
-    arc: NDArray[np.int32]
-    typical: list[float]
-    last: float
+    arc: Arc
+    steps: list[float]
 
 
-def spans_between(
-    headings: NDArray[np.int32], following: int | None, full_turn: int, retreat: int
-) -> tuple[NDArray[np.int32], int, int, int]:
-    """How far ahead of each heading the next one is, 0 where none follows; the least, the greatest and their sum.
+class Turning(Protocol):
+    """Follows the rotor through one stream, by the heads of its packets."""
+
+    def tell_time(self, sample_ns: float) -> None:
+        """Take note of how long a sample takes; 0 where that is not known."""
+        ...
+
+    def copy(self) -> Self:
+        """Another one, which goes on from here without changing what this one remembers."""
+        ...
+
+    def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:
+        """The arc of each of the next packets, and the gaps behind them; `arrivals` as in `Packets`."""
+        ...
+
+    def steady(self, heads: Heads, ends: Sequence[int]) -> SteadyArcs | None:
+        """The arcs of several revolutions, where `follow` would find nothing missing in any; else None.
+
+        Nothing is remembered before `settle`.
+
+        Args:
+            heads: Those of all packets; the packet behind them is known.
+            ends: Packets up to the end of each revolution.
+        """
+        ...
+
+    def settle(self, arcs: SteadyArcs) -> None:
+        """Remember revolutions that `steady` has told, as `follow` would have."""
+        ...
+
+
+def spans_between(heads: Heads, full_turn: int, retreat: int) -> tuple[Ints, int, int, int]:
+    """How far ahead of each packet the next one is, 0 where none follows; the least, the greatest and their sum.
 
     Args:
-        headings: Where packets that follow each other begin.
-        following: Where the next packet begins, if that is known.
+        heads: Those of the packets.
         full_turn: 360 degrees.
         retreat: How far a heading may fall back. Any more is the long way round, forwards.
     """
-    spans = np.empty_like(headings)
-    np.subtract(headings[1:], headings[:-1], out=spans[:-1])
-    last = 0 if following is None else following - int(headings[-1])
+    first, following = heads.first, heads.following
+    spans = np.empty_like(first)
+    np.subtract(first[1:], first[:-1], out=spans[:-1])
+    last = 0 if following is None else following - int(first[-1])
     # Mostly it is only here that the angles pass 0.
     spans[-1] = last + full_turn if last < -retreat else last
-    least, greatest, total = extent(spans)
+    least, greatest, total = _extent(spans)
     if least < -retreat:
         np.add(spans, full_turn, out=spans, where=spans < -retreat)
-        least, greatest, total = extent(spans)
+        least, greatest, total = _extent(spans)
     if greatest >= full_turn - retreat:
         np.subtract(spans, full_turn, out=spans, where=spans >= full_turn - retreat)
-        least, greatest, total = extent(spans)
+        least, greatest, total = _extent(spans)
     return spans, least, greatest, total
 
 
-def extent(values: NDArray[np.int32] | NDArray[np.uint16]) -> tuple[int, int, int]:
-    """The least of these, the greatest, and their sum."""
+def by_revolution(spans: Ints, ends: Sequence[int]) -> list[tuple[int, int, int]]:
+    """The least and the greatest of the spans of each revolution, and their sum."""
+    begins = [0, *ends[:-1]]
+    return list(
+        zip(
+            np.minimum.reduceat(spans, begins).tolist(),
+            np.maximum.reduceat(spans, begins).tolist(),
+            np.add.reduceat(spans, begins, dtype=np.int64).tolist(),
+            strict=True,
+        )
+    )
+
+
+def _extent(values: Ints) -> tuple[int, int, int]:
     if len(values) <= _FEW:
         plain = values.tolist()
         return min(plain), max(plain), sum(plain)

@@ -27,14 +27,23 @@ Without times, as in a file of bytes, spans that agree are taken for one arc eac
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lidario.families.pace import Pace
-from lidario.families.spans import LIKENESS, RETREAT_TURNS, Arcs, SteadyArcs, spans_between
+from lidario.families.spans import (
+    LIKENESS,
+    RETREAT_TURNS,
+    Arcs,
+    Heads,
+    Ints,
+    SteadyArcs,
+    by_revolution,
+    spans_between,
+)
 from lidario.wire.events import Arrival
 
 __all__ = ["Wheel"]
@@ -57,19 +66,19 @@ _STRANGE: Final = 4
 
 
 class Wheel:
-    """Follows the rotor through one stream of packets that only state where they begin.
+    """Follows the rotor through one stream of packets that only state where they begin; obeys `Turning`.
 
     Args:
         full_turn: 360 degrees in the unit of the headings.
-
-    Attributes:
-        packet_ns: Nanoseconds that a packet takes to measure; 0 where that is not known: then time tells nothing.
+        samples: Samples in a packet.
     """
 
-    def __init__(self, full_turn: int) -> None:
-        self.packet_ns: float = 0.0
+    def __init__(self, full_turn: int, samples: int = 1) -> None:
         self._full_turn = full_turn
+        self._samples = samples
         self._retreat = int(full_turn * RETREAT_TURNS)
+        # Nanoseconds that a packet takes; 0 where that is not known: then time tells nothing.
+        self._packet_ns = 0.0
         self._arc = 0.0
         self._certain = self._confirmed = False
         self._strange = 0
@@ -77,65 +86,54 @@ class Wheel:
         self._spans: list[int] = []
         self._pace = Pace(full_turn // 2)
 
+    def tell_time(self, sample_ns: float) -> None:
+        """As `Turning.tell_time`."""
+        self._packet_ns = self._samples * sample_ns
+
     def copy(self) -> Wheel:
-        """Another one, which goes on from here without changing what this one remembers."""
-        twin = Wheel(self._full_turn)
-        vars(twin).update(vars(self), _pace=self._pace.copy())
+        """As `Turning.copy`."""
+        twin = copy.copy(self)
+        twin._pace = self._pace.copy()  # noqa: SLF001 - its own
         return twin
 
-    def follow(self, headings: NDArray[np.int32], following: int | None, arrivals: Sequence[Arrival] = ()) -> Arcs:
-        """The arc of each packet and the gaps behind them.
-
-        Args:
-            headings: Where packets that follow each other begin.
-            following: Where the next packet begins, if that is known.
-            arrivals: When they came, as in `Packets`.
-        """
-        spans, shortest, longest, total = spans_between(headings, following, self._full_turn, self._retreat)
+    def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:
+        """As `Turning.follow`."""
+        followed = heads.following is not None
+        spans, shortest, longest, total = spans_between(heads, self._full_turn, self._retreat)
         first = not self._arc
-        if following is not None and self._is_steady(spans, shortest, longest):
+        if followed and self._is_steady(spans, shortest, longest):
             if not self._confirmed and not self._pace.is_same_read(arrivals, len(spans), total, int(spans[-1])):
                 self._remember(spans.tolist(), arrivals)
                 # The spans are alike; are they one arc each?
                 if not self._is_confirmed():
                     return self._among_gaps(spans, followed=True)
             self._arc, self._certain, self._strange = float(spans[-1]), True, 0
-            return Arcs(spans, None, total / len(spans), certain=True, first=first and not self._confirmed)
+            step = total / len(spans) / self._samples
+            return Arcs(spans, None, step, certain=True, first=first and not self._confirmed)
         plain = spans.tolist()
-        self._remember(plain if following is not None else plain[:-1], arrivals)
-        return self._among_gaps(spans, followed=following is not None)
+        self._remember(plain if followed else plain[:-1], arrivals)
+        return self._among_gaps(spans, followed=followed)
 
-    def steady(self, headings: NDArray[np.int32], following: int, ends: Sequence[int]) -> SteadyArcs | None:
-        """The arcs of several revolutions, where `follow` would find nothing missing in any; else None.
-
-        Nothing is remembered before `settle`.
-
-        Args:
-            headings: Those of all packets.
-            following: Where the packet behind them begins.
-            ends: Packets up to the end of each revolution.
-        """
+    def steady(self, heads: Heads, ends: Sequence[int]) -> SteadyArcs | None:
+        """As `Turning.steady`."""
         if not self._certain:
             return None
-        spans, _, _, _ = spans_between(headings, following, self._full_turn, self._retreat)
-        begins = [0, *ends[:-1]]
-        shortest = np.minimum.reduceat(spans, begins).tolist()
-        longest = np.maximum.reduceat(spans, begins).tolist()
-        totals = np.add.reduceat(spans, begins, dtype=np.int64).tolist()
-        before = self._arc
-        for short, long, end in zip(shortest, longest, ends, strict=True):
-            if not (before < _HALFWAY * short and long <= _HALFWAY * before):
+        spans, _, _, _ = spans_between(heads, self._full_turn, self._retreat)
+        before, begin, steps = self._arc, 0, list[float]()
+        for end, (shortest, longest, total) in zip(ends, by_revolution(spans, ends), strict=True):
+            if not (before < _HALFWAY * shortest and longest <= _HALFWAY * before):
                 return None
             before = float(spans[end - 1])
-        typical = [total / (end - begin) for total, begin, end in zip(totals, begins, ends, strict=True)]
-        return SteadyArcs(spans, typical, before)
+            steps.append(total / (end - begin) / self._samples)
+            begin = end
+        return SteadyArcs(spans, steps)
 
     def settle(self, arcs: SteadyArcs) -> None:
-        """Remember revolutions that `steady` has told, as `follow` would have."""
-        self._arc, self._strange = arcs.last, 0
+        """As `Turning.settle`."""
+        self._arc, self._strange = float(arcs.arc[-1]), 0
         self._forget()
 
-    def _is_steady(self, spans: NDArray[np.int32], shortest: int, longest: int) -> bool:
+    def _is_steady(self, spans: Ints, shortest: int, longest: int) -> bool:
         """Whether each span is one arc: near the last arc, or near the span before."""
         if self._certain and self._arc < _HALFWAY * shortest and longest <= _HALFWAY * self._arc:
             return True
@@ -148,7 +146,7 @@ class Wheel:
 
     # ------------------------------------------------------------------------------------------------- gaps
 
-    def _among_gaps(self, spans: NDArray[np.int32], *, followed: bool) -> Arcs:
+    def _among_gaps(self, spans: Ints, *, followed: bool) -> Arcs:
         """As `follow`, where spans may hold more than one packet, or less."""
         plain: list[int] = spans.tolist()
         told = plain if followed else plain[:-1]
@@ -165,8 +163,8 @@ class Wheel:
             arc, missing = self._walk(plain, followed=followed)
         passed = sum(1 + more for each, more in zip(arc, missing, strict=True) if each > 0)
         typical = sum(each * (1 + more) for each, more in zip(arc, missing, strict=True)) / max(1, passed)
-        behind = np.array(missing)
-        return Arcs(np.array(arc), behind if behind.any() else None, typical, self._certain)
+        behind = np.array(missing) * self._samples if any(missing) else None
+        return Arcs(np.array(arc), behind, typical / self._samples, self._certain)
 
     def _walk(self, spans: Sequence[int], *, followed: bool) -> tuple[list[float], list[int]]:
         """The arc of each packet, and how many are missing behind it, from the last arc on."""
@@ -237,7 +235,7 @@ class Wheel:
 
     def _is_confirmed(self) -> bool:
         """Whether time does not say that spans are of several packets each. It may not say anything yet."""
-        by_time = self._pace.measured(self.packet_ns)
+        by_time = self._pace.measured(self._packet_ns)
         if by_time is None:
             return True
         if min(by_time) < _HALFWAY:
@@ -252,7 +250,7 @@ class Wheel:
         turned, passed = sum(spans), len(spans) + sum(missing)
         if turned <= 0 or passed <= len(spans):
             return False
-        by_time = self._pace.measured(self.packet_ns, turned / passed)
+        by_time = self._pace.measured(self._packet_ns, turned / passed)
         return by_time is not None and max(by_time) < 1 - _OFF
 
     def _learn(self, *, anew: bool) -> None:
@@ -265,7 +263,7 @@ class Wheel:
         if not spans:
             return
         arc, agreeing = _largest_group(spans)
-        by_time = self._pace.measured(self.packet_ns, arc)
+        by_time = self._pace.measured(self._packet_ns, arc)
         if by_time is not None:
             whole = 1 if self._are_several(spans, arc) else max(1, round(min(by_time)))
             agrees = whole == 1 or max(abs(each / whole - 1) for each in by_time) <= _OFF

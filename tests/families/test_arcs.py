@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lidario.families.arcs import ArcDecoder, Ints
+from lidario.families.arcs import ArcDecoder, Decoded
+from lidario.families.spans import Arcs, Heads
+from lidario.families.told import ToldWheel
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
 
@@ -15,24 +17,32 @@ PACKET = np.dtype([("start", "<u2"), ("distance", "<u2", 8), ("end", "<u2")])
 STEP = 100
 
 
+FULL_TURN = 360 * 64
+
+
 class ToyDecoder(ArcDecoder):
     """Eight samples, 1/64 degrees, no speed and no intensity."""
 
-    packet = PACKET
-    samples = 8
-    full_turn = 360 * 64
+    def __init__(self) -> None:
+        super().__init__(FULL_TURN, ToldWheel(FULL_TURN, 4))
 
-    def _angles(self, rows: NDArray[np.void]) -> tuple[Ints, Ints]:
-        return rows["start"].astype(np.int32), rows["end"].astype(np.int32)
+    def _heads(self, packets: Packets, following: bytes | None) -> Heads:
+        rows = np.frombuffer(packets.data, PACKET)
+        first = rows["start"].astype(np.int32)
+        behind = None if following is None else int(np.frombuffer(following, PACKET)["start"][0])
+        return Heads(first, behind, 8, (rows["end"] - first) % FULL_TURN, rows)
 
-    def _measured(self, rows: NDArray[np.void]) -> tuple[NDArray[np.generic], None]:
-        return rows["distance"], None
+    def _samples(self, packets: Packets, heads: Heads, arcs: Arcs, ends: Sequence[int], room: int) -> Decoded:
+        angle, distance = np.empty(room + ends[-1], np.float32), np.empty(room + ends[-1], np.float32)
+        grid = heads.first[:, None] + arcs.arc[:, None] * np.arange(8) / 7
+        angle[room:], distance[room:] = grid.ravel() / 64 % 360, heads.read["distance"].ravel()
+        return Decoded(angle, distance, None)
 
 
 def packets(count: int, first: int = 0) -> bytes:
     rows = np.zeros(count, PACKET)
-    rows["start"] = (first + np.arange(count) * 8 * STEP) % ToyDecoder.full_turn
-    rows["end"] = (rows["start"].astype(np.int32) + 7 * STEP) % ToyDecoder.full_turn
+    rows["start"] = (first + np.arange(count) * 8 * STEP) % FULL_TURN
+    rows["end"] = (rows["start"].astype(np.int32) + 7 * STEP) % FULL_TURN
     rows["distance"] = 1000 + np.arange(8)
     return rows.tobytes()
 
@@ -65,5 +75,6 @@ def test_revolutions_that_are_decoded_together_tell_no_speed_either() -> None:
     raw = packets(58)
     found = ToyDecoder().decode_steady(run_of(raw[: 57 * size]), raw[57 * size :], (28, 57))
     assert found is not None
-    assert found.reported_rpm is None
+    assert found.reported_rpm is not None
+    assert all(map(math.isnan, found.reported_rpm))
     assert found.packet_ends == [28 * 8, 57 * 8]

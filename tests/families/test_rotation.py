@@ -11,6 +11,8 @@ from lidario.families.wheel import Wheel
 from tests.support.cases import CASES, KINDS, Case, named
 from tests.support.kept import arrivals
 from tests.support.streams import assembled, in_one_run
+from tests.support.wheels import heads
+from tests.support.wheels import lost as lost_in
 
 TURN = 23040
 HQ = [case for case in CASES if case.response_type == 0x83]
@@ -29,10 +31,10 @@ def steps(first: int, step: int, count: int, missing: Sequence[int]) -> np.ndarr
 def test_a_gap_seen_first_is_not_the_ordinary_step(arc: int, width: int, share: int) -> None:
     """The part of a revolution that comes first has one span, and that is a gap of one to three packets."""
     wheel, count = Wheel(TURN), TURN // arc
-    wheel.follow(np.array([TURN + 12 - (width + 1) * arc - arc // 4], np.int32), 12)
+    wheel.follow(heads([TURN + 12 - (width + 1) * arc - arc // 4], 12))
     missing = np.random.default_rng(arc).choice(np.arange(2, count - 2, 2), min(share, count // 3), replace=False)
-    found = wheel.follow(steps(12, arc, count, missing.tolist()), 12 + arc * count)
-    assert found.lost == len(missing)
+    found = wheel.follow(heads(steps(12, arc, count, missing.tolist()), 12 + arc * count))
+    assert lost_in(found) == len(missing)
     assert found.arc.max() <= 1.05 * arc
     assert found.certain
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lidario.families.spans import Arcs
 from lidario.families.wheel import Wheel
+from tests.support.wheels import heads, lost
 
 TURN = 23040
 PACKET_NS = 2_000_000
@@ -41,7 +42,7 @@ def told(
         late_ns: How late the reads of each turn are.
     """
     wheel, found = Wheel(TURN), list[tuple[list[int], Arcs]]()
-    wheel.packet_ns = PACKET_NS if times else 0.0
+    wheel.tell_time(PACKET_NS if times else 0.0)
     numbers = sorted(kept)
     angles = np.floor(turns % 1.0 * TURN).astype(np.int32)
     whole = np.floor(turns).astype(int)
@@ -53,7 +54,7 @@ def told(
         late = late_ns[turn] if turn < len(late_ns) else 0
         ends = [*range(every, len(here), every), len(here)]
         arrivals = [(end, (here[end - 1] + 1) * PACKET_NS + late) for end in ends]
-        found.append((here, wheel.follow(angles[here], int(angles[behind]), arrivals)))
+        found.append((here, wheel.follow(heads(angles[here], int(angles[behind])), arrivals)))
     return found
 
 
@@ -71,7 +72,7 @@ def off(turns: Floats, found: Sequence[tuple[list[int], Arcs]]) -> float:
 def test_a_rotor_that_changes_its_speed_loses_nothing(from_hz: float, to_hz: float, times: bool) -> None:
     turns = ramp(from_hz, to_hz, 1500)
     found = told(turns, range(1500), times=times)
-    assert all(arcs.certain and not arcs.lost for _, arcs in found)
+    assert all(arcs.certain and not lost(arcs) for _, arcs in found)
     assert off(turns, found) < 0.04
 
 
@@ -86,13 +87,13 @@ def test_where_only_each_second_or_third_comes_time_tells(step: int, hertz: floa
     # The part of a turn with which the stream begins, and one more, may be too short to tell.
     settled = [(here, arcs) for here, arcs in found if here[0] * PACKET_NS > 0.35e9]
     assert all(arcs.certain for _, arcs in settled)
-    assert all(arcs.lost == (step - 1) * len(here) for here, arcs in settled)
+    assert all(lost(arcs) == (step - 1) * len(here) for here, arcs in settled)
     assert off(turns, settled) < 0.1
 
 
 def test_without_times_spans_that_agree_are_one_arc() -> None:
     found = told(even(10.0, 600), range(0, 600, 2), times=False)
-    assert all(arcs.certain and not arcs.lost for _, arcs in found)
+    assert all(arcs.certain and not lost(arcs) for _, arcs in found)
 
 
 @pytest.mark.exhaustive("share", sample=[0.3, 0.6], full=[0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
@@ -118,7 +119,7 @@ def test_each_second_packet_is_lost_from_some_moment_on() -> None:
     turns = even(10.0, 1200)
     found = told(turns, [*range(600), *range(600, 1200, 2)])
     assert off(turns, found) < 0.1
-    assert sum(arcs.lost for here, arcs in found if here[0] >= 600) == sum(
+    assert sum(lost(arcs) for here, arcs in found if here[0] >= 600) == sum(
         len(here) for here, _ in found if here[0] >= 600
     )
 
@@ -126,17 +127,17 @@ def test_each_second_packet_is_lost_from_some_moment_on() -> None:
 def test_a_device_that_is_faster_than_it_says_loses_nothing() -> None:
     """Its packets come in half the time that they should take."""
     wheel, angles = Wheel(TURN), np.arange(24, dtype=np.int32) * (TURN // 24)
-    wheel.packet_ns = PACKET_NS
+    wheel.tell_time(PACKET_NS)
     for turn in range(20):
         arrivals = [(at, (turn * 24 + at) * PACKET_NS // 2) for at in (6, 12, 18, 24)]
-        arcs = wheel.follow(angles, 0, arrivals)
-        assert (arcs.certain, arcs.lost) == (True, 0)
+        arcs = wheel.follow(heads(angles, 0), arrivals)
+        assert (arcs.certain, lost(arcs)) == (True, 0)
 
 
 def test_a_copy_goes_on_alone() -> None:
     wheel, angles = Wheel(TURN), np.arange(24, dtype=np.int32) * (TURN // 24)
-    wheel.follow(angles, 0)
+    wheel.follow(heads(angles, 0))
     twin = wheel.copy()
-    twin.follow(angles[::2], 0)
-    assert wheel.follow(angles, 0).lost == 0
-    assert wheel.follow(np.delete(angles, [3, 4]), 0).lost == 2
+    twin.follow(heads(angles[::2], 0))
+    assert lost(wheel.follow(heads(angles, 0))) == 0
+    assert lost(wheel.follow(heads(np.delete(angles, [3, 4]), 0))) == 2

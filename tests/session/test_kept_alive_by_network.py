@@ -36,7 +36,8 @@ def test_the_thread_writes_what_the_loop_does_not(library: ModuleType) -> None:
                         time.sleep(0.01)  # noqa: ASYNC251 - that is what blocks the loop
                     assert names(rig).count("scan") >= heard + 3
                     assert rig.device.scanning
-                    while lidar.stats.keepalives < 3:  # the device may hear a request before the thread has counted it
+                    # The device may hear a request before the thread has counted it.
+                    while lidar.stats.keepalives < 3:
                         await asyncio.sleep(0.01)
                 while rig.device.scanning:
                     await asyncio.sleep(0.01)

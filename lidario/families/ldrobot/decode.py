@@ -9,42 +9,71 @@ correction before. So neighbours can change places; revolutions are divided by t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lidario.families.arcs import ArcDecoder, Floats, Ints
+from lidario.families.arcs import ArcDecoder, Decoded, Floats, in_turn
 from lidario.families.ldrobot.formats import FULL_TURN, PACKET, SAMPLES
+from lidario.families.spans import Arcs, Heads
+from lidario.families.told import ToldWheel
+from lidario.wire.events import Packets
 
 __all__ = ["PacketDecoder", "TriangleDecoder", "samples_a_second"]
 
-UNITS: Final = 100.0 * (SAMPLES - 1)
-"""In a degree, where every sample of a packet stands at a whole number."""
+STEPS: Final = SAMPLES - 1
+"""From the first sample of a packet to the last."""
 
 
 class PacketDecoder(ArcDecoder):
     """Decodes the packets of one stream; angles are those of the beam."""
 
-    packet = PACKET
-    samples = SAMPLES
-    full_turn = FULL_TURN
+    def __init__(self) -> None:
+        super().__init__(FULL_TURN, ToldWheel(FULL_TURN, SAMPLES / 2))
 
-    def _angles(self, rows: NDArray[np.void]) -> tuple[Ints, Ints]:
-        return rows["start"].astype(np.int32), rows["end"].astype(np.int32)
+    def _heads(self, packets: Packets, following: bytes | None) -> Heads:
+        rows = np.frombuffer(packets.data, PACKET)
+        first = rows["start"].astype(np.int32) % FULL_TURN
+        way = (rows["end"].astype(np.int32) - first) % FULL_TURN
+        after = None if following is None else int(np.frombuffer(following, PACKET, 1)["start"][0]) % FULL_TURN
+        return Heads(first, after, SAMPLES, way, rows)
 
-    def _measured(self, rows: NDArray[np.void]) -> tuple[NDArray[np.generic], NDArray[np.generic]]:
-        measured = rows["samples"]
-        return measured["distance"], measured["intensity"]
+    def _samples(
+        self,
+        packets: Packets,  # noqa: ARG002
+        heads: Heads,
+        arcs: Arcs,
+        ends: Sequence[int],
+        room: int,
+    ) -> Decoded:
+        size = room + ends[-1]
+        angle, distance = np.empty(size, np.float32), np.empty(size, np.float32)
+        intensity = np.empty(size, np.uint8)
+        measured = heads.read["samples"]
+        distance[room:].reshape(-1, SAMPLES)[...] = measured["distance"]
+        intensity[room:].reshape(-1, SAMPLES)[...] = measured["intensity"]
+        # Whole numbers below 2^24 until the last division, so that it alone rounds.
+        beam = angle[room:].reshape(-1, SAMPLES)
+        np.multiply(arcs.arc[:, None], np.arange(SAMPLES, dtype=np.float32), out=beam, casting="unsafe")
+        beam += (heads.first * STEPS).astype(np.float32)[:, None]
+        in_turn(beam, FULL_TURN * STEPS, back=False)
+        return Decoded(angle, distance, intensity, self._finish(angle[room:], distance[room:]))
 
-    def _rpm(self, rows: NDArray[np.void]) -> NDArray[np.float64]:
-        return rows["speed"] / 6
+    def _reported_rpm(self, heads: Heads, begin: int, end: int) -> float:
+        return float(heads.read["speed"][begin:end].mean()) / 6
+
+    def _finish(self, angle: Floats, distance: Floats) -> float:  # noqa: ARG002
+        """Make degrees of the angles times the steps of a packet, in place; return what to remember."""
+        angle /= FULL_TURN * STEPS / 360
+        return 0.0
 
 
 class TriangleDecoder(PacketDecoder):
     """Decodes the packets of one stream of a model that triangulates."""
 
     def __init__(self) -> None:
+        super().__init__()
         self._last = 0.0
 
     def _finish(self, angle: Floats, distance: Floats) -> float:
@@ -53,14 +82,14 @@ class TriangleDecoder(PacketDecoder):
         # Where nothing came back, the correction of the sample before.
         latest = np.maximum.accumulate(np.where(d > 0, np.arange(len(d)), -1))
         shift = np.where(latest >= 0, shift[latest], self._last)
-        corrected = angle.astype(np.float64) / UNITS - shift
+        corrected = angle.astype(np.float64) / (100.0 * STEPS) - shift
         corrected += np.where(corrected < 0, 360, np.where(corrected >= 360, -360, 0))
         angle[...] = corrected
         # Just below 360 degrees, single precision rounds up to 360.
         angle[angle >= 360] = 0
         return float(shift[-1])
 
-    def _remember(self, last: float) -> None:
+    def _remember(self, heads: Heads, last: float) -> None:  # noqa: ARG002
         self._last = last
 
 

@@ -109,7 +109,7 @@ def ultra_cabins(
     Args:
         cabins: (packets, 32).
         follower: First cabin of the packet behind the last one; None where there is none.
-        missing: (packets,), packets missing behind each; None when none is.
+        missing: (packets,), samples missing behind each; None when none is.
 
     Returns:
         (packets, 96), in mm.
@@ -186,7 +186,7 @@ def ultra_dense_cabins(
         cabins: (packets, 80), five bytes for two samples: the lower 16 bits of each sample in its word, the upper
             4 in the byte of the pair.
         last_q2: Distance of the sample before the first; 0 when that is missing.
-        missing: (packets,), packets missing behind each; None when none is. Nothing is smoothed across a gap.
+        missing: (packets,), samples missing behind each; None when none is. Nothing is smoothed across a gap.
     """
     tables = _ultra_dense_tables()
     words, upper = _pairs(cabins)

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
-from functools import partial
-from typing import Final, Self
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.base import Samples, SteadySamples
-from lidario.families.rplidar.decoded import Decoded, Ints, Words, decoded_samples, decoded_steady
+from lidario.families.arcs import ArcDecoder, Decoded
 from lidario.families.rplidar.formats import FULL_TURN_Q6, FULL_TURN_Q14
+from lidario.families.rplidar.node_steps import NodeSteps
 from lidario.families.rplidar.nodes import NODE
-from lidario.families.rplidar.rotation import NodeSteps, ToldArcs
+from lidario.families.spans import Arcs, Heads, SteadyArcs
+from lidario.families.told import ToldWheel
 from lidario.wire.events import Packets
 
 __all__ = ["HqDecoder", "NodeDecoder"]
@@ -25,68 +24,31 @@ FIRST_ANGLE: Final = 9
 """Offset of the first node's angle in a packet of 0x83."""
 
 
-class HqDecoder:
+class HqDecoder(ArcDecoder):
     """0x83: whole nodes, passed through."""
 
     samples = 96
 
     def __init__(self) -> None:
-        # From the first of 96 nodes to the last there are 95 steps.
-        self._arcs = ToldArcs(FULL_TURN_Q14, (self.samples - 1) / self.samples)
+        super().__init__(FULL_TURN_Q14, ToldWheel(FULL_TURN_Q14, self.samples / 2))
 
-    def tell_time(self, sample_ns: float) -> None:
-        """As `Decoder.tell_time`; packets tell how far the rotor turned."""
-
-    def fork(self) -> Self:
-        """As `Decoder.fork`; it remembers nothing."""
-        return self
-
-    def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
-        """As `Decoder.decode`."""
-        nodes, first, inside = self._read(packets)
-        after = None if following is None else self._first_angle(following)
-        arcs = self._arcs.arcs(first, after, inside)
-        before_seam = nodes.size if seam is None else nodes.size - self._behind_seam(nodes["angle"][-1], seam)
-        return decoded_samples(self._samples_of(nodes, room), arcs, FULL_TURN_Q14, self.samples, before_seam)
-
-    def decode_steady(
-        self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None
-    ) -> SteadySamples | None:
-        """As `Decoder.decode_steady`."""
-        nodes, first, inside = self._read(packets)
-        arcs = self._arcs.steady(first, self._first_angle(following), inside, ends)
-        if arcs is None:
-            return None
-        before_seam = packet_ends = [end * self.samples for end in ends]
-        if seam is not None:
-            angles = nodes["angle"]
-            before_seam = [end * self.samples - self._behind_seam(angles[end - 1], seam) for end in ends]
-        return decoded_steady(
-            self._samples_of(nodes, room),
-            arcs,
-            FULL_TURN_Q14,
-            packet_ends,
-            self.samples,
-            before_seam,
-            settle=lambda: None,  # each packet tells its own arc
-        )
-
-    def _read(self, packets: Packets) -> tuple[NDArray[np.void], Ints, Words]:
-        """The nodes, shape (packets, 96), the first angle of each packet, and the way to its last one."""
+    def _heads(self, packets: Packets, following: bytes | None) -> Heads:
         nodes: NDArray[np.void] = np.frombuffer(packets.data, HQ)["nodes"]
         angles = nodes["angle"]
-        first = angles[:, 0].astype(np.int32)
+        after = None if following is None else following[FIRST_ANGLE] | following[FIRST_ANGLE + 1] << 8
         # Without a sign, 16 bits hold just 360 degrees.
-        return nodes, first, angles[:, -1] - angles[:, 0]
+        way = (angles[:, -1] - angles[:, 0]).astype(np.int32)
+        return Heads(angles[:, 0].astype(np.int32), after, self.samples, way, nodes)
 
-    @staticmethod
-    def _first_angle(packet: bytes) -> int:
-        return packet[FIRST_ANGLE] | packet[FIRST_ANGLE + 1] << 8
-
-    @staticmethod
-    def _samples_of(nodes: NDArray[np.void], room: int) -> Decoded:
-        """Degrees, millimetres and intensities of all nodes, behind `room` free places."""
-        size = room + nodes.size
+    def _samples(
+        self,
+        packets: Packets,  # noqa: ARG002
+        heads: Heads,
+        arcs: Arcs,  # noqa: ARG002 - nodes are not moved
+        ends: Sequence[int],
+        room: int,
+    ) -> Decoded:
+        nodes, size = heads.read, room + ends[-1]
         angle, distance = np.empty(size, np.float32), np.empty(size, np.float32)
         intensity = np.empty(size, np.uint8)
         angle[room:].reshape(nodes.shape)[...] = nodes["angle"]
@@ -96,11 +58,10 @@ class HqDecoder:
         distance[room:] *= 0.25
         return Decoded(angle, distance, intensity)
 
-    @staticmethod
-    def _behind_seam(angles: Words, seam: int) -> int:
-        """How many nodes of one packet, which all lie ahead of its first one, are behind the seam."""
-        first = int(angles[0])
-        left = FULL_TURN_Q14 - (first - seam) % FULL_TURN_Q14
+    def _behind_seam(self, heads: Heads, arcs: Arcs | SteadyArcs, at: int, seam: int) -> int:  # noqa: ARG002
+        """How many nodes of a packet, which all lie ahead of its first one, are behind the seam."""
+        angles = heads.read["angle"][at]
+        left = FULL_TURN_Q14 - (int(angles[0]) - seam) % FULL_TURN_Q14
         if left >= FULL_TURN_Q14 // 2:
             return 0
         # Without a sign, 16 bits hold just 360 degrees: what is not yet at the seam is far ahead of it.
@@ -108,66 +69,34 @@ class HqDecoder:
         return int(np.count_nonzero(beyond < FULL_TURN_Q14 // 2 - left))
 
 
-class NodeDecoder:
+class NodeDecoder(ArcDecoder):
     """0x81: the plain node."""
 
     def __init__(self) -> None:
-        self._steps = NodeSteps(FULL_TURN_Q6)
+        super().__init__(FULL_TURN_Q6, NodeSteps(FULL_TURN_Q6))
 
-    def tell_time(self, sample_ns: float) -> None:
-        """As `Decoder.tell_time`; the steps of nodes tell how far the rotor turned."""
-
-    def fork(self) -> Self:
-        """As `Decoder.fork`."""
-        twin = copy.copy(self)
-        twin._steps = self._steps.fork()  # noqa: SLF001 - its own
-        return twin
-
-    def decode(
-        self,
-        packets: Packets,
-        following: bytes | None,
-        room: int = 0,
-        seam: int | None = None,  # noqa: ARG002 - a node is too short to lie across it
-    ) -> Samples:
-        """As `Decoder.decode`."""
-        rows, angles = self._read(packets)
-        arcs = self._steps.arcs(angles, None if following is None else self._angle(following))
-        return decoded_samples(self._samples_of(rows, angles, room), arcs, FULL_TURN_Q6, 1, len(rows))
-
-    def decode_steady(
-        self,
-        packets: Packets,
-        following: bytes,
-        ends: Sequence[int],
-        room: int = 0,
-        seam: int | None = None,  # noqa: ARG002 - a node is too short to lie across it
-    ) -> SteadySamples | None:
-        """As `Decoder.decode_steady`."""
-        rows, angles = self._read(packets)
-        arcs = self._steps.steady(angles, self._angle(following), ends)
-        if arcs is None:
-            return None
-        decoded = self._samples_of(rows, angles, room)
-        return decoded_steady(decoded, arcs.typical, FULL_TURN_Q6, ends, 1, ends, partial(self._steps.settle, arcs))
-
-    @staticmethod
-    def _read(packets: Packets) -> tuple[NDArray[np.void], Ints]:
+    def _heads(self, packets: Packets, following: bytes | None) -> Heads:
         rows: NDArray[np.void] = np.frombuffer(packets.data, NODE)
-        return rows, (rows["angle"] >> 1).astype(np.int32)
+        after = None if following is None else following[1] >> 1 | following[2] << 7
+        return Heads((rows["angle"] >> 1).astype(np.int32), after, 1, None, rows)
 
-    @staticmethod
-    def _angle(node: bytes) -> int:
-        return node[1] >> 1 | node[2] << 7
-
-    @staticmethod
-    def _samples_of(rows: NDArray[np.void], angles: Ints, room: int) -> Decoded:
-        """Degrees, millimetres and intensities of all nodes, behind `room` free places."""
-        size = room + len(rows)
+    def _samples(
+        self,
+        packets: Packets,  # noqa: ARG002
+        heads: Heads,
+        arcs: Arcs,  # noqa: ARG002 - nodes are not moved
+        ends: Sequence[int],
+        room: int,
+    ) -> Decoded:
+        rows, size = heads.read, room + ends[-1]
         angle, distance = np.empty(size, np.float32), np.empty(size, np.float32)
         intensity = np.empty(size, np.uint8)
-        np.divide(angles, 64.0, out=angle[room:], dtype=np.float32, casting="same_kind")
+        np.divide(heads.first, 64.0, out=angle[room:], dtype=np.float32, casting="same_kind")
         distance[room:] = rows["distance"]
         distance[room:] *= 0.25
         np.bitwise_and(rows["quality"], 0xFC, out=intensity[room:])
         return Decoded(angle, distance, intensity)
+
+    def _behind_seam(self, heads: Heads, arcs: Arcs | SteadyArcs, at: int, seam: int) -> int:  # noqa: ARG002
+        """None: a node is too short to lie across it."""
+        return 0

@@ -24,7 +24,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.ydlidar.decode import Heads, PointCloudDecoder
+from lidario.families.arcs import Decoded
+from lidario.families.spans import Arcs, Heads
+from lidario.families.ydlidar.decode import PointCloudDecoder
 from lidario.families.ydlidar.formats import FULL_TURN_Q6, HEADER_SIZE, MAGIC_WORD, MOST_SAMPLES, PointCloud
 from lidario.wire.blocks import Block
 from lidario.wire.envelope import xor_bytes
@@ -132,9 +134,14 @@ class CloudDecoder(PointCloudDecoder):
         self.speed_base: int = kind.speed_base
         self._kind = kind
 
-    def _samples_of(
-        self, packets: Packets, heads: Heads, ends: list[int], room: int
-    ) -> tuple[Floats, Floats, NDArray[np.uint8] | None]:
+    def _samples(
+        self,
+        packets: Packets,
+        heads: Heads,
+        arcs: Arcs,  # noqa: ARG002 - each packet tells its own
+        ends: Sequence[int],
+        room: int,
+    ) -> Decoded:
         kind, total = self._kind, ends[-1]
         raw = _sample_bytes(packets, kind.sample_size, total)
         word = raw[:, -2] | raw[:, -1].astype(np.uint16) << 8
@@ -150,14 +157,14 @@ class CloudDecoder(PointCloudDecoder):
         # Just below 360 degrees, single precision rounds up to 360.
         angle[room:][angle[room:] >= 360.0] = 0.0
         if not kind.bits:
-            return angle, distance, None
+            return Decoded(angle, distance, None)
         intensity = np.empty(room + total, np.uint8)
         if kind.bits == 10:
             intensity[room:] = (raw[:, 0] | (word & 3) << 8) >> 2
         else:
             # Of 16 bits the upper eight.
             intensity[room:] = raw[:, kind.sample_size - 3]
-        return angle, distance, intensity
+        return Decoded(angle, distance, intensity)
 
 
 def _sample_bytes(packets: Packets, sample_size: int, total: int) -> NDArray[np.uint8]:
@@ -172,10 +179,10 @@ def _sample_bytes(packets: Packets, sample_size: int, total: int) -> NDArray[np.
 
 def _beams(heads: Heads) -> NDArray[np.float64]:
     """Where the rotor stood at each sample, degrees in [0, 720)."""
-    first, way, counts, _, _ = heads
+    counts = np.asarray(heads.counts)
     steps = np.maximum(counts - 1, 1)
     order = np.arange(int(counts.sum())) - np.repeat(np.add.accumulate(counts) - counts, counts)
-    units = np.repeat(way, counts) * order + np.repeat(first * steps, counts)
+    units = np.repeat(np.asarray(heads.way), counts) * order + np.repeat(heads.first * steps, counts)
     beams: NDArray[np.float64] = units / np.repeat(64.0 * steps, counts)
     beams[beams >= FULL_TURN_Q6 / 64] -= 360.0
     return beams

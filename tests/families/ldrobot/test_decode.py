@@ -1,4 +1,4 @@
-"""Packets that a line delivers twice, and the one of 256 damaged packets that the CRC does not find."""
+"""The one of 256 damaged packets that the CRC does not find."""
 
 from __future__ import annotations
 
@@ -40,13 +40,6 @@ def with_end(packet: bytes, end: int) -> bytes:
     """The packet with another last angle, and a check value that holds."""
     body = packet[:42] + end.to_bytes(2, "little") + packet[44:46]
     return body + bytes((CRC.of(body),))
-
-
-def test_a_packet_that_came_twice_is_no_lost_revolution() -> None:
-    packets = packets_of()
-    found = decoded([*packets[:8], packets[7], *packets[8:]])
-    assert (found.lost, found.unbroken) == (0, COUNT + 1)
-    assert found.certain
 
 
 @pytest.mark.parametrize("turned", [1265, 13_627, 30_000, -500])

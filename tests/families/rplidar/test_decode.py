@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
+from lidario.families.arcs import in_turn
 from lidario.families.base import Samples
 from lidario.families.rplidar.cabins import ultra_dense_cabins
 from lidario.families.rplidar.decode import DECODERS
-from lidario.families.rplidar.decode_capsules import DenseDecoder, in_turn
+from lidario.families.rplidar.decode_capsules import DenseDecoder
 from lidario.families.rplidar.formats import FORMATS
 from lidario.families.rplidar.simulated import packers
 from lidario.wire.events import Packets

@@ -6,10 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from lidario.families.rplidar.rotation import NodeSteps, ToldArcs
-from lidario.families.spans import Arcs
+from lidario.families.rplidar.node_steps import NodeSteps
+from lidario.families.told import ToldWheel
 from lidario.families.wheel import Wheel
 from tests.support.ramp import ramp
+from tests.support.wheels import heads, lost, missing
 
 TURN = 23040
 
@@ -18,19 +19,14 @@ def headings(*angles: int) -> NDArray[np.int32]:
     return np.array([angle % TURN for angle in angles], np.int32)
 
 
-def missing(arcs: Arcs) -> list[int]:
-    """How many packets are missing behind each."""
-    return [0] * len(arcs.arc) if arcs.missing is None else arcs.missing.tolist()
-
-
 def test_arcs_reach_from_packet_to_packet() -> None:
-    arcs = Wheel(TURN).follow(headings(22000, 22500, 23010, 480), 985)
+    arcs = Wheel(TURN).follow(heads(headings(22000, 22500, 23010, 480), 985))
     assert list(arcs.arc) == [500, 510, 510, 505]
     assert missing(arcs) == [0, 0, 0, 0]
 
 
 def test_without_a_follower_the_last_arc_is_the_usual_one() -> None:
-    arcs = Wheel(TURN).follow(headings(0, 500, 1000, 1500), None)
+    arcs = Wheel(TURN).follow(heads(headings(0, 500, 1000, 1500), None))
     assert list(arcs.arc) == [500, 500, 500, 500]
     assert missing(arcs) == [0, 0, 0, 0]
 
@@ -39,47 +35,47 @@ def test_without_a_follower_the_last_arc_is_the_usual_one() -> None:
 def test_a_gap_is_counted_and_not_stretched_over(gone: int) -> None:
     before = [500 * k for k in range(10)]
     after = [500 * (k + 10 + gone) for k in range(5)]
-    arcs = Wheel(TURN).follow(headings(*before, *after), 500 * (15 + gone))
+    arcs = Wheel(TURN).follow(heads(headings(*before, *after), 500 * (15 + gone)))
     assert missing(arcs) == [0] * 9 + [gone] + [0] * 5
     np.testing.assert_allclose(arcs.arc, 500)
 
 
 def test_what_is_usual_is_remembered_from_turn_to_turn() -> None:
     wheel = Wheel(TURN)
-    wheel.follow(headings(*range(0, 10000, 500)), 10000)
-    arcs = wheel.follow(headings(10000), 12000)
+    wheel.follow(heads(headings(*range(0, 10000, 500)), 10000))
+    arcs = wheel.follow(heads(headings(10000), 12000))
     assert (missing(arcs), list(arcs.arc)) == ([3], [500.0])
     # Alone, with nothing to go by, a jump is a step.
-    assert missing(Wheel(TURN).follow(headings(10000), 12000)) == [0]
+    assert missing(Wheel(TURN).follow(heads(headings(10000), 12000))) == [0]
 
 
 def test_another_speed_is_believed_when_it_lasts() -> None:
     """As when the speed was set while the stream could not be read: no span fits the arc that was known."""
     wheel = Wheel(TURN)
-    wheel.follow(headings(*range(0, 10000, 500)), 10000)
-    arcs = wheel.follow(headings(*range(10000, 16400, 800)), 16400)
-    assert (missing(arcs), arcs.typical, arcs.certain) == ([0] * 8, 800, True)
-    arcs = wheel.follow(headings(*range(16400, 18800, 300)), 18800)
-    assert (missing(arcs), arcs.typical, arcs.certain) == ([0] * 8, 300, True)
+    wheel.follow(heads(headings(*range(0, 10000, 500)), 10000))
+    arcs = wheel.follow(heads(headings(*range(10000, 16400, 800)), 16400))
+    assert (missing(arcs), arcs.step, arcs.certain) == ([0] * 8, 800, True)
+    arcs = wheel.follow(heads(headings(*range(16400, 18800, 300)), 18800))
+    assert (missing(arcs), arcs.step, arcs.certain) == ([0] * 8, 300, True)
 
 
 def test_a_gap_is_counted_by_the_speed_of_its_own_revolution() -> None:
     wheel = Wheel(TURN)
-    wheel.follow(headings(*range(0, 10000, 500)), 10000)
-    arcs = wheel.follow(headings(*range(10000, 16200, 620), 16200 + 4 * 620), 16200 + 5 * 620)
-    assert (missing(arcs), arcs.typical) == ([0] * 9 + [4, 0], 620)
+    wheel.follow(heads(headings(*range(0, 10000, 500)), 10000))
+    arcs = wheel.follow(heads(headings(*range(10000, 16200, 620), 16200 + 4 * 620), 16200 + 5 * 620))
+    assert (missing(arcs), arcs.step) == ([0] * 9 + [4, 0], 620)
 
 
 def test_a_small_step_back_is_no_lost_turn() -> None:
     rotation = NodeSteps(TURN)
-    arcs = rotation.arcs(headings(100, 107, 114, 110, 121, 128), 135)
+    arcs = rotation.follow(heads(headings(100, 107, 114, 110, 121, 128), 135))
     assert missing(arcs) == [0] * 6
 
 
 def test_a_rotor_that_stands_divides_by_nothing() -> None:
     wheel = Wheel(TURN)
     for following in (None, 700):
-        arcs = wheel.follow(headings(700, 700, 700), following)
+        arcs = wheel.follow(heads(headings(700, 700, 700), following))
         assert missing(arcs) == [0, 0, 0]
         assert np.isfinite(arcs.arc).all()
 
@@ -106,7 +102,7 @@ def test_random_losses_are_counted_to_the_packet(arc: int, lost: list[bool], see
         if len(part):
             those = (angles[kept[part]] % TURN).astype(np.int32)
             following = int(angles[kept[part[-1] + 1]] % TURN)
-            result = wheel.follow(those, following)
+            result = wheel.follow(heads(those, following))
             found += missing(result)
             assert np.abs(np.asarray(result.arc) - arc).max() <= 0.03 * arc + 1
     assert found == gaps.tolist()
@@ -123,17 +119,17 @@ def test_nothing_is_missing_while_the_rotor_changes_its_speed(
 ) -> None:
     angles = ramp(first_hz, last_hz, packet_s, before_s=0.5, until_s=2.5)
     # Packets that tell their arc, those of 0x83, tell it from the first of 96 samples to the last.
-    inside = 95 / 96 if told else 1.0
-    rotation, wheel = ToldArcs(TURN, inside), Wheel(TURN)
+    rotation, wheel = ToldWheel(TURN, 48), Wheel(TURN)
     turns = angles // TURN
     for number in range(int(turns[-1])):
         (of_one,) = np.nonzero(turns == number)
         following = int(angles[of_one[-1] + 1] % TURN)
         here = (angles[of_one] % TURN).astype(np.int32)
         if told:
-            spans = angles[of_one + 1] - angles[of_one]
-            arcs = rotation.arcs(here, following, np.rint(spans * inside).astype(np.uint16))
+            way = np.rint((angles[of_one + 1] - angles[of_one]) * 95 / 96)
+            arcs = rotation.follow(heads(here, following, 96, way))
         else:
-            arcs = wheel.follow(here, following)
-        assert arcs.lost == 0, f"revolution {number}"
-        assert TURN / arcs.typical == pytest.approx(len(of_one), rel=0.05, abs=1)
+            arcs = wheel.follow(heads(here, following))
+        assert lost(arcs) == 0, f"revolution {number}"
+        packets = TURN / arcs.step / (96 if told else 1)
+        assert packets == pytest.approx(len(of_one), rel=0.05, abs=1)

@@ -1,0 +1,212 @@
+"""How far the rotor turned from sample to sample, and what is missing, where packets tell their own part of that.
+
+Such a packet states the angles of its first and of its last sample; its *way* lies between, and its samples lie at
+equal *steps* on it. From its last sample to the first one of the next packet the rotor turns by one step more. What
+that *jump* holds beyond was lost.
+
+1. **The step is the mean of all.** A revolution is short, and a motor keeps its speed.
+2. **Unless it changes from packet to packet**, by a little each time, as while a motor spins up: then each packet
+   has its own.
+3. **Any other way is damage** that a weak check value let pass, or the jump beside it would be as odd. The others
+   tell the truth; what such a packet itself says of its samples is not changed, for that must not depend on others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.families.spans import LIKENESS, RETREAT_TURNS, Arcs, Heads, Ints, SteadyArcs
+from lidario.wire.events import Arrival
+
+__all__ = ["FEWEST", "ToldWheel"]
+
+Floats = NDArray[np.float64]
+
+_CHANGING: Final = 1.1
+"""If the longest way exceeds that of the mean step by this factor, a change of speed is looked for."""
+_SEVERAL: Final = 8
+"""Samples of a packet from which its step is known well enough for that."""
+FEWEST: Final = 6
+"""Packets from which the longest one is an ordinary one, where they are of any size: of a revolution, the first one
+and the last one may be short."""
+_BACKWARD: Final = RETREAT_TURNS / 5
+"""By so much, 2 degrees, a packet may begin before the end of the one before, with nothing missing."""
+_TOO_FAR: Final = 2.0
+"""Times the usual way from which a way cannot be one."""
+_ODD: Final = 3.0
+"""Steps by which a way may be off before it is looked at whether one of its ends is wrong."""
+
+
+class ToldWheel:
+    """Judges packets that tell their own way; obeys `Turning`. It remembers nothing.
+
+    Args:
+        full_turn: 360 degrees in the unit of the headings.
+        least: Samples that are missing at least where anything is.
+    """
+
+    def __init__(self, full_turn: int, least: float) -> None:
+        self._full_turn = full_turn
+        self._backward = int(full_turn * _BACKWARD)
+        self._least = least
+
+    def tell_time(self, sample_ns: float) -> None:
+        """As `Turning.tell_time`: it is not needed."""
+
+    def copy(self) -> Self:
+        """As `Turning.copy`."""
+        return self
+
+    def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:  # noqa: ARG002
+        """As `Turning.follow`."""
+        first, way, counts = heads.first, _way_of(heads), heads.counts
+        inner = heads.samples - len(first)
+        turned = int(np.add.reduce(way)) if inner else 0
+        if turned <= 0:
+            return Arcs(way, None, 0.0, certain=False)
+        step: Floats | float = turned / inner
+        most = counts if isinstance(counts, int) else int(np.maximum.reduce(counts))
+        if int(np.maximum.reduce(way)) > _CHANGING * (turned / inner) * (most - 1):
+            step = _steps_of(way, counts)
+        tails = first + way
+        jumps = self._jumps(first, tails, heads.following)
+        gaps = jumps > (1 + self._least) * step
+        if gaps.any():
+            if isinstance(step, float):
+                # The mean contains what is damaged.
+                step = _median(way, counts)
+            usual: Floats = np.multiply(np.subtract(counts, 1), step, dtype=np.float64)
+            better = self._mended(heads, tails, jumps, usual, step)
+            if better is not None:
+                first, tails = better
+                jumps = self._jumps(first, tails, heads.following)
+                turned = int(np.add.reduce(tails - first))
+                if isinstance(step, float):
+                    step = turned / inner or step
+                gaps = jumps > (1 + self._least) * step
+        mean = turned / inner
+        if not gaps.any():
+            return Arcs(way, None, self._mean(mean, turned, jumps, heads), certain=True)
+        skipped = np.where(gaps, np.rint(jumps / step) - 1, 0).astype(np.intp)
+        return Arcs(way, skipped, mean, certain=True)
+
+    def steady(self, heads: Heads, ends: Sequence[int]) -> SteadyArcs | None:
+        """As `Turning.steady`."""
+        way, counts, begins = _way_of(heads), heads.counts, [0, *ends[:-1]]
+        tails = heads.first + way
+        jumps = self._jumps(heads.first, tails, heads.following)
+        turned = np.add.reduceat(way, begins, dtype=np.int64).tolist()
+        between = np.add.reduceat(jumps, begins, dtype=np.int64).tolist()
+        longest = np.maximum.reduceat(way, begins).tolist()
+        farthest = np.maximum.reduceat(jumps, begins).tolist()
+        packets = [end - begin for begin, end in zip(begins, ends, strict=True)]
+        if isinstance(counts, int):
+            samples, most = [each * counts for each in packets], [counts] * len(ends)
+        else:
+            samples = np.add.reduceat(counts, begins).tolist()
+            most = np.maximum.reduceat(counts, begins).tolist()
+        steps = list[float]()
+        for at, way_turned in enumerate(turned):
+            inner = samples[at] - packets[at]
+            mean = way_turned / inner if inner else 0.0
+            if not mean or (packets[at] < FEWEST and not isinstance(counts, int)):
+                return None
+            if longest[at] > _CHANGING * mean * (most[at] - 1) or farthest[at] > (1 + self._least) * mean:
+                return None
+            steps.append((way_turned + between[at]) / samples[at])
+        return SteadyArcs(way, steps)
+
+    def settle(self, arcs: SteadyArcs) -> None:
+        """As `Turning.settle`: nothing is remembered."""
+
+    @staticmethod
+    def _mean(mean: float, turned: int, jumps: Ints, heads: Heads) -> float:
+        """The mean step where nothing is missing: with the jumps, if the last one is known, it is more exact."""
+        if heads.following is None:
+            return mean
+        return (turned + int(np.add.reduce(jumps))) / heads.samples
+
+    def _jumps(self, first: Ints, tails: Ints, following: int | None) -> Ints:
+        """How far ahead of the end of each packet the next one begins; 0 where it begins a little before that.
+
+        Args:
+            first: Angles of the first samples.
+            tails: Angles of the last samples, counted on past 360 degrees.
+            following: Where the next packet begins; None where it is not known, and the last jump then 0.
+        """
+        jumps = np.empty_like(first)
+        np.subtract(first[1:], tails[:-1], out=jumps[:-1])
+        jumps[-1] = 0 if following is None else following - int(tails[-1])
+        jumps %= self._full_turn
+        jumps[jumps > self._full_turn - self._backward] = 0
+        return jumps
+
+    def _mended(
+        self, heads: Heads, tails: Ints, jumps: Ints, usual: Floats, step: Floats | float
+    ) -> tuple[Ints, Ints] | None:
+        """Angles of first and last samples; one that is damaged is computed from the other one of its packet.
+
+        An angle is taken as damaged if it is farther from the other one than any speed explains, or if its packet
+        has an unusual way and the jump beside it disappears when the angle is computed.
+
+        Args:
+            heads: Those of the packets.
+            tails: Angles of the last samples, counted on past 360 degrees.
+            jumps: What `_jumps` found of them.
+            usual: The ways that the steps tell.
+            step: The angle from one sample to the next, of each packet or of them all.
+
+        Returns:
+            None where no angle is damaged.
+        """
+        first, following = heads.first, heads.following
+        off = tails - first - usual
+        too_far = off > (_TOO_FAR - 1) * usual + step
+        odd = too_far | (np.abs(off) > _ODD * step)
+        if not odd.any():
+            return None
+        ways, one = np.rint(usual).astype(np.int32), (1 + self._least) * step
+        ahead = jumps > one
+        # The first angle is damaged if the next packet begins right behind the last angle,
+        wrong_first = too_far & ~ahead
+        if following is None:
+            wrong_first[-1] = False
+        # or if the packet before ends right before the first angle, once that is computed.
+        from_last = (tails - ways) % self._full_turn
+        near = self._jumps(from_last, tails, following) <= one
+        wrong_first[1:] |= odd[1:] & ahead[:-1] & near[:-1]
+        near = self._jumps(first, first + ways, following) <= one
+        wrong_last = ~wrong_first & ahead & (too_far | odd & near)
+        if not (wrong_first | wrong_last).any():
+            return None
+        begins = np.where(wrong_first, from_last, first)
+        return begins, np.where(wrong_first, from_last + ways, np.where(wrong_last, first + ways, tails))
+
+
+def _way_of(heads: Heads) -> Ints:
+    assert heads.way is not None
+    return heads.way
+
+
+def _steps_of(way: Ints, counts: Ints | int) -> Floats | float:
+    """The step of each packet where it changes by a little from packet to packet; else the median of all."""
+    inner = np.subtract(counts, 1)
+    long = (np.broadcast_to(inner, way.shape) >= _SEVERAL - 1).nonzero()[0]
+    own: Floats = way[long] / np.broadcast_to(inner, way.shape)[long]
+    if len(own) > 1:
+        least = np.minimum(own[1:], own[:-1])
+        if least.min() > 0 and (np.abs(own[1:] - own[:-1]) <= LIKENESS * least).all():
+            # A short packet has that of the long one before.
+            return own[np.maximum(np.searchsorted(long, np.arange(len(way)), "right") - 1, 0)]
+    return _median(way, counts)
+
+
+def _median(way: Ints, counts: Ints | int) -> float:
+    """The step of most packets; at least one packet has several samples."""
+    inner = np.broadcast_to(np.subtract(counts, 1), way.shape)
+    each = way[inner > 0] / inner[inner > 0]
+    return float(np.median(each)) or int(np.add.reduce(way)) / int(np.add.reduce(inner))
