@@ -65,7 +65,7 @@ class DoubledPackets:
             same = [at for at in range(1, len(headings)) if headings[at] == headings[at - 1]]
         else:
             same = []
-        if int(headings[0]) == before and not packets.skipped:
+        if int(headings[0]) == before:
             same = [0, *same]
         found = self._among(packets, same) if same else []
         if not same or same[-1] != packets.count - 1:
