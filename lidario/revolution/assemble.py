@@ -94,7 +94,7 @@ class Assembler:
         try:
             splits = self._seam.splits(headings)
             offsets = packet_offsets(event.blocks) if splits else ()
-            done = 0
+            done, alone = 0, 1
             while done < len(splits):
                 left = len(splits) - done if self._by_blocks else 1
                 if left >= _WORTH_A_BLOCK and (
@@ -109,7 +109,7 @@ class Assembler:
                         yield block
                         break
                     # Something is not as it should be, somewhere. Behind it all may be well again.
-                    left = max(1, left // 2)
+                    left, alone = min(left, alone), 2 * alone
                 for split in splits[done : done + left]:
                     scan = self._end_at(event, split, kept, offsets)
                     kept = split.packet

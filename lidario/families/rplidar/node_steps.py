@@ -1,8 +1,14 @@
 """What is missing among the nodes of 0x81, each of which is a packet of its own.
 
 The step from one node to the next is a few units of the angle, and angles are corrected: steps scatter by most of
-one, and are even only in the mean. A node has two check bits, so that a few bytes may pass for one whose angle is
-somewhere else.
+one, and are even only in the mean. So what holds for the arcs of larger packets (`lidario.families.wheel`) holds
+for the mean of a few dozen steps:
+
+1. **It is like the one before it.** A rotor changes its speed little in a few milliseconds, whatever it does.
+2. **What is not** is missing nodes; what is not for long is another speed.
+3. **The clock has the last word** where steps agree: they are one each, or a whole number of them.
+
+A node has two check bits, so that a few bytes may pass for one whose angle is somewhere else.
 """
 
 from __future__ import annotations
@@ -14,6 +20,7 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from lidario.families.pace import Pace
 from lidario.families.spans import Arcs, Heads, SteadyArcs, by_revolution, spans_between
 from lidario.wire.events import Arrival
 
@@ -25,13 +32,18 @@ RETREAT_TURNS: Final = 1 / 12
 """How far nodes fall back at most: without a check value, a few bytes may pass for nodes up to 30 degrees ahead."""
 JITTER: Final = 0.75
 """Share of an ordinary step by which steps may scatter: only a doubled one is a lost node."""
-STRANGE_STEPS: Final = 4
-"""Steps in a row, all unlike what was ordinary so far, after which they are the ordinary ones."""
+SEVERAL: Final = 32
+_SEVERAL_TURNS: Final = 1 / 24
+"""Steps of which the mean is taken, at least so many and so far: a mean of seven units over 32 steps is off by half
+a percent, since each end is rounded."""
+STRANGE: Final = 32
+"""So many times in a row hardly a step is like those before: if time tells nothing, it is another speed."""
 CERTAIN_STEPS: Final = 6
-REMEMBERED_STEPS: Final = 64
-"""Steps that must agree before the ordinary one is certain, and how many are kept until then."""
+"""Steps that must agree before the ordinary one is certain."""
 FALSE_NODES: Final = 40
 """Nodes within which a leap and a fall belong together: between them stands what was no node."""
+_OFF: Final = 0.25
+"""Part by which the number of steps that time tells may be off a whole number."""
 
 
 class NodeSteps:
@@ -44,34 +56,42 @@ class NodeSteps:
     def __init__(self, full_turn: int) -> None:
         self._full_turn = full_turn
         self._retreat = int(full_turn * RETREAT_TURNS)
+        self._sample_ns = 0.0
         self._typical = 0.0
-        self._certain = False
-        self._remembered = np.empty(0)
+        self._certain = self._confirmed = False
         self._strange = 0
+        self._pace = Pace(full_turn)
 
     def tell_time(self, sample_ns: float) -> None:
-        """As `Turning.tell_time`: the steps tell how far the rotor turned."""
+        """As `Turning.tell_time`."""
+        self._sample_ns = sample_ns
 
     def copy(self) -> Self:
         """As `Turning.copy`."""
-        return copy.copy(self)
+        twin = copy.copy(self)
+        twin._pace = self._pace.copy()  # noqa: SLF001 - its own
+        return twin
 
-    def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:  # noqa: ARG002
+    def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:
         """As `Turning.follow`."""
         followed = heads.following is not None
         spans, shortest, longest, total = spans_between(heads, self._full_turn, self._retreat)
         if self._certain and followed and self._is_ordinary(self._typical, shortest, longest):
             # The mean is as good as the median where nothing is far from either, and much cheaper.
             self._typical, self._strange = total / len(spans), 0
-            return Arcs(spans, None, self._typical, certain=True)
+            count = len(spans)
+            if not (self._confirmed or self._pace.is_same_read(arrivals, count, count, 1)):
+                self._check([1] * count, arrivals)
+            return Arcs(spans, None, total / count, certain=True)
         rough = spans.astype(np.float64)
-        typical = self._learn(rough if followed else rough[:-1])
-        if typical <= 0:
+        steps = self._walk(rough if followed else rough[:-1], len(rough))
+        if steps[0] <= 0:
             return Arcs(np.maximum(rough, 0.0), None, 0.0, certain=False)
-        missing = _missing(rough, typical)
+        missing = _missing(rough, steps)
         if not followed:
             missing[-1] = 0
-        return Arcs(rough, missing if missing.any() else None, typical, self._certain)
+        self._check((missing + 1).tolist(), arrivals)
+        return Arcs(rough, missing if missing.any() else None, float(steps.mean()), self._certain)
 
     def steady(self, heads: Heads, ends: Sequence[int]) -> SteadyArcs | None:
         """As `Turning.steady`."""
@@ -89,61 +109,88 @@ class NodeSteps:
     def settle(self, arcs: SteadyArcs) -> None:
         """As `Turning.settle`."""
         self._typical, self._strange = arcs.steps[-1], 0
+        self._pace.clear()
 
     @staticmethod
     def _is_ordinary(typical: float, shortest: int, longest: int) -> bool:
         return JITTER * typical < shortest and longest <= (1 + JITTER) * typical
 
-    def _learn(self, spans: Steps) -> float:
-        """The ordinary step: the mean of those that are near the last one known."""
-        if not len(spans):
-            return self._typical
-        if not self._certain:
-            return self._learn_first(spans)
-        ordinary = spans
-        if spans.max() > 1.5 * self._typical or spans.min() < self._typical / 2:
-            ordinary = spans[np.abs(spans - self._typical) <= self._typical / 2]
-        if len(ordinary):
-            self._typical, self._strange = _middle(ordinary), 0
-        else:
-            # A few strange steps are gaps; many, or some again and again, are another speed.
-            self._strange += len(spans)
-            if self._strange >= STRANGE_STEPS:
-                self._certain, self._strange, self._remembered = False, 0, np.empty(0)
-                return self._learn_first(spans)
-        return self._typical
+    def _check(self, nodes: Sequence[int], arrivals: Sequence[Arrival]) -> None:
+        """Correct the ordinary step where the device has measured a multiple or a part of the nodes that it tells.
 
-    def _learn_first(self, spans: Steps) -> float:
-        """The same, as long as nothing is certain: from all steps seen so far."""
-        seen = np.concatenate((self._remembered, spans))
+        Args:
+            nodes: How many there are for each one that came, with those that are missing.
+            arrivals: When they came.
+        """
+        if self._confirmed and not self._strange:
+            self._pace.clear()
+            return
+        self._pace.add(nodes, arrivals)
+        by_time = self._pace.measured(self._sample_ns, 1.0)
+        if by_time is None:
+            return
+        low, high = min(by_time), max(by_time)
+        for times in (max(1, round(low)), 1 / max(1, round(1 / high))):
+            if high <= (1 + _OFF) * times and low >= (1 - _OFF) * times:
+                self._typical /= times
+                self._confirmed, self._strange = True, 0
+                self._pace.clear()
+                return
+
+    def _walk(self, spans: Steps, count: int) -> Steps:
+        """The ordinary step at each of so many nodes, by the spans of those of which it is known."""
+        if not self._certain and len(spans):
+            self._learn_first(spans)
+        found = np.full(count, self._typical)
+        several = max(SEVERAL, round(_SEVERAL_TURNS * self._full_turn / max(1.0, self._typical)))
+        for begin in range(0, len(spans), several):
+            self._take(spans[begin : begin + several])
+            found[begin : begin + several] = self._typical
+        return found
+
+    def _take(self, spans: Steps) -> None:
+        """Find the ordinary step of a few dozen, by the one before."""
+        near = spans[np.abs(spans - self._typical) <= self._typical / 2]
+        if len(near) >= CERTAIN_STEPS:
+            self._typical, self._strange = float(near.mean()), 0
+            return
+        middle, agreeing = _middle(spans)
+        if agreeing < CERTAIN_STEPS or 2 * agreeing < len(spans):
+            return
+        self._strange += 1
+        if self._strange >= STRANGE:
+            self._typical, self._strange = middle, 0
+
+    def _learn_first(self, spans: Steps) -> None:
+        """The ordinary step as long as none is certain."""
         # Gaps only ever lengthen a step, so the short ones tell the truth.
-        short = float(np.partition(seen, len(seen) // 4)[len(seen) // 4])
-        ordinary = seen[np.abs(seen - short) <= short / 2]
-        self._typical = _middle(ordinary) if len(ordinary) else short
+        short = float(np.partition(spans, len(spans) // 4)[len(spans) // 4])
+        ordinary = spans[np.abs(spans - short) <= short / 2]
+        if len(ordinary):
+            self._typical, _ = _middle(ordinary)
         self._certain = len(ordinary) >= CERTAIN_STEPS
-        self._remembered = seen[-REMEMBERED_STEPS:]
-        return self._typical
 
 
-def _middle(spans: Steps) -> float:
+def _middle(spans: Steps) -> tuple[float, int]:
+    """The ordinary one of several steps, and how many agree with it."""
     middle = len(spans) // 2
     median = float(np.partition(spans, middle)[middle])
     # A step is a few units: one of 7.2 is 7 or 8, and the median 7.
     near = spans[np.abs(spans - median) <= median / 2]
-    return float(near.mean()) if len(near) else median
+    return (float(near.mean()) if len(near) else median), len(near)
 
 
-def _missing(spans: Steps, typical: float) -> NDArray[np.intp]:
+def _missing(spans: Steps, steps: Steps) -> NDArray[np.intp]:
     """Nodes missing behind each."""
-    missing = np.ceil(spans / typical - 1 - JITTER).astype(np.intp)
+    missing = np.ceil(spans / steps - 1 - JITTER).astype(np.intp)
     # A leap beside a fall is one heading that is out of place, not a gap.
     falls = spans < 0
     missing[1:][falls[:-1]] = -1
     missing[:-1][falls[1:]] = -1
     # Where headings leap ahead and soon fall back, only the difference is missing.
-    for fall in np.flatnonzero(spans < -2 * typical).tolist():
+    for fall in np.flatnonzero(spans < -2 * steps).tolist():
         leaps = np.flatnonzero(missing[max(0, fall - FALSE_NODES) : fall] > 0)
         if len(leaps):
             leap = max(0, fall - FALSE_NODES) + int(leaps[-1])
-            missing[leap] = max(0, int(missing[leap]) + round(float(spans[fall]) / typical))
+            missing[leap] = max(0, int(missing[leap]) + round(float(spans[fall] / steps[fall])))
     return np.maximum(missing, 0)
