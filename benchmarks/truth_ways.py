@@ -15,6 +15,7 @@ from benchmarks.truth_cases import Line
 from benchmarks.truth_streams import TrueStream
 from lidario.recording.offline import OfflineDecoder
 from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.revolution.together import join_runs
 from lidario.scan import Scan
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
@@ -83,7 +84,7 @@ def _live(stream: TrueStream, line: Line, reads: list[tuple[int, int]], ends: ND
         until, now = piece[-1]
         arrivals = [(place - begin, at) for place, at in piece[:-1]]
         link.receive_data(line.data[begin:until].tobytes(), now, arrivals)
-        for event in link.events_received():
+        for event in join_runs(list(link.events_received())):
             if isinstance(event, Packets):
                 scans += assembler.add(event)
         first, begin = end, until
