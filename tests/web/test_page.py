@@ -205,7 +205,8 @@ def test_an_empty_scan_and_damage_are_said_in_words(opened: Open) -> None:
         process.communicate(timeout=BOUND)
         page.until("document.body.innerText.includes('no connection to lidario, trying again')")
         assert "scanning" not in page.text()
-        # The refused attempts to connect are the browser's complaints, not the page's.
+        # The refused attempts to connect are the browser's complaints, not the page's; a closed one makes no more.
+        page.close()
         page.complaints.clear()
 
 
@@ -223,6 +224,7 @@ def test_two_lidars_stand_where_they_are_mounted(opened: Open) -> None:
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=BOUND)
         page.until("!connected")
+        page.close()
         page.complaints.clear()
 
 
@@ -259,4 +261,5 @@ def test_after_unplugging_it_says_so_and_comes_back(opened: Open) -> None:
         process.communicate(timeout=BOUND)
         assert process.returncode == 0
         page.until("!connected")
+        page.close()
         page.complaints.clear()
