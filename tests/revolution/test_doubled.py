@@ -33,6 +33,7 @@ def pace(case: Case) -> list[int]:
     return [round(each * case.byte_ns) for each in np.cumsum([len(packet) for packet in case.packets])]
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("case", WITH_A_CHECK, ids=named)
 @given(data=st.data())
 def test_it_costs_nothing(case: Case, data: st.DataObject) -> None:

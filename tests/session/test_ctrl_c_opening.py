@@ -26,11 +26,11 @@ LIBRARIES = ("/lidario/session/", "/lidario/port/")
 
 
 @both_families
-@pytest.mark.exhaustive("ending", sample=[("orderly", 37), ("at once", 37)], full=[("orderly", 3), ("at once", 1)])
+@pytest.mark.exhaustive("ending", sample=[("orderly", 37), ("at once", 37)], full=[("orderly", 3), ("at once", 2)])
 def test_ctrl_c_at_every_line_of_opening(
     family: str, ending: tuple[str, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A loop that `asyncio.run` ends has more time to stop the device: every third line shows as much there."""
+    """A loop that `asyncio.run` ends has more time to stop the device: every third line shows enough there."""
     orderly, stride = ending[0] == "orderly", ending[1]
     line, moving = stride // 2, []
     while True:

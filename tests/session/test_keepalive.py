@@ -44,7 +44,7 @@ async def scan_for(lidar: Lidar, seconds: float, block_s: float = 0.0) -> int:
     return count
 
 
-@pytest.mark.exhaustive("minutes", sample=[2], full=[20])
+@pytest.mark.exhaustive("minutes", sample=[2], full=[10])
 @driven
 async def test_many_minutes_with_protection_on(minutes: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.port.simulated._TICK_S", 0.1)
