@@ -46,7 +46,7 @@ def as_json(scan: Scan) -> str:
 
 def as_csv(scan: Scan) -> str:
     """One row per sample, with the time at which it was measured."""
-    stamps = scan.wall_stamp_ns + np.arange(len(scan)) * scan.time_increment_ns
+    stamps = scan.times_ns + (scan.wall_stamp_ns - scan.stamp_ns)
     intensities = [""] * len(scan) if scan.intensities is None else scan.intensities.tolist()
     rows = zip(
         stamps.tolist(), scan.angles.tolist(), scan.ranges.tolist(), scan.valid.tolist(), intensities, strict=True

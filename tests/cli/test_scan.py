@@ -8,10 +8,13 @@ import json
 import math
 from collections import Counter
 
+import numpy as np
 import pytest
 
+from lidario.cli.formats import CSV_HEADER, as_csv
 from tests.cli.processes import in_memory, invoke_driven
 from tests.support.samples import every_model
+from tests.support.sweep import sweep
 
 CIRCLE = "sim://rplidar-s2?via=memory&world=circle"
 
@@ -134,3 +137,12 @@ def test_what_a_device_does_not_tell_is_left_out() -> None:
         assert "LDROBOT LD06" in said
         assert "serial number" not in said, verb
         assert "firmware" not in said, verb
+
+
+def test_csv_tells_when_a_sample_behind_a_gap_was_measured() -> None:
+    truth = sweep(hertz=10, sample_us=500, gaps=[(0.25, 0.05)])
+    rows = csv.DictReader(io.StringIO(CSV_HEADER + as_csv(truth.scan)))
+    told = np.array([int(row["wall_stamp_ns"]) for row in rows])
+    measured = np.array([truth.wall_ns[number] for number in truth.kept])
+    assert len(told) == len(measured) == 190
+    assert np.abs(told - measured).max() < 1000
