@@ -15,6 +15,7 @@ from lidario.recording.opened import StoredFile
 from lidario.recording.raw import SEARCHED
 from lidario.recording.read import StoredStreams
 from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.revolution.together import join_runs
 from lidario.scan import Scan
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
@@ -83,7 +84,7 @@ class FileDecoder:
                 assembler.set_zero_offset(offset_deg, behind=behind)
             last_ns = arrivals.pop()[1]
             link.receive_data(data, last_ns, arrivals)
-            for event in link.events_received():
+            for event in join_runs(list(link.events_received())):
                 if isinstance(event, Packets):
                     yield from assembler.add(event)
         if assembler is not None:

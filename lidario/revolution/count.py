@@ -178,15 +178,15 @@ class RevolutionCount:
         last = self.last
         if last is None or not last.revolution_ns:
             return None
-        before_ns, ordinary_ns, share = last.start_ns, last.revolution_ns, 1 - last.over
+        before_ns, ordinary_ns, share, gap = last.start_ns, last.revolution_ns, 1 - last.over, last.lost > 0
         found: list[float] = []
         for start_ns, revolution_ns in zip(starts, revolutions_ns, strict=True):
             elapsed = start_ns - before_ns
             alike = 1 / ALIKE < revolution_ns / ordinary_ns < ALIKE
             if not alike or elapsed <= 0 or abs(elapsed / ordinary_ns - share) >= NOISE:
                 return None
-            found.append(elapsed / share if share >= LEAST_SHARE else math.nan)
-            before_ns, ordinary_ns, share = start_ns, revolution_ns, 1
+            found.append(_interval(elapsed, share, ordinary_ns, gap=gap))
+            before_ns, ordinary_ns, share, gap = start_ns, revolution_ns, 1, False
         return found
 
     def settle(self, last: Beginning) -> None:
@@ -201,7 +201,7 @@ class RevolutionCount:
         if last is None or not last.revolution_ns or self.needs_speed or self._uncounted:
             # Too little came of it to know its speed, and so how much the angles hide.
             unseen, lost = self._since_counted(here)
-            return Passed(unseen, lost, math.nan if unseen else self._interval(here, last))
+            return Passed(unseen, lost, math.nan if unseen else self._between(here, last))
         elapsed = here.start_ns - last.start_ns
         extra = elapsed / last.revolution_ns - (1 + here.over - last.over)
         if last.tells_time:
@@ -224,18 +224,14 @@ class RevolutionCount:
             lost = missing if missing > max(last.packets, FEWEST_PACKETS) else 0
         if not self._late and here.revolution_ns:
             self._count_to(here, unseen, lost)
-        return Passed(unseen, lost, math.nan if unseen else self._interval(here, last))
+        return Passed(unseen, lost, math.nan if unseen else self._between(here, last))
 
-    def _interval(self, here: Beginning, last: Beginning | None) -> float:
+    def _between(self, here: Beginning, last: Beginning | None) -> float:
         """What the revolution between two beginnings took by the time; NaN where that is not well known."""
         if last is None or not last.revolution_ns or self.needs_speed:
             return math.nan
         elapsed, share = here.start_ns - last.start_ns, 1 + here.over - last.over
-        if elapsed <= 0 or share < LEAST_SHARE or abs(elapsed / last.revolution_ns - share) >= NOISE:
-            return math.nan
-        if (here.lost or last.lost) and abs(elapsed / share / last.revolution_ns - 1) >= AGREEMENT:
-            return math.nan
-        return elapsed / share
+        return _interval(elapsed, share, last.revolution_ns, gap=here.lost > 0 or last.lost > 0)
 
     def _since_counted(self, here: Beginning) -> tuple[int, int]:
         """Revolutions and packets that are missing since the last beginning from where they were known."""
@@ -326,3 +322,18 @@ class RevolutionCount:
             return 0
         missing = max(0, round(elapsed / self._packet_ns) - last.packets - last.lost + last.behind)
         return missing if last.broken or missing > max(last.packets, FEWEST_PACKETS) else 0
+
+
+def _interval(elapsed: float, share: float, ordinary_ns: float, *, gap: bool) -> float:
+    """What a revolution took of which `share` lies between two beginnings; NaN where that is not well known.
+
+    Args:
+        elapsed: Nanoseconds from one beginning to the other.
+        share: The part of the revolution that this was.
+        ordinary_ns: What one takes by the angles.
+        gap: Whether packets are missing in it or beside it.
+    """
+    if elapsed <= 0 or share < LEAST_SHARE or abs(elapsed / ordinary_ns - share) >= NOISE:
+        return math.nan
+    took = elapsed / share
+    return math.nan if gap and abs(took / ordinary_ns - 1) >= AGREEMENT else took
