@@ -18,12 +18,10 @@ __all__ = ["DEVICE_DELAY_SAMPLES", "byte_ns_at", "earliest_ns", "first_sample_ns
 BITS_A_BYTE = 10
 """On a serial line with one start and one stop bit."""
 DEVICE_DELAY_SAMPLES = 1.5
-_KNOWN_GAPS = 8
-"""Gaps over which samples are counted. Of each, a sample more or less may be missing than its angles tell."""
 
 
 def first_sample_ns(ended: EndedRevolution, *, packet_bytes: float, byte_ns: float) -> int:
-    """When the first sample was measured, by the least delayed packet before there are too many gaps.
+    """When the first sample was measured, by the least delayed packet.
 
     Args:
         ended: The revolution; it has carried samples, or packets. Of its times, only `sample_ns` is read.
@@ -46,19 +44,17 @@ def first_sample_ns(ended: EndedRevolution, *, packet_bytes: float, byte_ns: flo
     gaps = list(samples.gaps)
     if carried and revolution.lost_behind_carried:
         gaps.insert(0, (0, revolution.skipped_behind_carried))
-    unbroken = math.inf
-    if gaps or not samples.certain:
-        unbroken = -1 if gaps and not gaps[0][0] else samples.unbroken
+    unbroken = -1 if gaps and not gaps[0][0] else samples.unbroken
     passed = 0
     for count, at_ns in packets.arrivals:
         end = ends[count - 1]
-        if count > unbroken:
+        if samples.certain:
             while passed < len(gaps) and gaps[passed][0] < end:
-                before += gaps[passed][1] if samples.certain else 0
+                before += gaps[passed][1]
                 passed += 1
-            if earliest < math.inf and (passed > _KNOWN_GAPS or not samples.certain):
-                # Behind many gaps the number of samples since the beginning is not known exactly.
-                break
+        elif count > unbroken and earliest < math.inf:
+            # Behind a gap the number of samples since the beginning is not known.
+            break
         earliest = min(at_ns - (before + end) * sample_ns, earliest)
     return round(earliest - DEVICE_DELAY_SAMPLES * sample_ns - packet_bytes * byte_ns)
 
