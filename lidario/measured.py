@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lidario.rotor import Gaps
 from lidario.samples import metres_of, radians_of
 
-__all__ = ["MeasuredSamples", "with_dropped", "with_gaps"]
+__all__ = ["MeasuredSamples", "later", "with_dropped", "with_gaps"]
 
 _RecordT = TypeVar("_RecordT", bound="MeasuredSamples")
 
@@ -64,6 +64,13 @@ def with_gaps(record: _RecordT, gaps: Gaps | None) -> _RecordT:
     """A new record, told where samples are missing in it."""
     object.__setattr__(record, "_gaps", gaps)
     return record
+
+
+def later(record: _RecordT, by_ns: int) -> _RecordT:
+    """The same record, measured so much later."""
+    fields: Any = record
+    made: _RecordT = replace(fields, stamp_ns=fields.stamp_ns + by_ns, wall_stamp_ns=fields.wall_stamp_ns + by_ns)
+    return with_gaps(made, record._gaps)  # noqa: SLF001 - of this module
 
 
 def with_dropped(record: _RecordT, dropped: int) -> _RecordT:

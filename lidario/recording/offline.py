@@ -3,7 +3,8 @@
 The bytes are those that a device sent, without times. They pass through the same `Link`, `Assembler` and decoders
 as live ones, in blocks that hold ten to a hundred revolutions: as many as a processor's cache holds together with
 what is decoded from them. Time is counted in samples, from 0 at the first byte of the stream: bytes that were
-damaged take the time of the samples that they would have held, bytes that are missing take none.
+damaged take the time of the samples that they would have held, bytes that are missing take none. Where the angles
+tell that packets are missing in a scan, what follows begins when it has ended.
 
 Nothing larger is held than one block and its scans, and those that the caller keeps; who keeps one scan of a block
 keeps all of them, some two megabytes.
@@ -22,6 +23,7 @@ from lidario.arguments import finite, shown
 from lidario.errors import InvalidValue, RecordingError
 from lidario.families.base import Family, RawStream, Stream
 from lidario.families.registry import FAMILIES, family_named
+from lidario.measured import later
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.revolution.timing import DEVICE_DELAY_SAMPLES
 from lidario.scan import Scan
@@ -154,6 +156,7 @@ class OfflineDecoder:
         self._link.enter_stream(self.stream.format)
         self._assembler = Assembler(self.stream)
         self._samples = 0.0
+        self._end_ns = self._behind_ns = 0
 
     @property
     def link_stats(self) -> LinkStats:
@@ -182,7 +185,7 @@ class OfflineDecoder:
             self._link.receive_data(block, 0)
             for event in self._link.events_received():
                 if isinstance(event, Packets):
-                    yield from self._assembler.add(self._dated(event))
+                    yield from map(self._in_time, self._assembler.add(self._dated(event)))
         self._assembler.end()
 
     def _dated(self, packets: Packets) -> Packets:
@@ -193,6 +196,16 @@ class OfflineDecoder:
         self._samples += samples
         arrived_ns = round((self._samples - 1 + DEVICE_DELAY_SAMPLES) * self.stream.sample_ns)
         return Packets(packets.data, packets.blocks, ((packets.count, arrived_ns),), packets.skipped)
+
+    def _in_time(self, scan: Scan) -> Scan:
+        """The scan, not before the one before has ended: packets that are missing without a trace took time too."""
+        early_ns = self._end_ns - scan.stamp_ns - self._behind_ns
+        if early_ns > self.stream.sample_ns:
+            self._behind_ns += early_ns
+        if self._behind_ns:
+            scan = later(scan, self._behind_ns)
+        self._end_ns = scan.stamp_ns + scan.duration_ns
+        return scan
 
 
 def _recognise(data: memoryview, family: str | None, sample_us: float | None) -> tuple[Family, RawStream]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from lidario.families.base import Samples
-from lidario.revolution.count import NOISE, Beginning
+from lidario.revolution.count import Beginning
 from lidario.revolution.ended import EndedRevolution
 from lidario.revolution.partial import PartialRevolution
 from lidario.wire.blocks import Block, some_blocks
@@ -39,8 +39,6 @@ never more scans than revolutions."""
 _ORDINARY: Final = 0.5
 """Part of the longest packet of a format from which a packet is an ordinary one. The last packet of a revolution
 may be shorter, and a start packet is."""
-_EARLY_SHARE: Final = 0.25
-"""Share of the packets of a revolution at its beginning, and at its end, that do not tell how fast they came."""
 _FIRST_PACKETS: Final = 0.9
 _FIRST_SHARE: Final = 0.01
 """Packets' arcs behind the seam, or share of 360 degrees, within which a revolution begins; farther on, its
@@ -64,8 +62,6 @@ def is_broken(ended: EndedRevolution, ordinary_ns: float) -> bool:
         return True
     if packets is None or samples is None:
         return False
-    if elapsed_ns > UNEVEN * spanned_ns and _came_slowly(packets, elapsed_ns, spanned_ns):
-        return True
     if samples.certain:
         # More than one revolution by its angles: they went back by so little that it looked like jitter.
         skipped = sum([each for _, each in samples.gaps]) - samples.skipped_behind
@@ -94,14 +90,6 @@ def _samples_of(samples: Samples, lost: int, skipped: int) -> float:
     """How many samples so many `lost` packets held, of which `skipped` are missing by the angles."""
     # Damage spares short packets: the mean of those that came may be far below what a missing one held.
     return max(lost * samples.ends[-1] / len(samples.ends), skipped)
-
-
-def _came_slowly(packets: Packets, elapsed_ns: int, spanned_ns: float) -> bool:
-    """Whether packets came slowly from the beginning on, as where each second one is lost, not late in the end."""
-    start_ns = packets.received_ns - elapsed_ns
-    some = [each for each in packets.arrivals if _EARLY_SHARE <= each[0] / packets.count <= 1 - _EARLY_SHARE]
-    ordinary_ns = spanned_ns / packets.count
-    return bool(some) and all(at_ns - start_ns > UNEVEN * count * ordinary_ns for count, at_ns in some)
 
 
 def is_complete(spanned_ns: float, revolution_ns: float) -> bool:
@@ -158,12 +146,8 @@ def beginning_of(
     """
     revolution_ns = samples.revolution_samples * ended.sample_ns if samples.certain else 0.0
     packet_ns, revolution_packets, ordinary = packet_time(wire, packets, samples, ended.sample_ns)
-    # A read that was completed only behind a gap dates what came before it too late. What follows is on time.
-    behind_ns = samples.lost_behind * packet_ns if gap_behind else 0.0
-    from_end_ns = round(ended.partial.last_ns - ended.spanned_ns + behind_ns)
-    late = samples.certain and ended.start_ns - from_end_ns > NOISE * revolution_ns
     return Beginning(
-        from_end_ns if late else ended.start_ns,
+        ended.start_ns,
         over=share_before(wire, ended.partial, samples),
         revolution_ns=revolution_ns,
         revolution_packets=revolution_packets,

@@ -18,6 +18,11 @@ import numpy as np
 import pytest
 
 import lidario
+from benchmarks.truth_cases import CASES as CASES_OF_LINES
+from benchmarks.truth_cases import happen
+from benchmarks.truth_forms import FORMATS
+from benchmarks.truth_score import score
+from benchmarks.truth_ways import receive
 from lidario.errors import ConnectFailed, InvalidValue, RecordingError
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.export import export_mcap
@@ -155,6 +160,16 @@ def test_damaged_bytes_take_the_time_of_the_samples_they_held() -> None:
     damaged = bytearray(whole(case))
     damaged[7 + 84 * 100 + 50] ^= 0xFF
     assert [scan.stamp_ns for scan in lidario.decode(damaged)] == intact
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_scan_does_not_begin_before_the_one_before_has_ended(name: str) -> None:
+    """Also where packets are missing without a trace, which bytes alone do not tell."""
+    stream, line = happen(CASES_OF_LINES["40 % of the packets gone"], FORMATS[name])
+    found = score(stream, line, receive(stream, line, "file"), timed=False)
+    assert found.delivered > 35
+    assert found.told > 0.9 * found.missing
+    assert found.overlap_ms < 0.001
 
 
 @pytest.mark.parametrize("data", [b"", b"\xa5", b"\x00" * 5000, bytes(range(256)) * 40, INFO + HEALTH])
