@@ -2,53 +2,59 @@
 
     python obstacle_stop.py [SOURCE]
 
-One task reads the lidar in sectors, each as soon as it is measured, and keeps the nearest distance ahead. The
-control loop never waits for it, and stops also where nothing has come for a while: it does not drive blind.
+One task reads the lidar in sectors, and the control loop never waits for it. It drives only where all that lies
+ahead was seen a moment ago: what came once and never again is not free.
 """
 
 import asyncio
 import math
 import sys
 
+import numpy as np
+
 import lidario
 
 AHEAD = (-0.35, 0.35)  # radians: what the robot would hit
-STOP_M, TOO_OLD_S = 0.5, 0.2
+WIDEST = 0.1  # radians between two samples ahead; what stands between them is not seen
+STOP_M, TOO_OLD_S = 0.5, 0.25
 
 
 class Eyes:
-    """What is ahead, as far as is known."""
+    """What is ahead, as far as it was seen lately."""
 
     def __init__(self) -> None:
-        self.nearest: dict[int, float] = {}  # of each sector
-        self.seen_at = -math.inf
-
-    @property
-    def distance(self) -> float:
-        """Metres; infinite where nothing is."""
-        return min(self.nearest.values(), default=math.inf)
+        self.sectors: dict[int, lidario.Sector] = {}  # the latest of each
 
     async def watch(self, lidar: lidario.Lidar) -> None:
         """Read until the lidar is closed."""
         async for sector in lidar.sectors(degrees=45):
-            ahead = sector.nearest(between=AHEAD)
-            self.nearest[sector.index] = ahead.range if ahead else math.inf
-            self.seen_at = asyncio.get_running_loop().time()
+            self.sectors[sector.index] = sector
+
+    def ahead(self) -> float | None:
+        """Metres to the nearest thing ahead, infinite where nothing is; None where a part of it was not seen."""
+        oldest_ns = (asyncio.get_running_loop().time() - TOO_OLD_S) * 1e9
+        fresh = [sector for sector in self.sectors.values() if sector.stamp_ns > oldest_ns]
+        angles = np.sort(np.concatenate([AHEAD, *(sector.angles for sector in fresh)]))
+        if np.diff(angles[(angles >= AHEAD[0]) & (angles <= AHEAD[1])]).max() > WIDEST:
+            return None
+        nearest = [sector.nearest(between=AHEAD) for sector in fresh]
+        return min((found.range for found in nearest if found), default=math.inf)
 
 
 async def drive(source: str | lidario.SimulatedDevice, *, seconds: float = 5.0) -> float:
     """Drive until something is near; returns the distance at which the robot stopped, infinite where it did not."""
     loop = asyncio.get_running_loop()
     async with lidario.open_lidar(source, reconnect=True) as lidar, asyncio.TaskGroup() as tasks:
-        eyes = Eyes()
+        eyes, end = Eyes(), loop.time() + seconds
         watching = tasks.create_task(eyes.watch(lidar))
-        end = loop.time() + seconds
-        while loop.time() < end and eyes.distance >= STOP_M:
-            set_wheels(0.0 if loop.time() - eyes.seen_at > TOO_OLD_S else 0.4)
-            await asyncio.sleep(0.05)
-        set_wheels(0.0)
+        try:
+            while ((near := eyes.ahead()) is None or near >= STOP_M) and loop.time() < end:
+                set_wheels(0.0 if near is None else 0.4)
+                await asyncio.sleep(0.05)
+        finally:
+            set_wheels(0.0)  # at once, also where reading has failed
         watching.cancel()
-    return eyes.distance if eyes.distance < STOP_M else math.inf
+    return near if near is not None and near < STOP_M else math.inf
 
 
 def set_wheels(speed: float) -> None:

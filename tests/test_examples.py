@@ -6,7 +6,9 @@ import ast
 import asyncio
 import importlib.util
 import json
+import math
 import shutil
+from collections.abc import AsyncIterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -16,13 +18,15 @@ import numpy as np
 import pytest
 
 import lidario
-from lidario.testing import Body, SimulatedLidar, make_scan, room
+from lidario.testing import Body, SimulatedLidar, make_scan, make_sector, room
 from tests.support.inner import ASYNCIO_INI, run_pytest
+from tests.support.loop import run_driven
+from tests.support.pages import blocks
 
 FOLDER = Path(__file__).parent.parent / "examples"
 FILES = sorted(FOLDER.glob("*.py"))
 NOTEBOOK = FOLDER / "first_look.ipynb"
-LINES = 60
+LINES = 70
 
 
 def load(name: str) -> ModuleType:
@@ -58,6 +62,57 @@ def test_obstacle_stop_and_its_own_test(tmp_path: Path) -> None:
     for name in ("obstacle_stop.py", "test_obstacle_stop.py"):
         shutil.copy(FOLDER / name, tmp_path)
     assert run_pytest(tmp_path, "-p", "no:anyio").outcomes == {"passed": 3}
+
+
+class ScriptedLidar:
+    """Sectors of 45 degrees at 10 Hz in an empty room: of the first revolution all, then only some."""
+
+    def __init__(self, later: list[int], ranges: float = math.inf) -> None:
+        self._later, self._ranges = later, ranges
+
+    async def sectors(self, degrees: float) -> AsyncIterator[lidario.Sector]:
+        assert degrees == 45
+        for turn in range(30):
+            for index in range(8):
+                await asyncio.sleep(1 / 80)
+                if turn and index not in self._later:
+                    continue
+                angles = -np.radians(np.arange(45.0 * index, 45.0 * index + 45))
+                now = round(asyncio.get_running_loop().time() * 1e9) - 12_500_000
+                yield make_sector(angles, self._ranges, stamp_ns=now, seq=turn, index=index)
+
+
+def eyes_of(lidar: ScriptedLidar, where: str) -> list[float | None]:
+    """What is ahead, as the program sees it: 10 times within a second."""
+    program: dict[str, Any] = vars(load("obstacle_stop")) if where == "example" else {}
+    if where == "page":
+        text = (FOLDER.parent / "docs" / "control-loop.md").read_text(encoding="utf-8")
+        exec(next(block.text for block in blocks(text) if block.title == "guard.py"), program)
+
+    async def main() -> list[float | None]:
+        eyes, seen = program["Eyes"](), list[float | None]()
+        watching = asyncio.create_task(eyes.watch(lidar))
+        for _ in range(10):
+            seen.append(eyes.ahead())
+            await asyncio.sleep(0.1)
+        watching.cancel()
+        await asyncio.wait([watching])
+        return seen
+
+    return run_driven(main)
+
+
+@pytest.mark.parametrize("where", ["example", "page"])
+def test_what_is_not_seen_any_more_is_not_free(where: str) -> None:
+    everything = eyes_of(ScriptedLidar(list(range(8))), where)
+    assert everything[0] is None
+    assert everything[2:] == [math.inf] * 8
+    # What is at the sides and behind comes all the time; what is ahead, or half of it, came once.
+    for later in ([1, 2, 3, 4, 5, 6], [0, 1, 2, 3, 4, 5, 6], [7], []):
+        seen = eyes_of(ScriptedLidar(later), where)
+        assert seen[2] == math.inf
+        assert seen[6:] == [None] * 4, later
+    assert eyes_of(ScriptedLidar(list(range(8)), 0.4), where)[2:] == [pytest.approx(0.4)] * 8
 
 
 async def test_two_lidars() -> None:
