@@ -45,8 +45,8 @@ from __future__ import annotations
 
 import math
 import struct
-from dataclasses import dataclass
-from typing import Literal, SupportsIndex
+from dataclasses import dataclass, fields
+from typing import Any, Literal, SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,7 @@ from numpy.typing import NDArray
 from lidario.arguments import finite, number, shown, text_of, whole
 from lidario.cdr import LITTLE_ENDIAN, CdrReader, NotCdr, stamp_bytes
 from lidario.errors import InvalidValue
+from lidario.plain import plain_of
 from lidario.rotor import Rotor, before, turned
 
 __all__ = [
@@ -124,6 +125,14 @@ class LaserScan:
     range_max: float
     ranges: NDArray[np.float32]
     intensities: NDArray[np.float32]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The message as plain numbers and lists, for JSON; ``units`` names the unit of each field.
+
+        What is not a finite number is None, as JSON has neither NaN nor infinite numbers: of `ranges`, the beams
+        without a return and those without a sample.
+        """
+        return plain_of(self, [each.name for each in fields(self)])
 
     def to_cdr(self) -> bytes:
         """The message as ROS 2 sends and stores it: CDR, lowest byte first.

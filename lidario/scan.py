@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import SupportsIndex, cast
+from typing import Any, Final, SupportsIndex, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from lidario.arguments import nanoseconds
 from lidario.laserscan import BeamOrder, LaserScan, NoReturn, Preset, resample
 from lidario.measured import MeasuredSamples
+from lidario.plain import plain_of
 from lidario.points import Motion, Mount, Points, place
 from lidario.rotor import Gaps, Rotor, follow_rotor, times_of
 from lidario.samples import mask_of, nearest_return, nearest_to, read_only
@@ -24,6 +25,10 @@ from lidario.samples import mask_of, nearest_return, nearest_to, read_only
 __all__ = ["Return", "Scan", "read_only"]
 
 FloatArray = NDArray[np.float32]
+_PLAIN: Final = (
+    "seq", "stamp_ns", "wall_stamp_ns", "time_increment_ns", "duration_ns", "rpm", "reported_rpm", "mode",
+    "max_range", "dropped_before", "lost_packets", "angles", "ranges", "intensities",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,6 +238,19 @@ class Scan(MeasuredSamples):
             None if self.intensities is None else self.intensities[hit],
             np.zeros(len(times_ns), np.uint8),
         )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The scan as plain numbers and lists, for JSON: as `lidario scan --json` prints it.
+
+        ::
+
+            return scan.to_dict()  # of a request in FastAPI
+
+        The keys are names of this class; ``units`` names the unit of each that has one. `angles` are radians
+        counter-clockwise, `ranges` metres, with None where nothing came back: JSON has no NaN. `intensities` is
+        None where the format carries none.
+        """
+        return plain_of(self, _PLAIN)
 
     def _return(self, index: int) -> Return:
         return Return(float(self.ranges[index]), float(self.angles[index]), index)

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import cast
+from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidario.measured import MeasuredSamples
+from lidario.plain import plain_of
 from lidario.rotor import Gaps, Rotor, times_of
 from lidario.samples import nearest_return, read_only
 from lidario.scan import Return
@@ -20,6 +21,10 @@ from lidario.scan import Return
 __all__ = ["Sector"]
 
 FloatArray = NDArray[np.float32]
+_PLAIN: Final = (
+    "seq", "index", "degrees", "stamp_ns", "wall_stamp_ns", "time_increment_ns", "duration_ns", "rpm", "mode",
+    "max_range", "dropped_before", "lost_packets", "angles", "ranges", "intensities",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -121,3 +126,7 @@ class Sector(MeasuredSamples):
         if index is None:
             return None
         return Return(float(self.ranges[index]), float(self.angles[index]), index)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The sector as plain numbers and lists, for JSON: as `Scan.to_dict`."""
+        return plain_of(self, _PLAIN)

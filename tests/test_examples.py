@@ -9,6 +9,7 @@ import json
 import math
 import shutil
 from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -26,7 +27,7 @@ from tests.support.pages import blocks
 FOLDER = Path(__file__).parent.parent / "examples"
 FILES = sorted(FOLDER.glob("*.py"))
 NOTEBOOK = FOLDER / "first_look.ipynb"
-LINES = 70
+LINES = 80
 
 
 def load(name: str) -> ModuleType:
@@ -144,21 +145,67 @@ async def test_occupancy_grid(capsys: pytest.CaptureFixture[str]) -> None:
     assert not any("#" in row for row in rows[len(rows) // 2 :])
 
 
-async def test_web_app() -> None:
+@asynccontextmanager
+async def served(lidar: Any) -> AsyncIterator[tuple[Any, httpx.AsyncClient]]:
     app = load("web_app").app
-    app.state.source = lidar = SimulatedLidar()
+    app.state.source = lidar
     asgi = httpx.ASGITransport(app)
     async with (
         app.router.lifespan_context(app),
         httpx.AsyncClient(transport=asgi, base_url="http://robot") as client,
     ):
-        assert (await client.get("/nearest")).status_code == 503
-        while app.state.scan is None:
+        yield app, client
+
+
+async def until(client: httpx.AsyncClient, status: int) -> Any:
+    """What is answered as soon as that is the status."""
+    async with asyncio.timeout(30):
+        while (answer := await client.get("/nearest")).status_code != status:
             await asyncio.sleep(0.05)
-        found = (await client.get("/nearest")).json()
-        assert found["range"] == pytest.approx(2.0, abs=0.01)
+    return answer.json()
+
+
+async def test_web_app() -> None:
+    lidar = SimulatedLidar(walls=[((2.0, -1.0), (2.0, 1.0))])
+    async with served(lidar) as (app, client):
+        assert (await client.get("/nearest")).status_code == 503
+        assert (await until(client, 200))["range"] == pytest.approx(2.0, abs=0.01)
+        told = (await client.get("/scan")).json()
+        assert len(told["angles"]) == len(told["ranges"]) == len(app.state.scan)
+        assert None in told["ranges"]
+        assert told["units"]["ranges"] == "m"
         assert 'fetch("nearest")' in (await client.get("/")).text
     assert lidar.is_still
+
+
+async def test_web_app_serves_no_old_scan() -> None:
+    lidar = SimulatedLidar()
+    async with served(lidar) as (_, client):
+        await until(client, 200)
+        lidar.fail("unplug:0.1s")
+        assert await until(client, 503) == {"detail": "no scan lately: is the lidar connected?"}
+        lidar.fail()
+        await until(client, 200)
+
+
+async def test_web_app_says_what_has_ended_its_reading(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Failing:
+        async def __aenter__(self) -> Failing:
+            return self
+
+        async def __aexit__(self, *error: object) -> None:
+            pass
+
+        async def scans(self) -> AsyncIterator[lidario.Scan]:
+            yield make_scan([0.0], [2.0], stamp_ns=round(asyncio.get_running_loop().time() * 1e9))
+            raise lidario.StreamFailed("the rotor is held")
+
+    monkeypatch.setattr(lidario, "open_lidar", lambda source, reconnect: Failing())
+    with pytest.raises(lidario.StreamFailed, match="held"):
+        async with served("auto") as (_, client):
+            while "yet" in (detail := (await until(client, 503))["detail"]):
+                await asyncio.sleep(0)
+            assert detail == "the lidar is gone: the rotor is held"
 
 
 async def test_record_on_trigger(tmp_path: Path) -> None:
