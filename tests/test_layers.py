@@ -25,6 +25,7 @@ LAYERS = (
         "laserscan",
         "measured",
         "model",
+        "plain",
         "points",
         "rotor",
         "samples",

@@ -94,23 +94,17 @@ class Link:
                 or response has arrived with the read that completed it.
         """
         self.stats.bytes_received += len(data)
-        if arrivals:
-            # Counted from the first byte ever fed, they stay right while slices come into the buffer and leave it.
-            fed = self._fed
-            self._arrivals += [(fed + size, at_ns) for size, at_ns in arrivals]
-        size = self._slice_size
-        if len(data) <= size:
-            self._feed(data, now)
-        else:
-            view = memoryview(data)
-            for start in range(0, len(view), size):
-                self._feed(view[start : start + size], now)
+        # Counted from the first byte ever fed, they stay right while slices come into the buffer and leave it.
+        self._arrivals += [(self._fed + size, at_ns) for size, at_ns in arrivals]
+        size, view = self._slice_size, memoryview(data)
+        for start in range(0, len(view), size):
+            self._feed(view[start : start + size], now)
         if self._format is not None and len(self._buffer) >= self._format.shortest:
             # Behind damage, what follows decides whether it is a packet: then it came before that.
             begin = self._fed - len(self._buffer)
             self._arrivals = [each for each in (*self._arrivals, (self._fed, now)) if each[0] > begin]
-        elif self._arrivals:
-            self._arrivals.clear()
+        else:
+            self._arrivals = []
 
     def discard_data(self, size: int, *, shown: bool = False) -> None:
         """Count `size` bytes that were received and are thrown away unparsed, because the host was too slow.

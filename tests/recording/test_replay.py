@@ -57,19 +57,6 @@ def test_scans_are_those_of_the_live_session(tmp_path: Path, source: str) -> Non
     assert all(scan.dropped_before == 0 for scan in scans)
 
 
-STALLED = "stall:300ms"
-"""Once a second the bytes of three revolutions come at once."""
-
-
-@pytest.mark.parametrize("fault", [f"drop:0.1%,{STALLED}", f"burst:0.01%,{STALLED}", "stall:400ms", "drop:0.1%"])
-@pytest.mark.parametrize("model", ["rplidar-s2", "rplidar-a1", "ydlidar-4ros", "ldrobot-ld06"])
-def test_a_file_is_decoded_to_the_scans_of_the_session(tmp_path: Path, model: str, fault: str) -> None:
-    live = record(tmp_path / "a.mcap", f"sim://{model}?fault={fault.replace('%', '%25')}", 50)
-    scans = list(FileDecoder(live.path))
-    assert len(live.scans) == 50
-    assert_same_scans(live.scans, scans)
-
-
 def test_scans_at_true_pace_with_a_thread_that_reads(tmp_path: Path) -> None:
     """Through a terminal bytes are held, handed over together, and read by a thread while the loop is blocked."""
 
