@@ -6,7 +6,7 @@ Plain functions on arrays of shape (n,). `lidario.scan` is the record whose prop
 from __future__ import annotations
 
 import math
-from typing import TypeVar
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,8 @@ __all__ = ["is_between", "mask_of", "metres_of", "nearest_return", "nearest_to",
 
 FloatArray = NDArray[np.float32]
 _ArrayT = TypeVar("_ArrayT", bound=NDArray[np.generic])
+_ROUNDED: Final = 1e-6
+"""Radians by which a turn may be exceeded that somebody has computed in single precision."""
 
 
 def read_only(array: _ArrayT) -> _ArrayT:
@@ -42,16 +44,28 @@ def metres_of(device_distances: FloatArray) -> FloatArray:
     return read_only(metres)
 
 
+def check_radians(angle: float) -> None:
+    """Refuse what is more than a turn: it is meant in degrees.
+
+    Raises:
+        InvalidValue: It is beyond 2 pi.
+    """
+    if abs(angle) > math.tau + _ROUNDED:
+        raise InvalidValue(f"an angle is radians, at most a turn, not {angle:g}: use math.radians() for degrees")
+
+
 def is_between(angles: FloatArray, between: tuple[float, float]) -> NDArray[np.bool_]:
     """Which angles lie from the first one counter-clockwise to the second, radians.
 
     Raises:
-        InvalidValue: `between` is not two finite angles.
+        InvalidValue: `between` is not two finite angles of at most a turn.
     """
     try:
         begin, end = (finite(angle, "an angle") for angle in between)
     except (TypeError, ValueError):
         raise InvalidValue(f"between is two finite angles in radians, not {shown(between)}") from None
+    for angle in (begin, end):
+        check_radians(angle)
     if end - begin >= math.tau:
         return np.ones(len(angles), np.bool_)
     turned = (angles.astype(np.float64) - begin) % math.tau
@@ -62,7 +76,7 @@ def nearest_return(angles: FloatArray, ranges: FloatArray, between: tuple[float,
     """Index of the shortest range, of all or of those at angles `between`; None where nothing came back.
 
     Raises:
-        InvalidValue: `between` is not two finite angles.
+        InvalidValue: `between` is not two finite angles of at most a turn.
     """
     seen = ranges if between is None else np.where(is_between(angles, between), ranges, np.nan)
     return int(np.nanargmin(seen)) if np.any(seen > 0) else None
@@ -72,9 +86,10 @@ def nearest_to(angles: FloatArray, angle: float, within: float) -> int | None:
     """Index of the angle nearest to `angle`, radians; None where it is not `within` that distance.
 
     Raises:
-        InvalidValue: `angle` is not finite, or `within` is negative or not a number.
+        InvalidValue: `angle` is not finite or more than a turn, or `within` is negative or not a number.
     """
     angle, within = finite(angle, "an angle"), number(within, "within")
+    check_radians(angle)
     if within < 0:
         raise InvalidValue(f"within is a distance of 0 or more, not {within}")
     if not len(angles):

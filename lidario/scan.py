@@ -151,11 +151,11 @@ class Scan(MeasuredSamples):
                 stop()
 
         Args:
-            between: Only from the first angle counter-clockwise to the second, radians; ``(-0.3, 0.3)`` is ahead,
-                ``(3.0, -3.0)`` behind. None for all directions.
+            between: Only from the first angle counter-clockwise to the second, radians of at most a turn;
+                ``(-0.3, 0.3)`` is ahead, ``(3.0, -3.0)`` behind. None for all directions.
 
         Raises:
-            InvalidValue: `between` is not two finite angles.
+            InvalidValue: `between` is not two finite angles of at most a turn.
         """
         index = nearest_return(self.angles, self.ranges, between)
         return None if index is None else self._return(index)
@@ -171,7 +171,7 @@ class Scan(MeasuredSamples):
             None where no sample is near enough, because packets are missing there.
 
         Raises:
-            InvalidValue: `angle` is not finite, or `within` is negative or not a number.
+            InvalidValue: `angle` is not finite or more than a turn, or `within` is negative or not a number.
         """
         index = nearest_to(self.angles, angle, within)
         return None if index is None else self._return(index)

@@ -120,7 +120,7 @@ class Sector(MeasuredSamples):
             between: Only from the first angle counter-clockwise to the second, radians. None for all of the sector.
 
         Raises:
-            InvalidValue: `between` is not two finite angles.
+            InvalidValue: `between` is not two finite angles of at most a turn.
         """
         index = nearest_return(self.angles, self.ranges, between)
         if index is None:

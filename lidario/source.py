@@ -149,6 +149,9 @@ def parse_source(source: str | os.PathLike[str]) -> Source:
     if text.startswith("zenoh:"):
         key, _, query = text[6:].removeprefix("//").partition("?")
         return _checked(Source(text, "zenoh", key, _options(text, "zenoh", query)))
+    if text.startswith("sim:") and not text.startswith("sim://"):
+        meant = _printable(text[4:].strip("/"))
+        raise _refused(text, f"is not a source: a simulated lidar has two slashes, as in sim://{meant}")
     if "://" not in text:
         name, _, query = text.partition("?")
         if name.casefold().endswith(_FILES):

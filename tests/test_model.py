@@ -176,7 +176,7 @@ class TestNearest:
             ((math.radians(30), math.radians(-30)), 1),
             ((0.0, 0.0), 0),
             ((-math.pi, math.pi), 0),
-            ((0.1, 0.1 + math.tau), 0),
+            ((0.1 - math.tau, 0.1), 0),
             ((math.radians(80), math.radians(-80 + 360)), 1),
             ((math.radians(80), math.radians(-100 + 360)), 3),
         ],
@@ -198,7 +198,9 @@ class TestNearest:
 
 
 class TestAt:
-    @pytest.mark.parametrize(("angle", "index"), [(0.0, 0), (-1.57, 1), (math.pi, 2), (-math.pi, 2), (7.854, 3)])
+    @pytest.mark.parametrize(
+        ("angle", "index"), [(0.0, 0), (-1.57, 1), (math.pi, 2), (-math.pi, 2), (7.854 - math.tau, 3)]
+    )
     def test_the_nearest_sample(self, angle: float, index: int) -> None:
         found = FOUR.at(angle)
         assert found is not None

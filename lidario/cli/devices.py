@@ -34,6 +34,9 @@ def devices(ports: tuple[str, ...], as_json: bool, network: bool, router: str) -
     Ports that are named are asked, whatever adapter they have. Asking a device that scans stops it. The exit code
     is 3 when no lidar responds; where ports are named, the one that `lidario scan` ends with on the first of them.
     """
+    simulated = [port for port in ports if port.startswith("sim:")]
+    if simulated:
+        raise click.UsageError(f"{simulated[0]!r} is no port: `lidario info {simulated[0]}` tells what it is")
     if network:
         if ports:
             raise click.UsageError("--zenoh asks no ports", click.get_current_context())

@@ -125,6 +125,9 @@ def report(error: BaseException, *, with_traceback: bool = False) -> None:
 def _words(error: BaseException) -> str:
     if isinstance(error, LidarError | CannotWrite):
         return str(error)
+    if isinstance(error, click.exceptions.NoArgsIsHelpError) and isinstance(error.ctx.command, click.Group):
+        verbs = ", ".join(f"{error.ctx.command_path} {name}" for name in error.ctx.command.commands)
+        return f"what shall it do? {verbs}"
     if isinstance(error, click.ClickException):
         message = error.format_message()
         context = error.ctx if isinstance(error, click.UsageError) else None

@@ -23,7 +23,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Final, TextIO, cast
 
-from lidario.cli.streams import ReaderGone, emit, write
+from lidario.cli.streams import CannotWrite, ReaderGone, emit, write
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -126,10 +126,18 @@ def console() -> Console:
 
 
 def rendered(target: Console, *parts: RenderableType) -> str:
-    """What `target` would print, as text for `emit`."""
-    with target.capture() as capture:
-        for part in parts:
-            target.print(part)
+    """What `target` would print, as text for `emit`.
+
+    Raises:
+        CannotWrite: Stdout, which `target` is on, takes no output.
+    """
+    try:
+        with target.capture() as capture:
+            for part in parts:
+                target.print(part)
+    except OSError as error:
+        # At the end of a capture, rich flushes stdout.
+        raise CannotWrite(error.errno, error.strerror) from error
     return capture.get()
 
 

@@ -5,8 +5,10 @@ SVG needs nothing. PNG is drawn by matplotlib, where that is installed.
 
 from __future__ import annotations
 
+import io
 import os
 import time
+from contextlib import suppress
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -32,8 +34,9 @@ __all__ = ["plot"]
 @click.option("-n", "count", default=1, show_default=True, type=WholeRange(1, 100), metavar="N",
               help="How many scans, one drawn over the other.")  # fmt: skip
 @click.option("--polar", is_flag=True, help="On rings and rays instead of a grid.")
+@click.option("--force", is_flag=True, help="Replace a file that is there already.")
 @mode_option
-def plot(source: str, output: str, count: int, polar: bool, mode: str | int | None) -> int:
+def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: str | int | None) -> int:
     """Draw scans into a file, to scale: forward is up.
 
     The name of the file is printed.
@@ -52,20 +55,29 @@ def plot(source: str, output: str, count: int, polar: bool, mode: str | int | No
     if not_a_file(path):
         # A pipe would be waited for.
         raise click.BadParameter(f"{output!r} is {not_a_file(path)}, and a picture is a file", param_hint="-o")
+    if os.path.exists(path) and not force:
+        raise CannotRecord(f"{path} exists already: --force replaces it")
     if kind == ".png":
         _needs_matplotlib()
     with progress(f"waiting for {source} …"):
         info, scans = run(lambda: _read(source, count, mode))
     title = _title(info, scans)
-    try:
-        if kind == ".svg":
-            from lidario.cli.chart import svg
+    if kind == ".svg":
+        from lidario.cli.chart import svg
 
-            path.write_text(svg(scans, title, polar=polar), encoding="utf-8")
-        else:
-            _png(path, scans, title, polar)
+        drawn = svg(scans, title, polar=polar).encode()
+    else:
+        drawn = _png(scans, title, polar)
+    # Under another name first, so that there never is half of a picture, and the one before stays until then.
+    begun = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        begun.write_bytes(drawn)
+        begun.replace(path)
     except OSError as error:
         raise CannotRecord(f"{path} cannot be written: {error.strerror or error}") from error
+    finally:
+        with suppress(OSError):
+            begun.unlink()
     emit(f"{path}\n")
     if not any(scan.valid.any() for scan in scans):
         message("there is nothing on it: no returns in any direction")
@@ -101,7 +113,7 @@ def _needs_matplotlib() -> None:
         )
 
 
-def _png(path: Path, scans: list[Scan], title: str, polar: bool) -> None:
+def _png(scans: list[Scan], title: str, polar: bool) -> bytes:
     from lidario.cli.chart import COLOURS, reach_of
 
     plt = import_module("matplotlib.pyplot")
@@ -121,5 +133,7 @@ def _png(path: Path, scans: list[Scan], title: str, polar: bool) -> None:
         axes.set(xlabel="y, to the left (m)", ylabel="x, forward (m)")
         axes.grid(color="#dddddd")
     axes.set_title(title)
-    figure.savefig(path)
+    file = io.BytesIO()
+    figure.savefig(file, format="png")
     plt.close(figure)
+    return file.getvalue()

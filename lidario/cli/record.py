@@ -37,7 +37,8 @@ class _Told:
 @click.command()
 @click.argument("source", default="auto", shell_complete=complete_source)
 @click.option("-o", "--output", metavar="FILE", help="The file to make; named after the time where not given.")
-@click.option("-t", "seconds", type=Duration(), metavar="TIME", help="How long from the first scan on: 60s, 5m.")
+@click.option("-t", "--time", "seconds", type=Duration(), metavar="TIME",
+              help="How long from the first scan on: 60s, 5m.")  # fmt: skip
 @click.option("-n", "count", type=WholeRange(min=1), metavar="N", help="How many scans.")
 @mode_option
 @click.option("--scans", is_flag=True, help="Write each scan too, as LaserScan on the topic /scan.")

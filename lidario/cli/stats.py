@@ -18,7 +18,7 @@ import numpy as np
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import console, dump, facts, introduced, progress, rendered
 from lidario.cli.parameters import Duration, complete_source, guard_option, mode_option
-from lidario.cli.streams import emit
+from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -119,6 +119,8 @@ def stats(source: str, seconds: float, mode: str | int | None, as_json: bool, gu
         else:
             target = console()
             emit(rendered(target, _table(measured)))
+    elif stopped is not None:
+        message("nothing was measured yet: the first revolution had not come")
     if stopped is not None:
         raise stopped
     return ExitCode.OK

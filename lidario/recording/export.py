@@ -43,7 +43,7 @@ def write_whole(path: Path, *, overwrite: bool) -> Iterator[Path]:
     part: str | None = None
     try:
         if path.exists() and not overwrite:
-            raise CannotRecord(f"{path} exists already, and nothing is replaced unless that is asked for")
+            raise CannotRecord(f"{path} exists already: overwrite=True, or --force, replaces it")
         kind = not_a_file(path)
         if kind:
             raise CannotRecord(f"{path} cannot be written: it is {kind}, which is not replaced by a file")

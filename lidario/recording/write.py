@@ -233,6 +233,6 @@ def _opened(path: Path, overwrite: bool) -> io.FileIO:
 
 def _failed(path: Path, error: OSError) -> CannotRecord:
     if isinstance(error, FileExistsError):
-        return CannotRecord(f"{path} exists already, and a recording replaces no file unless it is asked to")
+        return CannotRecord(f"{path} exists already: overwrite=True, or --force, replaces it")
     why = error.strerror or str(error)
     return CannotRecord(f"{path} cannot be written: {why[:1].lower()}{why[1:]}")

@@ -15,6 +15,7 @@ from typing import Final, Literal
 
 from lidario.arguments import path_of, shown
 from lidario.errors import ConnectFailed, ConnectReason, InvalidValue, LidarError
+from lidario.families.registry import FAMILIES
 from lidario.model import DeviceInfo
 from lidario.port.background import run_in_thread
 from lidario.session.connect import connect
@@ -164,7 +165,8 @@ def _none(source: Source, family: str | None, found: list[Found], others: list[s
     if not found:
         tried = "no port has an adapter that lidars come with"
         cure = f"; name the port if it is one of {', '.join(others)}" if others else ". Is it plugged in?"
-        return ConnectFailed(f"{what}: {tried}{cure}", reason="missing")
+        without = f"\nWithout a lidar, a simulated one does: sim://{FAMILIES[0].simulated[0]}"
+        return ConnectFailed(f"{what}: {tried}{cure}{without}", reason="missing")
     lines = "".join(f"\n{each.port.path}: {each.error or _title(each)}" for each in found)
     return ConnectFailed(f"{what} on {len(found)} port(s) tried:{lines}", reason="missing")
 

@@ -79,6 +79,13 @@ class OpenLidar(AsyncOnly):
         if lidar is not None:
             await lidar.close()
 
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> NoReturn:
+            # Also for what copies or inspects it: those ask for names with an underscore.
+            words = f"the lidar is not open yet, so it has no {name!r}: {_WRITE}" if hasattr(Lidar, name) else ""
+            raise AttributeError(words or f"{type(self).__name__!r} object has no attribute {name!r}")
+
     def __aiter__(self) -> NoReturn:
         raise LocalProtocolError(f"the lidar is not open yet: {_WRITE}, then `async for scan in lidar.scans():`")
 

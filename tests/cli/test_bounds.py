@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import pytest
 from click.testing import Result
@@ -53,6 +54,7 @@ def test_no_verb_takes_longer_than_the_table_says(
     monkeypatch.setattr("lidario.recording.record._POLL_S", 0.0)
     taken = {}
     for fault in HARM:
+        Path("scan.svg").unlink(missing_ok=True)
         words = row[0].replace("SOURCE", in_memory(MODELS[number], f"fault={fault}"))
         ended, taken[fault] = invoked(words.split())
         assert ended.exit_code in (0, 2, 5), ended.stderr
