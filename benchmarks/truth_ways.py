@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from benchmarks.truth_cases import Line
 from benchmarks.truth_streams import TrueStream
+from lidario.families.base import Known
 from lidario.recording.offline import OfflineDecoder
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.revolution.together import join_runs
@@ -95,6 +96,6 @@ def _live(stream: TrueStream, line: Line, reads: list[tuple[int, int]], ends: ND
 def _from_file(stream: TrueStream, line: Line) -> Received:
     form = stream.form
     data = form.intro + line.data.tobytes()
-    decoder = OfflineDecoder(data, family=form.kind.family, sample_us=form.kind.mode.sample_us)
+    decoder = OfflineDecoder(data, Known(form.kind.family, sample_us=form.kind.mode.sample_us))
     scans = list(decoder)
     return Received(scans, decoder.assembler_stats, decoder.link_stats.packets)

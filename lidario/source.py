@@ -44,7 +44,7 @@ _OPTIONS = {
     "tcp": {"baud", "family", "model"},
     "udp": {"family"},
     "zenoh": {"router"},
-    "file": {"rate", "loop", "family", "sample_us"},
+    "file": {"rate", "loop", "family", "model", "sample_us"},
     "sim": {"world", "fault", "serial", "seed", "via", "baud", "family", "model"},
 }
 MOST_BAUD = 100_000_000

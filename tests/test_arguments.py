@@ -145,7 +145,7 @@ CALLS: dict[str, Callable[[Any], object]] = {
     **{
         f"{function.__name__}({name})": partial(decoding, function, given, name)
         for function, given in DECODING.items()
-        for name in ("family", "sample_us")
+        for name in ("family", "model", "sample_us")
     },
     **dict(by_name(made, "angles", "ranges", "intensities", "rpm", "stamp_ns", "wall_stamp_ns")),
     **dict(by_name(made_sector, "angles", "degrees", "index", "seq", "stamp_ns")),

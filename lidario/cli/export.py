@@ -31,11 +31,18 @@ FORMS = (".npz", ".csv", ".mcap")
 @click.option("-j", "jobs", type=WholeRange(min=1), default=1, show_default=True, metavar="N",
               help="How many files at the same time, each on a process. One file is decoded by one.")  # fmt: skip
 @click.option("--family", metavar="NAME", help="Of bare bytes, where it cannot be told from them.")
+@click.option("--model", metavar="NAME", help="Of bare bytes: the lidar that sent them, as in x4.")
 @click.option("--sample-us", type=FiniteRange(min=0, min_open=True), metavar="US",
               help="Of bare bytes: microseconds a sample; by default as the format usually takes.")  # fmt: skip
 @click.option("--force", is_flag=True, help="Replace files that are there already.")
 def export(
-    files: tuple[str, ...], out: str, jobs: int, family: str | None, sample_us: float | None, force: bool
+    files: tuple[str, ...],
+    out: str,
+    jobs: int,
+    family: str | None,
+    model: str | None,
+    sample_us: float | None,
+    force: bool,
 ) -> int:
     """Write the scans of recordings as NPZ, CSV or MCAP.
 
@@ -47,7 +54,8 @@ def export(
         raise click.BadParameter(f"{out!r} does not end in {', '.join(FORMS)}", param_hint="OUT")
     if len(files) > 1 and "{}" not in out:
         raise click.BadParameter("of several files, OUT needs {} where each name belongs", param_hint="OUT")
-    tasks = [(file, out.replace("{}", Path(file).stem), family, sample_us, force) for file in files]
+    known = (family, model, sample_us)
+    tasks = [(file, out.replace("{}", Path(file).stem), known, force) for file in files]
     if len({target for _, target, *_ in tasks}) < len(tasks):
         raise click.BadParameter("two of the files have the same name", param_hint="FILE...")
     with progress(f"exporting {len(tasks)} file{'s' if len(tasks) > 1 else ''} …"):
@@ -59,7 +67,8 @@ def export(
     return ExitCode.OK
 
 
-_Task = tuple[str, str, str | None, float | None, bool]
+_Known = tuple[str | None, str | None, float | None]
+_Task = tuple[str, str, _Known, bool]
 
 
 def _all(tasks: list[_Task], jobs: int) -> list[Exception]:
@@ -95,12 +104,13 @@ def _tell(task: _Task, done: tuple[int, str]) -> None:
         message(f"note: {task[0]}: {damage}; everything else is exported")
 
 
-def export_one(file: str, out: str, family: str | None, sample_us: float | None, force: bool) -> tuple[int, str]:
+def export_one(file: str, out: str, known: _Known, force: bool) -> tuple[int, str]:
     """Export one file; returns how many scans, and why it could not be read to its end. Runs in any process."""
     from lidario.recording.decode_file import FileDecoder
     from lidario.recording.export import export_mcap, export_npz
+    from lidario.recording.files import Known
 
-    decoder = FileDecoder(file, family=family, sample_us=sample_us)
+    decoder = FileDecoder(file, Known(*known))
     write = {".npz": export_npz, ".csv": _export_csv, ".mcap": export_mcap}[Path(out).suffix]
     return write(decoder, Path(out), overwrite=force), decoder.recording.damage
 

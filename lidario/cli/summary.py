@@ -24,7 +24,7 @@ def show_summary(file: FileSource, *, as_json: bool) -> int:
     from lidario import summarize
 
     with progress(f"decoding {file.path} …"):
-        summary = summarize(file.path, family=file.family, sample_us=file.sample_us)
+        summary = summarize(file.path, **file.known._asdict())
     if as_json:
         record = asdict(summary)
         dump({**record, "began_ns": summary.began_ns or None, "damage": summary.damage or None})

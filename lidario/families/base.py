@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, TypeVar
 
 from lidario.errors import RemoteProtocolError, Unsupported
 from lidario.families.samples import Decoder, Samples, SteadySamples
-from lidario.families.stream import Keepalive, RawStream, Stream, raw_stream
+from lidario.families.stream import Keepalive, Known, RawStream, Stream, raw_stream
 from lidario.model import DeviceInfo, Health, HealthStatus, NetworkAddress, SampleRate, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.formats import StreamFormat
@@ -32,6 +32,7 @@ __all__ = [
     "Device",
     "Family",
     "Keepalive",
+    "Known",
     "NamedModel",
     "RawStream",
     "Samples",
@@ -273,8 +274,8 @@ class Family:
             last.
         asked_at: Line speeds at which a silent device may hear a request; at others, devices only talk. None for
             all speeds.
-        find_stream: Finds the measurement stream in recorded bytes: ``find_stream(data, sample_us)``, with the time
-            of a sample in microseconds, or None for what the format usually takes. None where there is no stream.
+        find_stream: Finds the measurement stream in recorded bytes, by these and by what a user says of them, whose
+            model, if any, is one of `models`. None where there is no stream.
     """
 
     name: str
@@ -285,7 +286,7 @@ class Family:
     stream_of: Callable[[int], tuple[StreamFormat, Decoder] | None]
     formats: tuple[Callable[[], StreamFormat], ...]
     simulated: tuple[str, ...]
-    find_stream: Callable[[memoryview, float | None], RawStream | None]
+    find_stream: Callable[[memoryview, Known], RawStream | None]
     models: Mapping[str, NamedModel] = field(default_factory=dict, hash=False)
     asked_at: tuple[int, ...] | None = None
     by_dtr: Mapping[str, float] = field(default_factory=dict, hash=False)

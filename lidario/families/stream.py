@@ -12,7 +12,7 @@ from lidario.wire.blocks import Block
 from lidario.wire.envelope import Request
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["LONGEST_REVOLUTION", "Keepalive", "RawStream", "Stream", "raw_stream"]
+__all__ = ["LONGEST_REVOLUTION", "Keepalive", "Known", "RawStream", "Stream", "raw_stream"]
 
 LONGEST_REVOLUTION: Final = 65536
 """Samples after which a revolution that does not end is given up, whatever is said of its times; twice what the
@@ -73,27 +73,56 @@ class Stream:
         return most + wire.longest
 
 
+class Known(NamedTuple):
+    """What a user says of bytes that were recorded without times.
+
+    Attributes:
+        family: Short name of the family; None to tell it from the bytes, or by the model.
+        model: One of `Family.models`; None to tell it from the bytes.
+        sample_us: Microseconds a sample; None for what the bytes tell, or the model or format usually takes.
+    """
+
+    family: str | None = None
+    model: str | None = None
+    sample_us: float | None = None
+
+
 class RawStream(NamedTuple):
     """A measurement stream among bytes that were recorded without times.
 
     Attributes:
         begin: Offset of its first byte, behind its descriptor.
         stream: What it is.
+        title: The model, for people; empty where neither the bytes nor the user told it.
+        guess: What the model was taken for, and what else it may be; empty where nothing had to be guessed.
     """
 
     begin: int
     stream: Stream
+    title: str = ""
+    guess: str = ""
 
 
-def raw_stream(begin: int, wire: StreamFormat, decoder: Decoder, sample_us: float) -> RawStream:
-    """A recorded stream of which nothing is known but its format and the time of a sample."""
+def raw_stream(
+    begin: int,
+    wire: StreamFormat,
+    decoder: Decoder,
+    sample_us: float,
+    title: str = "",
+    guess: str = "",
+    response_type: int | None = None,
+) -> RawStream:
+    """A recorded stream of which nothing is known but its format, the time of a sample, and perhaps the model.
+
+    `response_type` is that of `Family.stream_of`, where it is not the one of the format.
+    """
     stream = Stream(
         format=wire,
         decoder=decoder,
         # The device's own name of the mode is not among the bytes.
-        mode=ScanMode(0, wire.name, sample_us, 0.0, wire.response_type),
+        mode=ScanMode(0, wire.name, sample_us, 0.0, response_type or wire.response_type),
         sample_ns=sample_us * 1e3,
         spin_up_s=0.0,
         slowest_turn_s=LONGEST_REVOLUTION * sample_us * 1e-6,
     )
-    return RawStream(begin, stream)
+    return RawStream(begin, stream, title, guess)

@@ -9,6 +9,7 @@ import os
 from collections.abc import Iterator
 
 from lidario.arguments import path_of
+from lidario.families.base import Known
 from lidario.recording.files import open_stored
 from lidario.recording.offline import BLOCK, OfflineDecoder, ScanArrays, arrays_of
 from lidario.recording.opened import StoredFile
@@ -31,8 +32,7 @@ class FileDecoder:
 
     Args:
         path: The file.
-        family: As for `decode_file`.
-        sample_us: As for `decode_file`.
+        known: What the user says of bare bytes, as for `decode_file`.
 
     Raises:
         RecordingError: Nothing can be read of it; or, while it is iterated over, it cannot be read any more.
@@ -44,11 +44,9 @@ class FileDecoder:
         stats: What became of them.
     """
 
-    def __init__(
-        self, path: str | os.PathLike[str], *, family: str | None = None, sample_us: float | None = None
-    ) -> None:
-        self._sample_us = sample_us
-        self.recording: StoredStreams = open_stored(path_of(path, "a recording"), family, sample_us)
+    def __init__(self, path: str | os.PathLike[str], known: Known = Known()) -> None:  # noqa: B008
+        self._known = known
+        self.recording: StoredStreams = open_stored(path_of(path, "a recording"), known)
         self.skipped_bytes: int = 0
         self.packets: int = 0
         self.stats: AssemblerStats = AssemblerStats()
@@ -57,9 +55,8 @@ class FileDecoder:
         yield from self._timed() if self.recording.timed else self._untimed()
 
     def _untimed(self) -> Iterator[Scan]:
-        name = self.recording.streams[0].family.name
         with StoredFile(self.recording.path, self.recording.size) as file:
-            decoder = OfflineDecoder(file.read(SEARCHED), family=name, sample_us=self._sample_us)
+            decoder = OfflineDecoder(file.read(SEARCHED), self._known)
             self.stats = decoder.assembler_stats
             file.seek(decoder.begin)
             yield from decoder.scans_of(_blocks_of(file))
@@ -122,7 +119,11 @@ def _blocks_of(file: StoredFile) -> Iterator[memoryview]:
 
 
 def decode_file(
-    path: str | os.PathLike[str], *, family: str | None = None, sample_us: float | None = None
+    path: str | os.PathLike[str],
+    *,
+    family: str | None = None,
+    model: str | None = None,
+    sample_us: float | None = None,
 ) -> Iterator[Scan]:
     """Decode a recording, one revolution after the other: MCAP as `Lidar.record` writes it, or bare bytes.
 
@@ -132,18 +133,24 @@ def decode_file(
     Args:
         path: The file.
         family: Of bare bytes, the short name of the family; None to tell it from the bytes.
-        sample_us: Of bare bytes, microseconds a sample; None for what the format usually takes.
+        model: Of bare bytes, the model; None to tell it from the bytes. Where they leave a choice, it is a guess,
+            which is logged.
+        sample_us: Of bare bytes, microseconds a sample; None for what they tell, or the model usually takes.
 
     Raises:
         RecordingError: Nothing can be read of it; or, while it is iterated over, it cannot be read any more.
         InvalidValue: `path` cannot be the name of a file, or `sample_us` is no number that can be right.
-        ConnectFailed: There is no such family (reason ``source``).
+        ConnectFailed: There is no such family or model (reason ``source``).
     """
-    return iter(FileDecoder(path, family=family, sample_us=sample_us))
+    return iter(FileDecoder(path, Known(family, model, sample_us)))
 
 
 def decode_file_arrays(
-    path: str | os.PathLike[str], *, family: str | None = None, sample_us: float | None = None
+    path: str | os.PathLike[str],
+    *,
+    family: str | None = None,
+    model: str | None = None,
+    sample_us: float | None = None,
 ) -> ScanArrays:
     """As `decode_file`, all scans at once as a few arrays; the arguments and errors are the same."""
-    return arrays_of(FileDecoder(path, family=family, sample_us=sample_us))
+    return arrays_of(FileDecoder(path, Known(family, model, sample_us)))

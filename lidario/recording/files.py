@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import NamedTuple
 
+from lidario.families.base import Known
 from lidario.recording.raw import RawRecording
 from lidario.recording.read import McapRecording, StoredStreams, is_mcap
 from lidario.source import Source, parse_source
 
-__all__ = ["FileSource", "file_source", "open_stored", "open_stored_source"]
+__all__ = ["FileSource", "Known", "file_source", "open_stored", "open_stored_source"]
+
+_log = logging.getLogger("lidario")
 
 
 class FileSource(NamedTuple):
@@ -17,13 +21,11 @@ class FileSource(NamedTuple):
 
     Attributes:
         path: The file.
-        family: Of bare bytes, the name of the family.
-        sample_us: Of bare bytes, microseconds a sample.
+        known: What it says of bare bytes.
     """
 
     path: Path
-    family: str | None = None
-    sample_us: float | None = None
+    known: Known = Known()
 
 
 def file_source(text: str) -> FileSource | None:
@@ -38,19 +40,27 @@ def file_source(text: str) -> FileSource | None:
 
 def _file_source(source: Source) -> FileSource:
     sample_us = source.options.get("sample_us")
-    return FileSource(Path(source.address), source.family, None if sample_us is None else float(sample_us))
+    known = Known(source.family, source.model, None if sample_us is None else float(sample_us))
+    return FileSource(Path(source.address), known)
 
 
-def open_stored(path: Path, family: str | None = None, sample_us: float | None = None) -> StoredStreams:
-    """Read what a file holds; `family` and `sample_us` are for bare bytes, MCAP states them itself.
+def open_stored(path: Path, known: Known = Known()) -> StoredStreams:  # noqa: B008 - it cannot be changed
+    """Read what a file holds; `known` is for bare bytes, MCAP states it itself. A model that is guessed is logged.
 
     Raises:
         RecordingError: Nothing can be read of it.
+        InvalidValue: The time of a sample is no number that can be right.
+        ConnectFailed: There is no such family or model (reason ``source``).
     """
-    return McapRecording(path) if is_mcap(path) else RawRecording(path, family, sample_us)
+    if is_mcap(path):
+        return McapRecording(path)
+    recording = RawRecording(path, known)
+    if recording.guess:
+        _log.warning("%s: %s", path, recording.guess)
+    return recording
 
 
 def open_stored_source(source: Source, family: str | None = None) -> StoredStreams:
     """As `open_stored`, for a source of the kind ``file``."""
-    path, named, sample_us = _file_source(source)
-    return open_stored(path, family or named, sample_us)
+    path, known = _file_source(source)
+    return open_stored(path, known._replace(family=family or known.family))

@@ -12,17 +12,18 @@ keeps all of them, some two megabytes.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import logging
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.arguments import finite, shown
+from lidario.arguments import finite, shown, text_of
 from lidario.errors import InvalidValue, RecordingError
-from lidario.families.base import Family, RawStream, Stream
-from lidario.families.registry import FAMILIES, family_named
+from lidario.families.base import Family, Known, RawStream, Stream
+from lidario.families.registry import FAMILIES, families_of_model, family_named
 from lidario.measured import later
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.revolution.timing import DEVICE_DELAY_SAMPLES
@@ -32,6 +33,7 @@ from lidario.wire.link import Link, LinkStats
 
 __all__ = ["BLOCK", "OfflineDecoder", "RawBytes", "ScanArrays", "arrays_of", "decode", "decode_arrays"]
 
+_log = logging.getLogger("lidario")
 RawBytes: TypeAlias = bytes | bytearray | memoryview
 """Or anything else that has one dimension of bytes in one piece, as `mmap` or an array of uint8. A file behind
 `mmap` that is cut meanwhile kills the program (SIGBUS); `decode_file` does not map it."""
@@ -66,7 +68,9 @@ class ScanArrays:
     lost_packets: NDArray[np.int64]
 
 
-def decode(data: RawBytes, *, family: str | None = None, sample_us: float | None = None) -> Iterator[Scan]:
+def decode(
+    data: RawBytes, *, family: str | None = None, model: str | None = None, sample_us: float | None = None
+) -> Iterator[Scan]:
     """Decode recorded bytes of one device, one revolution after the other.
 
     As live, the parts of a revolution at the beginning and at the end are left out. Stamps count from 0 at the
@@ -78,30 +82,42 @@ def decode(data: RawBytes, *, family: str | None = None, sample_us: float | None
             has several formats, from the descriptor of the stream on, and what is before it is skipped; where it
             has one, from the descriptor or the first packet on.
         family: Short name of the family, as in ``family=`` of a source; None to tell it from the bytes.
-        sample_us: Microseconds a sample; None for what the format usually takes.
+        model: The model, as in ``model=`` of a source, where its bytes do not tell it. None to tell it from the
+            bytes; where they leave a choice, it is a guess, which is logged.
+        sample_us: Microseconds a sample; None for what the bytes tell, or the model or format usually takes.
 
     Raises:
         RecordingError: There is no measurement stream in the bytes. Damaged bytes raise nothing.
         InvalidValue: `data` is not bytes, or `sample_us` is not a number above 0 and up to 1000000.
-        ConnectFailed: There is no such family (reason ``source``).
+        ConnectFailed: There is no such family or model (reason ``source``).
     """
-    return iter(OfflineDecoder(data, family=family, sample_us=sample_us))
+    return iter(_decoder(data, Known(family, model, sample_us)))
 
 
-def decode_arrays(data: RawBytes, *, family: str | None = None, sample_us: float | None = None) -> ScanArrays:
+def decode_arrays(
+    data: RawBytes, *, family: str | None = None, model: str | None = None, sample_us: float | None = None
+) -> ScanArrays:
     """As `decode`, all scans at once as a few arrays.
 
     Args:
         data: As for `decode`.
         family: As for `decode`.
+        model: As for `decode`.
         sample_us: As for `decode`.
 
     Raises:
         RecordingError: There is no measurement stream in the bytes.
         InvalidValue: `data` is not bytes, or `sample_us` is not a number above 0 and up to 1000000.
-        ConnectFailed: There is no such family (reason ``source``).
+        ConnectFailed: There is no such family or model (reason ``source``).
     """
-    return arrays_of(OfflineDecoder(data, family=family, sample_us=sample_us))
+    return arrays_of(_decoder(data, Known(family, model, sample_us)))
+
+
+def _decoder(data: RawBytes, known: Known) -> OfflineDecoder:
+    decoder = OfflineDecoder(data, known)
+    if decoder.guess:
+        _log.warning("%s", decoder.guess)
+    return decoder
 
 
 def arrays_of(decoder: Iterable[Scan]) -> ScanArrays:
@@ -127,31 +143,36 @@ class OfflineDecoder:
 
     Args:
         data: As for `decode`.
-        family: As for `decode`.
-        sample_us: As for `decode`.
+        known: What the user says of them, as for `decode`.
 
     Raises:
         RecordingError: There is no measurement stream in the bytes.
-        InvalidValue: `data` is not bytes, or `sample_us` is not a number above 0 and up to 1000000.
-        ConnectFailed: There is no such family (reason ``source``).
+        InvalidValue: `data` is not bytes, or the time of a sample is not a number above 0 and up to 1000000.
+        ConnectFailed: There is no such family or model (reason ``source``).
 
     Attributes:
         family: The family whose stream it is.
         stream: What it is: format, mode, time of a sample.
         begin: Offset in `data` at which it begins.
+        title: As `RawStream.title`.
+        guess: As `RawStream.guess`.
     """
 
-    def __init__(self, data: RawBytes, *, family: str | None = None, sample_us: float | None = None) -> None:
+    def __init__(self, data: RawBytes, known: Known = Known()) -> None:  # noqa: B008 - it cannot be changed
         try:
             self._data = memoryview(data).cast("B")
         except (TypeError, ValueError):
             raise InvalidValue(f"recorded bytes are bytes in one piece, not {shown(data)}") from None
-        if sample_us is not None and not 0 < finite(sample_us, "sample_us") <= _MOST_US:
-            raise InvalidValue(f"sample_us is above 0 and at most {_MOST_US:.0f}, not {sample_us!r}")
-        known, found = _recognise(self._data, family, None if sample_us is None else float(sample_us))
-        self.family: Family = known
+        if known.sample_us is not None:
+            if not 0 < finite(known.sample_us, "sample_us") <= _MOST_US:
+                raise InvalidValue(f"sample_us is above 0 and at most {_MOST_US:.0f}, not {known.sample_us!r}")
+            known = known._replace(sample_us=float(known.sample_us))
+        family, found = _recognise(self._data, known)
+        self.family: Family = family
         self.begin: int = found.begin
         self.stream: Stream = found.stream
+        self.title: str = found.title
+        self.guess: str = found.guess
         self._link = Link(BLOCK)
         self._link.enter_stream(self.stream.format)
         self._assembler = Assembler(self.stream)
@@ -208,12 +229,17 @@ class OfflineDecoder:
         return scan
 
 
-def _recognise(data: memoryview, family: str | None, sample_us: float | None) -> tuple[Family, RawStream]:
+def _recognise(data: memoryview, known: Known) -> tuple[Family, RawStream]:
     """Whose stream is in the bytes, and where it begins."""
-    families = FAMILIES if family is None else (family_named(family),)
+    families: Sequence[Family] = FAMILIES
+    if known.model is not None:
+        known = known._replace(model=text_of(known.model, "the name of a model").casefold())
+        families = families_of_model(known.model or "", known.family)
+    elif known.family is not None:
+        families = (family_named(known.family),)
     best: tuple[int, Family] | None = None
     for each in families:
-        found = each.find_stream(data, sample_us)
+        found = each.find_stream(data, known)
         if found is None:
             continue
         # Two families may announce their streams alike: the one whose packets follow is right.
@@ -222,12 +248,13 @@ def _recognise(data: memoryview, family: str | None, sample_us: float | None) ->
         link.receive_data(data[found.begin : found.begin + _TRIED], 0)
         if best is None or link.stats.packet_bytes > best[0]:
             best = (link.stats.packet_bytes, each)
-    if best is None or not (best[0] or family):
-        of = "" if family is None else f" of the family {family!r}"
+    if best is None or not (best[0] or known.family):
+        of = f" of the family {known.family!r}" if known.family else ""
+        of += f" of the model {known.model!r}" if known.model else ""
         raise RecordingError(
             f"no measurement stream{of} among {len(data)} bytes; it must be recorded from its start on"
         )
     # A fresh format and decoder: those that were tried remember what they have seen.
-    again = best[1].find_stream(data, sample_us)
+    again = best[1].find_stream(data, known)
     assert again is not None
     return best[1], again

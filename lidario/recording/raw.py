@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from lidario.errors import RecordingError
+from lidario.families.base import Known
 from lidario.model import DeviceInfo
 from lidario.recording.about import About
 from lidario.recording.chronicle import Responded, StreamBegan
@@ -34,16 +35,18 @@ class RawRecording:
 
     Args:
         path: The file.
-        family: Name of the family; None to tell it from the bytes.
-        sample_us: Microseconds a sample; None for what the format usually takes.
+        known: What the user says of its bytes.
 
     Raises:
         RecordingError: There is no stream in it.
-        InvalidValue: `sample_us` is no number that can be right.
-        ConnectFailed: There is no such family.
+        InvalidValue: The time of a sample is no number that can be right.
+        ConnectFailed: There is no such family or model.
+
+    Attributes:
+        guess: As `RawStream.guess`; the others as in `StoredStreams`.
     """
 
-    def __init__(self, path: Path, family: str | None = None, sample_us: float | None = None) -> None:
+    def __init__(self, path: Path, known: Known = Known()) -> None:  # noqa: B008 - it cannot be changed
         self.path: Path = path
         self.responses: dict[bytes, Responded] = {}
         self.damage: str = ""
@@ -53,11 +56,13 @@ class RawRecording:
             self.size: int = file.size
             head = file.read(SEARCHED)
         try:
-            decoder = OfflineDecoder(head, family=family, sample_us=sample_us)
+            decoder = OfflineDecoder(head, known)
         except RecordingError as error:
             raise RecordingError(f"{path}: {error}") from None
         stream, found = decoder.stream, decoder.family
-        info = DeviceInfo(found.name, f"{found.title} (model not recorded)", 0, "", 0, "")
+        self.guess: str = decoder.guess
+        model = (decoder.title or f"{found.title} (model not recorded)") + (" (a guess)" if decoder.guess else "")
+        info = DeviceInfo(found.name, model, 0, "", 0, "")
         self.about: About = About(info, source=str(path))
         began = StreamBegan(
             at=decoder.begin,

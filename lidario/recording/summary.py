@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 
+from lidario.families.base import Known
 from lidario.model import DeviceInfo
 from lidario.recording.decode_file import FileDecoder
 
@@ -57,10 +58,14 @@ class RecordingSummary:
 
 
 def summarize(
-    path: str | os.PathLike[str], *, family: str | None = None, sample_us: float | None = None
+    path: str | os.PathLike[str],
+    *,
+    family: str | None = None,
+    model: str | None = None,
+    sample_us: float | None = None,
 ) -> RecordingSummary:
     """Decode a whole recording and count; the arguments and errors are those of `decode_file`."""
-    decoder = FileDecoder(path, family=family, sample_us=sample_us)
+    decoder = FileDecoder(path, Known(family, model, sample_us))
     recording = decoder.recording
     scans = points = returns = 0
     first = last = None

@@ -30,6 +30,7 @@ LDROBOT_NAMES = (
     "ldrobot_stl27l_6hz",
     "ldrobot_stl27l_13hz",
     "ldrobot_ld14p_6hz",
+    "ldrobot_ld08_5hz",
 )
 NAMES = RPLIDAR_NAMES + YDLIDAR_NAMES + RELATIVE_NAMES + LDROBOT_NAMES
 

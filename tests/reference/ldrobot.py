@@ -6,8 +6,10 @@ packet with its check value nor one of the two known records, which it leaves ou
 """
 
 import math
+import struct
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 PACKET_BYTES = 47
 SAMPLES = 12
@@ -48,7 +50,7 @@ def split(raw: bytes) -> list[bytes]:
         if len(piece) < size or crc8(piece[:-1]) != piece[-1]:
             raise ValueError(f"byte {offset}: wrong check value")
         if size == PACKET_BYTES:
-            if piece[1] != 0x2C:
+            if piece[1] not in (0x2C, 0xEC):
                 raise ValueError(f"byte {offset}: no packet")
             packets.append(piece)
         offset += size
@@ -56,12 +58,20 @@ def split(raw: bytes) -> list[bytes]:
 
 
 def shift_deg(distance_mm: float) -> float:
-    """How far the target lies before the beam of a model that triangulates."""
+    """How far the target lies before the beam of an LD14."""
     return math.degrees(math.atan((0.11923 * distance_mm - 18.975571) / (distance_mm + 5.9)))
 
 
-def decode(packets: Sequence[bytes], *, triangle: bool = False) -> list[Sample]:
-    """Decode packets."""
+def from_axis(distance_mm: float) -> tuple[float, float]:
+    """Of an LD08: how far the target is from the axis, and by how many degrees it lies before the beam."""
+    x, y = distance_mm + 5.9, 0.11923 * distance_mm - 20.14
+    # In the single precision that distances are told in.
+    (away,) = struct.unpack("<f", struct.pack("<f", math.sqrt(x * x + y * y)))
+    return away, math.degrees(math.atan(y / x))
+
+
+def decode(packets: Sequence[bytes], *, lens: Literal["", "ld08", "ld14"] = "") -> list[Sample]:
+    """Decode packets; `lens` names a model that triangulates."""
     samples: list[Sample] = []
     shift = 0.0
     for number, packet in enumerate(packets):
@@ -69,11 +79,13 @@ def decode(packets: Sequence[bytes], *, triangle: bool = False) -> list[Sample]:
         way = (_u16(packet, 42) - first) % 36000
         for index in range(SAMPLES):
             raw_deg = (first * 11 + way * index) / 1100
-            distance_mm = _u16(packet, 6 + 3 * index)
-            if triangle and distance_mm:
+            distance_mm = float(_u16(packet, 6 + 3 * index))
+            if lens == "ld14" and distance_mm:
                 shift = shift_deg(distance_mm)
+            elif lens == "ld08":
+                distance_mm, shift = from_axis(distance_mm) if distance_mm else (0.0, 0.0)
             angle_deg = (raw_deg - shift) % 360.0
-            samples.append(Sample(number, index, raw_deg, angle_deg, float(distance_mm), packet[8 + 3 * index]))
+            samples.append(Sample(number, index, raw_deg, angle_deg, distance_mm, packet[8 + 3 * index]))
     return samples
 
 

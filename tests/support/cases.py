@@ -7,14 +7,13 @@ golden file, and learns from it how its stream is announced, cut, decoded, and w
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import Protocol
+from typing import Literal, Protocol
 
 import pytest
 
 from lidario.families import unasked
 from lidario.families.base import Decoder
-from lidario.families.ldrobot.decode import PacketDecoder, TriangleDecoder
-from lidario.families.ldrobot.formats import PacketFormat, TriangleFormat
+from lidario.families.ldrobot.device import AXIS, BEAM, TRIANGLE
 from lidario.families.rplidar import commands as rplidar_commands
 from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.formats import FORMATS
@@ -221,19 +220,20 @@ def _relative(name: str) -> Case:
 
 
 def _ldrobot(name: str) -> Case:
-    triangle = "ld14" in name
+    lens: Literal["", "ld08", "ld14"] = "ld14" if "ld14" in name else "ld08" if "ld08" in name else ""
+    kind = {"": BEAM, "ld14": TRIANGLE, "ld08": AXIS}[lens]
     sample_us = _golden(name).sample_us
     assert sample_us is not None
     return Case(
         name=name,
-        response_type=0x2D if triangle else 0x2C,
+        response_type=kind.wire().response_type,
         descriptor=b"",
-        make_format=TriangleFormat if triangle else PacketFormat,
-        make_decoder=TriangleDecoder if triangle else PacketDecoder,
+        make_format=kind.wire,
+        make_decoder=kind.decoder,
         request=unasked.begin,
         sample_us=sample_us,
         split=ldrobot.split,
-        decode=partial(ldrobot.decode, triangle=triangle),
+        decode=partial(ldrobot.decode, lens=lens),
         revolutions=ldrobot.revolutions,  # type: ignore[arg-type]
         lookahead=False,
     )
@@ -255,6 +255,7 @@ _KINDS = (
     "ydlidar_g2_11hz",
     "ldrobot_ld19_6hz",
     "ldrobot_ld14p_6hz",
+    "ldrobot_ld08_5hz",
 )
 KINDS = tuple(case for case in CASES if case.name in _KINDS)
 """One stream of each of the formats."""

@@ -1,4 +1,4 @@
-"""LDROBOT LD06, LD19, STL-06P, STL-19P, STL-26, STL-27L, LD14 and LD14P.
+"""LDROBOT LD06, LD19, STL-06P, STL-19P, STL-26, STL-27L, LD08, LD14 and LD14P.
 
 Sources throughout: the LD06 development manual v1.0, the vendor's SDKs, and a recording of a real LD06, from which
 sample rate and unsteadiness are known. All but one model only talk; no request was tried on a real device.
@@ -22,6 +22,7 @@ SIMULATED: Final = (
     "ldrobot-stl19p",
     "ldrobot-stl26",
     "ldrobot-stl27l",
+    "ldrobot-ld08",
     "ldrobot-ld14",
     "ldrobot-ld14p",
 )
@@ -30,7 +31,7 @@ SIMULATED: Final = (
 FAMILY: Final = Family(
     name="ldrobot",
     title="LDROBOT",
-    # LD06, LD19 and LD14P; LD14; STL-27L.
+    # LD06, LD19 and LD14P; LD08 and LD14; STL-27L.
     baudrates=(230_400, 115_200, 921_600),
     timing=Timing(
         # Packets come every 5 ms at most, and a USB adapter may hold bytes back for 16 ms.

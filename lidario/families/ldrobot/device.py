@@ -1,30 +1,54 @@
 """One LDROBOT lidar: which model it is, how it is listened to, and the few requests that one model hears.
 
 No packet tells the model, the firmware or a serial number. The rate of the samples does: the models of one rate are
-not told apart, but they measure alike. Sample rates: LD06 as measured on a real device, the others by data sheet.
-The rate that a device has is measured anew when it is opened.
+not told apart, but they measure alike, except LD14 and LD08. Sample rates: LD06 as measured on a real device, the
+others by data sheet. The rate that a device has is measured anew when it is opened.
 
 The LD14P has requests (`commands`). It may have been stopped and be silent: then it is started to be found.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
 from statistics import median
-from typing import Final
+from typing import Final, NamedTuple
 
 from lidario.errors import ResponseTimeout, Unsupported
 from lidario.families.arguments import frequency_within
 from lidario.families.base import NamedModel, Script, Stream, told
 from lidario.families.ldrobot import commands
-from lidario.families.ldrobot.decode import PacketDecoder, TriangleDecoder, samples_a_second
-from lidario.families.ldrobot.formats import PacketFormat, TriangleFormat
+from lidario.families.ldrobot.decode import AxisDecoder, PacketDecoder, TriangleDecoder, samples_a_second
+from lidario.families.ldrobot.formats import AxisFormat, PacketFormat, TriangleFormat
 from lidario.families.unasked import UnaskedDevice, begin, hear_runs
-from lidario.model import DeviceInfo, ScanMode
+from lidario.model import DeviceInfo, Health, ScanMode
 from lidario.wire.envelope import Request
 
-__all__ = ["MODELS", "NAMED", "LdrobotDevice", "Model", "model_of_rate"]
+__all__ = ["AXIS", "BEAM", "KINDS", "MODELS", "NAMED", "TRIANGLE", "LdrobotDevice", "Model", "model_of_rate"]
+
+
+class Kind(NamedTuple):
+    """How the packets of some models are to be read.
+
+    Attributes:
+        wire: Makes their format.
+        decoder: Makes their decoder.
+        slowest_turn_s: Longest time that one revolution may take, in seconds: at the lowest speed, and half as long
+            again.
+    """
+
+    wire: Callable[[], PacketFormat]
+    decoder: Callable[[], PacketDecoder]
+    slowest_turn_s: float
+
+
+BEAM: Final = Kind(PacketFormat, PacketDecoder, 0.3)
+"""Time of flight; 5 Hz."""
+TRIANGLE: Final = Kind(TriangleFormat, TriangleDecoder, 0.75)
+AXIS: Final = Kind(AxisFormat, AxisDecoder, 0.75)
+"""Both triangulate; 2 Hz."""
+KINDS: Final = (BEAM, TRIANGLE, AXIS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +61,9 @@ class Model:
         baudrate: Speed of its line.
         rate: Samples a second.
         reach: Farthest distance in metres.
-        triangle: Whether it triangulates.
+        kind: How its packets are to be read.
         commands: Whether it hears requests.
+        note: What else it may be, where its rate is told by models that are to be read otherwise.
     """
 
     name: str
@@ -46,8 +71,9 @@ class Model:
     baudrate: int
     rate: float
     reach: float
-    triangle: bool = False
+    kind: Kind = BEAM
     commands: bool = False
+    note: str = ""
 
 
 MODELS: Final = {
@@ -59,15 +85,20 @@ MODELS: Final = {
         Model("stl-19p", "STL-19P", 230_400, 4500, 12.0),
         Model("stl-26", "STL-26", 230_400, 5000, 12.0),
         Model("stl-27l", "STL-27L", 921_600, 21_600, 25.0),
-        Model("ld14", "LD14", 115_200, 2300, 8.0, triangle=True),
-        Model("ld14p", "LD14P", 230_400, 4000, 8.0, triangle=True, commands=True),
+        Model("ld08", "LD08", 115_200, 2300, 8.0, AXIS),
+        Model("ld14", "LD14", 115_200, 2300, 8.0, TRIANGLE),
+        Model("ld14p", "LD14P", 230_400, 4000, 8.0, TRIANGLE, commands=True),
     )
 }
+_LENS_UNKNOWN: Final = (
+    "an LD14 and an LD08 send the same packets at the same rate. It is read as an LD14; the distances of an LD08 "
+    "would be up to 60 mm short: name the model, as in ?model=ld08, or ?model=ld14"
+)
 _BY_RATE: Final = (
     (10_000, Model("", "STL-27L", 921_600, 21_600, 25.0)),
     (4250, Model("", "LD06, LD19 or alike", 230_400, 4546, 12.0)),
     (3150, MODELS["ld14p"]),
-    (0, MODELS["ld14"]),
+    (0, Model("", "LD14 or LD08", 115_200, 2300, 8.0, TRIANGLE, note=_LENS_UNKNOWN)),
 )
 """The slowest rate of each kind."""
 HEARD: Final = 24
@@ -75,8 +106,6 @@ HEARD: Final = 24
 HEAR_S: Final = 0.5
 SPIN_UP_S: Final = 3.0
 """Users report 10 Hz within 3 s; the first packets come after 0.7 s."""
-SLOWEST_TURN_S: Final = (0.3, 0.75)
-"""One revolution at 5 Hz, and at 2 Hz where it triangulates, and half as long again."""
 SPEED_RANGE: Final = (2.0, 8.0)
 """Hz, of the LD14P (the vendor's SDK: 720 to 2880 degrees a second)."""
 
@@ -109,7 +138,7 @@ class LdrobotDevice(UnaskedDevice):
 
     def wire(self) -> PacketFormat:
         """As `UnaskedDevice.wire`."""
-        return TriangleFormat() if self._model.triangle else PacketFormat()
+        return self._model.kind.wire()
 
     def stop(self) -> Request:
         """As `Device.stop`."""
@@ -132,6 +161,11 @@ class LdrobotDevice(UnaskedDevice):
         self._be(self._named or model_of_rate(self._rate))
         return DeviceInfo("ldrobot", f"LDROBOT {self._model.title}", 0, "", 0, "")
 
+    def health(self) -> Script[Health]:
+        """As `Device.health`: with a note where it may be another model."""
+        health = yield from super().health()
+        return replace(health, note=self._model.note)
+
     def modes(self) -> Script[tuple[ScanMode, ...]]:
         """As `Device.modes`: there is one."""
         kind = self.wire().response_type
@@ -151,11 +185,11 @@ class LdrobotDevice(UnaskedDevice):
             yield commands.speed(self._wanted_speed)
         return Stream(
             format=wire,
-            decoder=TriangleDecoder() if self._model.triangle else PacketDecoder(),
+            decoder=self._model.kind.decoder(),
             mode=mode,
             sample_ns=1e9 / self._rate,
             spin_up_s=SPIN_UP_S,
-            slowest_turn_s=SLOWEST_TURN_S[self._model.triangle],
+            slowest_turn_s=self._model.kind.slowest_turn_s,
         )
 
     def scan_frequency_range(self) -> Script[tuple[float, float]]:

@@ -2,7 +2,7 @@
 
 Layout (LD06 development manual v1.0, and the vendor's SDKs), little-endian::
 
-    0   54 2C   mark; the low five bits of 2C are the number of samples
+    0   54 2C   mark; the low five bits of 2C are the number of samples (of an LD08 by ROBOTIS's driver also 54 EC)
     2   u16     speed of the rotor, degrees a second
     4   u16     angle of the first sample, 1/100 degrees
     6   12 x    u16 distance in mm, 0 where nothing came back; u8 intensity
@@ -10,7 +10,7 @@ Layout (LD06 development manual v1.0, and the vendor's SDKs), little-endian::
     44  u16     time in ms, from 0 to 29999 again and again
     46  u8      CRC-8 of all before it: polynomial 4D, begins at 0, not reflected
 
-``54 2C`` stands inside packets by chance, and the CRC lets one of 256 such places pass, so a packet that is not due
+The mark stands inside packets by chance, and the CRC lets one of 256 such places pass, so a packet that is not due
 needs another one behind it. Records that may stand between packets: ``54 E0`` tells of a blocked or covered
 window (4 bytes), ``54 0F`` what the device is (23 bytes), ``54 A0`` to ``54 A8`` are responses of the LD14P with
 their length in the third byte. Each ends with the same CRC.
@@ -28,10 +28,10 @@ from lidario.wire.events import Packets
 from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings
 from lidario.wire.rows import Crc8, RowFormat
 
-__all__ = ["CRC", "FULL_TURN", "HEAD", "PACKET", "SAMPLES", "SIZE", "PacketFormat", "TriangleFormat"]
+__all__ = ["CRC", "FULL_TURN", "HEAD", "PACKET", "SAMPLES", "SIZE", "AxisFormat", "PacketFormat", "TriangleFormat"]
 
 HEAD: Final = 0x54
-MARK: Final = b"\x54\x2c"
+LENGTHS: Final = (0x2C, 0xEC)
 SIZE: Final = 47
 SAMPLES: Final = 12
 FULL_TURN: Final = 36_000
@@ -62,7 +62,7 @@ class PacketFormat(RowFormat):
 
     name = "54 2C"
     response_type = 0x2C
-    header: re.Pattern[bytes] = re.compile(re.escape(MARK))
+    header: re.Pattern[bytes] = re.compile(rb"\x54[\x2c\xec]")
     shortest = SIZE
     longest = SIZE
     samples = SAMPLES
@@ -70,8 +70,11 @@ class PacketFormat(RowFormat):
 
     def measure(self, data: bytearray, at: int) -> int:
         """As `StreamFormat.measure`."""
-        found = data[at : at + 2]
-        return (SIZE if len(found) == 2 else 0) if MARK.startswith(found) else NO_PACKET
+        if data[at] != HEAD:
+            return NO_PACKET
+        if len(data) - at < 2:
+            return 0
+        return SIZE if data[at + 1] in LENGTHS else NO_PACKET
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:
         """As `StreamFormat.intact`."""
@@ -79,7 +82,7 @@ class PacketFormat(RowFormat):
 
     def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
         rows = np.frombuffer(data, np.uint8, count * SIZE, at).reshape(count, SIZE)
-        marked = (rows[:, 0] == MARK[0]) & (rows[:, 1] == MARK[1])
+        marked = (rows[:, 0] == HEAD) & ((rows[:, 1] == LENGTHS[0]) | (rows[:, 1] == LENGTHS[1]))
         intact: NDArray[np.bool_] = marked & (CRC.of_rows(rows[:, :-1]) == rows[:, -1])
         return intact
 
@@ -106,6 +109,12 @@ class PacketFormat(RowFormat):
 
 
 class TriangleFormat(PacketFormat):
-    """The same packets, of models that triangulate: their angles are corrected. The type is our own number."""
+    """The same packets, of an LD14 or LD14P: their angles are corrected. The type is our own number."""
 
     response_type = 0x2D
+
+
+class AxisFormat(PacketFormat):
+    """The same packets, of an LD08: angles and distances are corrected. The type is our own number."""
+
+    response_type = 0x2E

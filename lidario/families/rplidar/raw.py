@@ -13,7 +13,7 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from lidario.families.base import Decoder, RawStream, raw_stream
+from lidario.families.base import Decoder, Known, RawStream, raw_stream
 from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.formats import FORMATS
 from lidario.wire.envelope import DESCRIPTOR_MAGIC, DESCRIPTOR_SIZE, parse_descriptor
@@ -26,16 +26,15 @@ _DESCRIPTORS: Final = re.compile(re.escape(DESCRIPTOR_MAGIC) + rb".{3}\x40.", re
 """Descriptors of streams, their length being below 2 to the power of 24."""
 
 
-def find_stream(data: memoryview, sample_us: float | None) -> RawStream | None:
+def find_stream(data: memoryview, known: Known) -> RawStream | None:
     """As `Family.find_stream`: behind the first descriptor of one of the six formats."""
     for found in _DESCRIPTORS.finditer(data):
         descriptor = parse_descriptor(bytes(found.group()))
         wire = None if descriptor is None else FORMATS.get(descriptor.type)
         if descriptor is not None and wire is not None and descriptor.size == wire.shortest:
             kind = descriptor.type
-            return raw_stream(
-                found.start() + DESCRIPTOR_SIZE, wire(), DECODERS[kind](), sample_us or _USUAL_US[kind]
-            )
+            sample_us = known.sample_us or _USUAL_US[kind]
+            return raw_stream(found.start() + DESCRIPTOR_SIZE, wire(), DECODERS[kind](), sample_us)
     return None
 
 

@@ -31,7 +31,7 @@ class Model:
         code: Number by which it tells what it is.
         baudrate: Speed of its line.
         kind: How its samples are to be read.
-        rate: Samples a second; 0 where it can be set to several, which cannot be asked for everywhere.
+        rates: Samples a second; several where one of them can be set, which cannot be asked for everywhere.
         speeds: The slowest and the fastest scan frequency that can be set, in Hz; None where none can be set.
         one_way: Whether it only talks.
         offset: Whether it can be asked for its zero-angle offset.
@@ -45,7 +45,7 @@ class Model:
     code: int
     baudrate: int
     kind: Kind
-    rate: float
+    rates: tuple[float, ...]
     speeds: tuple[float, float] | None = (5.0, 12.0)
     one_way: bool = False
     offset: bool = False
@@ -60,8 +60,8 @@ class Model:
 
     @property
     def sample_us(self) -> float:
-        """Microseconds a sample; 0 where that is not known."""
-        return 1e6 / self.rate if self.rate else 0.0
+        """Microseconds a sample; 0 where it has several rates."""
+        return 1e6 / self.rates[0] if len(self.rates) == 1 else 0.0
 
     @property
     def mode(self) -> ScanMode:
@@ -76,46 +76,49 @@ class Model:
         )
 
 
+_TG_RATES: Final = (20_000, 18_000, 10_000)
+_G6_RATES: Final = (18_000, 16_000, 8000)
+_G4_RATES: Final = (9000, 8000, 4000)
 _TG, _X, _G2, _TMINI = (KINDS[name] for name in ("tg", "x", "g2", "tmini"))
 
-FOUR_ROS: Final = Model("4ros", "4ROS", 101, 512_000, _TG, 20_000, offset=True, protection=True, reach=30.0)
+FOUR_ROS: Final = Model("4ros", "4ROS", 101, 512_000, _TG, (20_000,), offset=True, protection=True, reach=30.0)
 """The code is the TG30's in the SDK. 20000 samples a second, 30 m, 5 to 12 Hz: data sheet."""
-ONE_WAY: Final = Model("", "X2, X3 or alike", 6, 115_200, _X, 0, None, one_way=True, reach=8.0)
+ONE_WAY: Final = Model("", "X2, X3 or alike", 6, 115_200, _X, (), None, one_way=True, reach=8.0)
 """A model that only talks and was not named."""
 
 
 def _models() -> Iterator[Model]:
     yield FOUR_ROS
-    yield Model("tg15", "TG15", 100, 512_000, _TG, 0, offset=True, protection=True, reach=15.0)
-    yield Model("tg30", "TG30", 101, 512_000, _TG, 20_000, offset=True, protection=True, reach=30.0)
-    yield Model("tg50", "TG50", 102, 512_000, _TG, 0, offset=True, protection=True, reach=50.0)
-    yield Model("x4", "X4", 6, 128_000, _X, 5000, None, reach=10.0, dtr=True)
-    yield Model("s4", "S4", 4, 115_200, _X, 4000, None, reach=8.0, dtr=True)
-    yield Model("s4b", "S4B", 11, 153_600, KINDS["s4b"], 4000, None, reach=8.0, dtr=True)
-    yield Model("f4", "F4", 1, 115_200, _X, 4000)
-    yield Model("f4pro", "F4 Pro", 8, 230_400, _X, 0)
-    yield Model("g1", "G1", 19, 230_400, _X, 9000, offset=True)
-    yield Model("g2", "G2", 15, 230_400, _G2, 5000, offset=True)
-    yield Model("g2a", "G2A", 14, 230_400, _X, 5000, offset=True)
-    yield Model("g2c", "G2C", 16, 115_200, _X, 4000, offset=True)
-    yield Model("g4", "G4", 5, 230_400, _X, 0, reach=16.0)
-    yield Model("g4pro", "G4 Pro", 7, 230_400, _X, 0, reach=16.0)
-    yield Model("g4b", "G4B", 17, 512_000, _G2, 10_000, reach=16.0)
-    yield Model("g4c", "G4C", 18, 115_200, _X, 4000, reach=16.0)
-    yield Model("g5", "G5", 20, 230_400, _X, 0, reach=16.0)
-    yield Model("g6", "G6", 13, 512_000, KINDS["octave"], 0, reach=25.0)
-    yield Model("g7", "G7", 21, 512_000, KINDS["octave"], 0, reach=25.0)
-    yield Model("r2", "R2", 9, 230_400, _X, 5000, offset=True)
-    yield Model("tsa-pro", "TSA Pro", 131, 230_400, _TMINI, 4000, (6.0, 12.0))
-    yield Model("tmini", "Tmini", 140, 230_400, _TMINI, 4000, (6.0, 12.0))
-    yield Model("tmini-pro", "Tmini Pro", 150, 230_400, _TMINI, 4000, (6.0, 12.0))
-    yield Model("tmini-plus", "Tmini Plus", 151, 230_400, _TMINI, 4000, (6.0, 12.0))
-    yield Model("tmini-plus-sh", "Tmini Plus SH", 152, 230_400, KINDS["sh"], 4000, (6.0, 12.0))
-    yield Model("x2", "X2", 6, 115_200, _X, 3000, None, one_way=True, reach=8.0, dtr=True)
-    yield Model("x3", "X3", 6, 115_200, _X, 3000, None, one_way=True, reach=8.0)
-    yield Model("x4pro", "X4 Pro", 6, 128_000, KINDS["x-flags"], 5000, None, one_way=True, reach=10.0, dtr=False)
-    yield Model("s2pro", "S2 Pro", 4, 115_200, _X, 3000, None, one_way=True, reach=8.0, dtr=True)
-    yield Model("tx8", "TX8", 100, 115_200, _TG, 4000, None, one_way=True, reach=8.0)
+    yield Model("tg15", "TG15", 100, 512_000, _TG, _TG_RATES, offset=True, protection=True, reach=15.0)
+    yield Model("tg30", "TG30", 101, 512_000, _TG, (20_000,), offset=True, protection=True, reach=30.0)
+    yield Model("tg50", "TG50", 102, 512_000, _TG, _TG_RATES, offset=True, protection=True, reach=50.0)
+    yield Model("x4", "X4", 6, 128_000, _X, (5000,), None, reach=10.0, dtr=True)
+    yield Model("s4", "S4", 4, 115_200, _X, (4000,), None, reach=8.0, dtr=True)
+    yield Model("s4b", "S4B", 11, 153_600, KINDS["s4b"], (4000,), None, reach=8.0, dtr=True)
+    yield Model("f4", "F4", 1, 115_200, _X, (4000,))
+    yield Model("f4pro", "F4 Pro", 8, 230_400, _X, (4000, 6000))
+    yield Model("g1", "G1", 19, 230_400, _X, (9000,), offset=True)
+    yield Model("g2", "G2", 15, 230_400, _G2, (5000,), offset=True)
+    yield Model("g2a", "G2A", 14, 230_400, _X, (5000,), offset=True)
+    yield Model("g2c", "G2C", 16, 115_200, _X, (4000,), offset=True)
+    yield Model("g4", "G4", 5, 230_400, _X, _G4_RATES, reach=16.0)
+    yield Model("g4pro", "G4 Pro", 7, 230_400, _X, _G4_RATES, reach=16.0)
+    yield Model("g4b", "G4B", 17, 512_000, _G2, (10_000,), reach=16.0)
+    yield Model("g4c", "G4C", 18, 115_200, _X, (4000,), reach=16.0)
+    yield Model("g5", "G5", 20, 230_400, _X, _G4_RATES, reach=16.0)
+    yield Model("g6", "G6", 13, 512_000, KINDS["octave"], _G6_RATES, reach=25.0)
+    yield Model("g7", "G7", 21, 512_000, KINDS["octave"], _G6_RATES, reach=25.0)
+    yield Model("r2", "R2", 9, 230_400, _X, (5000,), offset=True)
+    yield Model("tsa-pro", "TSA Pro", 131, 230_400, _TMINI, (4000,), (6.0, 12.0))
+    yield Model("tmini", "Tmini", 140, 230_400, _TMINI, (4000,), (6.0, 12.0))
+    yield Model("tmini-pro", "Tmini Pro", 150, 230_400, _TMINI, (4000,), (6.0, 12.0))
+    yield Model("tmini-plus", "Tmini Plus", 151, 230_400, _TMINI, (4000,), (6.0, 12.0))
+    yield Model("tmini-plus-sh", "Tmini Plus SH", 152, 230_400, KINDS["sh"], (4000,), (6.0, 12.0))
+    yield Model("x2", "X2", 6, 115_200, _X, (3000,), None, one_way=True, reach=8.0, dtr=True)
+    yield Model("x3", "X3", 6, 115_200, _X, (3000,), None, one_way=True, reach=8.0)
+    yield Model("x4pro", "X4 Pro", 6, 128_000, KINDS["x-flags"], (5000,), None, one_way=True, reach=10.0, dtr=False)
+    yield Model("s2pro", "S2 Pro", 4, 115_200, _X, (3000,), None, one_way=True, reach=8.0, dtr=True)
+    yield Model("tx8", "TX8", 100, 115_200, _TG, (4000,), None, one_way=True, reach=8.0)
 
 
 MODELS: Final = {model.name: model for model in _models()}

@@ -1,53 +1,109 @@
-"""Recorded bytes of this family: where the measurement stream begins among them.
+"""Recorded bytes of this family: where the measurement stream begins among them, and which model sent it.
 
 It begins behind the scan header (4ROS development manual, 3.1), or with the first intact packet where the header
 was not recorded. What the samples mean, only the model tells: by the device information, where that was recorded
-before the stream. Else it is the 4ROS, or the Tmini where a sample has three bytes. The bytes carry no time.
+before the stream, or by the user. Else it is guessed: a model measures at one rate of a few, and that rate is the
+samples of a revolution times its speed, which start packets tell. The bytes carry no time.
 """
 
 from __future__ import annotations
 
+import math
 import re
-from typing import Final
+from typing import Final, NamedTuple
 
-from lidario.families.base import Decoder, RawStream, raw_stream
+import numpy as np
+
+from lidario.families.base import Decoder, Known, RawStream, raw_stream
 from lidario.families.ydlidar.clouds import KINDS
-from lidario.families.ydlidar.formats import INFO_HEADER, PointCloud
-from lidario.families.ydlidar.models import FOUR_ROS, MODELS, Model, model_of
+from lidario.families.ydlidar.formats import FULL_TURN_Q6, INFO_HEADER, START_BIT, PointCloud, packet_heads
+from lidario.families.ydlidar.models import MODELS, Model, model_of
+from lidario.wire.events import Packets
 from lidario.wire.formats import StreamFormat
+from lidario.wire.link import Link
 
 __all__ = ["find_stream", "stream_of"]
 
 _HEADER: Final = re.compile(rb"\xa5\x5a.{3}[\x40-\x7f]\x81", re.DOTALL)
 """The scan header; its length is to be ignored (manual 3.1)."""
-_GUESSES: Final = (FOUR_ROS, MODELS["tmini"], MODELS["tmini-plus-sh"])
-"""One model for each size of a sample."""
-_LEAST_RATE: Final = 4000.0
-"""Samples a second where the model has several rates: the slowest of them, so that no revolution is too long."""
+_LIKELY: Final = tuple(MODELS[name] for name in ("4ros", "x4", "g6", "tmini", "g2", "tmini-plus-sh"))
+"""Which of the models that fit is taken, the first of them first."""
+_MEASURED: Final = 64 * 1024
+"""Bytes by which samples a revolution and speed are known."""
+_LONG: Final = 8
+"""Samples of a packet from which its step is known well enough."""
+_UNLIKE: Final = 0.08
+"""By so much a rate may differ from that of a model. Speeds are told in tenths of Hz, and that of the TG models, by
+the vendor's SDK, 0.4 Hz too high."""
+_ALIKE: Final = 0.03
+"""Differences less than that apart tell nothing: the speed of a motor varies by so much."""
+_SPEEDS: Final = (4.0, 13.0)
+"""Hz: the speeds of all models (4 to 12), and a little more."""
+_USUAL_HZ: Final = 8.0
 
 
-def find_stream(data: memoryview, sample_us: float | None) -> RawStream | None:
+class _Turn(NamedTuple):
+    """What the packets tell of a revolution: its samples, 0 where that is not known, and the code of its speed."""
+
+    samples: float
+    code: float
+
+    def hertz(self, model: Model) -> float:
+        """The speed that is told, if it is that model; 0 where none is."""
+        return (self.code + model.kind.speed_base) / 10 if self.code or model.kind.speed_base else 0.0
+
+    def unlike(self, model: Model) -> float:
+        """By how much the rate differs from the nearest one of that model; above 1 where it has none like it."""
+        hertz, (slowest, fastest) = self.hertz(model), _SPEEDS
+        if hertz:
+            off = min(abs(self.samples * hertz / rate - 1) for rate in model.rates)
+            return off if slowest <= hertz <= fastest else math.inf
+        fits = self.samples and any(slowest <= rate / self.samples <= fastest for rate in model.rates)
+        return 0.0 if fits else math.inf
+
+    def rate(self, model: Model) -> float:
+        """Samples a second of that model: the nearest one that it has, or what is told where none is near."""
+        hertz = self.hertz(model)
+        seen = self.samples * (hertz or _USUAL_HZ)
+        if not seen:
+            # So that no revolution is too long.
+            return min(model.rates)
+        near = min(model.rates, key=lambda rate: abs(math.log(rate / seen)))
+        return seen if hertz and len(model.rates) > 1 and abs(seen / near - 1) > _UNLIKE else near
+
+
+def find_stream(data: memoryview, known: Known) -> RawStream | None:
     """As `Family.find_stream`: behind the header, or at the first intact packet."""
-    best: tuple[int, Model] | None = None
-    for guess in _GUESSES:
-        wire = guess.kind.wire()
+    named = MODELS[known.model] if known.model else None
+    best: tuple[int, int] | None = None
+    for size in (2, 3, 4) if named is None else (named.kind.sample_size,):
+        wire = _wire(size)
         # Only an earlier packet counts: without this bound a long file would be searched to its end.
         place = _first_packet(data if best is None else data[: best[0] + wire.longest], wire)
         if place is not None and (best is None or place < best[0]):
-            best = place, guess
+            best = place, size
     if best is None:
         return None
-    begin, model = best
-    told = _told(data[:begin])
-    if told is not None and told.kind.sample_size == model.kind.sample_size:
-        model = told
+    begin, size = best
+    turn = _turn(data[begin : begin + _MEASURED], _wire(size))
+    guess = ""
+    model = named or _told(data[:begin])
+    if model is None or model.kind.sample_size != size:
+        model, guess = _guessed(turn, size)
     header = _HEADER.search(data[:begin])
     return raw_stream(
         begin if header is None else header.end(),
         model.kind.wire(),
         model.kind.decoder(),
-        sample_us or model.sample_us or 1e6 / _LEAST_RATE,
+        known.sample_us or 1e6 / turn.rate(model),
+        f"YDLIDAR {model.title}",
+        guess,
+        model.kind.response_type,
     )
+
+
+def _wire(sample_size: int) -> PointCloud:
+    return next(kind.wire() for kind in KINDS.values() if kind.sample_size == sample_size)
 
 
 def _told(before: memoryview) -> Model | None:
@@ -63,6 +119,43 @@ def _first_packet(data: memoryview, wire: PointCloud) -> int | None:
         if 0 < size <= len(packet) and wire.intact(packet, 0, size):
             return found.start()
     return None
+
+
+def _turn(data: memoryview, wire: PointCloud) -> _Turn:
+    link = Link()
+    link.enter_stream(wire)
+    link.receive_data(data, 0)
+    steps, codes = [0.0], [0.0]
+    for event in link.events_received():
+        if isinstance(event, Packets):
+            heads = packet_heads(event).astype(np.int32)
+            counts, ways = heads[:, 1] >> 8, ((heads[:, 3] >> 1) - (heads[:, 2] >> 1)) % FULL_TURN_Q6
+            several = counts >= _LONG
+            steps += (ways[several] / (counts[several] - 1)).tolist()
+            told = heads[:, 1][(heads[:, 1] & START_BIT) != 0] & 0xFF
+            codes += (told[told > START_BIT] >> 1).tolist()
+    step = float(np.median(steps[1:] or steps))
+    return _Turn(FULL_TURN_Q6 / step if step else 0.0, float(np.median(codes[1:] or codes)))
+
+
+def _guessed(turn: _Turn, size: int) -> tuple[Model, str]:
+    """The likeliest model with samples of that size, and the words that tell what it was taken for."""
+    models = [*_LIKELY, *(model for model in MODELS.values() if model not in _LIKELY)]
+    models = [model for model in models if model.kind.sample_size == size]
+    fitting = [model for model in models if turn.unlike(model) <= _UNLIKE]
+    # Those that differ alike stay in their order.
+    fitting.sort(key=lambda model: turn.unlike(model) // _ALIKE)
+    model = (fitting or models)[0]
+    by = f"{turn.samples:.0f} samples a revolution"
+    if turn.code:
+        by += f" at {turn.hertz(model):.1f} Hz"
+    words = f"which YDLIDAR sent these bytes is a guess: {model.title}, by {by}"
+    if not fitting:
+        words += ", which no model that is known has"
+    others = [other.name for other in fitting if other.kind is not model.kind]
+    if others:
+        words += f"; {', '.join(others)} would fit as well, with other distances or angles"
+    return model, f"{words}. Name the model, as in model={model.name}"
 
 
 def stream_of(response_type: int) -> tuple[StreamFormat, Decoder] | None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lidario.families.ldrobot.decode import PacketDecoder
+from lidario.families.ldrobot.device import HEARD, LdrobotDevice
 from lidario.families.ldrobot.formats import CRC, SIZE
 from lidario.families.registry import family_of_simulated
 from lidario.families.samples import Samples
@@ -67,3 +68,17 @@ def test_of_packets_that_are_missing_beside_a_wrong_angle_none_is_told_twice() -
     end = (int.from_bytes(packets[4][42:44], "little") + 9000) % 36_000
     found = decoded([*packets[:4], with_end(packets[4], end), *packets[5:8], *packets[10:]])
     assert (found.lost, found.unbroken) == (2, 8)
+
+
+@pytest.mark.parametrize("lost", [0.1, 0.2, 0.5])
+@pytest.mark.parametrize("model", ["ldrobot-ld06", "ldrobot-ld19"])
+def test_a_device_of_which_packets_are_lost_is_no_other_model(model: str, lost: float) -> None:
+    random = np.random.default_rng(5)
+    for _ in range(20):
+        packets = [packet for packet in [*packets_of(model), *packets_of(model)] if random.random() >= lost]
+        script = LdrobotDevice().identify()
+        next(script)
+        script.send(b"".join(packets[:2]))
+        with pytest.raises(StopIteration) as ended:
+            script.send(b"".join(packets[:HEARD]))
+        assert ended.value.value.model == "LDROBOT LD06, LD19 or alike"

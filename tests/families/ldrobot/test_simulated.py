@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ def test_it_streams_from_the_first_moment_on(model: str) -> None:
     device.transmit(BEGIN)
     packets = whole(device.transmit(BEGIN + S))
     assert len(packets) == pytest.approx(profile.rate / 12, rel=0.01)
-    samples = ldrobot.decode(packets, triangle=profile.triangle)
+    samples = ldrobot.decode(packets)
     turned = sum(b.raw_deg % 360 < a.raw_deg % 360 - 180 for a, b in pairwise(samples))
     assert turned == pytest.approx(profile.hertz, abs=1)
     times = [int.from_bytes(packet[44:46], "little") for packet in packets]
@@ -94,11 +95,13 @@ def test_power_frozen_and_blocked(blocked: bool) -> None:
     assert len(whole(device.transmit(BEGIN + 6 * S))) > 100
 
 
-@pytest.mark.parametrize("model", ["ldrobot-ld06", "ldrobot-ld14"])
-def test_what_it_sends_is_what_the_world_holds(model: str) -> None:
+@pytest.mark.parametrize(
+    ("model", "lens"), [("ldrobot-ld06", ""), ("ldrobot-ld14", "ld14"), ("ldrobot-ld08", "ld08")]
+)
+def test_what_it_sends_is_what_the_world_holds(model: str, lens: Literal["", "ld08", "ld14"]) -> None:
     device = make_simulated(model)
     device.transmit(BEGIN)
-    samples = ldrobot.decode(whole(device.transmit(BEGIN + S)), triangle=PROFILES[model].triangle)[:400]
+    samples = ldrobot.decode(whole(device.transmit(BEGIN + S)), lens=lens)[:400]
     angles = np.array([sample.angle_deg for sample in samples])
     distances = np.array([sample.distance_mm for sample in samples])
     seconds = np.full(len(angles), BEGIN * 1e-9)

@@ -15,6 +15,7 @@ No document says how long a device boots, or what it does when its rotor is bloc
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +37,24 @@ _AHEAD = 40  # packets that are built together
 _BLOCKED = 1 << 62
 
 
+_Floats = npt.NDArray[np.float64]
+_Lens = Callable[[_Floats], tuple[_Floats, _Floats]]
+
+
+def _near(mm: _Floats) -> tuple[_Floats, _Floats]:
+    """LD14 and LD14P: the distance is stated as it is."""
+    away = np.degrees(np.arctan2(0.11923 * mm - 18.975571, mm + 5.9))
+    return mm, np.where(mm > 0, away, 0.0)
+
+
+def _axis(mm: _Floats) -> tuple[_Floats, _Floats]:
+    """LD08: the distance d is stated of which (d + 5.9)^2 + (0.11923 d - 20.14)^2 is the square of the true one."""
+    a, b = 1 + 0.11923**2, 5.9 - 0.11923 * 20.14
+    d = (np.sqrt(np.maximum(b * b - a * (5.9**2 + 20.14**2 - mm * mm), 0.0)) - b) / a
+    seen = (mm > 0) & (d > 0)
+    return np.where(seen, d, 0.0), np.where(seen, np.degrees(np.arctan2(0.11923 * d - 20.14, d + 5.9)), 0.0)
+
+
 @dataclass(frozen=True, slots=True)
 class Profile:
     """What kind of device it is.
@@ -47,7 +66,8 @@ class Profile:
         rate: Samples a second.
         hertz: Revolutions a second.
         reach_mm: Nearest and farthest distance.
-        triangle: Whether it triangulates.
+        lens: What a model that triangulates states, by the true distance: its own, and how far the target lies
+            before the beam, in degrees. None where it states the truth.
         commands: Whether it hears requests.
     """
 
@@ -57,7 +77,7 @@ class Profile:
     rate: float = 4500.0
     hertz: float = 10.0
     reach_mm: tuple[float, float] = (20.0, 12_000.0)
-    triangle: bool = False
+    lens: _Lens | None = None
     commands: bool = False
 
 
@@ -70,10 +90,9 @@ PROFILES = {
         Profile("ldrobot-stl19p", 4),
         Profile("ldrobot-stl26", 5, rate=5000.0),
         Profile("ldrobot-stl27l", 6, baudrate=921_600, rate=21_600.0, reach_mm=(30.0, 25_000.0)),
-        Profile(
-            "ldrobot-ld14", 7, baudrate=115_200, rate=2300.0, hertz=6.0, reach_mm=(100.0, 8000.0), triangle=True
-        ),
-        Profile("ldrobot-ld14p", 8, rate=4000.0, hertz=6.0, reach_mm=(100.0, 8000.0), triangle=True, commands=True),
+        Profile("ldrobot-ld08", 9, baudrate=115_200, rate=2300.0, hertz=5.0, reach_mm=(120.0, 8000.0), lens=_axis),
+        Profile("ldrobot-ld14", 7, baudrate=115_200, rate=2300.0, hertz=6.0, reach_mm=(100.0, 8000.0), lens=_near),
+        Profile("ldrobot-ld14p", 8, rate=4000.0, hertz=6.0, reach_mm=(100.0, 8000.0), lens=_near, commands=True),
     )
 }
 
@@ -195,9 +214,11 @@ class SimulatedLdrobot(Chassis[_Stream]):
         turns = self._motor.turns(times)
         beam, seconds = turns * 360.0, times * 1e-9
         mm = self._world.ranges_mm(beam, seconds)
-        if self.profile.triangle:
-            mm = self._world.ranges_mm(beam - _shift(mm), seconds)
+        if self.profile.lens:
+            mm = self._world.ranges_mm(beam - self.profile.lens(mm)[1], seconds)
         mm[(mm < self.profile.reach_mm[0]) | (mm > self.profile.reach_mm[1])] = 0.0
+        if self.profile.lens:
+            mm = self.profile.lens(mm)[0]
         strength = np.where(mm > 0, np.clip(240 - mm / 60, 40, 240), 0).astype(np.uint8)
         hundredths = np.floor(turns * 36_000).astype(np.int64).reshape(-1, _POINTS) % 36_000
         data = pack_points(
@@ -254,9 +275,3 @@ def describe(model: str) -> str:
     profile = PROFILES[model]
     talks = "" if profile.commands else "; only talks"
     return f"{profile.baudrate} baud, {profile.rate:.0f}/s{talks}"
-
-
-def _shift(mm: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Degrees by which a target lies before the beam; 0 where there is none."""
-    away = np.degrees(np.arctan2(0.11923 * mm - 18.975571, mm + 5.9))
-    return np.where(mm > 0, away, 0.0)
