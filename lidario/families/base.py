@@ -112,6 +112,7 @@ class Device(ABC):
         can_keep_spinning: Whether the motor can go on when the laser is stopped.
         can_be_stopped: Whether laser and motor can be switched off from here.
         by_network: Whether it may be reached by a network: its line has no speed of its own.
+        sends_bytes: Whether its stream consists of bytes that can be decoded again; else of whole scans.
         is_guess: Whether its model was not named by a user, but is one that is looked for: what the device says of
             itself counts more.
         fill: Bytes that complete any request that was half written, and begin none. Default: none are needed.
@@ -120,6 +121,7 @@ class Device(ABC):
     can_keep_spinning: bool = True
     can_be_stopped: bool = True
     by_network: bool = False
+    sends_bytes: bool = True
     is_guess: bool = False
     fill: Request = Request("FILL", b"")
 

@@ -49,6 +49,11 @@ _Entry = tuple[int, int, Callable[[FileWriter, int], None]]
 class Recorded(Protocol):
     """The session, as far as a recording needs it."""
 
+    @property
+    def sends_bytes(self) -> bool:
+        """As `lidario.families.base.Device.sends_bytes`."""
+        ...
+
     def begin_recording(self, recording: Recording) -> About:
         """Hand every chunk, event and scan to `recording` from now on; returns what stands at the beginning."""
         ...
@@ -114,10 +119,15 @@ class Recording(Entered):
         Cancelling it leaves a file without scans, or none. So does Ctrl-C; the session goes on without a recording.
 
         Raises:
-            CannotRecord: The file cannot be written, or exists already.
+            CannotRecord: The file cannot be written, or exists already, or would hold nothing.
         """
         if self._thread is not None:
             raise LocalProtocolError("a recording can be started once: lidar.record() makes another one")
+        if not self._session.sends_bytes and not self._with_scans:
+            raise CannotRecord(
+                "whole scans arrive from there, and a recording keeps bytes, so nothing would be kept. Publish the "
+                "lidar with --raw (raw=True), or record with --scans (scans=True): LaserScan for other programs"
+            )
         try:
             self._about = self._session.begin_recording(self)
             self._offset_ns = self._about.clock_offset_ns

@@ -137,12 +137,10 @@ class Broadcast(Entered):
 
         Raises:
             LidarError: As iterating over `Lidar.scans`.
-            Unsupported: Raw bytes are to be published of a lidar that arrives as whole scans.
         """
         async with self.lidar.scans(mode) as stream:
             async for scan in stream:
                 self.publish(scan)
-                self._check()
 
     async def start(self) -> None:
         """Show the lidar on the network; ``async with`` does so. Cancelling leaves nothing open.
@@ -207,9 +205,6 @@ class Broadcast(Entered):
 
     def _leave(self) -> None:
         """End what `_declare` began."""
-
-    def _check(self) -> None:
-        """Raise what keeps this lidar from being published, after each scan."""
 
     def _each_second(self, status: Status) -> None:
         """The status has been published."""

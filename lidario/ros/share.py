@@ -48,6 +48,7 @@ class Share(Broadcast):
 
     Raises:
         InvalidValue: The key cannot be one.
+        Unsupported: Raw bytes are to be sent of a lidar that arrives as whole scans.
     """
 
     def __init__(
@@ -92,10 +93,6 @@ class Share(Broadcast):
     def _about(self) -> About:
         return super()._about() if self._raw is None else self._raw.about
 
-    def _check(self) -> None:
-        if self._raw is not None and self._raw.is_without_bytes:
-            raise Unsupported("this lidar arrives as whole scans, so there are no raw bytes to publish: send scans")
-
     def send_raw(self, entries: list[Entry]) -> None:
         """Send what was collected."""
         if self._outlet is not None:
@@ -113,19 +110,15 @@ class _RawFeed:
         self.path = Path("zenoh")
         # Not public: users record to files only.
         self._session = lidar._recorded  # noqa: SLF001
+        if not self._session.sends_bytes:
+            raise Unsupported("this lidar arrives as whole scans, so there are no raw bytes to publish: send scans")
         self._share = share
         self._about: About | None = None
         self._responses: dict[bytes, Responded] = {}
         self._running: StreamBegan | None = None
         self._entries: list[Entry] = []
         self._size = 0
-        self._scans = self._chunks = 0
         self._timer: asyncio.TimerHandle | None = None
-
-    @property
-    def is_without_bytes(self) -> bool:
-        """Whether scans come that were not made of bytes."""
-        return self._scans > 0 and not self._chunks
 
     @property
     def about(self) -> About:
@@ -166,7 +159,6 @@ class _RawFeed:
     def see_chunk(self, direction: str, data: bytes, now: int) -> None:
         """As `Tap`."""
         if direction == "in":
-            self._chunks += 1
             # A program that blocked its loop reads much at once; a message must not be too large.
             for at in range(0, len(data), COLLECT_BYTES):
                 self._add(Entry(False, now, data[at : at + COLLECT_BYTES]))
@@ -178,7 +170,6 @@ class _RawFeed:
 
     def see_scan(self, scan: Scan) -> None:  # noqa: ARG002
         """A scan is complete, with what was seen last: readers shall have it at once."""
-        self._scans += 1
         self._share.count_scan()
         self._flush()
 

@@ -76,7 +76,9 @@ class Lidar(Questions, AsyncOnly):
             reconnector.serve(_if_alive(self._adopt), self._scanner.end, self._scanner.unused)
             self._scanner.come_back_with(reconnector.begin)
         connection.port.follow(self._scanner)
-        self._recorded = RecordedSession(dialogue, self._scanner, source, lambda: (self.info, self.health))
+        self._recorded = RecordedSession(
+            dialogue, self._scanner, source, device.sends_bytes, lambda: (self.info, self.health)
+        )
         self._closed = False
         self._loop = asyncio.get_running_loop()
         self._abandoned = weakref.finalize(self, _abandon, dialogue, self._scanner, reconnector)
@@ -229,7 +231,8 @@ class Lidar(Questions, AsyncOnly):
             overwrite: Whether a file that is there already may be replaced.
 
         Raises:
-            CannotRecord: When the block is entered: the file cannot be made, or ``mcap`` is not installed.
+            CannotRecord: When the block is entered: the file cannot be made, ``mcap`` is not installed, or whole
+                scans arrive from another machine and `scans` is not set, so that nothing would be kept.
             InvalidValue: `path` cannot be the name of a file.
         """
         self._check_open()

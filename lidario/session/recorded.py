@@ -26,12 +26,19 @@ class RecordedSession:
         dialogue: Carries the bytes.
         scanner: Makes the scans.
         source: What was opened.
+        sends_bytes: As `Device.sends_bytes`.
         told: The latest info and health of the device.
     """
 
     def __init__(
-        self, dialogue: Dialogue, scanner: Scanner, source: str, told: Callable[[], tuple[DeviceInfo, Health]]
+        self,
+        dialogue: Dialogue,
+        scanner: Scanner,
+        source: str,
+        sends_bytes: bool,
+        told: Callable[[], tuple[DeviceInfo, Health]],
     ) -> None:
+        self.sends_bytes: bool = sends_bytes
         self._dialogue = dialogue
         self._scanner = scanner
         self._source = source

@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 from contextlib import AsyncExitStack
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 
 import lidario
-from lidario.errors import ConnectFailed, Unsupported
+from lidario.errors import CannotRecord, ConnectFailed, Unsupported
 from lidario.model import Health, HealthStatus
 from lidario.network.bus import Bus
 from lidario.network.status import Status
@@ -194,7 +196,34 @@ async def test_whole_scans_have_no_raw_bytes_to_pass_on(router: Router) -> None:
         await until(lambda: rig.sent)
         source = f"zenoh:relayed/scan?router={router.address}"
         remote = await stack.enter_async_context(lidario.open_lidar(source))
-        relay = await stack.enter_async_context(Share(remote, "relay/scan", raw=True, router=router.address))
-        async with asyncio.timeout(BOUND_S):
-            with pytest.raises(Unsupported, match="arrives as whole scans, so there are no raw bytes to publish"):
-                await relay.run()
+        with pytest.raises(Unsupported, match="arrives as whole scans, so there are no raw bytes to publish"):
+            Share(remote, "relay/scan", raw=True, router=router.address)
+
+
+@pytest.mark.parametrize("form", ["scan", "ros", "raw"])
+async def test_a_recording_of_whole_scans_keeps_some_or_does_not_begin(
+    router: Router, form: str, tmp_path: Path
+) -> None:
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        lidar = await rig.open()
+        publisher: Publisher | Share = (
+            Publisher(lidar, topic="kept", router=router.address)
+            if form == "ros"
+            else Share(lidar, "kept/scan", raw=form == "raw", router=router.address)
+        )
+        rig.run(await stack.enter_async_context(publisher))
+        await until(lambda: rig.sent)
+        source = f"zenoh:{publisher.key}?router={router.address}"
+        remote = await stack.enter_async_context(lidario.open_lidar(source))
+        bare, with_scans = tmp_path / "bare.mcap", tmp_path / "scans.mcap"
+        if form != "raw":
+            with pytest.raises(CannotRecord, match=r"record with --scans \(scans=True\)"):
+                await remote.record(bare).start()
+            assert not bare.exists()
+        async with remote.record(with_scans, scans=True), remote.scans() as scans, asyncio.timeout(BOUND_S):
+            for _ in range(3):
+                await anext(scans)
+    with with_scans.open("rb") as file:
+        topics = [channel.topic for _, channel, _ in make_reader(file).iter_messages()]
+    assert topics.count("/scan") >= 3

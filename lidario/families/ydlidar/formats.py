@@ -54,9 +54,9 @@ MAGIC_WORD: Final = 0x55AA
 ONE_SAMPLE: Final = 1 << 8
 """In the second word of a packet, with START_BIT off."""
 LAST_Q6: Final = 2 << 6
-"""A packet of one sample that is no start packet is the last one of its revolution, wherever it stands. A real T-mini
-Plus had one at 0.27 degrees, before a start packet at 0.72; the start packet before had stood at 0.25. Taken for 2
-degrees earlier, it passes no seam."""
+"""A packet of one sample that is no start packet is the last one of its revolution, wherever it stands. A real
+T-mini Plus had one at 0.27 degrees, before a start packet at 0.72; the start packet before had stood at 0.25. Taken
+for 2 degrees earlier, it passes no seam."""
 
 STAMP_MAGIC: Final = b"\xaa\x66"
 STAMP_SIZE: Final = 8
