@@ -76,9 +76,8 @@ class Lidar(Questions, AsyncOnly):
             reconnector.serve(_if_alive(self._adopt), self._scanner.end, self._scanner.unused)
             self._scanner.come_back_with(reconnector.begin)
         connection.port.follow(self._scanner)
-        self._recorded = RecordedSession(
-            dialogue, self._scanner, source, device.sends_bytes, lambda: (self.info, self.health)
-        )
+        told = lambda: (self.info, self.health)  # noqa: E731
+        self._recorded = RecordedSession(dialogue, self._scanner, source, device.sends_bytes, told)
         self._closed = False
         self._loop = asyncio.get_running_loop()
         self._abandoned = weakref.finalize(self, _abandon, dialogue, self._scanner, reconnector)
@@ -221,9 +220,8 @@ class Lidar(Questions, AsyncOnly):
     def record(self, path: str | os.PathLike[str], *, scans: bool = False, overwrite: bool = False) -> Recording:
         """Record every byte in both directions to an MCAP file, for use in ``async with``.
 
-        Recording slows the session down by nothing that can be measured: a thread writes. It ends with the block,
-        or with the session, or by itself where the disk is full or too slow; then the log and `Recording.error` say
-        so, and the session goes on. ``open_lidar("run.mcap")`` plays it.
+        A thread writes. It ends with the block, or with the session, or by itself where the disk is full or too
+        slow; then the log and `Recording.error` say so, and the session goes on. ``open_lidar("run.mcap")`` plays it.
 
         Args:
             path: The file to make.
