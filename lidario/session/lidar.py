@@ -221,7 +221,7 @@ class Lidar(Questions, AsyncOnly):
         """Record every byte in both directions to an MCAP file, for use in ``async with``.
 
         A thread writes. It ends with the block, or with the session, or by itself where the disk is full or too
-        slow; then the log and `Recording.error` say so, and the session goes on. ``open_lidar("run.mcap")`` plays it.
+        slow; then the log and `Recording.error` say so, and the session goes on. ``open_lidar(path)`` plays it.
 
         Args:
             path: The file to make.
