@@ -48,8 +48,9 @@ BOARD_TIMEOUT_S: Final = 0.25
 HQ_PAYLOAD: Final = 33
 QUERY_TIMEOUT_S: Final = 0.5
 SCAN_TIMEOUT_S: Final = 2.0
-LONGEST_CONF: Final = 4 + 64
-"""Largest GET_LIDAR_CONF response believed: the echoed type and a value (mode names are about ten letters)."""
+LONGEST_CONF: Final = 4 + 255
+"""Largest GET_LIDAR_CONF response believed: the echoed type and a value (mode names are about ten letters; no
+document bounds them)."""
 
 
 class ResponseType(IntEnum):

@@ -37,8 +37,8 @@ SAMPLERATE_FIRMWARE: Final = (1, 17)
 LEGACY_SAMPLE_US: Final = 476.0
 """Of firmware too old to be asked (SDK)."""
 LEGACY_MAX_DISTANCE: Final = 16.0
-MODE_LIMIT: Final = 16
-"""Mode numbers that are tried; devices have two to five modes, numbered from 0."""
+MODE_LIMIT: Final = 64
+"""Mode numbers that are tried; devices have two to five modes, numbered from 0, with holes."""
 MOST_SILENCES: Final = 4
 """Questions about modes without a response, after which no more are asked. Each takes 1 s."""
 SPIN_UP_S: Final = 5.0
@@ -184,7 +184,9 @@ class RplidarDevice(Device):
             request = commands.express_scan(mode.id if self._has_conf else 0, stream)
         announced = yield request
         if announced and announced[0] != mode.response_type:
-            mode = replace(mode, response_type=announced[0])
+            # The told time of a sample was that of another format: it is measured from the stream.
+            sample_us = 0.0
+            mode = replace(mode, response_type=announced[0], sample_us=sample_us)
             stream = next(each for each in request.others if each.response_type == mode.response_type)
         return Stream(
             format=stream,

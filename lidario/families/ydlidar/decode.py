@@ -138,7 +138,8 @@ class PointCloudDecoder(ArcDecoder):
         mark = next((at for at in control.marked if begin <= at < end), None)
         if mark is None:
             return math.nan
-        return 6.0 * ((int(control.words[mark]) >> 1 & SPEED_CODE) + self.speed_base)
+        # A real X4 sends 0 in each start packet: it tells nothing.
+        return 6.0 * ((int(control.words[mark]) >> 1 & SPEED_CODE) + self.speed_base) or math.nan
 
     def _remember(self, heads: Heads, last: float) -> None:  # noqa: ARG002
         control: Control = heads.read

@@ -43,7 +43,7 @@ class TestStream:
             ("rplidar-ultra", express(2), "a55a8400004084"),
             ("rplidar-s2", EXPRESS_1, "a55a5400004085"),
             ("rplidar-ultradense", express(1), "a55aaa00004086"),
-            ("rplidar-holes", express(5), "a55a0d03004083"),
+            ("rplidar-holes", express(40), "a55a0d03004083"),
             ("rplidar-unknown-response", express(6), "a55a540000408e"),
             ("rplidar-old-firmware", express(0), "a55a5400004082"),
             ("rplidar-no-modes", SCAN, "a55a0500004081"),

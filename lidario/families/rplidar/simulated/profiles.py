@@ -193,10 +193,10 @@ _AWKWARD = (
         "rplidar-holes",
         0x72,
         1_000_000,
-        (_mode(0, "Standard", 0x81, 8000, 30), _mode(5, "HQ", 0x83, 10000, 30)),
-        typical=5,
+        (_mode(0, "Standard", 0x81, 8000, 30), _mode(40, f"HQ {'with a long name ' * 5}", 0x83, 10000, 30)),
+        typical=40,
         speed_conf=(),
-        oddity="mode numbers with holes",
+        oddity="mode numbers with holes, and a long name",
     ),
     Profile(
         "rplidar-zero-us",

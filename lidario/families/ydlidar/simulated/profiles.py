@@ -36,6 +36,7 @@ class Profile:
         layout: How a sample lies in its bytes.
         triangle: Whether the angle depends on the distance.
         speed_base: Tenths of Hz that the speed 0 in a start packet stands for.
+        tells_speed: Whether its start packets tell a speed; those of three recordings of real X4s do not.
         reach_mm: Nearest and farthest distance.
         factory_speed: Hundredths of Hz.
         speeds: The slowest and the fastest that can be set.
@@ -58,6 +59,7 @@ class Profile:
     speeds: tuple[int, int] = (500, 1200)
     commands: frozenset[int] = _ALL
     by_dtr: bool = False
+    tells_speed: bool = True
 
     @property
     def one_way(self) -> bool:
@@ -87,6 +89,7 @@ def _triangle(
         reach_mm=(100.0, 12_000.0),
         factory_speed=700 if commands else 600,
         speeds=(500, 1200) if triangle else (600, 1200),
+        tells_speed=name != "ydlidar-x4",
         by_dtr=model in (4, 6, 11) and name not in ("ydlidar-x3", "ydlidar-x4-pro"),
         commands=commands - (frozenset() if model in (9, 14, 15, 16, 19) else {0x93}) - {0xD9},
     )

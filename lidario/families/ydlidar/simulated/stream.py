@@ -97,7 +97,8 @@ class PointStream:
         mm[(mm < nearest) | (mm > farthest)] = 0.0
         bursts = []
         if lone:
-            bursts.append(self._burst(q6[:1], mm[:1], 1, first, start_control(hertz, self._profile.speed_base)))
+            told = hertz if self._profile.tells_speed else 0.0
+            bursts.append(self._burst(q6[:1], mm[:1], 1, first, start_control(told, self._profile.speed_base)))
         middle = slice(lone, lone + full * _PER_PACKET)
         if full:
             bursts.append(self._burst(q6[middle], mm[middle], _PER_PACKET, first + lone))
