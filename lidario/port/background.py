@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from functools import partial
 from typing import TypeVar
 
 from lidario.port.start import start_thread
@@ -29,16 +30,21 @@ async def run_in_thread(call: Callable[[], T], discard: Callable[[T], None] | No
     """
     loop = asyncio.get_running_loop()
     future: asyncio.Future[T] = loop.create_future()
+    # Who takes the result out of here keeps it or discards it: the loop, which may stop at any moment, or the thread.
+    held: list[T] = []
+    given_up = False
 
-    def throw_away(result: T) -> None:
+    def throw_away() -> None:
+        try:
+            result = held.pop()
+        except IndexError:
+            return
         if discard is not None:
             discard(result)
 
-    def finish(result: T) -> None:
-        if future.done():
-            throw_away(result)
-        else:
-            future.set_result(result)
+    def finish() -> None:
+        if not future.done():
+            future.set_result(held.pop())
 
     def fail(error: Exception) -> None:
         if not future.done():
@@ -46,27 +52,29 @@ async def run_in_thread(call: Callable[[], T], discard: Callable[[T], None] | No
 
     def work() -> None:
         try:
-            result = call()
+            held.append(call())
         except Exception as error:
-            _tell(loop, fail, error)
+            _tell(loop, partial(fail, error))
         else:
-            if not _tell(loop, finish, result):
-                throw_away(result)
+            if not _tell(loop, finish) or given_up:
+                throw_away()
 
     try:
         start_thread(work, "lidario: blocking call")
         return await future
     except BaseException:
+        given_up = True
         # The result may be there already: it came in the same iteration of the loop as the cancellation.
         if not future.cancel() and not future.cancelled() and future.exception() is None:
-            throw_away(future.result())
+            held.append(future.result())
+        throw_away()
         raise
 
 
-def _tell(loop: asyncio.AbstractEventLoop, callback: Callable[[T], None], value: T) -> bool:
+def _tell(loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> bool:
     """Have the loop call `callback`; False when the loop was closed."""
     try:
-        loop.call_soon_threadsafe(callback, value)
+        loop.call_soon_threadsafe(callback)
     except RuntimeError:
         return False
     return True
