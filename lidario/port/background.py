@@ -30,7 +30,7 @@ async def run_in_thread(call: Callable[[], T], discard: Callable[[T], None] | No
     """
     loop = asyncio.get_running_loop()
     future: asyncio.Future[T] = loop.create_future()
-    # Who takes the result out of here keeps it or discards it: the loop, which may stop at any moment, or the thread.
+    # Who takes the result out of here keeps or discards it: the loop, which may stop at any moment, or the thread.
     held: list[T] = []
     given_up = False
 
