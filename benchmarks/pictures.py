@@ -1,4 +1,4 @@
-"""Makes the pictures of the README: ``python -m benchmarks.pictures``. Chromium is needed.
+"""Makes the pictures of README and documentation: ``python -m benchmarks.pictures``. Chromium is needed.
 
 The page is what ``lidario view`` serves, after some seconds of a simulated lidar. The terminal is a frame of
 ``lidario watch``, set by the browser, so that it looks the same wherever it is made.
@@ -32,11 +32,12 @@ _PLAIN = "#d6d9de"
 
 
 def main() -> int:
-    """Make both; returns the exit code."""
+    """Make them; returns the exit code."""
     FOLDER.mkdir(parents=True, exist_ok=True)
     text = asyncio.run(_frame())
     with Browser() as browser:
-        (FOLDER / "view.png").write_bytes(_page(browser))
+        for name, picture in zip(("view.png", "view-dark.png"), _page(browser), strict=True):
+            (FOLDER / name).write_bytes(picture)
         page = browser.open("about:blank", width=round(WIDTH * _LETTER) + 32, height=HEIGHT * _LINE + 28)
         page.ask(f"document.documentElement.innerHTML = {as_html(text)!r}")
         (FOLDER / "watch.png").write_bytes(page.picture())
@@ -45,7 +46,8 @@ def main() -> int:
     return 0
 
 
-def _page(browser: Browser) -> bytes:
+def _page(browser: Browser) -> tuple[bytes, bytes]:
+    """The live page, light and dark."""
     process = subprocess.Popen(
         [sys.executable, "-m", "lidario", "view", SOURCE, "--port", "0"],
         cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
@@ -54,10 +56,13 @@ def _page(browser: Browser) -> bytes:
     with process:
         page = browser.open(process.stdout.readline().strip(), width=1000, height=600)
         page.until("seen.painted > 30 && lidars[0].load !== null")
-        picture = page.picture()
+        light = page.picture()
+        page.ask("dispatchEvent(new KeyboardEvent('keydown', {key: 'd'}))")
+        page.until("seen.painted > 40")
+        dark = page.picture()
         page.close()
         process.send_signal(signal.SIGINT)
-    return picture
+    return light, dark
 
 
 async def _frame() -> str:

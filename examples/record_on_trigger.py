@@ -3,8 +3,7 @@
     python record_on_trigger.py [SOURCE]
 
 Each event is a file of its own, event-0.mcap, event-1.mcap, ... "lidario info" and "lidario view" open them.
-Recordings need the package mcap: pip install "lidario-asyncio[mcap]". Not released yet: until then
-pip install -e '.[mcap]' in a clone.
+Recordings need the package mcap: pip install mcap.
 """
 
 import sys

@@ -56,7 +56,7 @@ def _verb() -> int:
         if (error.name or "").partition(".")[0] not in NEEDED:
             raise
         message(
-            f"error: the command needs {error.name}, which is not installed: pip install 'lidario-asyncio[cli]'"
+            f"error: the command needs {error.name}, which is not installed: pip install click rich websockets mcap"
         )
         return MISSING_EXTRA
     return cli.run(sys.argv[1:])

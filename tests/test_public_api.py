@@ -219,7 +219,7 @@ def in_a_fresh_interpreter(code: str) -> str:
     return done.stdout.strip()
 
 
-EXTRAS = {"click", "rich", "mcap", "websockets", "zenoh", "rerun", "matplotlib", "lidario.cli"}
+EXTRAS = {"click", "rich", "mcap", "websockets", "zenoh", "matplotlib", "lidario.cli"}
 LOADED = "print(*sorted(sys.modules))"
 
 

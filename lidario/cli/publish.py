@@ -138,9 +138,7 @@ def _needs_zenoh() -> None:
     try:
         import zenoh  # noqa: F401
     except ModuleNotFoundError:
-        raise Unsupported(
-            "zenoh needs eclipse-zenoh, which is not installed: pip install 'lidario-asyncio[zenoh]'"
-        ) from None
+        raise Unsupported("zenoh needs eclipse-zenoh, which is not installed: pip install eclipse-zenoh") from None
 
 
 def _summary(sent: int, unsent: int) -> str:

@@ -81,7 +81,7 @@ def _needs_websockets() -> None:
         import websockets  # noqa: F401
     except ImportError:
         raise click.UsageError(
-            "the page needs websockets, which is not installed: pip install 'lidario-asyncio[cli]'"
+            "the page needs websockets, which is not installed: pip install websockets"
         ) from None
 
 

@@ -44,7 +44,7 @@ MOST_REPLY_BYTES: Final = 16 << 20
 """Of all responses to one query, and of all tokens that are listed: those of some thousand lidars."""
 QUERY_BYTES: Final = 4096
 """What a query that waits for its response takes, about."""
-MISSING: Final = "zenoh needs eclipse-zenoh, which is not installed: pip install 'lidario-asyncio[zenoh]'"
+MISSING: Final = "zenoh needs eclipse-zenoh, which is not installed: pip install eclipse-zenoh"
 
 
 class Sample(NamedTuple):

@@ -96,9 +96,7 @@ class FileWriter:
         try:
             from mcap.writer import CompressionType, Writer
         except ModuleNotFoundError:
-            raise CannotRecord(
-                "recording needs mcap, which is not installed: pip install 'lidario-asyncio[mcap]'"
-            ) from None
+            raise CannotRecord("recording needs mcap, which is not installed: pip install mcap") from None
         self.path = path
         self.size: int = 0
         self._sink = _Sink()

@@ -65,7 +65,7 @@ def test_a_missing_extra_is_one_sentence_that_names_the_cure(missing: str) -> No
     assert ended.returncode == 2
     assert ended.stdout == ""
     assert ended.stderr.count("\n") == 1
-    assert "pip install 'lidario-asyncio[cli]'" in ended.stderr
+    assert "pip install click rich websockets mcap" in ended.stderr
 
 
 def test_version_needs_no_extra() -> None:

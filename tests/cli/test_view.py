@@ -89,4 +89,4 @@ def test_without_websockets_it_is_one_sentence(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setitem(sys.modules, "websockets", None)
     ended = invoke("view", MEMORY)
     assert ended.exit_code == 2
-    assert "pip install 'lidario-asyncio[cli]'" in ended.stderr
+    assert "pip install websockets" in ended.stderr

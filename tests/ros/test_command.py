@@ -32,9 +32,7 @@ def test_a_missing_extra_is_one_sentence(arguments: tuple[str, ...], monkeypatch
     monkeypatch.setitem(sys.modules, "zenoh", None)
     done = invoke(*arguments)
     assert done.exit_code == 2
-    assert done.stderr == (
-        "error: zenoh needs eclipse-zenoh, which is not installed: pip install 'lidario-asyncio[zenoh]'\n"
-    )
+    assert done.stderr == ("error: zenoh needs eclipse-zenoh, which is not installed: pip install eclipse-zenoh\n")
 
 
 @pytest.mark.parametrize("arguments", [("devices", "--zenoh"), ("info", "zenoh:a")])

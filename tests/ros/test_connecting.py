@@ -84,7 +84,7 @@ async def test_no_exception_of_zenoh_leaves(router: Router) -> None:
 
 async def test_a_missing_package_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "zenoh", None)
-    with pytest.raises(Unsupported, match=r"^zenoh needs .* pip install 'lidario-asyncio\[zenoh\]'$"):
+    with pytest.raises(Unsupported, match=r"^zenoh needs .* pip install eclipse-zenoh$"):
         await lidario.open_lidar("zenoh:robots/r7/scan")
 
 
