@@ -214,6 +214,10 @@ class Device(ABC):
         """Set the scan frequency; returns what was set, in Hz."""
         raise Unsupported("the scan frequency of this device cannot be set")
 
+    def retune(self) -> Request | None:
+        """What has a stream that runs follow the scan frequency that was set. Default: nothing is needed."""
+        return None
+
     def zero_offset(self) -> Script[float]:
         """Ask for the angle between the device's zero and the one it was calibrated to, in degrees."""
         raise Unsupported("this device knows no zero-angle offset")

@@ -217,10 +217,12 @@ class Dialogue(Intake):
                 return False
         return True
 
-    def keep_alive(self, request: Request) -> None:
-        """Send a request in the midst of a stream; its response is part of the stream."""
-        if self.fatal is None and not self._stopper.wanted and not self._readiness.is_pausing:
+    def keep_alive(self, request: Request) -> bool:
+        """Send a request in the midst of a stream, if the device listens; its response is part of the stream."""
+        listens = self.fatal is None and not self._stopper.wanted and not self._readiness.is_pausing
+        if listens:
             self.write((request,))
+        return listens
 
     # ------------------------------------------------------------------------------------------------ stopping
 

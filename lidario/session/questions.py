@@ -107,7 +107,8 @@ class Questions(ABC):
     async def set_scan_frequency(self, hertz: float, *, verify: bool = True) -> float:
         """Set the scan frequency in revolutions a second; returns what the device made of it.
 
-        While a stream runs and `verify` is set, it returns when the measured frequency is within 5 % of that.
+        While a stream runs and `verify` is set, it returns when the measured frequency is within 5 % of that. An
+        RPLIDAR's stream goes on meanwhile; that of others is started again.
         While none runs, the rotor stays at rest and takes that speed when one is started. Cancelling ends the
         waiting; the frequency may be set or not.
 
@@ -118,6 +119,7 @@ class Questions(ABC):
         """
         device, verify = self._open_device(), yes_or_no(verify, "verify")
         value = await self._scanner.ask(lambda: device.set_scan_frequency(hertz))
+        await self._scanner.retune()
         self._remember("scan frequency", lambda device: device.set_scan_frequency(hertz))
         if verify and self._scanner.is_scanning:
             await self._turns_at(value)

@@ -46,6 +46,8 @@ __all__ = ["Scanner"]
 T = TypeVar("T")
 _log = logging.getLogger("lidario")
 
+WRITE_AGAIN_S = 0.005
+"""How often it is tried to write a request in mid-scan, while the device does not listen."""
 LEAVE_TIMEOUT_S = 2.0
 """Longest time that `left` waits. The stop requests are written within 0.6 s (`Stopper.written`)."""
 
@@ -243,6 +245,14 @@ class Scanner:
                 raise
             finally:
                 self._resume()
+
+    async def retune(self) -> None:
+        """Have the stream that runs follow the scan frequency that was set; it is not interrupted."""
+        async with self._lock:
+            request = self._device.retune()
+            # Nothing is written behind a STOP: it would set a resting rotor in motion.
+            while request is not None and self.state is State.RUNNING and not self._dialogue.keep_alive(request):
+                await self._dialogue.pause(WRITE_AGAIN_S)
 
     async def stop(self) -> None:
         """Stop laser and motor, end every stream, and return when the line is quiet."""

@@ -21,7 +21,7 @@ from lidario import (
     Unsupported,
 )
 from lidario.sim.rooms import make_world
-from tests.support.devices import both_families, left_still, make_rig, names, take
+from tests.support.devices import both_families, discarded, left_still, make_rig, names, take
 from tests.support.loop import driven
 
 
@@ -322,6 +322,46 @@ async def test_a_speed_that_is_set_beside_a_question_for_it_stays_set() -> None:
         assert await lidar.get_scan_frequency() == 9.0
         await lidar.scan()
         assert rig.device.motor_rpm == 540
+
+
+@pytest.mark.parametrize("mode", ["Standard", "DenseBoost"])
+@driven
+async def test_a_speed_that_is_set_in_mid_scan_is_one_request_and_interrupts_nothing(mode: str) -> None:
+    rig = make_rig("rplidar")
+    async with rig.open() as lidar, lidar.scans(mode, depth=256) as stream:
+        scans = [await anext(stream)]
+        for hertz in (15.0, 8.0):
+            asked = len(rig.device.log)
+            assert await lidar.set_scan_frequency(hertz) == hertz
+            assert [entry.name for entry in rig.device.log[asked:]] == ["motor_speed_ctrl"]
+            assert lidar.measured_scan_frequency == pytest.approx(hertz, rel=0.05)
+        # A question for it asks nothing, and two at once are two requests, each in its own time.
+        await asyncio.gather(*(lidar.set_scan_frequency(each, verify=False) for each in (9.0, 10.0)))
+        assert await lidar.get_scan_frequency() == 10.0
+        await asyncio.sleep(1.0)
+        scans += [await anext(stream) for _ in range(20)]
+        assert [scan.seq for scan in scans] == list(range(21))
+        stats = lidar.stats
+        assert (stats.interruptions, stats.lost_packets, stats.missed_scans, stats.broken_scans) == (0, 0, 0, 0)
+    assert left_still(rig)
+    assert not discarded(rig)
+
+
+@pytest.mark.parametrize("yields", range(12))
+@driven
+async def test_a_speed_beside_a_stop_leaves_the_rotor_at_rest(yields: int) -> None:
+    rig = make_rig("rplidar")
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        # The second one waits until the device listens again.
+        await lidar.set_scan_frequency(9.0, verify=False)
+        setting = asyncio.ensure_future(lidar.set_scan_frequency(12.0, verify=False))
+        for _ in range(yields):
+            await asyncio.sleep(0.001)
+        await lidar.stop()
+        await asyncio.wait([setting])
+        await asyncio.sleep(1.0)
+        assert left_still(rig)
 
 
 @driven

@@ -208,13 +208,17 @@ class RplidarDevice(Device):
     def set_scan_frequency(self, hertz: float) -> Script[float]:
         """As `Device.set_scan_frequency`; checked against the device's own limits where it tells them.
 
-        It is sent with the next start: sent by itself, it would set a resting rotor in motion.
+        It is sent with the next start, or by `retune`: a resting rotor would be set in motion.
 
         Raises:
             InvalidValue: Not a finite number, or outside the device's limits.
             Unsupported: As `scan_frequency`.
         """
         return (yield from self._motor.set_frequency(hertz))
+
+    def retune(self) -> Request | None:
+        """As `Device.retune`."""
+        return self._motor.retune()
 
     def scan_frequency_range(self) -> Script[tuple[float, float]]:
         """As `Device.scan_frequency_range`; what fits in the request where the device does not tell.

@@ -71,6 +71,8 @@ class MotorControl:
         self._way: Way | None = None
         self._rpm: int | None = None
         self._duty: int | None = None
+        # The slowest and the fastest speed that the device takes; None while it has not told them.
+        self._told: tuple[int, int] | None = None
 
     def identified(self, major: int) -> None:
         """The device has said of which series it is."""
@@ -103,6 +105,15 @@ class MotorControl:
         elif way is Way.DTR:
             yield commands.DTR_TURNS
 
+    def retune(self) -> Request | None:
+        """What has a motor that turns change to the speed that was set; a stream goes on meanwhile.
+
+        It does by the S-series interface manual, MOTOR_SPEED_CTRL: "real-time speed control", idle only by 0 rpm.
+        """
+        if self._way is not Way.RPM or self._rpm is None:
+            return None
+        return replace(commands.motor_speed(self._rpm), in_stream=True)
+
     def board_found_late(self) -> Script[bool]:
         """Ask an A2 or A3 that sends nothing once more whether it has an accessory board.
 
@@ -123,7 +134,7 @@ class MotorControl:
         return (yield from self._wanted_rpm()) / 60
 
     def set_frequency(self, hertz: float) -> Script[float]:
-        """Set the scan frequency for the next start; returns it, in Hz.
+        """Set the scan frequency for the next start, or for `retune`; returns it, in Hz.
 
         It is checked against the device's own limits where it tells them.
 
@@ -185,10 +196,14 @@ class MotorControl:
 
     def _wanted_rpm(self) -> Script[int]:
         if self._rpm is None:
-            desired = (yield from self._word(Conf.DESIRED_ROTATION, 0)) or DEFAULT_RPM
+            desired = yield from self._word(Conf.DESIRED_ROTATION, 0)
+            if desired:
+                # Now, so that a speed that is set in mid-scan can be checked without interrupting the stream. Who
+                # does not know the one question does not know the others.
+                yield from self._limits()
             # Another script may have set it meanwhile: a script begins before it is its turn to ask.
             if self._rpm is None:
-                self._rpm = desired
+                self._rpm = desired or DEFAULT_RPM
         return self._rpm
 
     def _wanted_duty(self) -> Script[int]:
@@ -198,9 +213,13 @@ class MotorControl:
         return self._duty
 
     def _limits(self) -> Script[tuple[int, int]]:
-        lowest = (yield from self._word(Conf.MIN_ROTATION, 0)) or 1
-        highest = (yield from self._word(Conf.MAX_ROTATION, 0)) or 0xFFFF
-        return lowest, highest
+        if self._told:
+            return self._told
+        lowest = yield from self._word(Conf.MIN_ROTATION, 0)
+        highest = yield from self._word(Conf.MAX_ROTATION, 0)
+        if lowest and highest:
+            self._told = lowest, highest
+        return lowest or 1, highest or 0xFFFF
 
     def _word(self, kind: Conf, at: int) -> Script[int]:
         """Two bytes of a configuration value; 0 where it is not told."""

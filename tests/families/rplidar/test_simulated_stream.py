@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -15,7 +16,6 @@ from tests.support.simulated_rplidar import (
     GET_HEALTH,
     GET_INFO,
     MODES,
-    MOTOR_600,
     MS,
     ONE_A_FORMAT,
     RESET,
@@ -176,7 +176,7 @@ class TestEndOfStream:
         assert bench.device.wakeup(bench.now) is None
 
     @pytest.mark.parametrize(
-        ("request_", "answer"), [(GET_INFO, 27), (GET_HEALTH, 10), (conf(0x70), 13), (MOTOR_600, 0)]
+        ("request_", "answer"), [(GET_INFO, 27), (GET_HEALTH, 10), (conf(0x70), 13), (framed(0xA8, bytes(2)), 0)]
     )
     def test_every_request_ends_it(self, bench: Bench, request_: bytes, answer: int) -> None:
         bench.ask(EXPRESS_1, 100 * MS)
@@ -186,6 +186,22 @@ class TestEndOfStream:
         assert len(after) % 84 < answer + 84
         assert (len(after) - answer) < 3 * 84
         assert bench.run(SECOND) == b""
+
+    @pytest.mark.parametrize("model", ["rplidar-s2", "rplidar-hq"])
+    def test_a_speed_does_not_and_the_head_changes_to_it(self, model: str) -> None:
+        bench = Bench(model)
+        mode = bench.device.profile.mode(1)
+        assert mode is not None
+        stream = bench.ask(begin(mode), 400 * MS)
+        stream += bench.ask(framed(0xA8, struct.pack("<H", 900)), 4 * SECOND)
+        samples = rplidar.decode(mode.format, packets_of(mode.format, stream[7:]))
+        turns = rplidar.revolutions(samples)
+        assert len(turns[0]) == pytest.approx(1.5 * len(turns[-1]), rel=0.01)
+        # It turns faster each time, and nowhere jumps.
+        assert all(len(turn) <= len(before) + 2 for before, turn in pairwise(turns))
+        steps = np.diff(np.unwrap(np.radians([sample.angle_deg for sample in samples[:: len(turns[-1]) // 24]])))
+        assert 0.16 < steps.min() <= steps.max() < 0.27
+        assert bench.device.scanning
 
     def test_even_one_that_asks_for_a_mode_it_lacks(self, bench: Bench) -> None:
         bench.ask(EXPRESS_1, 100 * MS)

@@ -8,7 +8,8 @@ It discards what a real device discards:
   included (the same manual: one request at a time); for a scan the descriptor is the response;
 * a request that is damaged, incomplete after 5 s, or unknown is discarded silently, and so is a GET_LIDAR_CONF of
   a type that the firmware does not know (vendor SDK 2.1.0: any response to type 0x79 means Ethernet);
-* any request that is understood ends the stream under way, a query and MOTOR_SPEED_CTRL included;
+* any request that is understood ends the stream under way, a query included; MOTOR_SPEED_CTRL does with 0 alone
+  (the same manual: "idle only if Rpm = 0"), and with a speed the head changes to that while the stream goes on;
 * in Protection Stop (health 2) STOP and all scans are discarded (the same manual); RESET clears it if the fault has
   gone;
 * samples are withheld until the motor is up to speed, except after FORCE_SCAN;
@@ -196,7 +197,8 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         """Obey a request or discard it, and remember which."""
         why = self._refusal(request)
         if not why:
-            self._end_stream(request.ended)
+            if request.name != "motor_speed_ctrl" or not any(request.payload):
+                self._end_stream(request.ended)
             why = self._HANDLERS[request.name](self, request)
         self._log.add(request.ended, request.name, request.data, why)
 
@@ -291,7 +293,9 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         super()._forget(now)
 
     def _motor_speed_ctrl(self, request: Request) -> str:
-        self._drive.set_speed(int.from_bytes(request.payload, "little"), request.ended)
+        # What was built already was measured at the speed before.
+        since = request.ended if self._stream is None else max(request.ended, self._stream.built_until)
+        self._drive.set_speed(int.from_bytes(request.payload, "little"), since)
         return ""
 
     def _set_motor_pwm(self, request: Request) -> str:

@@ -193,7 +193,7 @@ _AWKWARD = (
         "rplidar-holes",
         0x72,
         1_000_000,
-        (_mode(0, "Standard", 0x81, 8000, 30), _mode(40, f"HQ {'with a long name ' * 5}", 0x83, 10000, 30)),
+        (_mode(0, f"Standard {'with a long name ' * 5}", 0x81, 8000, 30), _mode(40, "HQ", 0x83, 10000, 30)),
         typical=40,
         speed_conf=(),
         oddity="mode numbers with holes, and a long name",

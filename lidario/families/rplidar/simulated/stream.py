@@ -35,7 +35,7 @@ class MeasurementStream:
     Args:
         mode: The scan mode.
         origin: When the first sample's measuring begins, in nanoseconds.
-        motor: Rotates the head; must not change its speed while the stream lasts.
+        motor: Rotates the head; must not change its speed before `built_until`.
         world: What there is to see.
         first: Whether the first packet begins a stream (S set) or one that has long been running.
     """
@@ -67,6 +67,11 @@ class MeasurementStream:
     def ready(self) -> int:
         """When the first packet not built yet will be made: after its last sample."""
         return self._origin + (self._built + 1) * self.period
+
+    @property
+    def built_until(self) -> int:
+        """When the last sample was taken that is built already."""
+        return self._origin + self._built * self.period
 
     def until(self, now: int) -> Iterator[tuple[bytes, int]]:
         """Build stretches of packets until they reach beyond `now`; each with when its first one is made."""
