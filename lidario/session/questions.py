@@ -107,8 +107,8 @@ class Questions(ABC):
     async def set_scan_frequency(self, hertz: float, *, verify: bool = True) -> float:
         """Set the scan frequency in revolutions a second; returns what the device made of it.
 
-        While a stream runs and `verify` is set, it returns when the measured frequency is within 5 % of that. An
-        RPLIDAR's stream goes on meanwhile; that of others is started again.
+        While a stream runs and `verify` is set, it returns when the measured frequency is within 5 % of that. The
+        stream goes on meanwhile where the device changes its speed in mid-scan; else it is started again.
         While none runs, the rotor stays at rest and takes that speed when one is started. Cancelling ends the
         waiting; the frequency may be set or not.
 

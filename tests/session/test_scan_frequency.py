@@ -1,0 +1,87 @@
+"""The scan frequency: set, asked for and measured."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from lidario import InvalidValue
+from tests.support.devices import both_families, discarded, left_still, make_rig
+from tests.support.loop import driven
+
+
+@both_families
+@driven
+async def test_the_set_speed_is_checked_against_the_measured_one(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        assert await lidar.set_scan_frequency(9.0) == pytest.approx(9.0, abs=0.05)
+        assert lidar.measured_scan_frequency == pytest.approx(9.0, rel=0.05)
+        assert await lidar.set_motor_speed(600) == pytest.approx(600, abs=3)
+        assert (await anext(stream)).rpm == pytest.approx(600, rel=0.05)
+        for wrong in (40.0, 0.1, float("nan"), float("inf")):
+            with pytest.raises(ValueError, match=r"to|finite"):
+                await lidar.set_scan_frequency(wrong)
+        slowest, fastest = await lidar.get_scan_frequency_range()
+        assert 5.0 <= slowest < fastest <= 20.0
+        assert (await anext(stream)).rpm == pytest.approx(600, rel=0.05)
+
+
+@driven
+async def test_a_speed_that_is_set_beside_a_question_for_it_stays_set() -> None:
+    rig = make_rig("rplidar")
+    async with rig.open() as lidar:
+        await asyncio.gather(lidar.set_scan_frequency(9.0, verify=False), lidar.get_scan_frequency())
+        assert await lidar.get_scan_frequency() == 9.0
+        await lidar.scan()
+        assert rig.device.motor_rpm == 540
+
+
+@pytest.mark.parametrize("mode", ["Standard", "DenseBoost"])
+@driven
+async def test_a_speed_that_is_set_in_mid_scan_is_one_request_and_interrupts_nothing(mode: str) -> None:
+    rig = make_rig("rplidar")
+    async with rig.open() as lidar, lidar.scans(mode, depth=256) as stream:
+        scans = [await anext(stream)]
+        for hertz in (15.0, 8.0):
+            asked = len(rig.device.log)
+            assert await lidar.set_scan_frequency(hertz) == hertz
+            assert [entry.name for entry in rig.device.log[asked:]] == ["motor_speed_ctrl"]
+            assert lidar.measured_scan_frequency == pytest.approx(hertz, rel=0.05)
+        # A question for it asks nothing, and two at once are two requests, each in its own time.
+        await asyncio.gather(*(lidar.set_scan_frequency(each, verify=False) for each in (9.0, 10.0)))
+        assert await lidar.get_scan_frequency() == 10.0
+        await asyncio.sleep(1.0)
+        scans += [await anext(stream) for _ in range(20)]
+        assert [scan.seq for scan in scans] == list(range(21))
+        stats = lidar.stats
+        assert (stats.interruptions, stats.lost_packets, stats.missed_scans, stats.broken_scans) == (0, 0, 0, 0)
+    assert left_still(rig)
+    assert not discarded(rig)
+
+
+@pytest.mark.parametrize("yields", range(12))
+@driven
+async def test_a_speed_beside_a_stop_leaves_the_rotor_at_rest(yields: int) -> None:
+    rig = make_rig("rplidar")
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        # The second one waits until the device listens again.
+        await lidar.set_scan_frequency(9.0, verify=False)
+        setting = asyncio.ensure_future(lidar.set_scan_frequency(12.0, verify=False))
+        for _ in range(yields):
+            await asyncio.sleep(0.001)
+        await lidar.stop()
+        await asyncio.wait([setting])
+        await asyncio.sleep(1.0)
+        assert left_still(rig)
+
+
+@driven
+async def test_a_speed_that_is_refused_is_told_in_both_units() -> None:
+    rig = make_rig("rplidar")
+    async with rig.open() as lidar:
+        with pytest.raises(InvalidValue, match=r"^500 Hz \(30000 rpm\) .* 8 to 20 Hz \(480 to 1200 rpm\)$"):
+            await lidar.set_scan_frequency(500)
