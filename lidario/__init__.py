@@ -19,6 +19,7 @@ from lidario.version import __version__
 
 if TYPE_CHECKING:
     from lidario.blocking import SyncLidar, SyncScanStream, open_sync
+    from lidario.blocking_changes import SyncLineChanges
     from lidario.blocking_recording import SyncRecording
     from lidario.blocking_sectors import SyncSectorStream
     from lidario.errors import (
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     from lidario.sector import Sector
     from lidario.session.discovery import Found, PortInfo, list_lidars, list_serial_ports
     from lidario.session.lidar import Lidar
+    from lidario.session.line_changes import LineChange, LineChanges
     from lidario.session.opening import OpenLidar, open_lidar
     from lidario.session.reconnect import Reconnect
     from lidario.session.run import run
@@ -78,6 +80,8 @@ __all__ = [
     "LaserScan",
     "Lidar",
     "LidarError",
+    "LineChange",
+    "LineChanges",
     "LocalProtocolError",
     "Motion",
     "Mount",
@@ -109,6 +113,7 @@ __all__ = [
     "Stats",
     "StreamFailed",
     "SyncLidar",
+    "SyncLineChanges",
     "SyncRecording",
     "SyncScanStream",
     "SyncSectorStream",
@@ -134,6 +139,7 @@ __all__ = [
 
 _HOMES = {
     "blocking": ("SyncLidar", "SyncScanStream", "open_sync"),
+    "blocking_changes": ("SyncLineChanges",),
     "blocking_recording": ("SyncRecording",),
     "recording.decode_file": ("decode_file", "decode_file_arrays"),
     "recording.record": ("Recording",),
@@ -148,6 +154,7 @@ _HOMES = {
     "port.line": ("Tap",),
     "recording.offline": ("ScanArrays", "decode", "decode_arrays"),
     "session.lidar": ("Lidar",),
+    "session.line_changes": ("LineChange", "LineChanges"),
     "session.opening": ("OpenLidar", "open_lidar"),
     "session.reconnect": ("Reconnect",),
     "session.run": ("run",),

@@ -26,6 +26,7 @@ from functools import update_wrapper
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Concatenate, Final, ParamSpec, Self, TypeVar, cast
 
+from lidario.blocking_changes import SyncLineChanges
 from lidario.blocking_recording import SyncRecording
 from lidario.blocking_sectors import SyncSectorStream
 from lidario.errors import LidarError, SessionClosed
@@ -35,6 +36,7 @@ from lidario.recording.record import Recording
 from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.session.lidar import Lidar
+from lidario.session.line_changes import LineChanges
 from lidario.session.loop_thread import LoopThread
 from lidario.session.opening import DEFAULT_LATENCY_S, open_lidar
 from lidario.session.reconnect import Reconnect
@@ -195,6 +197,14 @@ class SyncLidar:
 
     # The whole of it, from one place.
     sectors.__doc__ = (Lidar.sectors.__doc__ or "").replace("``async for``", "``for``")
+
+    def line_changes(self) -> SyncLineChanges:
+        """As `Lidar.line_changes`, for ``for``."""
+
+        async def read() -> LineChanges:
+            return self._lidar.line_changes()
+
+        return SyncLineChanges(self._thread, self._thread.call(read))
 
     def tap(self, tap: Tap) -> None:
         """As `Lidar.tap`. It is called in the session's own thread, and must not wait for the lidar."""

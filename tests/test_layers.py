@@ -41,7 +41,7 @@ LAYERS = (
     {"recording"},
     {"network"},
     {"session"},
-    {"blocking", "blocking_recording", "blocking_sectors", "ros"},
+    {"blocking", "blocking_changes", "blocking_recording", "blocking_sectors", "ros"},
     {"loading"},
     {"__init__"},
     {"web", "testing"},

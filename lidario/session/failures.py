@@ -19,12 +19,14 @@ from lidario.errors import (
     LidarError,
     RemoteProtocolError,
     ResponseTimeout,
+    SessionClosed,
     StreamFailed,
 )
 from lidario.families.base import Device
 from lidario.session.control import StreamControl
 from lidario.session.dialogue import Dialogue
 from lidario.session.inquiry import Inquiry
+from lidario.session.line_changes import LineWatch
 from lidario.session.log import Trouble
 from lidario.session.readers import Readers
 from lidario.session.running import Failure
@@ -44,6 +46,7 @@ class Failures:
         readers: Who is told.
         inquiry: Asks the device.
         trouble: Where it is logged.
+        line: Where it is told to those who show it.
 
     Attributes:
         over: What ended the session, if anything did.
@@ -52,7 +55,13 @@ class Failures:
     """
 
     def __init__(
-        self, control: StreamControl, dialogue: Dialogue, readers: Readers, inquiry: Inquiry, trouble: Trouble
+        self,
+        control: StreamControl,
+        dialogue: Dialogue,
+        readers: Readers,
+        inquiry: Inquiry,
+        trouble: Trouble,
+        line: LineWatch,
     ) -> None:
         self.over: LidarError | None = None
         self.come_back: Callable[[LidarError, int], None] | None = None
@@ -61,6 +70,7 @@ class Failures:
         self._readers = readers
         self._inquiry = inquiry
         self._trouble = trouble
+        self._line = line
         dialogue.on_lost = self._lost
 
     def adopt(self, dialogue: Dialogue, device: Device) -> None:
@@ -122,6 +132,7 @@ class Failures:
             self._readers.end(error)
             self._control.close()
             self._dialogue.interrupt(error)
+        self._end_line(error)
 
     def _fail(self, error: StreamFailed | DeviceFault) -> None:
         """End the stream for everybody, unless the session comes back; the session goes on."""
@@ -138,6 +149,12 @@ class Failures:
         self._trouble.tell("the session ended: %s", error)
         self._readers.end(error)
         self._control.close()
+        self._end_line(error)
+
+    def _end_line(self, error: LidarError) -> None:
+        if not isinstance(error, SessionClosed):
+            self._line.tell("ended", str(error))
+        self._line.end()
 
     def _depart(self, error: LidarError) -> bool:
         """Let go of the line, if the session can come back from `error`; readers go on waiting.
@@ -151,5 +168,6 @@ class Failures:
         if not self._control.is_scanning and not isinstance(error, DeviceLost):
             return False
         self._control.lose(error)
+        self._line.tell("away", str(error))
         self.come_back(error, self._control.scans)
         return True

@@ -15,7 +15,6 @@ from __future__ import annotations
 import asyncio
 import os
 import weakref
-from collections.abc import Callable
 from types import TracebackType
 from typing import NoReturn, Self
 
@@ -28,7 +27,8 @@ from lidario.recording.record import Recording
 from lidario.scan import Scan
 from lidario.session.connection import Connection
 from lidario.session.counters import Counters
-from lidario.session.dialogue import Dialogue
+from lidario.session.let_go import abandon, if_alive, running_loop
+from lidario.session.line_changes import LineChanges
 from lidario.session.questions import Questions
 from lidario.session.reconnect import Reconnector
 from lidario.session.recorded import RecordedSession
@@ -73,14 +73,14 @@ class Lidar(Questions, AsyncOnly):
         self._scanner.take_note(health)
         self._counters = Counters()
         if reconnector is not None:
-            reconnector.serve(_if_alive(self._adopt), self._scanner.end, self._scanner.unused)
+            reconnector.serve(if_alive(self._adopt), self._scanner.end, self._scanner.unused)
             self._scanner.come_back_with(reconnector.begin)
         connection.port.follow(self._scanner)
         told = lambda: (self.info, self.health)  # noqa: E731
         self._recorded = RecordedSession(dialogue, self._scanner, source, device.sends_bytes, told)
         self._closed = False
         self._loop = asyncio.get_running_loop()
-        self._abandoned = weakref.finalize(self, _abandon, dialogue, self._scanner, reconnector)
+        self._abandoned = weakref.finalize(self, abandon, dialogue, self._scanner, reconnector)
         connection.half_open.release()
 
     def __repr__(self) -> str:
@@ -167,6 +167,14 @@ class Lidar(Questions, AsyncOnly):
             InvalidValue: `degrees` is no such size, or `depth` is no number of sectors.
         """
         return SectorStream(self._scanner, mode, degrees, depth, force, self._check_open)
+
+    def line_changes(self) -> LineChanges:
+        """What becomes of the line, for ``async for``: lost, back, over; for programs that show it.
+
+        It begins with how the line is now, and ends when the session is closed.
+        """
+        self._check_loop()
+        return self._scanner.line.read()
 
     async def scan(self, mode: str | int | None = None) -> Scan:
         """One full revolution. Laser and motor stop a second later, unless another stream was begun by then.
@@ -292,7 +300,7 @@ class Lidar(Questions, AsyncOnly):
         # The new finalizer first: a KeyboardInterrupt may come between the two.
         former, self._abandoned = (
             self._abandoned,
-            weakref.finalize(self, _abandon, new, self._scanner, self._reconnector),
+            weakref.finalize(self, abandon, new, self._scanner, self._reconnector),
         )
         former.detach()
         connection.half_open.release()
@@ -315,36 +323,8 @@ class Lidar(Questions, AsyncOnly):
         self._check_loop()
 
     def _check_loop(self) -> None:
-        if not self._loop.is_closed() and _running_loop() not in (None, self._loop):
+        if not self._loop.is_closed() and running_loop() not in (None, self._loop):
             raise LocalProtocolError(
                 f"the session on {self.source} belongs to another event loop: "
                 "use asyncio.run_coroutine_threadsafe() from other threads"
             )
-
-
-def _running_loop() -> asyncio.AbstractEventLoop | None:
-    try:
-        return asyncio.get_running_loop()
-    except RuntimeError:
-        return None
-
-
-def _if_alive(adopt: Callable[[Connection, Health], None]) -> Callable[[Connection, Health], bool]:
-    """As `adopt`, a method, but without keeping its object alive; False when that is gone."""
-    method = weakref.WeakMethod(adopt)
-
-    def call(connection: Connection, health: Health) -> bool:
-        alive = method()
-        if alive is not None:
-            alive(connection, health)
-        return alive is not None
-
-    return call
-
-
-def _abandon(dialogue: Dialogue, scanner: Scanner, reconnector: Reconnector | None) -> None:
-    """The session was never closed and nobody holds it any more, or the program ends: leave the device still."""
-    scanner.abandon()
-    dialogue.abandon()
-    if reconnector is not None:
-        reconnector.abandon()

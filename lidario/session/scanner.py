@@ -32,6 +32,7 @@ from lidario.session.dialogue import Dialogue
 from lidario.session.failures import Failures
 from lidario.session.handshake import come_back
 from lidario.session.inquiry import Inquiry
+from lidario.session.line_changes import LineWatch
 from lidario.session.log import Trouble
 from lidario.session.readers import Readers
 from lidario.session.running import Failure, Totals
@@ -59,6 +60,7 @@ class Scanner:
         totals: Counters since the session was opened.
         hub: Everybody who reads it.
         latest: The last scan, or None.
+        line: Tells what becomes of the line.
     """
 
     def __init__(self, dialogue: Dialogue, device: Device, latency: float) -> None:
@@ -71,12 +73,13 @@ class Scanner:
         self.hub.on_parts = self._control.divide
         self.totals: Totals = self._control.totals
         self.latest: Scan | None = None
+        self.line: LineWatch = LineWatch()
         self._inquiry = Inquiry(dialogue, device, self.totals, trouble)
         self._dialogue = dialogue
         self._device = device
         self._lock = asyncio.Lock()
         self._loop = asyncio.get_running_loop()
-        self._failures = Failures(self._control, dialogue, self._readers, self._inquiry, trouble)
+        self._failures = Failures(self._control, dialogue, self._readers, self._inquiry, trouble, self.line)
         self._starter = Starter(
             self._control, dialogue, device, self._readers, self._inquiry, self._failures, self._lock
         )
@@ -289,6 +292,7 @@ class Scanner:
         """Nobody holds the session any more: let go of every timer. The device is not told."""
         self._readers.cancel_linger()
         self._control.rest()
+        self.line.end()
 
     async def unused(self) -> None:
         """Return when no operation holds the line that was lost. Each has failed by then, so this takes no time."""
@@ -301,6 +305,7 @@ class Scanner:
         self._failures.adopt(dialogue, device)
         self._starter.adopt(dialogue, device)
         self._control.adopt(dialogue, device)
+        self.line.tell("back")
         self._starter.work_soon()
 
     async def ended(self) -> None:

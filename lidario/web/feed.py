@@ -21,8 +21,6 @@ FeedState = Literal["connecting", "scanning", "lost", "ended"]
 
 _BACK_OFF_S: Final = (0.25, 0.5, 1.0, 2.0)
 """Pauses before each attempt to open it again; the last one is repeated."""
-_POLL_S: Final = 0.2
-"""How often it is asked whether the session still has a line: readers only wait meanwhile."""
 _TRAFFIC_S: Final = 1.0
 """Time over which damage and load are measured."""
 
@@ -116,14 +114,9 @@ class Feed:
 
     async def _watch(self, lidar: Lidar) -> None:
         """Tell when the session has lost its line; the next scan tells that it is back."""
-        while True:
-            await asyncio.sleep(_POLL_S)
-            if not lidar.is_connected and self.state != "lost":
-                try:
-                    # While it is away every question raises at once, and names what has happened.
-                    await lidar.get_health()
-                except LidarError as error:
-                    self._lose(str(error.__cause__ or error).partition("\n")[0])
+        async for change in lidar.line_changes():
+            if change.state == "away":
+                self._lose(change.reason.partition("\n")[0])
 
     def _measure(self, now: Stats, before: Stats, seconds: float, baudrate: int) -> tuple[Stats, float]:
         self.line = traffic(before, now, seconds, baudrate)

@@ -1,0 +1,134 @@
+"""Programs that show a lidar are told when its line is lost, and when it is back."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import threading
+
+import pytest
+
+import lidario
+from lidario.errors import Busy
+from lidario.session.line_changes import MOST, LineChange, LineChanges, LineWatch
+from tests.support.cable import cable_to
+from tests.support.devices import both_families, make_rig
+from tests.support.loop import driven
+
+
+async def all_of(changes: LineChanges) -> list[LineChange]:
+    return [change async for change in changes]
+
+
+@pytest.mark.parametrize("scanning", [False, True])
+@both_families
+@driven
+async def test_each_loss_and_each_return_is_told(family: str, scanning: bool) -> None:
+    rig = make_rig(family)
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True) as lidar:
+            reading = asyncio.ensure_future(all_of(lidar.line_changes()))
+            stream = lidar.scans() if scanning else None
+            if stream is not None:
+                await anext(stream)
+            for _ in range(2):
+                cable.pull()
+                await asyncio.sleep(3.0)
+                late = lidar.line_changes()
+                change = await anext(late)
+                assert (change.state, lidar.is_connected) == ("away", False)
+                cable.plug()
+                assert (await anext(late)).state == "back"
+                assert lidar.is_connected
+                if stream is not None:
+                    await anext(stream)
+    changes = await reading
+    assert [change.state for change in changes] == ["connected", "away", "back", "away", "back"]
+    assert [bool(change.reason) for change in changes] == [False, True, False, True, False]
+    assert [change.stamp_ns for change in changes] == sorted(change.stamp_ns for change in changes)
+    assert changes[2].stamp_ns - changes[1].stamp_ns > 2e9
+    assert "unplugged" in changes[1].reason
+
+
+@both_families
+@driven
+async def test_without_reconnecting_it_ends(family: str) -> None:
+    rig = make_rig(family)
+    with cable_to(rig) as cable:
+        async with rig.open() as lidar:
+            reading = asyncio.ensure_future(all_of(lidar.line_changes()))
+            stream = lidar.scans()
+            await anext(stream)
+            cable.pull()
+            with pytest.raises(lidario.DeviceLost) as lost:
+                while True:
+                    await anext(stream)
+            changes = await reading
+            assert [change.state for change in changes] == ["connected", "ended"]
+            assert str(lost.value) == changes[1].reason
+            assert await all_of(lidar.line_changes()) == []
+
+
+@driven
+async def test_a_limit_that_has_passed_ends_it() -> None:
+    rig = make_rig("rplidar")
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=lidario.Reconnect(limit_s=2.0)) as lidar:
+            reading = asyncio.ensure_future(all_of(lidar.line_changes()))
+            await asyncio.sleep(0.1)
+            cable.pull()
+            changes = await reading
+    assert [change.state for change in changes] == ["connected", "away", "ended"]
+    assert "did not come back within 2 s" in changes[2].reason
+
+
+@driven
+async def test_a_session_that_is_let_go_ends_it() -> None:
+    rig = make_rig("rplidar")
+    lidar = await rig.open()
+    reading = asyncio.ensure_future(all_of(lidar.line_changes()))
+    await asyncio.sleep(0.1)
+    del lidar
+    gc.collect()
+    assert [change.state for change in await reading] == ["connected"]
+
+
+@driven
+async def test_cancelling_loses_none_and_two_tasks_are_refused() -> None:
+    watch = LineWatch()
+    changes = watch.read()
+    await anext(changes)
+    waiting = asyncio.ensure_future(anext(changes))
+    await asyncio.sleep(0)
+    with pytest.raises(Busy, match="give each its own"):
+        await anext(changes)
+    watch.tell("away", "unplugged")
+    waiting.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await waiting
+    assert (await anext(changes)).reason == "unplugged"
+
+
+@driven
+async def test_a_reader_that_never_reads_holds_a_bounded_number() -> None:
+    watch = LineWatch()
+    changes = watch.read()
+    for _ in range(MOST):
+        watch.tell("away", "unplugged")
+        watch.tell("back")
+    watch.end()
+    assert len(await all_of(changes)) == MOST
+
+
+def test_without_await() -> None:
+    with lidario.open_sync("sim://rplidar-s2?via=memory&fault=unplug:0.5s") as lidar:
+        told: list[str] = []
+        thread = threading.Thread(target=lambda: told.extend(change.state for change in lidar.line_changes()))
+        thread.start()
+        with pytest.raises(lidario.DeviceLost):
+            for _ in lidar.scans():
+                pass
+        thread.join(30)
+        assert told == ["connected", "ended"]
+        changes = lidar.line_changes()
+    assert list(changes) == []
