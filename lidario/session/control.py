@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 from collections.abc import Callable
 
 from lidario.errors import DeviceLost, LidarError, ResponseTimeout, StreamFailed, Unsupported
@@ -55,6 +56,7 @@ class StreamControl:
         continued: The last scan of a stream that goes on: what passes until its next one is counted as missed.
         failure: What is known of a stream that has failed, until the device was asked.
         ran: Whether a stream has run since one was wanted.
+        ran_until: When the last stream was left off, seconds of the loop's clock.
         starting: Whether the operation in progress is a start: it ends when no stream is wanted any more.
     """
 
@@ -75,6 +77,7 @@ class StreamControl:
         self.continued: Scan | None = None
         self.failure: Failure | None = None
         self.ran: bool = False
+        self.ran_until: float = -math.inf
         self.starting: bool = False
         self._dialogue = dialogue
         self._device = device
@@ -221,6 +224,7 @@ class StreamControl:
         """The stream runs no more; the device is not told."""
         running, self._running = self._running, None
         if running is not None:
+            self.ran_until = self._loop.time()
             running.end()
 
     def close(self) -> None:

@@ -110,7 +110,7 @@ class Failures:
             self._fail(StreamFailed(f"{failure.what}; only noise arrives: is the baud rate right?"))
             return False
         self._control.failure = failure
-        self._inquiry.doubtful = True
+        self._inquiry.doubt()
         return True
 
     def could_not_start(self, error: LidarError) -> None:

@@ -17,6 +17,7 @@ Each RESET and each restart is logged as a warning and counted in `Stats`.
 from __future__ import annotations
 
 import asyncio
+import math
 from collections import deque
 
 from lidario.errors import DeviceFault, ResponseTimeout, StreamFailed
@@ -33,6 +34,8 @@ ASK_S = 0.25
 """Time for the questions to a device that has fallen silent; a healthy one responds within milliseconds."""
 NETWORK_ASK_S = 0.5
 """The same where the line has no speed."""
+WELL_S = 5.0
+"""For so long what a device has said of itself, or a stream that it has sent, tells that it is well."""
 PERIOD_S = 60.0
 MOST_RESTARTS = 3
 """In `PERIOD_S`. More would hide that the stream breaks off again and again."""
@@ -48,12 +51,12 @@ class Inquiry:
         trouble: Where they are logged.
 
     Attributes:
-        doubtful: Whether the last stream failed: then the device is asked before the next one is started.
         health: What the device last said.
     """
 
     def __init__(self, dialogue: Dialogue, device: Device, totals: Totals, trouble: Trouble) -> None:
-        self.doubtful: bool = False
+        self._doubtful = False
+        self._well_at = -math.inf
         self.health: Health = Health(HealthStatus.OK, 0)
         self._dialogue = dialogue
         self._device = device
@@ -66,12 +69,27 @@ class Inquiry:
     def adopt(self, dialogue: Dialogue, device: Device) -> None:
         """The device is reached by another line from now on."""
         self._dialogue, self._device = dialogue, device
-        self.doubtful = False
+        self._doubtful = False
 
     def take_note(self, health: Health) -> None:
         """The device has said how it is; where that is an error, it is asked before the next stream is started."""
         self.health = health
-        self.doubtful |= not health.ok
+        self._doubtful |= not health.ok
+        self._well_at = self._loop.time()
+
+    def doubt(self) -> None:
+        """The last stream failed."""
+        self._doubtful = True
+
+    def is_doubtful(self, ran_until: float) -> bool:
+        """Whether the device is to be asked before a stream is started, as the vendors' manuals have it.
+
+        It need not where it has said how it is, or has sent a stream that did not fail, a moment ago.
+
+        Args:
+            ran_until: When the last stream was left off, seconds of the loop's clock.
+        """
+        return self._doubtful or self._loop.time() - max(self._well_at, ran_until) > WELL_S
 
     async def about(self, failure: Failure) -> None:
         """Ask the device, which must not stream any more; return if the stream shall be started again.
@@ -80,7 +98,7 @@ class Inquiry:
             DeviceFault: It has stopped to protect itself, and a RESET did not help or would be one too many.
             StreamFailed: It is silent, or it is well and a restart promises nothing.
         """
-        self.doubtful = True
+        self._doubtful = True
         health = await self._health()
         if health is None:
             raise StreamFailed(
@@ -108,10 +126,10 @@ class Inquiry:
         self._restarts.append(now)
         self._totals.restarts += 1
         self._trouble.tell("the stream is started again: %s", failure.what)
-        self.doubtful = False
+        self._doubtful = False
 
     async def beforehand(self) -> None:
-        """Ask a device whose last stream failed, before the next one is started.
+        """Ask the device before a stream is started.
 
         Raises:
             DeviceFault: It has stopped to protect itself, and a RESET did not help.
@@ -120,11 +138,11 @@ class Inquiry:
         if health is not None and not health.ok:
             self._reset_at = self._loop.time()
             await self._cure(health, "before a stream was started")
-        self.doubtful = False
+        self._doubtful = False
 
     async def _cure(self, health: Health, when: str) -> None:
         try:
-            self.health = await cured(self._dialogue, self._device, health, when)
+            self.take_note(await cured(self._dialogue, self._device, health, when))
         except ResponseTimeout as error:
             raise fault_of(health, f"and did not come back from a reset: {error}") from error
         except DeviceFault as error:
@@ -135,7 +153,7 @@ class Inquiry:
         """Its health, or a warning if it says at least what it is; None if it does not respond at all."""
         self._dialogue.hurry_until(self._loop.time() + (ASK_S if self._dialogue.baudrate else NETWORK_ASK_S))
         try:
-            self.health = await self._dialogue.run(self._device.health())
+            self.take_note(await self._dialogue.run(self._device.health()))
         except ResponseTimeout:
             try:
                 await self._dialogue.run(self._device.identify())

@@ -135,6 +135,6 @@ class Starter:
 
     async def _start(self, wanted: Wanted) -> None:
         await self._control.silence()
-        if self._inquiry.doubtful:
+        if self._inquiry.is_doubtful(self._control.ran_until):
             await self._inquiry.beforehand()
         await self._control.start(wanted)

@@ -152,6 +152,29 @@ async def test_a_protection_stop_while_nothing_runs_is_cured_by_the_next_start(f
 
 @both_families
 @driven
+async def test_after_a_rest_the_device_is_asked_before_it_is_started(family: str) -> None:
+    """As the vendors' manuals have it. It discards no request, and nobody waits for a stream that cannot begin."""
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        await lidar.scan()
+        await lidar.stop()
+        asked = len(names(rig))
+        await lidar.scan()
+        await lidar.stop()
+        assert "get_health" not in names(rig)[asked:]
+        await asyncio.sleep(10.0)
+        asked = len(names(rig))
+        rig.device.protection_stop(CODE)
+        began = clock()
+        assert await lidar.scan()
+        assert clock() - began < rig.device.boot_s + rig.device.spin_up_s + 1.5
+        assert lidar.stats.protection_stops == 1
+        asked_names = names(rig)[asked:]
+        assert asked_names.index("get_health") < asked_names.index("reset")
+
+
+@both_families
+@driven
 async def test_a_protection_stop_at_open_is_cured_counted_and_told(
     family: str, caplog: pytest.LogCaptureFixture
 ) -> None:
