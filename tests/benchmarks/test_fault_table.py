@@ -30,7 +30,8 @@ EVERY_PLACE = [(model, row) for model in MODELS[:2] for row in ROWS] + [
 class Bounds(NamedTuple):
     """What a device may lose: least scans, packets until one is recognised, packets beyond the damage, points."""
 
-    scans: int = 50
+    # With 300 ms for each response, it takes 4 s to ask for its modes and the limits of its speed.
+    scans: int = 45
     recovered: int = 3
     beyond: int = 2
     wrong: float = 0.002
@@ -67,13 +68,15 @@ def test_no_fault_makes_it_hang_or_crash_or_be_silent(where: tuple[str, str]) ->
     if found.outcome == "goes on":
         # The 4ROS has no pause that a thousand random bytes a second would leave whole.
         assert found.scans >= (20 if row == "babble:1000" else bounds.scans)
-        assert found.recovered <= bounds.recovered
+        # Where the descriptor was lost, the packets until the next start are no stream.
+        unannounced = found.told.get("stray_bytes", 0) > 10_000
+        assert unannounced or found.recovered <= bounds.recovered
         if fault in ("reboot", "protect"):
             assert found.told["missed_scans"] >= 5
         elif row not in ("babble:1000", "flip:1%", "drop:1%"):
             assert found.beyond <= bounds.beyond
         assert found.wrong < bounds.wrong
-        assert not found.damaged or found.told.get("lost_packets", 0) >= bounds.told * found.damaged
+        assert unannounced or found.told.get("lost_packets", 0) >= bounds.told * found.damaged
     elif fault == "protect":
         # Of those that only talk, nobody but the one who cuts the power can restart the motor.
         assert model in ("ldrobot-ld06", "ydlidar-x2")
