@@ -137,6 +137,8 @@ async def _session(model: str, row: str, seed: int) -> Outcome:
     loop, found = asyncio.get_running_loop(), Outcome("")
     began, points, wrong = loop.time(), 0, 0
     stats: lidario.Stats | None = None
+    # When the user is told; closing a device that responds to nothing takes two seconds more.
+    told_at = began
     discarded: list[int] = []
     try:
         async with asyncio.timeout(PATIENCE_S + _OBSERVED_S) as limit:
@@ -153,15 +155,15 @@ async def _session(model: str, row: str, seed: int) -> Outcome:
                             if loop.time() - began >= _OBSERVED_S:
                                 break
                 finally:
-                    stats = lidar.stats
+                    stats, told_at = lidar.stats, loop.time()
         found.outcome = "goes on"
     except TimeoutError as error:
         ours = isinstance(error, lidario.LidarError)
-        found.outcome = _ended(error, row, began, loop.time()) if ours else "hangs"
+        found.outcome = _ended(error, row, began, told_at if stats else loop.time()) if ours else "hangs"
     except lidario.InternalError as error:
         found.outcome = f"crashes: {error}"
     except lidario.LidarError as error:
-        found.outcome = _ended(error, row, began, loop.time())
+        found.outcome = _ended(error, row, began, told_at if stats else loop.time())
     except Exception as error:
         found.outcome = f"crashes: {error!r}"
     found.wrong = wrong / points if points else 0.0
