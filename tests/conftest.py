@@ -1,8 +1,8 @@
 """How long tests run: short by default, long with ``--exhaustive``, ``--soak`` and ``HYPOTHESIS_PROFILE=search``.
 
 - ``--exhaustive`` (`make check`): tests marked ``exhaustive`` go through all that they can, not through a sample;
-  property tests try five times as many examples.
-- ``--every-step``: two tasks at once are tried at every step of the event loop, not at every eighth; five minutes.
+  property tests try three times as many examples.
+- ``--every-step``: two tasks at once are tried at every step of the event loop, not at every twelfth; five minutes.
 - ``--soak SECONDS``: how long tests at true pace run.
 - ``--rounds N``: how often tests at true pace act at a random moment; a few times by default, more with
   ``--exhaustive``.
@@ -34,7 +34,7 @@ LONG = {"rounds", "soak"}
 """Fixtures of tests that take as long as they are told to."""
 NEVER_MIND = (HealthCheck.too_slow, HealthCheck.data_too_large)
 
-settings.register_profile("ci", deadline=None, derandomize=True, max_examples=30, suppress_health_check=NEVER_MIND)
+settings.register_profile("ci", deadline=None, derandomize=True, max_examples=20, suppress_health_check=NEVER_MIND)
 settings.register_profile("search", deadline=None, max_examples=1500, suppress_health_check=NEVER_MIND)
 settings.register_profile("sample", settings.get_profile("ci"), max_examples=6)
 
@@ -212,5 +212,5 @@ def soak(request: pytest.FixtureRequest) -> float:
 @pytest.fixture
 def rounds(request: pytest.FixtureRequest) -> int:
     """At how many random moments a test at true pace acts."""
-    usual = 12 if request.config.getoption("--exhaustive") else 4
+    usual = 8 if request.config.getoption("--exhaustive") else 4
     return int(request.config.getoption("--rounds")) or usual

@@ -82,8 +82,8 @@ async def test_a_fleet_decodes_raw_bytes(router: Router) -> None:
                 np.testing.assert_array_equal(each.scan.device_angles, before.device_angles)
                 np.testing.assert_array_equal(each.scan.device_distances, before.device_distances)
                 assert each.scan.mode == before.mode
-                # On a busy machine zenoh may drop some, and it is told.
-                assert each.lost <= fleet.lost
+                # On a busy machine this reader may be too slow, and it is told.
+                assert each.lost <= fleet.dropped
         assert (fleet.lost, fleet.bad_messages) == (0, 0)
 
 

@@ -160,7 +160,7 @@ IN_TURNS = [
 
 
 @pytest.mark.exhaustive("what", sample=IN_TURNS, full=list(product(SCENARIOS, WAYS, EVERY_FAMILY)))
-@pytest.mark.exhaustive("points", sample=[4], full=[40])
+@pytest.mark.exhaustive("points", sample=[4], full=[25])
 def test_cancelled_anywhere_the_device_is_left_still(what: tuple[Scenario, str, str], points: int) -> None:
     scenario, how, family = what
     turns = turns_of(scenario, family)

@@ -26,7 +26,7 @@ LIBRARIES = ("/lidario/session/", "/lidario/port/")
 
 
 @both_families
-@pytest.mark.exhaustive("ending", sample=[("orderly", 37), ("at once", 37)], full=[("orderly", 3), ("at once", 2)])
+@pytest.mark.exhaustive("ending", sample=[("orderly", 37), ("at once", 37)], full=[("orderly", 5), ("at once", 3)])
 def test_ctrl_c_at_every_line_of_opening(
     family: str, ending: tuple[str, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -29,7 +29,7 @@ from tests.support.devices import EVERY_FAMILY, FAMILIES, Rig, discarded, left_s
 from tests.support.loop import DrivenLoop, run_driven
 
 SAMPLE = 2
-"""Steps tried of each cell in a sample; every eighth with ``--exhaustive``, all of them with ``--every-step``."""
+"""Steps tried of each cell in a sample; every twelfth with ``--exhaustive``, all of them with ``--every-step``."""
 SAMPLE_OF_OTHERS = 1
 """The same of a family whose devices hear nothing: no step of theirs waits for a response."""
 LONGEST_S = 20.0
@@ -278,7 +278,7 @@ IN_TURNS = [
 """Every pair once, with the families in turns."""
 
 
-@pytest.mark.exhaustive("stride", sample=[0], full=[8])
+@pytest.mark.exhaustive("stride", sample=[0], full=[12])
 @pytest.mark.exhaustive("who", sample=IN_TURNS, full=list(product(A, B, EVERY_FAMILY)))
 def test_two_tasks(who: tuple[Work, Work, str], stride: int, every_step: bool) -> None:
     a, b, family = who
@@ -307,7 +307,7 @@ async def silent_cell(family: str, a: Work, b: Work, step: int) -> None:
     assert not timers(loop), timers(loop)
 
 
-@pytest.mark.exhaustive("stride", sample=[0], full=[8])
+@pytest.mark.exhaustive("stride", sample=[0], full=[12])
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("b", [b_stops, b_closes, b_cancels], ids=lambda work: work.__name__)
 def test_the_other_task_ends_what_a_silent_device_does_not(
