@@ -76,8 +76,9 @@ class Lidar(Questions, AsyncOnly):
             reconnector.serve(if_alive(self._adopt), self._scanner.end, self._scanner.unused)
             self._scanner.come_back_with(reconnector.begin)
         connection.port.follow(self._scanner)
-        told = lambda: (self.info, self.health)  # noqa: E731
-        self._recorded = RecordedSession(dialogue, self._scanner, source, device.sends_bytes, told)
+        self._recorded = RecordedSession(
+            dialogue, self._scanner, source, device.sends_bytes, lambda: (self.info, self.health)
+        )
         self._closed = False
         self._loop = asyncio.get_running_loop()
         self._abandoned = weakref.finalize(self, abandon, dialogue, self._scanner, reconnector)
