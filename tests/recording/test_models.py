@@ -19,10 +19,6 @@ from tests.cli.processes import invoke
 from tests.reference import golden, ldrobot, ydlidar
 from tests.support.cases import ALL
 
-SHARED = Path(__file__).parents[3] / "shared" / "golden"
-TMINIS = [golden.DATA / "ydlidar_tmini_10hz.npz"]
-TMINIS += [path for path in [SHARED / "real_ydlidar_tmini_plus.npz"] if path.exists()]
-"""The stream of a real device is others' data: it is tried where it lies beside the project."""
 STREAMS = {
     "ydlidar_x4_11hz": ("x4", 5000),
     "ydlidar_g6_12hz": ("g6", 8000),
@@ -118,25 +114,6 @@ def test_an_ld08_and_an_ld14_are_not_told_apart(caplog: pytest.LogCaptureFixture
     seen = named[1].device_distances > 0
     # ROBOTIS's own figures: 6 mm more at 0.12 m, 60 mm more at 8 m.
     assert (named[1].device_distances - guessed[1].device_distances)[seen].min() > 5
-
-
-@pytest.mark.parametrize("path", TMINIS, ids=lambda path: path.stem)
-def test_every_sample_of_a_tmini_belongs_to_the_turn_that_the_vendor_gives_it(path: Path) -> None:
-    with np.load(path) as arrays:
-        truth = dict(arrays)
-    raw = truth["raw"].tobytes()
-    scans = list(lidario.decode(raw))
-    assert len(scans) >= 5
-    for number, scan in enumerate(scans):
-        of_turn = truth["scan"] == number
-        np.testing.assert_array_equal(scan.device_distances, truth["distance_mm"][of_turn])
-        np.testing.assert_array_equal(scan.intensities, truth["intensity"][of_turn])
-        off = (scan.device_angles - truth["angle_deg"][of_turn] + 180) % 360 - 180
-        assert np.abs(off).max() < golden.GRID_Q6
-    assert OfflineDecoder(raw).stream.sample_ns == 250_000
-    assert "Tmini" in OfflineDecoder(raw).title
-    assert scans[1].rpm == pytest.approx(scans[1].reported_rpm, rel=0.02)
-    same(scans, list(lidario.decode(raw, model="tmini-plus")))
 
 
 def test_a_last_sample_behind_the_seam_belongs_to_the_turn_it_ends() -> None:
