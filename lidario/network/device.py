@@ -100,7 +100,8 @@ class RemoteDevice(RecordedDevice):
     def __init__(self, streams: RemoteStreams, *, raw: bool) -> None:
         super().__init__(streams, lambda: streams.stream)
         self._streams = streams
-        self._raw = self.sends_bytes = raw
+        self._raw = raw
+        self.sends_bytes: bool = raw
         self._foreign = streams.about.info.family != streams.stream.family.name
 
     def identify(self) -> Script[DeviceInfo]:
