@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import weakref
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final, Literal, Self, TypeAlias
 
@@ -103,12 +104,11 @@ class LineWatch:
             self._hand_out(self._now)
 
     def end(self) -> None:
-        """The session is over."""
+        """The session is over. In any thread: a session that is garbage is let go of wherever that is found."""
         if self._now is not None:
             self._now = None
-            # Where the loop is closed, nobody waits any more.
-            if not self._loop.is_closed():
-                self._hand_out(None)
+            with suppress(RuntimeError):  # the loop is closed, so no reader waits
+                self._loop.call_soon_threadsafe(self._hand_out, None)
 
     def _change(self, state: LineState, reason: str) -> LineChange:
         return LineChange(state, reason, round(self._loop.time() * 1e9))

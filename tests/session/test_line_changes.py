@@ -93,6 +93,17 @@ async def test_a_session_that_is_let_go_ends_it() -> None:
     assert [change.state for change in await reading] == ["connected"]
 
 
+async def test_an_end_that_another_thread_tells_is_seen_at_once() -> None:
+    """The garbage collector may let go of a session in any thread, while the loop sleeps."""
+    watch, begun = LineWatch(), asyncio.get_running_loop().time()
+    reading = asyncio.ensure_future(all_of(watch.read()))
+    await asyncio.sleep(0.05)
+    threading.Timer(0.1, watch.end).start()
+    done, _ = await asyncio.wait([reading], timeout=20.0)
+    assert done
+    assert asyncio.get_running_loop().time() - begun < 10.0
+
+
 @driven
 async def test_cancelling_loses_none_and_two_tasks_are_refused() -> None:
     watch = LineWatch()
