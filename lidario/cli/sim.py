@@ -47,7 +47,12 @@ POLL_S = 0.1
 @click.option("--serial", metavar="HEX", help="Its serial number.")
 @click.option("--seed", default=0, show_default=True, type=WholeRange(min=0), metavar="N",
               help="Seed of everything random.")  # fmt: skip
-@click.option("--list", "list_models", is_flag=True, help="List the models by vendor, the default first, and exit.")
+@click.option(
+    "--list",
+    "list_models",
+    is_flag=True,
+    help="List the models by vendor, the default first, and which recordings of real ones some are like, and exit.",
+)
 def sim(
     model: str | None,
     pty: bool,

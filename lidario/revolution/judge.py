@@ -172,7 +172,7 @@ def packet_time(
     packet_ns = revolution_ns / revolution_packets if samples.certain else 0.0
     if samples.certain and wire.shortest == wire.longest:
         return packet_ns, revolution_packets, True
-    most = wire.samples_in((Block(wire.longest, 1),))
+    most = wire.samples_in((Block(wire.ordinary, 1),))
     longest = wire.samples_in((Block(max([size for size, _ in packets.blocks]), 1),))
     if longest < most * _ORDINARY:
         # Damage spares the short packets: of those alone nobody knows what an ordinary one takes, but not more than

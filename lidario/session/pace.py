@@ -61,7 +61,7 @@ class Pace:
     def __init__(self, stream: Stream, baudrate: int, latency: float, received: int = 0) -> None:
         self.due: float = 0.0
         packet_s = stream.format.samples * stream.sample_ns * 1e-9
-        wire_s = stream.format.longest * BITS_A_BYTE / baudrate if baudrate else 0.0
+        wire_s = stream.format.ordinary * BITS_A_BYTE / baudrate if baudrate else 0.0
         # After the packet that crosses the seam one more must arrive; where in it the crossing lies is chance.
         self._eager = latency < EAGER_S
         self._behind_s = wire_s + (1.0 if self._eager else 1.75) * packet_s

@@ -50,6 +50,17 @@ class Motor:
             return self._since
         return self._since + math.ceil(self._tau * math.log(gap / allowed) * 1e9)
 
+    def reaches(self, rpm: float) -> int | None:
+        """When it turns at least at that speed, on its way up; None where it will not."""
+        rate = rpm / 60.0
+        if self._rate >= rate or self._tau <= 0.0:
+            return self._since if self._target >= rate else None
+        if self._target <= rate:
+            return None
+        return self._since + math.ceil(
+            self._tau * math.log((self._target - self._rate) / (self._target - rate)) * 1e9
+        )
+
     def set_rpm(self, rpm: float, now: int) -> None:
         """Command a speed in revolutions per minute; 0 lets the head run down."""
         self._turns, self._rate = float(self.turns(np.array([float(now)]))[0]), self.rpm(now) / 60.0

@@ -101,6 +101,11 @@ class StreamFormat(ABC):
         self._in_step = True
         self._due = 0
 
+    @property
+    def ordinary(self) -> int:
+        """Bytes of the longest packet that devices are known to send; `longest` is what is believed of one."""
+        return self.longest
+
     @abstractmethod
     def measure(self, data: bytearray, at: int) -> int:
         """Length of the packet that begins at `at`: 0 to wait for more bytes, `NO_PACKET` if none can."""

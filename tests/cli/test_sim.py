@@ -27,7 +27,7 @@ def test_the_models_are_listed() -> None:
     assert [line for line in lines if line[0] != " "] == [f"{family.title}:" for family in FAMILIES]
     models = [line.split(maxsplit=1) for line in lines if line[0] == " "]
     assert [name for name, *_ in models] == [model for family in FAMILIES for model in family.simulated]
-    assert ["rplidar-a1", "115200 baud, Sensitivity 0x84 7874/s, motor by DTR"] in models
+    assert ["rplidar-a1", "115200 baud, Sensitivity 0x84 7874/s, motor by DTR; like an A1M8"] in models
     assert max(map(len, lines)) <= 100
 
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 HEADER_BYTES = 10
-MAX_SAMPLES = 80
+MAX_SAMPLES = 255  # the field is a byte; no document bounds it
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,15 @@ from lidario.sim.rooms import make_world
 from tests.support.devices import Rig, both_families, change_info, left_still, make_rig, names, take
 from tests.support.loop import driven
 
+AS_REAL = {
+    "ydlidar-tg15": 20_000,
+    "ydlidar-x2": 3000,
+    "ydlidar-x4": 5000,
+    "ydlidar-tmini-pro": 4000,
+    "ydlidar-tmini-plus": 4000,
+    "ydlidar-4ros-long": 20_000,
+}
+"""Simulated devices that do what bytes of real ones show, and their samples a second."""
 HEADER = "lidario.families.ydlidar.simulated.device.SCAN_HEADER"
 
 
@@ -260,3 +269,22 @@ async def test_what_old_firmware_calls_express_is_no_second_mode() -> None:
     async with rig.open() as lidar:
         with pytest.raises(Unsupported, match="no scan mode 'Legacy express'"):
             await lidar.scan("Legacy express")
+
+
+@pytest.mark.parametrize(("model", "rate"), AS_REAL.items())
+def test_nothing_is_told_as_lost_of_devices_that_are_odd_as_real_ones(model: str, rate: float) -> None:
+    rig = make_rig("ydlidar", model)
+
+    @driven
+    async def main() -> None:
+        async with rig.open() as lidar:
+            scans = await take(lidar, 40)
+            stats, rpm = lidar.stats, 0.6 * rig.device.profile.factory_speed
+        # Those of an X4 begin while its motor speeds up.
+        assert [scan.seq for scan in scans] == list(range(40))
+        assert stats.lost_packets == stats.missed_scans == stats.broken_scans == stats.skipped_bytes == 0
+        for scan in scans[10:]:
+            assert scan.rpm == pytest.approx(rpm, rel=0.01)
+            assert len(scan) == pytest.approx(rate * 60 / rpm, abs=2)
+
+    main()

@@ -190,6 +190,7 @@ async def test_an_unplugged_device_ends_every_stream_and_waiter() -> None:
 def test_rigs_are_strict() -> None:
     """The tests above mean something: the device they talk to refuses what comes too early."""
     rig: Rig = make_rig("rplidar")
+    rig.device.begin_streaming(1, 0)
     rig.device.receive(b"\xa5\x25", 0)
     rig.device.receive(b"\xa5\x50", 9_000_000)
     assert names(rig, obeyed=False) == ["get_info"]

@@ -43,6 +43,20 @@ def test_a_small_change_of_speed_is_stable_sooner() -> None:
     assert motor.stable_at == 60 * SECOND
 
 
+def test_a_speed_on_the_way_up_is_reached_before_the_motor_is_stable() -> None:
+    motor = Motor(spin_up_s=1.0)
+    motor.set_rpm(600, SECOND)
+    at = motor.reaches(120)
+    assert at is not None
+    assert SECOND < at < (motor.stable_at or 0)
+    assert motor.rpm(at) == pytest.approx(120)
+    assert motor.reaches(600) is None
+    motor.set_rpm(600, 30 * SECOND)
+    assert motor.reaches(120) == 30 * SECOND
+    motor.set_rpm(0, 60 * SECOND)
+    assert motor.reaches(700) is None
+
+
 def test_the_angle_is_the_integral_of_the_speed() -> None:
     motor = Motor(spin_up_s=0.8)
     motor.set_rpm(720, 0)

@@ -69,11 +69,11 @@ def stream_of(device: Simulated4Ros, seconds: float, *, spin_up_s: float = 0.0) 
     return data[len(SCAN_HEADER) :]
 
 
-def whole(data: bytes) -> list[bytes]:
+def whole(data: bytes, kind: ydlidar.Kind = ydlidar.FOUR_ROS) -> list[bytes]:
     """The packets of a stream, less the one under way at its end."""
     while data:
         try:
-            return ydlidar.split(data)
+            return ydlidar.split(data, kind)
         except ValueError:
             data = data[: data.rindex(b"\xaa\x55")]
     return []

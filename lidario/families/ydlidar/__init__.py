@@ -21,6 +21,7 @@ SIMULATED: Final = (
     "ydlidar-4ros-92",
     "ydlidar-4ros-slow",
     "ydlidar-4ros-stamps",
+    "ydlidar-4ros-long",
     "ydlidar-tg15",
     "ydlidar-tg50",
     "ydlidar-x4",

@@ -13,8 +13,11 @@ Layout (4ROS development manual, figures 5 to 8), all words little-endian::
 As CS is the XOR of the others, the XOR of all words of an intact packet is 0, CS included. With the mark that
 makes 32 bits that have to agree: packets are self-evident, whatever follows them.
 
-The documents bound LSN nowhere; vendor SDK 1.2.20 takes none above 80 for real, and an empty packet is none.
-The C bit is not checked here: the SDK throws away packets where it is 0, though their check value holds.
+The documents bound LSN nowhere, so it is whatever its byte holds. Vendor SDK 1.2.20 takes none above 80 for real.
+An empty packet is none.
+The C bit is not checked here: the SDK throws away packets where it is 0, though their check value holds. Only of a
+packet with more samples than any device is known to send it must be 1, for a row of samples that equal the mark has
+a right check value, too.
 
 Records that may stand between packets: ``AA 66 cs t0 t1 t2 t3 r``, a time stamp in ms whose ``cs`` is the XOR
 of the other seven bytes (vendor SDK, some models); the scan header once more, after a repeated SCAN; and
@@ -47,7 +50,9 @@ __all__ = [
 
 HEADER_SIZE: Final = 10
 FULL_TURN_Q6: Final = 360 << 6
-MOST_SAMPLES: Final = 80
+MOST_SAMPLES: Final = 0xFF
+ORDINARY_SAMPLES: Final = 80
+"""More were never seen: 40 of most models, 80 of a G4, by a comment in the vendor's SDK 1.2.20."""
 START_BIT: Final = 0x01
 MAGIC_WORD: Final = 0x55AA
 
@@ -98,7 +103,7 @@ def _odd_heads(packets: Packets) -> NDArray[np.uint16]:
 
 
 class PointCloud(StreamFormat):
-    """0x81 of the 4ROS: up to 80 distances between two angles.
+    """0x81 of the 4ROS: up to 255 distances between two angles.
 
     Attributes:
         sample_size: Bytes of one sample.
@@ -117,6 +122,11 @@ class PointCloud(StreamFormat):
     first_seam: int | None = None
     self_evident = True
 
+    @property
+    def ordinary(self) -> int:
+        """As `StreamFormat.ordinary`."""
+        return HEADER_SIZE + self.sample_size * ORDINARY_SAMPLES
+
     def measure(self, data: bytearray, at: int) -> int:
         """As `StreamFormat.measure`: the fourth byte tells."""
         if data[at] != 0xAA:
@@ -126,16 +136,18 @@ class PointCloud(StreamFormat):
             return 0
         if data[at + 1] != 0x55:
             return NO_PACKET
-        if available < 4:
+        if available < 8:
             return 0
         samples = data[at + 3]
-        return HEADER_SIZE + self.sample_size * samples if 0 < samples <= MOST_SAMPLES else NO_PACKET
+        if samples > ORDINARY_SAMPLES and not data[at + 4] & data[at + 6] & 1:
+            return NO_PACKET
+        return HEADER_SIZE + self.sample_size * samples if samples else NO_PACKET
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:
         """As `StreamFormat.intact`: the XOR of all words is 0."""
         word = int.from_bytes(data[at : at + size], "little")
         # Folding one long integer in halves is several times faster than a loop over its words.
-        for shift in (1024, 512, 256, 128, 64, 32, 16):
+        for shift in (4096, 2048, 1024, 512, 256, 128, 64, 32, 16):
             word ^= word >> shift
         return not word & 0xFFFF
 
@@ -147,7 +159,7 @@ class PointCloud(StreamFormat):
             size = self.measure(data, end)
             if not 0 < size <= len(data) - end:
                 break
-            rows = _equal_sizes(data, end, size)
+            rows = _equal_sizes(data, end, size) if size <= self.ordinary else 1
             found.append(Block(size, rows))
             end += rows * size
         count = sum([rows for _, rows in found])

@@ -87,9 +87,18 @@ class TestOneRequestAtATime:
         assert len(bench.ask(GET_INFO)) == 27
 
 
+def begin_to_scan(bench: Bench) -> None:
+    """A scan whose motor still speeds up, so that no packet comes yet."""
+    bench.device.spin_up_s = 1.0
+    bench.send(SCAN)
+    bench.run(50 * MS)
+    assert bench.device.scanning
+
+
 class TestDiscarding:
     @pytest.mark.parametrize("wait", [0, 5 * MS, 10 * MS - 1])
     def test_too_soon_after_stop(self, bench: Bench, wait: int) -> None:
+        begin_to_scan(bench)
         bench.send(STOP)
         bench.run(wait)
         assert bench.ask(GET_INFO) == b""
@@ -97,15 +106,25 @@ class TestDiscarding:
         assert bench.why == "within 10 ms of stop"
 
     def test_ten_milliseconds_after_stop(self, bench: Bench) -> None:
+        begin_to_scan(bench)
         bench.send(STOP)
         bench.run(10 * MS)
         assert len(bench.ask(GET_INFO)) == 27
 
+    @pytest.mark.parametrize(("wait", "remark"), [(5, "within 10 ms of a stop that was ignored"), (10, "")])
+    def test_a_stop_in_idle_is_ignored(self, bench: Bench, wait: int, remark: str) -> None:
+        bench.send(STOP)
+        bench.run(wait * MS)
+        assert len(bench.ask(GET_INFO)) == 27
+        assert bench.device.log[-1].remark == remark
+
     def test_in_one_write_with_stop(self, bench: Bench) -> None:
+        begin_to_scan(bench)
         assert bench.ask(STOP + GET_INFO) == b""
-        assert [(r.name, r.obeyed) for r in bench.device.log] == [("stop", True), ("get_info", False)]
+        assert [(r.name, r.obeyed) for r in bench.device.log[1:]] == [("stop", True), ("get_info", False)]
 
     def test_its_first_byte_counts(self, bench: Bench) -> None:
+        begin_to_scan(bench)
         bench.send(STOP)
         bench.run(9 * MS)
         bench.send(GET_INFO[:1])

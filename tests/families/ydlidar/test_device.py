@@ -185,8 +185,9 @@ def test_after_a_restart_it_is_asked_until_it_answers(bench: Bench) -> None:
     assert bench.run(bench.device.scan_frequency()) == 7.0
 
 
-def test_an_answer_of_another_length_is_not_taken(bench: Bench) -> None:
+def test_an_answer_of_another_length_is_not_taken() -> None:
     # Information that nobody asked for has the same type as the answer to this question.
+    bench = Bench(make_simulated("ydlidar-4ros-92"))
     bench.ask(bench.device.reset())
     bench.link.drained()
     bench.pass_time(0.999)

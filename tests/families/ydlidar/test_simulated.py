@@ -176,10 +176,16 @@ def test_a_reset(device: Simulated4Ros) -> None:
     for request in (INFO, STOP):
         assert asked(device, request, BEGIN + S + 500 * MS) == b""
         assert why(device) == "still booting after reset"
-    info = device.transmit(BEGIN + 3 * S)
-    assert info[:8] == bytes.fromhex("A55A1400000004 65")
-    assert asked(device, INFO, BEGIN + 4 * S) == info
+    assert device.transmit(BEGIN + 3 * S) == b""
+    assert asked(device, INFO, BEGIN + 4 * S)[:8] == bytes.fromhex("A55A1400000004 65")
     assert (device.set_speed, device.protected) == (700, False)
+
+
+def test_some_tell_unasked_what_they_are_after_a_reset() -> None:
+    device = make_simulated("ydlidar-4ros-92")
+    device.receive(RESET, BEGIN)
+    told = device.transmit(BEGIN + 3 * S)
+    assert told == asked(device, INFO, BEGIN + 4 * S) != b""
 
 
 def test_protection_outlives_the_program_that_switched_it_on() -> None:

@@ -26,6 +26,9 @@ from tests.support.simulated_4ros import (
 pytestmark = pytest.mark.discards("what the simulated device discards is tested here")
 
 
+TMINI = ydlidar.Kind(sample_bytes=3, unit=4, flags=True, intensity_bits=8)
+
+
 @pytest.fixture
 def device() -> Simulated4Ros:
     return make_simulated("ydlidar-4ros", world=make_world("circle"), serial="0123456789012345")
@@ -211,3 +214,55 @@ def test_packers_agree_with_the_reference() -> None:
     assert stamp[:2] == b"\xaa\x66"
     assert stamp[3:7] == b"\x04\x03\x02\x01"
     assert stamp[2] == 0xAA ^ 0x66 ^ 1 ^ 2 ^ 3 ^ 4
+
+
+def packets_of(model: str, seconds: float = 3.0, spin_up_s: float = 0.0) -> list[bytes]:
+    made = make_simulated(model, world=make_world("circle"))
+    if not made.profile.one_way:
+        return whole(stream_of(made, seconds, spin_up_s=spin_up_s))
+    data = made.transmit(BEGIN) + made.transmit(BEGIN + int(seconds * S))
+    return whole(data[data.index(b"\xaa\x55") :])
+
+
+def first_deg(packet: bytes) -> float:
+    return (int.from_bytes(packet[4:6], "little") >> 1) / 64
+
+
+@pytest.mark.parametrize(("model", "seam"), [("ydlidar-tg15", 108.05), ("ydlidar-x2", 351.19)])
+def test_where_revolutions_begin(model: str, seam: float) -> None:
+    starts = [first_deg(packet) for packet in packets_of(model) if ydlidar.is_start(packet)]
+    assert len(starts) > 10
+    assert all(-1 / 64 <= first - seam < 0.8 for first in starts)
+
+
+@pytest.mark.parametrize("model", ["ydlidar-x2", "ydlidar-x4"])
+def test_start_packets_without_a_speed(model: str) -> None:
+    assert {packet[2] for packet in packets_of(model) if ydlidar.is_start(packet)} == {0x01}
+
+
+def test_bits_in_the_ct_byte_of_ordinary_packets() -> None:
+    packets = whole(stream_of(make_simulated("ydlidar-tmini-pro"), 2.0), TMINI)
+    assert {packet[2] for packet in packets if not ydlidar.is_start(packet)} == {0x06}
+    assert sum(ydlidar.is_start(packet) for packet in packets) > 10
+
+
+def test_a_sample_behind_the_seam_that_belongs_to_the_revolution_before() -> None:
+    packets = whole(stream_of(make_simulated("ydlidar-tmini-plus"), 4.0), TMINI)
+    late = [n for n, packet in enumerate(packets) if packet[3] == 1 and not packet[2] & 1 and first_deg(packet) < 5]
+    assert 2 <= len(late) <= 4
+    for n in late:
+        assert ydlidar.is_start(packets[n + 1])
+        assert 0 < first_deg(packets[n + 1]) - first_deg(packets[n]) < 1
+
+
+def test_packets_while_the_motor_spins_up() -> None:
+    packets = packets_of("ydlidar-x4", 2.0, spin_up_s=1.0)
+    between = [(first_deg(b) - first_deg(a)) % 360 for a, b in pairwise(packets) if a[3] == b[3] == 40]
+    assert 5 < between[0] < 8
+    assert 19 < between[-1] < 23
+    assert all(b - a < 2 for a, b in pairwise(between))
+
+
+def test_packets_of_more_samples_than_are_usual() -> None:
+    packets = packets_of("ydlidar-4ros-long")
+    assert max(packet[3] for packet in packets) == 200

@@ -69,6 +69,7 @@ class Profile:
         lens: What a model that triangulates states, by the true distance: its own, and how far the target lies
             before the beam, in degrees. None where it states the truth.
         commands: Whether it hears requests.
+        follows: Which recording of a real device it follows, for people; empty where there is none.
     """
 
     name: str
@@ -79,12 +80,13 @@ class Profile:
     reach_mm: tuple[float, float] = (20.0, 12_000.0)
     lens: _Lens | None = None
     commands: bool = False
+    follows: str = ""
 
 
 PROFILES = {
     profile.name: profile
     for profile in (
-        Profile("ldrobot-ld06", 1, rate=4546.0),
+        Profile("ldrobot-ld06", 1, rate=4546.0, follows="andyblarblar/LD06"),
         Profile("ldrobot-ld19", 2),
         Profile("ldrobot-stl06p", 3, rate=5000.0),
         Profile("ldrobot-stl19p", 4),
@@ -274,4 +276,5 @@ def describe(model: str) -> str:
     """What a model is, in a few words."""
     profile = PROFILES[model]
     talks = "" if profile.commands else "; only talks"
-    return f"{profile.baudrate} baud, {profile.rate:.0f}/s{talks}"
+    follows = f"; like {profile.follows}" if profile.follows else ""
+    return f"{profile.baudrate} baud, {profile.rate:.0f}/s{talks}{follows}"

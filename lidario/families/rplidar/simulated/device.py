@@ -3,7 +3,8 @@
 It discards what a real device discards:
 
 * a request within 10 ms of a STOP or 500 ms of a RESET is discarded, and after a RESET there is no response
-  until booting is over (S-series interface manual, STOP and RESET; S1 needs 2 s in the field);
+  until booting is over (S-series interface manual, STOP and RESET; S1 needs 2 s in the field). In idle a STOP is
+  ignored (the same manual): a request right behind it is obeyed, with a remark;
 * a request whose last byte arrives before the response to the one before has left completely is discarded, STOP
   included (the same manual: one request at a time); for a scan the descriptor is the response;
 * a request that is damaged, incomplete after 5 s, or unknown is discarded silently, and so is a GET_LIDAR_CONF of
@@ -47,6 +48,7 @@ __all__ = ["PROFILES", "Mode", "Profile", "SimulatedRplidar", "describe", "make_
 
 _MS = 1_000_000
 _SETTLE_AFTER_STOP = 10 * _MS  # S-series interface manual, STOP
+_AFTER_IGNORED = "within 10 ms of a stop that was ignored"
 _SETTLE_AFTER_RESET = 500 * _MS  # S-series interface manual, RESET
 
 
@@ -86,6 +88,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         self._drive = Drive(profile, self._motor)
         self._reader = RequestReader()
         self._speed = LineSpeed(profile.baudrate)
+        self._ignored_until = 0
         self._waiting: Mode | None = None  # a stream that was announced, while the motor is off
 
     @property
@@ -196,11 +199,14 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
     def _consider(self, request: Request) -> None:
         """Obey a request or discard it, and remember which."""
         why = self._refusal(request)
-        if not why:
+        remark = _AFTER_IGNORED if not why and request.began < self._ignored_until else ""
+        if not why and request.name == "stop" and not self.scanning:
+            self._ignored_until = request.ended + _SETTLE_AFTER_STOP
+        elif not why:
             if request.name != "motor_speed_ctrl" or not any(request.payload):
                 self._end_stream(request.ended)
             why = self._HANDLERS[request.name](self, request)
-        self._log.add(request.ended, request.name, request.data, why)
+        self._log.add(request.ended, request.name, request.data, why, remark=remark)
 
     def _refusal(self, request: Request) -> str:
         """Why the device discards a request at once; empty when it handles it."""

@@ -93,6 +93,7 @@ class Profile:
         boot_s: Silence after RESET.
         banner: What is printed when booting is over; empty for most.
         oddity: What is awkward about it, for people.
+        follows: Which real device's bytes it follows, for people; empty where there are none.
 
     Raises:
         ValueError: A mode makes more bytes than the line can carry.
@@ -117,6 +118,7 @@ class Profile:
     boot_s: float = 0.6
     banner: bytes = b""
     oddity: str = ""
+    follows: str = ""
 
     def __post_init__(self) -> None:
         for mode in self.modes:
@@ -130,6 +132,7 @@ class Profile:
         line = "UDP" if self.is_network else f"{self.baudrate} baud"
         motor = {"pwm": ", motor by PWM", "dtr": ", motor by DTR"}.get(self.motor, "")
         odd = f"; {self.oddity}" if self.oddity else ""
+        odd += f"; like {self.follows}" if self.follows else ""
         return f"{line}, {typical.name} 0x{typical.response_type:02X} {256e6 / typical.us_q8:.0f}/s{motor}{odd}"
 
     @property

@@ -28,7 +28,7 @@ speeds          S2: a user's report of conf 0x01, 0x04 and 0x05; S1 and S3 are a
                 12 Hz by its data sheet. A1: 7.14 Hz in a user's report; the motor is not regulated. 660 is the
                 usual duty of an accessory board
 boot time       S1: users report 2 s; the others: the manual's 500 ms and a little more
-banner          A1: ArduPilot's driver: 56 to 63 letters that begin with the words given here
+banner          A1, A2: ArduPilot's driver: 56 to 63 letters that begin with the words given here. A3: as the A2
 ==============  =======================================================================================
 
 **Formats**: `rplidar-express`, `-hq`, `-ultra` and `-ultradense` stand for no product; each sends one more format.
@@ -67,6 +67,7 @@ def _of_format(name: str, model: int, baudrate: int, *modes: Mode, hq_scan: bool
 
 
 _BANNER = b"RP LIDAR System.\r\nFirmware 1.29, hardware 7\r\nsimulated, ok\r\n"
+_A2_BANNER = _BANNER.replace(b"1.29, hardware 7", b"1.32, hardware 6")
 _A1_RPM = 428.0
 _ETHERNET = 100_000_000
 """Bits a second: bytes leave at once."""
@@ -92,6 +93,7 @@ def _a_series(name: str, model: int, metres: float) -> Profile:
         speed_conf=(600,),
         motor="pwm",
         pwm_ref=660,
+        banner=_A2_BANNER,
     )
 
 
@@ -120,6 +122,7 @@ _A1 = Profile(
     motor="dtr",
     own_rpm=_A1_RPM,
     banner=_BANNER,
+    follows="an A1M8",
 )
 _C1 = Profile(
     "rplidar-c1",
@@ -252,6 +255,7 @@ _AWKWARD = (
         has_conf=False,
         speed_conf=(),
         oddity="lists no modes",
+        follows="",
     ),
 )
 

@@ -8,8 +8,8 @@ It discards what a real device discards (4ROS development manual where not said 
   connection: the next program finds it as the last one left it;
 * the scan header comes at once, the first packet when the motor is up to speed;
 * a request within 5 ms of a stop is discarded, the pause the vendor's SDK keeps; another stop is obeyed;
-* after RESET it obeys nothing until it has booted; then it sends device information that was not requested (the
-  vendor's SDK waits for that), and is set as it came from the factory: 7 Hz (data sheet), protection off;
+* after RESET it obeys nothing until it has booted. Then it is set as it came from the factory: 7 Hz (data sheet),
+  protection off; and some models send device information that was not requested (`Profile.announces`);
 * it responds to one of the two health requests, and not to the other;
 * an unknown request is discarded silently, as are A5 D0 and D1, which only the SDK knows;
 * reporting health 2, it starts no scan; RESET clears it if the fault has gone.
@@ -257,7 +257,9 @@ class Simulated4Ros(Chassis[PointStream]):
         self._motor.set_rpm(self.set_speed * 0.6, now)
         announced = self._response_at(now)
         self._respond_with(SCAN_HEADER, announced, "scan")
-        origin = max(announced, self._motor.stable_at or 0)
+        early = self.profile.early_hertz
+        turning = self._motor.reaches(60 * early) if early else self._motor.stable_at
+        origin = max(announced, turning or 0)
         self._stream = PointStream(origin, self._motor, self.world, self.profile)
 
     def _reset(self, now: int) -> None:
@@ -271,7 +273,7 @@ class Simulated4Ros(Chassis[PointStream]):
         self.set_speed, self.protected = self.profile.factory_speed, False
         self._recover()
         self._deaf_until, self._deaf_why = up, "still booting"
-        if not self.profile.one_way:
+        if self.profile.announces and not self.profile.one_way:
             self._queue.push(pack_response(_SETTING, self._info()), up)
 
 
@@ -284,7 +286,8 @@ def describe(model: str) -> str:
     profile = PROFILES[model]
     talks = "; only talks" if profile.one_way else ""
     motor = ", motor by DTR" if profile.by_dtr else ""
-    return f"{profile.baudrate} baud, {1e9 / profile.sample_ns:.0f}/s{motor}{talks}"
+    follows = f"; like {profile.follows}" if profile.follows else ""
+    return f"{profile.baudrate} baud, {1e9 / profile.sample_ns:.0f}/s{motor}{talks}{follows}"
 
 
 def _digits(serial: bytes | str | list[int]) -> bytes:

@@ -1,13 +1,17 @@
 """The simulated models: rates, layouts and which requests each hears.
 
 Sources: 4ROS development manual and data sheet; for the others the vendor's SDK 1.2.20 and its tables of models.
+What some do beside that was seen in bytes of real devices (`Profile.follows`): no speed in the start packets of an
+X4, which sends from 6 to 22 degrees a packet while its motor speeds up; start packets at 108.05 degrees (TG15) and
+351.19 (a device like an X2); one sample behind the seam that still belongs to the revolution before (Tmini Plus);
+bits in the CT byte of ordinary packets (Tmini Pro: that there are some is known, not which).
 One-way models have no line on which a request could arrive. Which models know the second health request instead of
 the first is not documented: the SDK asks those that triangulate by the second.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from lidario.families.ydlidar.simulated.packers import MILLIMETRES, Layout
 
@@ -42,6 +46,15 @@ class Profile:
         speeds: The slowest and the fastest that can be set.
         commands: The requests that it knows besides health; none: it only talks.
         by_dtr: Whether it is dark while the host clears DTR (users of the X4; the SDK asserts it for these).
+        per_packet: Samples of an ordinary packet (40: by a comment in the vendor's SDK; the manual tells none).
+        seam_deg: Where its revolutions begin.
+        late_seam: In one revolution of so many the start packet comes a sample late, and the sample before it
+            stands in a packet of its own; 0: in none.
+        control: The CT byte of ordinary packets; only its bit 0 has a meaning.
+        early_hertz: From which speed on it sends while its motor speeds up; 0: when that has its speed.
+        announces: Whether it sends device information after a RESET, unasked (the vendor's SDK waits for it; the
+            manual of the 4ROS knows no response).
+        follows: Which recording of a real device it follows, for people; empty where there is none.
     """
 
     name: str
@@ -60,6 +73,13 @@ class Profile:
     commands: frozenset[int] = _ALL
     by_dtr: bool = False
     tells_speed: bool = True
+    per_packet: int = 40
+    seam_deg: float = 0.0
+    late_seam: int = 0
+    control: int = 0
+    early_hertz: float = 0.0
+    announces: bool = True
+    follows: str = ""
 
     @property
     def one_way(self) -> bool:
@@ -89,24 +109,47 @@ def _triangle(
         reach_mm=(100.0, 12_000.0),
         factory_speed=700 if commands else 600,
         speeds=(500, 1200) if triangle else (600, 1200),
-        tells_speed=name != "ydlidar-x4",
         by_dtr=model in (4, 6, 11) and name not in ("ydlidar-x3", "ydlidar-x4-pro"),
         commands=commands - (frozenset() if model in (9, 14, 15, 16, 19) else {0x93}) - {0xD9},
     )
 
 
 _HEARS_NOTHING = frozenset[int]()
+_X4 = replace(
+    _triangle("ydlidar-x4", 6, 128_000, 5000, commands=_NO_SPEED),
+    tells_speed=False,
+    early_hertz=2.0,
+    follows="deepakkamesh/ydlidar",
+)
+_X2 = replace(
+    _triangle("ydlidar-x2", 6, 115_200, 3000, commands=_HEARS_NOTHING),
+    tells_speed=False,
+    seam_deg=351.19,
+    follows="a packet of one",
+)
+_TMINI_PRO = replace(
+    _triangle("ydlidar-tmini-pro", 150, 230_400, 4000, _EIGHT, triangle=False),
+    control=0x06,
+    follows="tier4/ydlidar_driver",
+)
+_TMINI_PLUS = replace(
+    _triangle("ydlidar-tmini-plus", 151, 230_400, 4000, _EIGHT, triangle=False),
+    late_seam=8,
+    follows="Ar-Ray-code/tmini_plus_emulator",
+)
+_TG15 = Profile("ydlidar-tg15", model=100, seam_deg=108.05, follows="two packets in a README")
 
 PROFILES = {
     profile.name: profile
     for profile in (
-        Profile("ydlidar-4ros"),
+        Profile("ydlidar-4ros", announces=False),
         Profile("ydlidar-4ros-92", health_command=0x92),
         Profile("ydlidar-4ros-slow", spin_up_s=2.5),
         Profile("ydlidar-4ros-stamps", stamps=True),
-        Profile("ydlidar-tg15", model=100, sample_ns=100_000),
+        Profile("ydlidar-4ros-long", per_packet=200),
+        _TG15,
         Profile("ydlidar-tg50", model=102),
-        _triangle("ydlidar-x4", 6, 128_000, 5000, commands=_NO_SPEED),
+        _X4,
         _triangle("ydlidar-g1", 19, 230_400, 9000),
         _triangle("ydlidar-g2", 15, 230_400, 5000, Layout(3, 4, flags=True, bits=10)),
         _triangle("ydlidar-g4", 5, 230_400, 9000),
@@ -115,10 +158,10 @@ PROFILES = {
         _triangle("ydlidar-f4", 1, 115_200, 4000),
         _triangle("ydlidar-s4b", 11, 153_600, 4000, _EIGHT, _NO_SPEED),
         _triangle("ydlidar-tmini", 140, 230_400, 4000, _EIGHT, triangle=False),
-        _triangle("ydlidar-tmini-pro", 150, 230_400, 4000, _EIGHT, triangle=False),
-        _triangle("ydlidar-tmini-plus", 151, 230_400, 4000, _EIGHT, triangle=False),
+        _TMINI_PRO,
+        _TMINI_PLUS,
         _triangle("ydlidar-tmini-plus-sh", 152, 230_400, 4000, Layout(4, 1, bits=16), triangle=False),
-        _triangle("ydlidar-x2", 6, 115_200, 3000, commands=_HEARS_NOTHING),
+        _X2,
         _triangle("ydlidar-x3", 6, 115_200, 3000, commands=_HEARS_NOTHING),
         _triangle("ydlidar-x4-pro", 6, 128_000, 5000, Layout(unit=4, flags=True), _HEARS_NOTHING),
         _triangle("ydlidar-s2-pro", 4, 115_200, 3000, commands=_HEARS_NOTHING),

@@ -4,8 +4,8 @@ The n-th sample is taken at ``origin + n * sample time`` (4ROS data sheet: 20000
 motor points then, and the world says how far it is: functions of n alone. So a revolution is built in one step with
 numpy, ahead of its time, however short the steps in which the device is asked for bytes.
 
-The first sample past zero stands alone, in a start packet that tells the speed. Packets of 40 follow (by a
-comment in the vendor's SDK; the manual gives no number), and the last one before the next zero is shorter.
+The first sample past the seam, 0 degrees mostly, stands alone, in a start packet that tells the speed. Packets of
+40 follow, and the last one before the next seam is shorter. What some models do otherwise their `Profile` tells.
 Angles are truncated to 1/64 degree, so none reads as 360.
 
 Some relatives send time stamp records between the packets (vendor SDK 1.2.20); no source tells how often. Where
@@ -27,7 +27,6 @@ from lidario.sim.world import CheckedWorld, World
 
 __all__ = ["Burst", "PointStream"]
 
-_PER_PACKET = 40
 _FULL_TURN_Q6 = 360 * 64
 _MOST_AHEAD = 6000  # samples: a revolution at 3.5 Hz
 
@@ -46,7 +45,7 @@ class PointStream:
 
     Args:
         origin: When the first sample is taken, in nanoseconds.
-        motor: Rotates the head; must not change its speed while the stream lasts.
+        motor: Rotates the head; must not be set to another speed while the stream lasts.
         world: What there is to see.
         profile: Sample time, layout, reach, and whether the angle depends on the distance.
     """
@@ -59,7 +58,7 @@ class PointStream:
         self._sample_ns = profile.sample_ns
         self._stamps = profile.stamps
         self._next = 0
-        self._at_zero = False
+        self._at_seam = False
 
     @property
     def ready(self) -> int:
@@ -72,22 +71,24 @@ class PointStream:
             yield from self._turn()
 
     def _turn(self) -> list[Burst]:
-        """The packets from the next sample to the zero behind it, or as far as is sensible."""
-        first = self._next
+        """The packets from the next sample to the seam behind it, or as far as is sensible."""
+        first, each, seam = self._next, self._profile.per_packet, self._profile.seam_deg / 360.0
         hertz = self._motor.rpm(self._origin + first * self._sample_ns) / 60.0
-        count = min(int(1.05e9 / self._sample_ns / max(hertz, 1.0)) + 2 * _PER_PACKET, _MOST_AHEAD)
+        count = min(int(1.05e9 / self._sample_ns / max(hertz, 1.0)) + 2 * each, _MOST_AHEAD)
         times = np.arange(first, first + count, dtype=np.float64)
         times *= self._sample_ns
         times += self._origin
         turns = self._motor.turns(times)
-        zero = int(np.searchsorted(turns, np.floor(turns[0]) + 1.0))
-        lone = int(self._at_zero)
-        self._at_zero = zero < count
-        full = (min(zero, count) - lone) // _PER_PACKET
-        end = zero if self._at_zero else lone + full * _PER_PACKET
-        self._next = first + end
+        revolution = int(np.floor(turns[0] - seam))
+        behind = int(np.searchsorted(turns, revolution + 1.0 + seam))
+        lone = int(self._at_seam)
+        self._at_seam = behind < count - 1
+        full = (min(behind, count) - lone) // each
+        end = behind if self._at_seam else lone + full * each
+        late = self._at_seam and self._profile.late_seam and revolution % self._profile.late_seam == 0
+        self._next = first + end + late
 
-        turns, times = turns[:end], times[:end]
+        turns, times = turns[: end + late], times[: end + late]
         q6 = np.floor(turns * _FULL_TURN_Q6).astype(np.int64) % _FULL_TURN_Q6
         mm = self._world.ranges_mm(turns * 360.0, times * 1e-9)
         nearest, farthest = self._profile.reach_mm
@@ -99,12 +100,14 @@ class PointStream:
         if lone:
             told = hertz if self._profile.tells_speed else 0.0
             bursts.append(self._burst(q6[:1], mm[:1], 1, first, start_control(told, self._profile.speed_base)))
-        middle = slice(lone, lone + full * _PER_PACKET)
+        middle = slice(lone, lone + full * each)
         if full:
-            bursts.append(self._burst(q6[middle], mm[middle], _PER_PACKET, first + lone))
+            bursts.append(self._burst(q6[middle], mm[middle], each, first + lone))
         if end > middle.stop:
             rest = slice(middle.stop, end)
             bursts.append(self._burst(q6[rest], mm[rest], end - middle.stop, first + middle.stop))
+        if late:
+            bursts.append(self._burst(q6[end:], mm[end:], 1, first + end))
         return bursts
 
     def _burst(
@@ -113,7 +116,7 @@ class PointStream:
         mm: npt.NDArray[np.float64],
         samples: int,
         first: int,
-        control: int = 0,
+        control: int | None = None,
     ) -> Burst:
         """Packets of `samples`, of which the first begins with sample number `first`."""
         layout = self._profile.layout
@@ -123,7 +126,7 @@ class PointStream:
             rows,
             q6[::samples],
             q6[samples - 1 :: samples],
-            control=control,
+            control=self._profile.control if control is None else control,
             layout=layout,
             intensities=np.asarray(lights * 4 if layout.bits == 10 else lights, np.uint16),
         )
