@@ -5,6 +5,7 @@ Scans have the stamps that the live ones had. Nothing larger is held than a bloc
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Iterator
 
@@ -22,6 +23,8 @@ from lidario.wire.events import Packets
 from lidario.wire.link import Link
 
 __all__ = ["FileDecoder", "decode_file", "decode_file_arrays"]
+
+_log = logging.getLogger("lidario")
 
 _BLOCK = 64 * 1024
 """Bytes that are decoded together, as in `lidario.recording.offline`."""
@@ -84,6 +87,8 @@ class FileDecoder:
             for event in join_runs(list(link.events_received())):
                 if isinstance(event, Packets):
                     yield from assembler.add(event)
+                    if note := assembler.take_note():
+                        _log.warning("%s: %s", self.recording.path, note)
         if assembler is not None:
             assembler.end()
             self._count(link.stats.skipped_bytes, link.stats.packets)

@@ -21,6 +21,7 @@ from lidario.revolution.doubled import DoubledPackets
 from lidario.revolution.ended import EndedRevolution
 from lidario.revolution.judge import FALSE_PART, beginning_of, is_broken, is_complete, least_of, samples_missing
 from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
+from lidario.revolution.sample_time import SampleTime
 from lidario.revolution.seam import Seam, Split
 from lidario.revolution.sparse_speed import dated_angles
 from lidario.revolution.stats import AssemblerStats
@@ -63,6 +64,7 @@ class Assembler:
         self._partial = PartialRevolution(whole=False)
         self._count = RevolutionCount(1e9 * stream.slowest_turn_s)
         self._last_spanned_ns = 0.0
+        self._sample_time = SampleTime(stream.sample_ns)
         self._measured_sample_ns = 0.0
         # Several revolutions that end together are decoded at once, unless somebody wants parts of each.
         self._by_blocks = True
@@ -74,6 +76,11 @@ class Assembler:
     def keeps_offset(self) -> bool:
         """Whether the revolution in the making keeps its zero-angle offset, whatever is set."""
         return False
+
+    def take_note(self) -> str:
+        """What a user should be told of this stream, once; mostly empty."""
+        note, self._sample_time.note = self._sample_time.note, ""
+        return note
 
     def set_zero_offset(self, degrees: float, *, behind: bool = False) -> None:
         """Add another zero-angle offset, clockwise degrees, from the next scan on, or the one `behind` that."""
@@ -132,6 +139,7 @@ class Assembler:
         if self._next_offset_deg is not None:
             self.set_zero_offset(self._next_offset_deg)
         self.stats.finish(held, delivered=scan is not None)
+        self._keep_time()
         return scan
 
     def _add_block(self, event: Packets, offsets: Sequence[int], splits: Sequence[Split], begin: int) -> list[Scan]:
@@ -158,7 +166,20 @@ class Assembler:
         self._last_spanned_ns = block.revolutions[-1].spanned_ns
         self.stats.unfinished_packets += block.packets
         self.stats.finish(self.stats.unfinished_packets, delivered=True)
-        return [self._deliver(each, self._stream.sample_ns, 0) for each in block.revolutions]
+        self._sample_time.add(block.samples.packet_ends[-1], event.arrivals[-1][1])
+        scans = [self._deliver(each, self._stream.sample_ns, 0) for each in block.revolutions]
+        self._keep_time()
+        return scans
+
+    def _keep_time(self) -> None:
+        """From now on a sample takes what was found that it takes."""
+        if (sample_ns := self._sample_time.ns) != self._stream.sample_ns:
+            self._stream = replace(self._stream, sample_ns=sample_ns)
+            self._stream.decoder.tell_time(sample_ns)
+            self._doubled.tell_time(sample_ns)
+            # What is remembered of the revolutions before was reckoned by the other time.
+            self._count = RevolutionCount(1e9 * self._stream.slowest_turn_s)
+            self._last_spanned_ns = 0.0
 
     def end(self) -> None:
         """The stream has ended: discard the revolution in the making. Harmless when done before."""
@@ -215,6 +236,11 @@ class Assembler:
                 self._count.learn_speed(dated_angles(self._stream.format, packets))
             room = 0 if arrays is None else len(arrays.angle)
             samples = self._decode(partial, packets, split, following, room)
+            if samples.certain:
+                measured = samples.ends[-1] + sum([skipped for _, skipped in samples.gaps])
+                self._sample_time.add(measured, packets.arrivals[-1][1])
+            else:
+                self._sample_time.restart()
             self.stats.lost_packets += samples.lost
             self._partial.behind_gap = samples.lost_behind > 0 or not samples.certain
             lost += samples.lost

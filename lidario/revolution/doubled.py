@@ -46,6 +46,10 @@ class DoubledPackets:
         self._last_ns = 0
         self._alike = 1
 
+    def tell_time(self, sample_ns: float) -> None:
+        """A sample takes so many nanoseconds from now on."""
+        self._sample_ns = sample_ns
+
     def drop(self, packets: Packets) -> tuple[Packets, Headings]:
         """The next packets without those that came twice, perhaps none, and their headings."""
         headings = self._wire.headings(packets)

@@ -11,6 +11,7 @@ whose packets stay away is not judged here: `lidario.session.inquiry` asks it.
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -27,6 +28,8 @@ from lidario.session.log import Trouble
 from lidario.session.pace import Pace
 from lidario.session.sectors import SectorPace
 from lidario.wire.events import Packets
+
+_log = logging.getLogger("lidario")
 
 __all__ = ["SILENCE_S", "Failure", "Running", "Totals"]
 
@@ -226,6 +229,8 @@ class Running:
             self._scans += 1
             self._pace.turned(scan, self._dialogue.bytes_received, self._last_packet)
             self._publish(scan)
+        if note := self._assembler.take_note():
+            _log.warning(note)
         if self._totals.assembled.broken_scans > self._discarded:
             self._trouble.tell("revolutions discarded: %d so far", self._totals.assembled.broken_scans)
             self._discarded = self._totals.assembled.broken_scans

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -288,3 +289,29 @@ def test_nothing_is_told_as_lost_of_devices_that_are_odd_as_real_ones(model: str
             assert len(scan) == pytest.approx(rate * 60 / rpm, abs=2)
 
     main()
+
+
+@pytest.mark.parametrize("mode", ["Standard", "DenseBoost"])
+@pytest.mark.parametrize("factor", [0.8, 1.25, 2.0, 4.0])
+def test_a_sample_time_that_is_told_wrong_is_measured(
+    factor: float, mode: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    rig = make_rig("rplidar")
+    profile = rig.device.profile
+    wrong = tuple(replace(each, reported_us_q8=round(each.us_q8 * factor)) for each in profile.modes)
+    rig.device.profile = replace(profile, modes=wrong)
+
+    @driven
+    async def main() -> None:
+        scans = []
+        async with rig.open() as lidar, lidar.scans(mode) as stream:
+            while len(scans) < 60:
+                scans.append(await anext(stream))
+        rate = {"Standard": 16_000, "DenseBoost": 32_000}[mode]
+        for scan in scans[50:]:
+            assert scan.time_increment_ns == pytest.approx(1e9 / rate, rel=0.001)
+            assert scan.duration_ns == pytest.approx(100e6, rel=0.01)
+            assert scan.rpm == pytest.approx(600, rel=0.01)
+
+    main()
+    assert sum("what is measured counts" in each.getMessage() for each in caplog.records) == 1

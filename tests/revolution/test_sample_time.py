@@ -1,0 +1,69 @@
+"""What a sample takes: told, and measured where that cannot be. Times are made up here, in nanoseconds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import pytest
+
+from lidario.revolution.sample_time import SampleTime
+
+MS = 1_000_000
+TOLD_NS = 100_000.0
+TURN = 1000
+"""Samples of a revolution, and by what is told 100 ms."""
+
+
+def after(times_ms: Iterable[float], told_ns: float = TOLD_NS) -> SampleTime:
+    """A revolution came at each of these times."""
+    time = SampleTime(told_ns)
+    for at_ms in times_ms:
+        time.add(TURN, round(at_ms * MS))
+    return time
+
+
+@pytest.mark.parametrize("factor", [0.95, 1.0, 1.05])
+def test_what_is_nearly_right_is_believed(factor: float) -> None:
+    time = after(100 * factor * number for number in range(200))
+    assert (time.ns, time.note) == (TOLD_NS, "")
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.8, 1.25, 4.0])
+def test_what_is_wrong_is_measured_and_told(factor: float) -> None:
+    time = after(100 * factor * number for number in range(200))
+    assert time.ns == pytest.approx(TOLD_NS * factor)
+    assert time.note == f"the device tells 100 µs a sample, and takes {100 * factor:.4g}: what is measured counts"
+
+
+def test_several_revolutions_in_each_read() -> None:
+    assert after(200 * (number // 5 * 5) for number in range(200)).ns == pytest.approx(2 * TOLD_NS)
+    assert after(100 * (number // 5 * 5) for number in range(200)).ns == TOLD_NS
+
+
+def test_a_file_that_comes_at_once_tells_nothing() -> None:
+    assert after([7.0] * 500).ns == TOLD_NS
+
+
+def test_outages_of_whole_revolutions_are_none() -> None:
+    """Angles hide them: one of 0.7 s and one of 1.4 s, and never two alike."""
+    times = [100 * number + 700 * (number > 9) + 1400 * (number > 25) for number in range(100)]
+    assert after(times).ns == TOLD_NS
+
+
+def test_a_line_that_stalls_is_none() -> None:
+    """Everything comes late once, then all at the same time."""
+    times = [max(100 * number, 3000 if 5 < number < 30 else 0) for number in range(100)]
+    assert after(times).ns == TOLD_NS
+
+
+def test_it_counts_anew_where_nobody_knows_what_is_missing() -> None:
+    time = SampleTime(TOLD_NS)
+    for number in range(100):
+        if number % 10 == 0:
+            time.restart()
+        time.add(TURN, 200 * MS * number)
+    assert time.ns == TOLD_NS
+
+
+def test_where_nothing_is_told_nothing_is_measured_here() -> None:
+    assert after((100 * number for number in range(100)), told_ns=0.0).ns == 0.0
