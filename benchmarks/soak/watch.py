@@ -13,7 +13,7 @@ from typing import Any, cast
 import lidario
 from benchmarks.soak.line import BadLine
 from lidario.sim.device import Received, SimulatedDevice
-from tests.support.discards import all_obeyed
+from tests.support.discards import all_obeyed, was_in_time
 from tests.support.ledger import assert_stats_close
 from tests.support.loop import DrivenLoop
 
@@ -95,7 +95,7 @@ class Watch:
         new = 0
         while new < len(log) and log[-1 - new].at_ns > self._checked_ns:
             new += 1
-        if new and clean and not all(each.obeyed for each in log[-new:]):
+        if new and clean and not all(map(was_in_time, log[-new:])):
             all_obeyed([cast("SimulatedDevice", _Logged(log[-new:]))])
         if new:
             self._checked_ns = log[-1].at_ns

@@ -45,6 +45,8 @@ class Stream:
         slowest_turn_s: Longest time one revolution may take.
         keepalive: What must be repeated meanwhile, if anything.
         zero_offset_deg: Degrees to add to every device angle.
+        timed: Whether its packets come when they are measured, or soon after; False where they were stored without
+            times, which are made from the samples then.
     """
 
     format: StreamFormat
@@ -55,6 +57,7 @@ class Stream:
     slowest_turn_s: float
     keepalive: Keepalive | None = None
     zero_offset_deg: float = 0.0
+    timed: bool = True
 
     @property
     def most_bytes(self) -> int:
@@ -124,5 +127,6 @@ def raw_stream(
         sample_ns=sample_us * 1e3,
         spin_up_s=0.0,
         slowest_turn_s=LONGEST_REVOLUTION * sample_us * 1e-6,
+        timed=False,
     )
     return RawStream(begin, stream, title, guess)

@@ -87,7 +87,7 @@ class FileDecoder:
             for event in join_runs(list(link.events_received())):
                 if isinstance(event, Packets):
                     yield from assembler.add(event)
-                    if note := assembler.take_note():
+                    if note := assembler.incoming.time.take_note():
                         _log.warning("%s: %s", self.recording.path, note)
         if assembler is not None:
             assembler.end()

@@ -25,8 +25,8 @@ from lidario.errors import InvalidValue, RecordingError
 from lidario.families.base import Family, Known, RawStream, Stream
 from lidario.families.registry import FAMILIES, families_of_model, family_named
 from lidario.measured import later
+from lidario.recording.stored_times import StoredTimes
 from lidario.revolution.assemble import Assembler, AssemblerStats
-from lidario.revolution.timing import DEVICE_DELAY_SAMPLES
 from lidario.scan import Scan
 from lidario.wire.events import Packets
 from lidario.wire.link import Link, LinkStats
@@ -176,7 +176,7 @@ class OfflineDecoder:
         self._link = Link(BLOCK)
         self._link.enter_stream(self.stream.format)
         self._assembler = Assembler(self.stream)
-        self._samples = 0.0
+        self._times = StoredTimes(self.stream)
         self._end_ns = self._behind_ns = 0
 
     @property
@@ -192,7 +192,7 @@ class OfflineDecoder:
     @property
     def elapsed_ns(self) -> int:
         """Time that the samples decoded so far took."""
-        return round(self._samples * self.stream.sample_ns)
+        return self._times.elapsed_ns
 
     def __iter__(self) -> Iterator[Scan]:
         return self.scans_of(self._data[at : at + BLOCK] for at in range(self.begin, len(self._data), BLOCK))
@@ -206,17 +206,8 @@ class OfflineDecoder:
             self._link.receive_data(block, 0)
             for event in self._link.events_received():
                 if isinstance(event, Packets):
-                    yield from map(self._in_time, self._assembler.add(self._dated(event)))
+                    yield from map(self._in_time, self._assembler.add(self._times.dated(event)))
         self._assembler.end()
-
-    def _dated(self, packets: Packets) -> Packets:
-        """The packets, arrived as soon after their last sample as live ones can be."""
-        samples = self.stream.format.samples_in(packets.blocks)
-        if packets.skipped:
-            self._samples += packets.skipped * samples / len(packets.data)
-        self._samples += samples
-        arrived_ns = round((self._samples - 1 + DEVICE_DELAY_SAMPLES) * self.stream.sample_ns)
-        return Packets(packets.data, packets.blocks, ((packets.count, arrived_ns),), packets.skipped)
 
     def _in_time(self, scan: Scan) -> Scan:
         """The scan, not before the one before has ended: packets that are missing without a trace took time too."""

@@ -18,7 +18,7 @@ from lidario.recording.chronicle import Responded, StreamBegan
 from lidario.recording.offline import OfflineDecoder
 from lidario.recording.opened import StoredFile
 from lidario.recording.read import Piece, StoredStream
-from lidario.revolution.timing import DEVICE_DELAY_SAMPLES
+from lidario.recording.stored_times import StoredTimes
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
 
@@ -75,14 +75,14 @@ class RawRecording:
             wall_offset_ns=0,
             zero_offset_deg=0.0,
         )
-        self.streams: tuple[StoredStream, ...] = (StoredStream(found, began),)
+        self.streams: tuple[StoredStream, ...] = (StoredStream(found, began, timed=False),)
 
     def pieces(self) -> Iterator[Piece]:
         """As `StoredStreams.pieces`; a piece has come when its last whole packet was measured."""
         stream = self.streams[0].open()
         link = Link()
         link.enter_stream(stream.format)
-        samples = 0.0
+        times = StoredTimes(stream)
         at_ns = 0
         with StoredFile(self.path, self.size) as file:
             file.seek(self.streams[0].began.at)
@@ -90,7 +90,5 @@ class RawRecording:
                 link.receive_data(data, 0)
                 for event in link.events_received():
                     if isinstance(event, Packets):
-                        here = stream.format.samples_in(event.blocks)
-                        samples += here + event.skipped * here / len(event.data)
-                        at_ns = round((samples - 1 + DEVICE_DELAY_SAMPLES) * stream.sample_ns)
+                        at_ns = times.dated(event).received_ns
                 yield Piece(0, at_ns, data, 0.0)

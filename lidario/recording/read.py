@@ -78,12 +78,14 @@ class StoredStream:
         began: What is known of it.
         end: Place behind its last byte; None where the recording ends in its midst.
         offsets: Where its zero-angle offset changed, in order.
+        timed: Whether it tells when its bytes came.
     """
 
     family: Family
     began: StreamBegan
     end: int | None = None
     offsets: tuple[ZeroOffsetSet, ...] = ()
+    timed: bool = True
 
     def open(self) -> Stream:
         """A fresh format and decoder for it, and all that a session must know.
@@ -100,6 +102,7 @@ class StoredStream:
             spin_up_s=SPIN_UP_S,
             slowest_turn_s=self.began.slowest_turn_s,
             zero_offset_deg=self.began.zero_offset_deg,
+            timed=self.timed,
         )
 
     def _format(self) -> tuple[StreamFormat, Decoder]:

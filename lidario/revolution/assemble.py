@@ -17,11 +17,10 @@ from dataclasses import replace
 from lidario.families.base import Samples, Stream
 from lidario.revolution.build import DatedRevolution, build_scan, turned_by
 from lidario.revolution.count import Beginning, RevolutionCount
-from lidario.revolution.doubled import DoubledPackets
 from lidario.revolution.ended import EndedRevolution
-from lidario.revolution.judge import FALSE_PART, beginning_of, is_broken, is_complete, least_of, samples_missing
+from lidario.revolution.incoming import Incoming
+from lidario.revolution.judge import beginning_of, is_broken, is_complete, is_false_part, least_of, samples_missing
 from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
-from lidario.revolution.sample_time import SampleTime
 from lidario.revolution.seam import Seam, Split
 from lidario.revolution.sparse_speed import dated_angles
 from lidario.revolution.stats import AssemblerStats
@@ -33,10 +32,9 @@ from lidario.wire.events import Packets
 
 __all__ = ["Assembler", "AssemblerStats"]
 
+_ENDLESS_TURNS = 2  # of the slowest ones, after which a revolution that has not ended is given up
 _WORTH_A_BLOCK = 2
 """Revolutions that end together from which they are decoded at once. Live there is one, rarely more."""
-_ENDLESS_REVOLUTIONS = 2
-"""Slowest revolutions' time after which a revolution that has not ended is given up."""
 
 
 class Assembler:
@@ -47,6 +45,9 @@ class Assembler:
         baudrate: Speed of the line in bits a second; 0 when bytes take no time.
         wall_offset_ns: Wall clock minus monotonic clock.
         stats: Counters to add to; fresh ones by default.
+
+    Attributes:
+        incoming: What comes; it knows how long a sample takes.
     """
 
     def __init__(
@@ -54,18 +55,15 @@ class Assembler:
     ) -> None:
         self.stats: AssemblerStats = stats or AssemblerStats()
         self._stream = stream
-        stream.decoder.tell_time(stream.sample_ns)
         self._byte_ns = byte_ns_at(baudrate)
         self._wall_offset_ns = wall_offset_ns
-        self._doubled = DoubledPackets(stream.format, stream.sample_ns, self.stats)
+        self.incoming: Incoming = Incoming(stream, self.stats)
         self._seam = Seam(stream.format.full_turn, stream.format.first_seam)
-        self._endless_ns = _ENDLESS_REVOLUTIONS * 1e9 * stream.slowest_turn_s
+        self._endless_ns = _ENDLESS_TURNS * 1e9 * stream.slowest_turn_s
         self._most_bytes = stream.most_bytes
         self._partial = PartialRevolution(whole=False)
         self._count = RevolutionCount(1e9 * stream.slowest_turn_s)
         self._last_spanned_ns = 0.0
-        self._sample_time = SampleTime(stream.sample_ns)
-        self._measured_sample_ns = 0.0
         # Several revolutions that end together are decoded at once, unless somebody wants parts of each.
         self._by_blocks = True
         self._next_offset_deg: float | None = None
@@ -76,11 +74,6 @@ class Assembler:
     def keeps_offset(self) -> bool:
         """Whether the revolution in the making keeps its zero-angle offset, whatever is set."""
         return False
-
-    def take_note(self) -> str:
-        """What a user should be told of this stream, once; mostly empty."""
-        note, self._sample_time.note = self._sample_time.note, ""
-        return note
 
     def set_zero_offset(self, degrees: float, *, behind: bool = False) -> None:
         """Add another zero-angle offset, clockwise degrees, from the next scan on, or the one `behind` that."""
@@ -94,7 +87,7 @@ class Assembler:
 
     def ends(self, event: Packets) -> Iterator[list[Scan]]:
         """As `add`, one or a block at a time; packets that are left when it is closed are counted as discarded."""
-        event, headings = self._doubled.drop(event)
+        event, headings = self.incoming.take(event)
         if not event.data:
             return
         kept = 0
@@ -166,17 +159,16 @@ class Assembler:
         self._last_spanned_ns = block.revolutions[-1].spanned_ns
         self.stats.unfinished_packets += block.packets
         self.stats.finish(self.stats.unfinished_packets, delivered=True)
-        self._sample_time.add(block.samples.packet_ends[-1], event.arrivals[-1][1])
+        self.incoming.time.add(block.samples.packet_ends[-1], event.arrivals[-1][1])
         scans = [self._deliver(each, self._stream.sample_ns, 0) for each in block.revolutions]
         self._keep_time()
         return scans
 
     def _keep_time(self) -> None:
         """From now on a sample takes what was found that it takes."""
-        if (sample_ns := self._sample_time.ns) != self._stream.sample_ns:
+        if (sample_ns := self.incoming.time.ns) != self._stream.sample_ns:
             self._stream = replace(self._stream, sample_ns=sample_ns)
-            self._stream.decoder.tell_time(sample_ns)
-            self._doubled.tell_time(sample_ns)
+            self.incoming.use_time_of(self._stream)
             # What is remembered of the revolutions before was reckoned by the other time.
             self._count = RevolutionCount(1e9 * self._stream.slowest_turn_s)
             self._last_spanned_ns = 0.0
@@ -214,11 +206,9 @@ class Assembler:
             return None
         if split.broken or split.moved:
             # Only the first mark may stand elsewhere by right. A false one moves the seam there and back.
-            if partial.whole and not partial.moved and (split.broken or self._last_spanned_ns):
-                samples = ended.samples
-                part = samples is not None and samples.certain and split.moved
-                if not (part and samples and ended.count < FALSE_PART * samples.revolution_samples):
-                    self.stats.break_scan()
+            sure = partial.whole and not partial.moved and (split.broken or self._last_spanned_ns)
+            if sure and not (split.moved and is_false_part(ended)):
+                self.stats.break_scan()
             self._count.restart(split.seam / self._stream.format.full_turn)
             return None
         if partial.seam is None:
@@ -236,11 +226,7 @@ class Assembler:
                 self._count.learn_speed(dated_angles(self._stream.format, packets))
             room = 0 if arrays is None else len(arrays.angle)
             samples = self._decode(partial, packets, split, following, room)
-            if samples.certain:
-                measured = samples.ends[-1] + sum([skipped for _, skipped in samples.gaps])
-                self._sample_time.add(measured, packets.arrivals[-1][1])
-            else:
-                self._sample_time.restart()
+            self.incoming.measure(samples, packets)
             self.stats.lost_packets += samples.lost
             self._partial.behind_gap = samples.lost_behind > 0 or not samples.certain
             lost += samples.lost
@@ -286,11 +272,9 @@ class Assembler:
             return None
         spanned_ns = self._last_spanned_ns = ended.spanned_ns
         samples, arrays = ended.samples, ended.arrays
-        if math.isnan(revolution_ns) and not lost:
+        if math.isnan(revolution_ns) and not lost and is_complete(spanned_ns, ended.turn_ns):
             # The revolution before was not seen: what this one holds tells its speed.
-            turn_ns = samples.revolution_samples * ended.sample_ns if samples and samples.certain else math.inf
-            if is_complete(spanned_ns, turn_ns):
-                revolution_ns = spanned_ns
+            revolution_ns = spanned_ns
         arrays.angle = turned_by(arrays.angle, self._stream.zero_offset_deg)
         reported_rpm = math.nan if samples is None else samples.reported_rpm
         made = DatedRevolution(arrays, ended.start_ns, spanned_ns, revolution_ns, reported_rpm, ended.gaps)
@@ -298,17 +282,14 @@ class Assembler:
 
     def _date(self, ended: EndedRevolution) -> None:
         """Fill in the times, as if nothing were missing."""
-        packets, count = ended.packets, ended.count
+        packets = ended.packets
         packet_bytes = self._stream.format.shortest if packets is None else len(packets.data) / packets.count
         ended.sample_ns, ended.told = self._stream.sample_ns, self._stream.sample_ns > 0
         ended.start_ns = first_sample_ns(ended, packet_bytes=packet_bytes, byte_ns=self._byte_ns)
         ended.elapsed_ns = ended.partial.last_ns - ended.start_ns
-        if not ended.sample_ns:
-            # The device does not say: as the last revolution without a gap took.
-            if not ended.lost or not self._measured_sample_ns:
-                self._measured_sample_ns = ended.elapsed_ns / count
-            ended.sample_ns = self._measured_sample_ns
-        ended.spanned_ns = count * ended.sample_ns
+        if not ended.told:
+            ended.sample_ns = self.incoming.time.of(ended)
+        ended.spanned_ns = ended.count * ended.sample_ns
 
     def _judge(self, ended: EndedRevolution, ordinary_ns: float, number: int, packets_before: int) -> float | None:
         """Count a revolution; return what it took, NaN when unknown; None where it makes no scan."""
@@ -348,8 +329,7 @@ class Assembler:
     def _deliver(self, made: DatedRevolution, sample_ns: float, lost: int) -> Scan:
         if self.stats.left_off is not None:
             self.stats.resume(made.start_ns)
-        seq = self._next_seq()
-        self.stats.scans += 1
+        seq, self.stats.scans = self._next_seq(), self.stats.scans + 1
         wall_ns = made.start_ns + self._wall_offset_ns
         return build_scan(self._stream, made, wall_ns=wall_ns, sample_ns=sample_ns, seq=seq, lost=lost)
 

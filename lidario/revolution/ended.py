@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from lidario.families.base import Samples
@@ -49,3 +50,9 @@ class EndedRevolution:
     def count(self) -> int:
         """How many samples it has."""
         return len(self.arrays.angle)
+
+    @property
+    def turn_ns(self) -> float:
+        """What a whole one takes, by the step of its angle; infinite where that is not sure."""
+        samples = self.samples
+        return samples.revolution_samples * self.sample_ns if samples and samples.certain else math.inf

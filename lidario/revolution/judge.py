@@ -14,11 +14,11 @@ from lidario.wire.formats import HEADING_MASK, StreamFormat
 
 __all__ = [
     "BROKEN_SHARE",
-    "FALSE_PART",
     "UNEVEN",
     "beginning_of",
     "is_broken",
     "is_complete",
+    "is_false_part",
     "least_of",
     "packet_time",
     "samples_missing",
@@ -32,7 +32,7 @@ _FEWEST_PACKETS: Final = 3
 """A revolution of which the angles are not certain is delivered when it has so many packets, and took at most so
 many times the time of what it holds and misses."""
 
-FALSE_PART: Final = 0.5
+_FALSE_PART: Final = 0.5
 """Part of a revolution below which what lies between two splits is none: one of the two was false. So there are
 never more scans than revolutions."""
 
@@ -92,6 +92,12 @@ def _samples_of(samples: Samples, lost: int, skipped: int) -> float:
     return max(lost * samples.ends[-1] / len(samples.ends), skipped)
 
 
+def is_false_part(ended: EndedRevolution) -> bool:
+    """Whether so little of a revolution lies between two splits that one of them was false."""
+    samples = ended.samples
+    return samples is not None and samples.certain and ended.count < _FALSE_PART * samples.revolution_samples
+
+
 def is_complete(spanned_ns: float, revolution_ns: float) -> bool:
     """Whether samples without a known gap take as long as the step of their angle says that a revolution takes."""
     return spanned_ns > _WHOLE * revolution_ns
@@ -110,9 +116,9 @@ def least_of(wire: StreamFormat, ended: EndedRevolution, usual_ns: float) -> flo
         return 0.0
     samples = ended.samples
     if samples is None or not samples.certain:
-        return FALSE_PART * usual_ns
+        return _FALSE_PART * usual_ns
     turn_ns = samples.revolution_samples * ended.sample_ns
-    least_ns = FALSE_PART * turn_ns
+    least_ns = _FALSE_PART * turn_ns
     # What is missing at its beginning was lost.
     if ended.spanned_ns >= least_ns:
         return 0.0

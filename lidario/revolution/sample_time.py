@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from lidario.revolution.ended import EndedRevolution
+
 __all__ = ["SampleTime"]
 
 WINDOW_NS: Final = 2_000_000_000
@@ -27,18 +29,30 @@ class SampleTime:
 
     Attributes:
         ns: What counts.
-        note: What is to be told of it, once; empty where nothing is.
+        measured_ns: What it takes where the device tells none, by `of`.
     """
 
     def __init__(self, told_ns: float) -> None:
         self.ns: float = told_ns
-        self.note: str = ""
+        self.measured_ns: float = 0.0
+        self._note = ""
         self._told_ns = told_ns
         self._is_sure = not told_ns
         self._before_ns = 0.0
         self._begin_ns: int | None = None
         self._last_ns = 0
         self._samples = 0
+
+    def of(self, ended: EndedRevolution) -> float:
+        """Where the device tells none: as the last revolution without a gap took."""
+        if not ended.lost or not self.measured_ns:
+            self.measured_ns = ended.elapsed_ns / ended.count
+        return self.measured_ns
+
+    def take_note(self) -> str:
+        """What is to be told of it, once; mostly empty."""
+        note, self._note = self._note, ""
+        return note
 
     def restart(self) -> None:
         """How many samples are missing is not known: count anew."""
@@ -67,7 +81,7 @@ class SampleTime:
         elif abs(measured_ns - before_ns) <= ALIKE * measured_ns:
             self._is_sure = True
             self.ns = (measured_ns + before_ns) / 2
-            self.note = (
+            self._note = (
                 f"the device tells {self._told_ns * 1e-3:.4g} µs a sample, and takes {self.ns * 1e-3:.4g}: "
                 "what is measured counts"
             )

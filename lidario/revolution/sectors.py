@@ -220,7 +220,7 @@ class SectorAssembler(Assembler):
 
     @property
     def _sample_time_ns(self) -> float:
-        return self._stream.sample_ns or self._measured_sample_ns
+        return self._stream.sample_ns or self.incoming.time.measured_ns
 
     def _start_ns(self, here: DividedRevolution) -> int:
         """When the first sample was measured, as far as the packets so far tell."""

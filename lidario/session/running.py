@@ -229,7 +229,7 @@ class Running:
             self._scans += 1
             self._pace.turned(scan, self._dialogue.bytes_received, self._last_packet)
             self._publish(scan)
-        if note := self._assembler.take_note():
+        if note := self._assembler.incoming.time.take_note():
             _log.warning(note)
         if self._totals.assembled.broken_scans > self._discarded:
             self._trouble.tell("revolutions discarded: %d so far", self._totals.assembled.broken_scans)

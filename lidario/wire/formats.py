@@ -36,6 +36,7 @@ __all__ = [
     "Headings",
     "StreamFormat",
     "Stretch",
+    "Ticks",
 ]
 
 NO_PACKET = -1
@@ -56,6 +57,18 @@ HEADINGS_WORTH_AN_ARRAY = 24
 
 Headings: TypeAlias = Sequence[int] | NDArray[np.integer[Any]]
 """Start angles of consecutive packets, with the two flags: a list where they are few, else an array."""
+
+
+class Ticks(NamedTuple):
+    """How a device's clock counts that stands in its packets.
+
+    Attributes:
+        tick_ns: Nanoseconds from one number to the next.
+        wrap: The number that is never reached: 0 stands in its place.
+    """
+
+    tick_ns: int
+    wrap: int
 
 
 class Stretch(NamedTuple):
@@ -85,6 +98,7 @@ class StreamFormat(ABC):
         full_turn: 360 degrees in the unit of `headings`.
         first_seam: Heading at which revolutions begin; None when only marked packets (`BEGINS`) tell.
         self_evident: True when the check value is strong enough to need no second proof.
+        ticks: How the clock counts that its packets carry (`stamps`); None where they carry none.
     """
 
     name: str
@@ -96,10 +110,15 @@ class StreamFormat(ABC):
     full_turn: int
     first_seam: int | None = 0
     self_evident: bool = False
+    ticks: Ticks | None = None
 
     def __init__(self) -> None:
         self._in_step = True
         self._due = 0
+
+    def stamps(self, packets: Packets) -> NDArray[np.int64]:
+        """What the device's clock said at each packet; only where the format has `ticks`."""
+        raise NotImplementedError(f"packets of {self.name} carry no clock, not even those of {packets.count}")
 
     @property
     def ordinary(self) -> int:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidario import HealthStatus, Unsupported
+from lidario import HealthStatus, Scan, Unsupported
 from lidario.families.rplidar.simulated.device import Profile, SimulatedRplidar
 from lidario.families.rplidar.simulated.requests import Request
 from lidario.sim.rooms import make_world
@@ -303,7 +303,7 @@ def test_a_sample_time_that_is_told_wrong_is_measured(
 
     @driven
     async def main() -> None:
-        scans = []
+        scans: list[Scan] = []
         async with rig.open() as lidar, lidar.scans(mode) as stream:
             while len(scans) < 60:
                 scans.append(await anext(stream))

@@ -24,7 +24,7 @@ from lidario.sim.chassis import Chassis
 from lidario.sim.device import Received, SimulatedDevice
 from lidario.sim.server import Server
 
-__all__ = ["PROTECTED", "all_obeyed", "devices_made", "may_discard", "some_discarded"]
+__all__ = ["PROTECTED", "all_obeyed", "devices_made", "may_discard", "some_discarded", "was_in_time"]
 
 UNKNOWN = "unknown to this "
 BOOTING = "still booting"
@@ -66,9 +66,13 @@ def all_obeyed(devices: Iterable[SimulatedDevice]) -> None:
         log = device.log
         for at, each in enumerate(log):
             early = (each.why or each.remark).startswith(("within ", "while "))
-            fine = each.obeyed and not each.remark.startswith("within ")
-            fine = fine or _no_mistake(each) or (device in _served and early)
+            fine = was_in_time(each) or _no_mistake(each) or (device in _served and early)
             assert fine, f"the device discarded:\n{_told(log[max(0, at - 4) : at + 1])}"
+
+
+def was_in_time(request: Received) -> bool:
+    """Whether the device obeyed a request, and would have, had the STOP before it not been ignored."""
+    return request.obeyed and not request.remark.startswith("within ")
 
 
 def some_discarded(devices: Iterable[SimulatedDevice]) -> bool:

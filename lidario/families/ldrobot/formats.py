@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.wire.events import Packets
-from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings
+from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings, Ticks
 from lidario.wire.rows import Crc8, RowFormat
 
 __all__ = ["CRC", "FULL_TURN", "HEAD", "PACKET", "SAMPLES", "SIZE", "AxisFormat", "PacketFormat", "TriangleFormat"]
@@ -67,6 +67,11 @@ class PacketFormat(RowFormat):
     longest = SIZE
     samples = SAMPLES
     full_turn = FULL_TURN
+    ticks = Ticks(1_000_000, 30_000)
+
+    def stamps(self, packets: Packets) -> NDArray[np.int64]:
+        """As `StreamFormat.stamps`, in milliseconds."""
+        return np.frombuffer(packets.data, PACKET)["time"].astype(np.int64)
 
     def measure(self, data: bytearray, at: int) -> int:
         """As `StreamFormat.measure`."""

@@ -1,0 +1,105 @@
+"""When packets came that were stored without times: as soon after their last sample as live ones can.
+
+Samples follow each other evenly, so counting them tells the time. What is missing took time too: the bytes that
+were skipped tell how long, and the clock of the device corrects that, where its packets carry one. It tells of
+outages as well of which no byte was stored.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Final
+
+from lidario.families.base import Stream
+from lidario.revolution.device_clock import StampReader
+from lidario.revolution.timing import DEVICE_DELAY_SAMPLES
+from lidario.wire.events import Arrival, Packets
+from lidario.wire.formats import Ticks
+
+__all__ = ["StoredTimes"]
+
+_BELIEVED: Final = 3
+"""Packets that follow each other, from which their stamps are believed: a false packet may say anything."""
+_BACK_NS: Final = 1_000_000_000
+"""By so much skipped bytes may tell too much. Any more is the long way round: an outage."""
+
+
+class StoredTimes:
+    """Follows one stream.
+
+    Args:
+        stream: What it is.
+    """
+
+    def __init__(self, stream: Stream) -> None:
+        self._wire, self._sample_ns = stream.format, stream.sample_ns
+        self._packet_ns = self._wire.samples * stream.sample_ns
+        self._samples = 0.0
+        self._last_ns = 0
+        self._reader = StampReader(self._wire.ticks, self._packet_ns) if self._wire.ticks else None
+        # Packets that follow each other up to now; the last ones that were believed: their stamp, and how many
+        # samples there were; and whether something since then may be missing.
+        self._run = 0
+        self._believed: tuple[int, float] | None = None
+        self._is_in_doubt = False
+
+    @property
+    def elapsed_ns(self) -> int:
+        """Time that everything so far took."""
+        return round(self._samples * self._sample_ns)
+
+    def dated(self, packets: Packets) -> Packets:
+        """The next packets, with the times at which they came."""
+        samples, arrivals, done = self._wire.samples_in(packets.blocks), list[Arrival](), 0
+        if packets.skipped:
+            self._samples += packets.skipped * samples / len(packets.data)
+        for at, missing in self._corrections(packets):
+            self._samples += (at - done) * self._wire.samples
+            samples -= (at - done) * self._wire.samples
+            if at > done and missing > 0:
+                arrivals.append((at, self._came()))
+            self._samples += missing * self._wire.samples
+            done = at
+        self._samples += samples
+        arrivals.append((packets.count, self._came()))
+        return Packets(packets.data, packets.blocks, tuple(arrivals), packets.skipped)
+
+    def _came(self) -> int:
+        came_ns = round((self._samples - 1 + DEVICE_DELAY_SAMPLES) * self._sample_ns)
+        self._last_ns = max(self._last_ns, came_ns)
+        return self._last_ns
+
+    def _corrections(self, packets: Packets) -> list[tuple[int, int]]:
+        """Before which of these packets more are missing by the device's clock than were skipped."""
+        reader, ticks = self._reader, self._wire.ticks
+        if reader is None or ticks is None:
+            return []
+        stamps = self._wire.stamps(packets)
+        odd = [at for at, _ in reader.gaps(stamps)]
+        reader.add(stamps)
+        if 2 * len(odd) > len(stamps):
+            # The user has named another sample time, or hardly two packets follow each other.
+            self._run, self._is_in_doubt = 0, True
+            return []
+        found, place = list[tuple[int, int]](), self._samples
+        for begin, end in pairwise(sorted({0, *odd, packets.count})):
+            if begin or begin in odd:
+                self._run, self._is_in_doubt = 0, True
+            self._run += end - begin
+            place += (end - begin) * self._wire.samples
+            if self._run >= _BELIEVED:
+                missing = self._missing(int(stamps[end - 1]), place, ticks) if self._is_in_doubt else 0
+                if missing:
+                    found.append((begin, missing))
+                    place += missing * self._wire.samples
+                self._believed, self._is_in_doubt = (int(stamps[end - 1]), place), False
+        return found
+
+    def _missing(self, stamp: int, place: float, ticks: Ticks) -> int:
+        """How many packets more than were counted have passed since the last ones that were believed."""
+        if self._believed is None:
+            return 0
+        before, since = self._believed
+        apart_ns = (stamp - before) % ticks.wrap * ticks.tick_ns - (place - since) * self._sample_ns
+        more_ns = (apart_ns + _BACK_NS) % (ticks.wrap * ticks.tick_ns) - _BACK_NS
+        return round(more_ns / self._packet_ns) if abs(more_ns) > 1.5 * ticks.tick_ns else 0

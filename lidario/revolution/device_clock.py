@@ -1,0 +1,186 @@
+"""When packets were measured, by the clock of the device, where packets tell that.
+
+Bytes come late, by what the adapter, the kernel and the program add: one packet by 1 ms, the next one by 16. The
+device's clock is even. So what it says of a packet, plus how far our clock is ahead of it, is when the packet would
+have come on a line that delays nothing. How far ahead ours is, the packets tell that came soonest: a line below
+all arrivals of the last twenty seconds, and as near to them as can be, since two clocks never run alike.
+
+Such a clock counts in milliseconds, begins anew after half a minute, and a damaged packet that passes its check
+says anything. So several packets that follow each other are asked, each by its own stamp and the samples since, and
+most must agree. Where packets are missing the stamps tell how long, whole revolutions too, which angles hide.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.families.base import Stream
+from lidario.revolution.doubled import FASTEST_TURN_NS
+from lidario.wire.events import Arrival, Packets
+from lidario.wire.formats import Ticks
+
+__all__ = ["DeviceClock", "StampReader"]
+
+_ASKED: Final = 8
+"""Packets whose stamps are compared: of an LD06 20 ms, in which a wrong sample time makes no difference."""
+_FEWEST: Final = 3
+_BUCKET_NS: Final = 500_000_000
+_BUCKETS: Final = 40
+_APART_NS: Final = 1_000_000_000
+"""Least time in which a line is seen; in less, the two clocks run alike."""
+_STEEPEST: Final = 0.02
+"""By so much one clock is faster than another at most: one without a crystal may be off by a hundredth."""
+_EARLY_NS: Final = 100_000_000
+_LATE_NS: Final = 2_000_000_000
+"""What comes so much earlier or later than any has come is told by another clock: the device was restarted."""
+
+Stamps: TypeAlias = NDArray[np.int64]
+_Point: TypeAlias = tuple[float, float]
+"""When by the device's clock, and how far ours was ahead then."""
+
+
+class StampReader:
+    """Reads the stamps of one stream.
+
+    Args:
+        ticks: How the device's clock counts.
+        packet_ns: What a packet takes.
+    """
+
+    def __init__(self, ticks: Ticks, packet_ns: float) -> None:
+        self._tick_ns, self._wrap = ticks.tick_ns, ticks.wrap
+        self._packet_ns = packet_ns
+        self._recent: list[int] = []
+
+    def gaps(self, stamps: Stamps) -> list[tuple[int, float]]:
+        """Which of the next packets do not follow the one before, and how far they are apart in nanoseconds.
+
+        Something is missing there, or a packet is false.
+        """
+        before = self._recent[-1] if self._recent else int(stamps[0]) - round(self._packet_ns / self._tick_ns)
+        apart = np.diff(stamps, prepend=before) % self._wrap * self._tick_ns
+        odd = (np.abs(apart - self._packet_ns) > 1.5 * self._tick_ns).nonzero()[0]
+        return list(zip(odd.tolist(), apart[odd].tolist(), strict=True))
+
+    def restart(self) -> None:
+        """What comes does not follow what came."""
+        self._recent = []
+
+    def add(self, stamps: Stamps) -> None:
+        """The next packets came; they follow each other."""
+        self._recent = (self._recent + stamps[-_ASKED:].tolist())[-_ASKED:]
+
+    def measured(self, expected_ns: float) -> float | None:
+        """When the last packet was measured by that clock, as near as can be to the time expected.
+
+        None where too few packets follow each other to be believed, or they do not agree.
+        """
+        recent, tick_ns = self._recent, self._tick_ns
+        count, wrap_ns = len(recent), self._wrap * tick_ns
+        if count < _FEWEST:
+            return None
+        found = sorted(
+            (stamp * tick_ns - expected_ns + wrap_ns / 2) % wrap_ns - wrap_ns / 2 + behind * self._packet_ns
+            for behind, stamp in enumerate(reversed(recent))
+        )
+        alike = [each for each in found if abs(each - found[count // 2]) <= 2 * tick_ns]
+        if 2 * len(alike) <= count:
+            return None
+        # Each tells from when to when, a tick long. What all of them allow is shorter.
+        return expected_ns + (alike[0] + alike[-1] + tick_ns) / 2
+
+
+class DeviceClock:
+    """Follows the device's clock through one stream.
+
+    Args:
+        stream: The stream. Nothing is changed where its packets carry no clock, nobody knows how long a sample
+            takes, or no packet came at a time of its own.
+    """
+
+    def __init__(self, stream: Stream) -> None:
+        wire = self._wire = stream.format
+        self._reader: StampReader | None = None
+        if wire.ticks is not None and stream.sample_ns and stream.timed:
+            self._reader = StampReader(wire.ticks, wire.samples * stream.sample_ns)
+        # The earliest arrival of each half a second.
+        self._earliest: deque[_Point] = deque(maxlen=_BUCKETS)
+        self._ahead_ns = 0.0
+        self._last_ns = -(1 << 63)
+
+    def dated(self, packets: Packets) -> Packets:
+        """The packets, with the times at which they would have come if nothing delayed them."""
+        reader = self._reader
+        if reader is None:
+            return packets
+        stamps = self._wire.stamps(packets)
+        gaps = deque(reader.gaps(stamps))
+        arrivals: list[Arrival] = []
+        begin = 0
+        for count, at_ns in packets.arrivals:
+            while gaps and gaps[0][0] < count:
+                gap, apart_ns = gaps.popleft()
+                if gap > begin:
+                    reader.add(stamps[begin:gap])
+                    if apart_ns > FASTEST_TURN_NS and (came_ns := self._came(reader, at_ns)) is not None:
+                        arrivals.append((gap, came_ns))
+                reader.restart()
+                begin = gap
+            reader.add(stamps[begin:count])
+            begin = count
+            came_ns = self._came(reader, at_ns, is_last=True)
+            self._last_ns = max(self._last_ns, at_ns) if came_ns is None else came_ns
+            arrivals.append((count, self._last_ns))
+        return Packets(packets.data, packets.blocks, tuple(arrivals), packets.skipped)
+
+    def _came(self, reader: StampReader, at_ns: int, *, is_last: bool = False) -> int | None:
+        """When the last packet of a read at `at_ns` should have come, and not before the one before."""
+        measured_ns = reader.measured(at_ns - self._ahead_ns)
+        if measured_ns is None:
+            return None
+        if is_last:
+            self._learn(measured_ns, at_ns - measured_ns)
+        self._last_ns = max(self._last_ns, min(round(measured_ns + self._ahead_ns), at_ns))
+        return self._last_ns
+
+    def _learn(self, measured_ns: float, ahead_ns: float) -> None:
+        """A packet was measured then, and came when our clock was so far ahead."""
+        earliest = self._earliest
+        if earliest and not -_EARLY_NS < ahead_ns - self._ahead_ns < _LATE_NS:
+            earliest.clear()
+        if not earliest or measured_ns - earliest[-1][0] >= _BUCKET_NS:
+            earliest.append((measured_ns, ahead_ns))
+        elif ahead_ns < earliest[-1][1]:
+            earliest[-1] = (earliest[-1][0], ahead_ns)
+        self._ahead_ns = min(self._line(measured_ns), ahead_ns)
+
+    def _line(self, at_ns: float) -> float:
+        """How far our clock is ahead then, by the earliest arrivals."""
+        points = self._earliest
+        # Half of them lie behind it: one that came late after a pause has no say.
+        middle_ns = points[len(points) // 2][0]
+        if points[-1][0] - points[0][0] < _APART_NS:
+            return min([ahead_ns for _, ahead_ns in points])
+        before, after = next(pair for pair in pairwise(_hull(points)) if pair[1][0] >= middle_ns)
+        slope = _slope(before, after)
+        return before[1] + min(max(slope, -_STEEPEST), _STEEPEST) * (at_ns - before[0])
+
+
+def _hull(points: Iterable[_Point]) -> list[_Point]:
+    """The corners of the line that lies below all points and bends upwards only."""
+    hull: list[_Point] = []
+    for here in points:
+        while len(hull) > 1 and _slope(hull[-2], here) <= _slope(hull[-2], hull[-1]):
+            hull.pop()
+        hull.append(here)
+    return hull
+
+
+def _slope(before: _Point, after: _Point) -> float:
+    return (after[1] - before[1]) / (after[0] - before[0])

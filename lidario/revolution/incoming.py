@@ -1,0 +1,50 @@
+"""What comes, before revolutions are made of it: each packet once, at its time; and how long a sample takes."""
+
+from __future__ import annotations
+
+from lidario.families.base import Samples, Stream
+from lidario.revolution.device_clock import DeviceClock
+from lidario.revolution.doubled import DoubledPackets
+from lidario.revolution.sample_time import SampleTime
+from lidario.revolution.stats import AssemblerStats
+from lidario.wire.events import Packets
+from lidario.wire.formats import Headings
+
+__all__ = ["Incoming"]
+
+
+class Incoming:
+    """Follows one stream.
+
+    Args:
+        stream: The stream.
+        stats: Where packets are counted that came twice.
+
+    Attributes:
+        time: How long a sample takes.
+    """
+
+    def __init__(self, stream: Stream, stats: AssemblerStats) -> None:
+        stream.decoder.tell_time(stream.sample_ns)
+        self.time: SampleTime = SampleTime(stream.sample_ns)
+        self._doubled = DoubledPackets(stream.format, stream.sample_ns, stats)
+        self._clock = DeviceClock(stream)
+
+    def take(self, event: Packets) -> tuple[Packets, Headings]:
+        """The next packets, perhaps none, and their headings; none twice, and dated by the device's clock."""
+        event, headings = self._doubled.drop(event)
+        return (self._clock.dated(event), headings) if event.data else (event, headings)
+
+    def measure(self, samples: Samples, packets: Packets) -> None:
+        """These packets were decoded to those samples."""
+        if samples.certain:
+            measured = samples.ends[-1] + sum([skipped for _, skipped in samples.gaps])
+            self.time.add(measured, packets.arrivals[-1][1])
+        else:
+            self.time.restart()
+
+    def use_time_of(self, stream: Stream) -> None:
+        """A sample takes as long as this stream says from now on."""
+        stream.decoder.tell_time(stream.sample_ns)
+        self._doubled.tell_time(stream.sample_ns)
+        self._clock = DeviceClock(stream)

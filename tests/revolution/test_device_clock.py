@@ -1,0 +1,188 @@
+"""Times of packets that carry the device's clock: as even as that clock, whatever delays the bytes.
+
+Packets of an LD19 are made here at known times, by the simulated device's packer, and delivered late at random.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from lidario.families.base import Stream
+from lidario.families.ldrobot.device import BEAM
+from lidario.families.ldrobot.simulated.packers import pack_points
+from lidario.model import ScanMode
+from lidario.recording.stored_times import StoredTimes
+from lidario.revolution.assemble import Assembler
+from lidario.revolution.device_clock import DeviceClock
+from lidario.scan import Scan
+from lidario.wire.events import Packets
+from lidario.wire.link import Link
+
+MS = 1_000_000
+RATE = 4500
+PACKET_NS = 12e9 / RATE
+TURNS = 10
+"""A second."""
+WIRE_NS = 2_000_000
+"""What every packet takes until it comes, if nothing delays it."""
+
+
+def stream(*, timed: bool = True) -> Stream:
+    wire = BEAM.wire()
+    mode = ScanMode(0, "Standard", 1e6 / RATE, 12.0, wire.response_type, typical=True)
+    return Stream(wire, BEAM.decoder(), mode, 1e9 / RATE, 1.0, 0.3, timed=timed)
+
+
+def made(seconds: float, *, begin_ms: float = 29_000.0, fast: float = 1.0) -> tuple[bytes, np.ndarray]:
+    """Packets back to back, and when the last sample of each was measured, in nanoseconds of our clock."""
+    count = int(seconds * RATE / 12)
+    times = np.arange(count * 12) / RATE
+    angle = (times * TURNS % 1 * 36_000).astype(int).reshape(-1, 12)
+    stamps = (begin_ms + times[::12] * 1e3 * fast).astype(int) % 30_000
+    data = pack_points(
+        np.full((count, 12), 1000), np.full((count, 12), 200), angle[:, 0], angle[:, -1], milliseconds=stamps
+    )
+    return data, times[11::12] * 1e9
+
+
+def received(data: bytes, reads: Sequence[tuple[int, int]]) -> list[Packets]:
+    """What a link makes of reads: up to which packet, and when."""
+    link, begin, found = Link(), 0, list[Packets]()
+    link.enter_stream(stream().format)
+    for end, at_ns in reads:
+        link.receive_data(data[begin * 47 : end * 47], at_ns)
+        begin = end
+        found += [event for event in link.events_received() if isinstance(event, Packets)]
+    return found
+
+
+def late_reads(times: np.ndarray, seed: int, latest_ms: float, every: int = 7) -> list[tuple[int, int]]:
+    """Reads of `every` packets, each as late as chance has it; what is read next never comes before that."""
+    late, reads, last = (
+        np.random.default_rng(seed).uniform(0, latest_ms * MS, len(times)),
+        list[tuple[int, int]](),
+        0,
+    )
+    for end in range(every, len(times) + 1, every):
+        last = max(last, round(times[end - 1] + WIRE_NS + late[end]))
+        reads.append((end, last))
+    return reads
+
+
+def errors_ms(events: Sequence[Packets], times: np.ndarray) -> list[float]:
+    """How much later than at once the last packet of each read is said to have come."""
+    clock, place, found = DeviceClock(stream()), 0, list[float]()
+    for event in events:
+        for count, at_ns in clock.dated(event).arrivals:
+            found.append((at_ns - times[place + count - 1] - WIRE_NS) / MS)
+        place += event.count
+    return found
+
+
+@pytest.mark.parametrize("latest_ms", [4.0, 16.0, 40.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_times_are_even_though_bytes_come_late(seed: int, latest_ms: float) -> None:
+    data, times = made(40.0)
+    found = errors_ms(received(data, late_reads(times, seed, latest_ms)), times)[300:]
+    # A millisecond is what the device's clock tells. Above that, a sixth of what the line makes of it is left.
+    assert max(found) - min(found) < 1.0 + latest_ms / 6
+
+
+@pytest.mark.parametrize("fast", [0.99, 1.0001, 1.01])
+def test_a_clock_that_goes_otherwise_than_ours_is_followed(fast: float) -> None:
+    data, times = made(60.0, fast=fast)
+    found = errors_ms(received(data, late_reads(times, 1, 16.0)), times)
+    # Two clocks that are a hundredth apart are 600 ms apart at the end of this minute.
+    assert max(found[300:]) < 5.0
+    assert min(found) > -12.0
+
+
+def test_no_packet_comes_before_it_was_read_nor_before_the_one_before() -> None:
+    data, times = made(20.0)
+    reads = late_reads(times, 5, 30.0)
+    clock, last = DeviceClock(stream()), 0
+    for event, (_, at_ns) in zip(received(data, reads), reads, strict=True):
+        ((_, told_ns),) = clock.dated(event).arrivals
+        assert last <= told_ns <= at_ns
+        last = told_ns
+
+
+def test_a_packet_that_passes_its_check_by_chance_says_nothing() -> None:
+    data, times = made(20.0)
+    rows = bytearray(data)
+    for at in range(300, len(times), 50):
+        rows[at * 47 : at * 47 + 47] = pack_points([1000] * 12, [9] * 12, 77, 99, milliseconds=at * 997 % 30_000)
+    found = errors_ms(received(bytes(rows), late_reads(times, 2, 16.0)), times)
+    assert max(found[500:]) < 17.0  # as late as it was read, where the false one is the last
+    assert min(found) > -1.0
+    assert np.median(found[500:]) < 2.0
+
+
+def test_a_device_that_was_restarted_has_another_clock() -> None:
+    data, times = made(10.0)
+    again, later = made(10.0, begin_ms=3.0)
+    times = np.concatenate((times, later + 10.4e9))
+    found = errors_ms(received(data + again, late_reads(times, 3, 16.0)), times)
+    assert max(found[-100:]) < 2.5
+    assert min(found) > -1.0
+
+
+def test_a_loop_that_was_blocked_does_not_date_what_came_meanwhile() -> None:
+    """One read brings what was measured in a second and a half."""
+    data, times = made(20.0)
+    reads = [(end, at) for end, at in late_reads(times, 4, 8.0) if not 5000 < end < 5600]
+    scans = decoded(received(data, reads))
+    apart = [after.stamp_ns - before.stamp_ns for before, after in pairwise(scans)]
+    assert all(abs(each - 100 * MS) < 2.5 * MS for each in apart[20:])
+
+
+def decoded(events: Sequence[Packets]) -> list[Scan]:
+    assembler = Assembler(stream())
+    return [scan for event in events for scan in assembler.add(event)]
+
+
+@pytest.mark.parametrize("turns", [1.0, 2.0, 7.5])
+def test_how_long_an_outage_was_the_stamps_tell_though_all_is_read_at_once(turns: float) -> None:
+    """As behind a loop that was blocked: angles hide whole revolutions, and all bytes have one time."""
+    data, times = made(6.0)
+    gone = round(turns / TURNS * RATE / 12)
+    kept = data[: 800 * 47] + data[(800 + gone) * 47 :]
+    left = np.concatenate((times[:800], times[800 + gone :]))
+    reads = [(end, round(left[end - 1])) for end in range(7, 700, 7)]
+    reads.append((len(left), round(left[-1])))
+    assembler = Assembler(stream())
+    scans = [scan for event in received(kept, reads) for scan in assembler.add(event)]
+    assert scans[-1].seq == pytest.approx(58, abs=1)
+    assert assembler.stats.lost_packets == pytest.approx(gone, abs=2)
+    assert scans[-1].stamp_ns == pytest.approx(5.8e9, abs=5 * MS)
+
+
+@pytest.mark.parametrize("size", [1024, 65536])
+def test_stored_bytes_took_as_long_as_their_stamps_tell(size: int) -> None:
+    data, _ = made(6.0)
+    kept = data[: 800 * 47] + data[1700 * 47 :]
+    times, link, at_ns = StoredTimes(stream(timed=False)), Link(), list[int]()
+    link.enter_stream(stream().format)
+    for begin in range(0, len(kept), size):
+        link.receive_data(kept[begin : begin + size], 0)
+        at_ns += [
+            at
+            for event in link.events_received()
+            if isinstance(event, Packets)
+            for _, at in times.dated(event).arrivals
+        ]
+    assert at_ns == sorted(at_ns)
+    assert at_ns[-1] == pytest.approx(6e9, abs=5 * MS)
+
+
+def test_where_most_stamps_contradict_the_sample_time_that_counts() -> None:
+    data, times = made(1.0, fast=2.5)
+    link = Link()
+    link.enter_stream(stream().format)
+    link.receive_data(data, 0)
+    (event,) = [each for each in link.events_received() if isinstance(each, Packets)]
+    assert StoredTimes(stream(timed=False)).dated(event).received_ns == pytest.approx(times[-1], abs=MS)
