@@ -61,9 +61,8 @@ def test_ydlidar_split_refuses_damage() -> None:
         spoiled[offset] ^= 0x10
         with pytest.raises(ValueError, match=match):
             ydlidar.split(bytes(spoiled))
-    for count in (0, 81):
-        with pytest.raises(ValueError, match=f"{count} samples"):
-            ydlidar.split(raw[:15] + bytes([count]) + raw[16:])
+    with pytest.raises(ValueError, match="0 samples"):
+        ydlidar.split(raw[:15] + bytes([0]) + raw[16:])
     with pytest.raises(ValueError, match="incomplete"):
         ydlidar.split(raw[:-1])
     with pytest.raises(ValueError, match="incomplete header"):

@@ -159,7 +159,7 @@ def test_a_discarded_request_is_found() -> None:
     assert not some_discarded(devices)
     device.receive(commands.GET_INFO.data, 9_000_000)
     assert some_discarded(devices)
-    with pytest.raises(AssertionError, match=r"-9.00 ms  stop a5 25(.|\n)*get_info a5 50  within 10 ms of stop"):
+    with pytest.raises(AssertionError, match=r"-9.00 ms  stop a5 25(.|\n)*get_info a5 50  within 10 ms of a stop"):
         all_obeyed(devices)
 
 

@@ -1,6 +1,6 @@
 """``lidario publish``: a lidar on the network, as a topic of ROS 2 or under a key of zenoh's, until Ctrl-C.
 
-Nothing of ROS is needed on this machine: a zenoh router (``zenohd``, or the ``rmw_zenohd`` of ROS 2) carries it.
+Nothing of ROS is needed on this machine: a zenoh router carries it, `lidario router` or ROS 2's ``rmw_zenohd``.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ T = TypeVar("T")
 _log = logging.getLogger("lidario")
 
 DEFAULT_ROUTER: Final = "tcp/localhost:7447"
-"""Where rmw_zenohd listens, and zenohd."""
+"""Where rmw_zenohd listens, zenohd, and `lidario router`."""
 OPEN_S: Final = 10.0
 CLOSE_S: Final = 2.0
 """Longest time that closing may take; zenoh tells the router, which may be unreachable."""

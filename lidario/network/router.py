@@ -59,7 +59,7 @@ def why_no_router(router: str) -> ConnectFailed:
     """
     protocol, _, rest = router.partition("/")
     absent = ConnectFailed(
-        f"no zenoh router responds at {router}. Start one: zenohd, or ros2 run rmw_zenoh_cpp rmw_zenohd",
+        f"no zenoh router responds at {router}. Start one: lidario router, or ros2 run rmw_zenoh_cpp rmw_zenohd",
         reason="refused",
     )
     place = _PLACE.fullmatch(_place_of(rest))

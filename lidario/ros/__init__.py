@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from lidario.laserscan import LaserScan
+    from lidario.network.broker import Router
     from lidario.network.fleet import RemoteLidar, list_remote_lidars
     from lidario.ros.diagnostics import DiagnosticArray, DiagnosticStatus, diagnostics
     from lidario.ros.fleet import Fleet, FleetScan
@@ -32,6 +33,7 @@ __all__ = [
     "PointCloud2",
     "Publisher",
     "RemoteLidar",
+    "Router",
     "Share",
     "diagnostics",
     "list_remote_lidars",
@@ -40,6 +42,7 @@ __all__ = [
 
 _HOMES = {
     "lidario.laserscan": ("LaserScan",),
+    "lidario.network.broker": ("Router",),
     "lidario.network.fleet": ("RemoteLidar", "list_remote_lidars"),
     "lidario.ros.diagnostics": ("DiagnosticArray", "DiagnosticStatus", "diagnostics"),
     "lidario.ros.fleet": ("Fleet", "FleetScan"),

@@ -45,8 +45,9 @@ BOUNDS = {
     "rplidar-c1": Bounds(beyond=720),
     # Some of the damage is done before anybody listens.
     "ldrobot-ld06": Bounds(told=0.8),
-    # It takes two seconds to know that it only talks. A start packet that came twice makes a revolution of it.
-    "ydlidar-x2": Bounds(scans=35, beyond=20, told=0.6),
+    # It takes two seconds to know that it only talks, and some of the damage is done before. A start packet that
+    # came twice makes a revolution of it.
+    "ydlidar-x2": Bounds(scans=35, beyond=20, told=0.5),
     # DTR switches its motor: each start takes half a second more.
     "ydlidar-x4": Bounds(scans=45),
     "ydlidar-g2": Bounds(told=0.7),

@@ -88,6 +88,8 @@ def test_help_names_every_verb() -> None:
         "watch",
         "plot",
         "stats",
+        "publish",
+        "router",
         "doctor",
         "udev",
         "motor",

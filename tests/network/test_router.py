@@ -69,7 +69,7 @@ def test_somebody_else_listens(listening: int, protocol: str, words: str) -> Non
 def test_nobody_listens(router: str) -> None:
     error = why_no_router(router)
     assert error.reason == "refused"
-    assert str(error).startswith(f"no zenoh router responds at {router}. Start one: zenohd")
+    assert str(error).startswith(f"no zenoh router responds at {router}. Start one: lidario router")
 
 
 @pytest.mark.parametrize(

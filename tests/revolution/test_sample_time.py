@@ -52,6 +52,11 @@ def test_outages_of_whole_revolutions_are_none() -> None:
     assert after(times).ns == TOLD_NS
 
 
+def test_a_program_that_blocks_again_and_again_loses_revolutions_and_says_nothing_of_the_time() -> None:
+    times = [100 * number + 700 * (number // 12) for number in range(200)]
+    assert after(times).ns == TOLD_NS
+
+
 def test_a_line_that_stalls_is_none() -> None:
     """Everything comes late once, then all at the same time."""
     times = [max(100 * number, 3000 if 5 < number < 30 else 0) for number in range(100)]

@@ -43,7 +43,7 @@ def test_no_router_is_told_with_its_cure(arguments: tuple[str, ...]) -> None:
     else:
         done = invoke(*arguments, "--router", address)
     assert done.exit_code == 3
-    assert done.stderr.startswith(f"error: no zenoh router responds at {address}. Start one: zenohd")
+    assert done.stderr.startswith(f"error: no zenoh router responds at {address}. Start one: lidario router")
 
 
 def test_ports_and_the_network_are_two_questions() -> None:

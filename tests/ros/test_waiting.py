@@ -56,8 +56,8 @@ async def test_a_publisher_waits_for_its_router(absent: Router, form: str) -> No
             assert changes == [
                 (
                     False,
-                    f"no zenoh router responds at {absent.address}. Start one: zenohd, or ros2 run rmw_zenoh_cpp "
-                    "rmw_zenohd\nScans are not sent until it is there.",
+                    f"no zenoh router responds at {absent.address}. Start one: lidario router, or ros2 run "
+                    "rmw_zenoh_cpp rmw_zenohd\nScans are not sent until it is there.",
                 )
             ]
             assert not publisher.is_connected

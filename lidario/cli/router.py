@@ -1,0 +1,52 @@
+"""``lidario router``: what publishers and readers of zenoh meet at, until Ctrl-C."""
+
+from __future__ import annotations
+
+import asyncio
+
+import click
+
+from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.streams import emit, message
+
+__all__ = ["router"]
+
+LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+
+
+@click.command()
+@click.option("--listen", "addresses", multiple=True, metavar="ADDRESS",
+              help="Where, in zenoh's notation; several may be given.  [tcp/127.0.0.1:7447]")  # fmt: skip
+@click.option("--config", type=click.Path(), metavar="FILE",
+              help="zenoh's configuration, JSON5: certificates, access control.  [$ZENOH_CONFIG]")  # fmt: skip
+def router(addresses: tuple[str, ...], config: str | None) -> int:
+    """Run a zenoh router, where publishers and readers meet.
+
+    Until Ctrl-C. For this machine alone unless --listen or a configuration says otherwise. Nodes of ROS 2 find it
+    as their own rmw_zenohd. Where it listens is printed.
+    """
+    from lidario.cli.running import run
+
+    async def work() -> None:
+        from lidario.ros import Router
+
+        async with await Router.open(*addresses, config=config) as served:
+            for address in served.addresses:
+                emit(f"{address}\n")
+            message("a zenoh router, until Ctrl-C; for instance")
+            message("  lidario publish --zenoh robots/r7/scan")
+            open_to_all = [each for each in served.addresses if not config and not _is_private(each)]
+            if open_to_all:
+                message(f"everybody who reaches {open_to_all[0]} may publish and read: --config FILE names who may")
+            await asyncio.Event().wait()
+
+    try:
+        run(work)
+    except Stopped:
+        message("")
+    return ExitCode.OK
+
+
+def _is_private(address: str) -> bool:
+    """Whether only this machine reaches it."""
+    return address.partition("/")[2].rpartition(":")[0] in LOOPBACK

@@ -1,0 +1,124 @@
+"""`lidario router` and its engine: zenoh's own clients meet there."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import socket
+from pathlib import Path
+from typing import IO
+
+import pytest
+import zenoh
+
+from lidario.errors import ConnectFailed, InvalidValue
+from lidario.network.broker import LOOPBACK, Router
+from tests.cli.processes import BOUND, invoke, line_of, started
+
+
+def free() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+def rest_of(stream: IO[str] | None) -> str:
+    assert stream is not None
+    return stream.read()
+
+
+def client(address: str) -> zenoh.Session:
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps([address]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("transport/shared_memory/enabled", "false")
+    return zenoh.open(config)
+
+
+async def test_what_one_client_publishes_another_one_reads() -> None:
+    address = free()
+    async with await Router.open(address) as router:
+        assert router.addresses == (address,)
+        reader, writer = await asyncio.to_thread(client, address), await asyncio.to_thread(client, address)
+        came = reader.declare_subscriber("robots/**", zenoh.handlers.FifoChannel(8))
+        publisher = writer.declare_publisher("robots/r7/scan")
+        async with asyncio.timeout(BOUND):
+            while (sample := came.try_recv()) is None:
+                publisher.put(b"scan")
+                await asyncio.sleep(0.05)
+        assert (str(sample.key_expr), sample.payload.to_bytes()) == ("robots/r7/scan", b"scan")
+        for each in (reader, writer):
+            await asyncio.to_thread(each.close)
+
+
+async def test_only_this_machine_reaches_it_by_default(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ZENOH_CONFIG", raising=False)
+    assert LOOPBACK == "tcp/127.0.0.1:7447"
+    address = free()
+    monkeypatch.setattr("lidario.network.broker.LOOPBACK", address)
+    async with await Router.open() as router:
+        assert router.addresses == (address,)
+
+
+async def test_a_place_that_is_taken() -> None:
+    address = free()
+    async with await Router.open(address):
+        with pytest.raises(ConnectFailed, match="another program listens there already") as caught:
+            await Router.open(address)
+        assert caught.value.reason == "busy"
+
+
+@pytest.mark.parametrize("address", ["tcp/192.0.2.1:7447", "tls/127.0.0.1:7447"])
+async def test_a_place_where_it_cannot_listen(address: str) -> None:
+    with pytest.raises(ConnectFailed, match="no router can listen at") as caught:
+        await Router.open(address)
+    assert caught.value.reason == "source"
+    assert "/root" not in str(caught.value)
+    assert ".rs:" not in str(caught.value)
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1:7447", "tcp/localhost", "smoke/signals:1"])
+async def test_what_is_no_address(address: str) -> None:
+    with pytest.raises(InvalidValue, match="is not the address of a router"):
+        await Router.open(address)
+
+
+async def test_a_configuration_says_where(tmp_path: Path) -> None:
+    address = free()
+    file = tmp_path / "router.json5"
+    listen = f'listen: {{ endpoints: ["{address}"] }}'
+    file.write_text(f'{{ mode: "client", {listen}, scouting: {{ multicast: {{ enabled: false }} }} }}')
+    async with await Router.open(config=file) as router:
+        assert router.addresses == (address,)
+    file.write_text("{ nonsense")
+    with pytest.raises(InvalidValue, match="is no configuration of zenoh"):
+        await Router.open(config=file)
+
+
+def test_the_command_serves_until_ctrl_c() -> None:
+    address = free()
+    with started("router", "--listen", address) as process:
+        assert line_of(process.stdout) == f"{address}\n"
+        client(address).close()  # type: ignore[no-untyped-call]
+        process.send_signal(signal.SIGINT)
+        assert process.wait(BOUND) == 0
+        told = rest_of(process.stderr)
+    assert "a zenoh router, until Ctrl-C" in told
+    assert "may publish and read" not in told
+
+
+def test_the_command_says_who_may_reach_it() -> None:
+    port = free().rpartition(":")[2]
+    with started("router", "--listen", f"tcp/0.0.0.0:{port}") as process:
+        line_of(process.stdout)
+        process.send_signal(signal.SIGTERM)
+        process.wait(BOUND)
+        assert "may publish and read: --config FILE names who may" in rest_of(process.stderr)
+
+
+def test_an_error_ends_the_command() -> None:
+    ended = invoke("router", "--listen", "nonsense")
+    assert ended.exit_code == 2
+    assert "is not the address of a router" in ended.stderr
