@@ -12,6 +12,7 @@ from click.shell_completion import CompletionItem
 __all__ = [
     "Duration",
     "FiniteRange",
+    "Place",
     "WholeRange",
     "complete_file",
     "complete_source",
@@ -38,6 +39,24 @@ class Duration(click.ParamType[float]):
         if not 0 < seconds < 1e9:
             self.fail(f"{value!r} is not a duration above 0, such as 10s, 500ms or 2m", param, ctx)
         return seconds
+
+
+class Place(click.ParamType["tuple[float, float, float]"]):
+    """A click type for a place and a direction: ``0.1,0,90``, metres and degrees."""
+
+    name = "place"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, float, float]:
+        """As `click.ParamType.convert`."""
+        try:
+            x, y, yaw = map(float, str(value).split(","))
+        except ValueError:
+            x = y = yaw = math.nan
+        if not math.isfinite(x + y + yaw):
+            self.fail(f"{value!r} is not x,y,yaw in metres and degrees, such as 0.1,0,90", param, ctx)
+        return x, y, yaw
 
 
 class WholeRange(click.IntRange):

@@ -13,7 +13,7 @@ import click
 from click.core import ParameterSource
 
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.parameters import WholeRange, complete_source, guard_option, mode_option
+from lidario.cli.parameters import Duration, Place, WholeRange, complete_source, guard_option, mode_option
 from lidario.cli.streams import ReaderGone, emit, message
 
 if TYPE_CHECKING:
@@ -34,6 +34,9 @@ _OF_ROS: Final = (
     "order",
     "preset",
     "mount_yaw",
+    "mount",
+    "base_frame",
+    "stamps",
 )
 """Options that mean nothing without --ros."""
 
@@ -63,6 +66,16 @@ _OF_ROS: Final = (
               help="Where the angle 0 is: ahead, or behind as with the vendors' drivers.")  # fmt: skip
 @click.option("--mount-yaw", default=0.0, metavar="DEGREES",
               help="Direction of the lidar in its frame, counter-clockwise.")  # fmt: skip
+@click.option("--mount", type=Place(), metavar="X,Y,YAW",
+              help="Where the lidar is on the robot, published on /tf_static: metres forward, metres left, degrees "
+                   "counter-clockwise. Not needed with a robot description.")  # fmt: skip
+@click.option("--base-frame", default="base_link", show_default=True, metavar="NAME",
+              help="Coordinate frame of the robot, for --mount.")  # fmt: skip
+@click.option("--stamps", type=click.Choice(["now", "recorded"]),
+              help="Of a recording: as if it were measured now, or as it was, with /clock for nodes that have "
+                   "use_sim_time.  [now]")  # fmt: skip
+@click.option("--idle-stop", type=Duration(), metavar="TIME",
+              help="Stop laser and motor when nobody has read for so long, until somebody does: 10s.")  # fmt: skip
 @mode_option
 @click.option("--reconnect/--no-reconnect", default=True, show_default=True,
               help="Come back when the lidar is unplugged or restarts.")  # fmt: skip
@@ -75,6 +88,7 @@ def publish(
     router: str,
     robot: str | None,
     mode: str | int | None,
+    idle_stop: float | None,
     reconnect: bool,
     guard: bool,
     **of_ros: Any,
@@ -92,6 +106,14 @@ def publish(
     given = [name for name in _OF_ROS if context.get_parameter_source(name) is ParameterSource.COMMANDLINE]
     if given and not ros:
         raise click.UsageError(f"--{given[0].replace('_', '-')} belongs to --ros", context)
+    from lidario.recording.files import file_source
+
+    is_recorded = file_source(source) is not None
+    stamps = of_ros.pop("stamps")
+    if stamps and not is_recorded:
+        raise click.UsageError(
+            "--stamps is for a recording: a lidar's stamps are those of its measurements", context
+        )
     from lidario.cli.running import run
 
     told: list[Publisher | Share] = []
@@ -104,6 +126,11 @@ def publish(
         options = dict(of_ros)
         options["frame_id"] = options.pop("frame")
         options["mount_yaw"] = math.radians(options["mount_yaw"])
+        if options["mount"]:
+            x, y, yaw = options["mount"]
+            options["mount"] = x, y, math.radians(yaw)
+        options["stamps"] = "now" if is_recorded and stamps != "recorded" else "measured"
+        options["clock"] = stamps == "recorded"
         return Publisher(lidar, router=router, robot=robot, **options)
 
     async def work() -> None:
@@ -119,7 +146,7 @@ def publish(
                 with suppress(ReaderGone, OSError):
                     emit(f"{publisher.key}\n")
                 message(f"publishing {lidar.info.model} {lidar.info.serial} through {router}; Ctrl-C ends it")
-                await publisher.run(mode)
+                await publisher.run(mode, idle_stop=idle_stop)
 
     try:
         run(work)

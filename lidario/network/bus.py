@@ -22,12 +22,13 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 from lidario.errors import ConnectFailed, InvalidValue, Unsupported
 from lidario.network.handover import ITEM_BYTES, Handover
 from lidario.network.router import check_router, why_no_router
+from lidario.network.sender import Sender, declare
 from lidario.port.background import run_in_thread
 
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = ["DEFAULT_ROUTER", "Bus", "Sample", "Sender"]
+__all__ = ["DEFAULT_ROUTER", "Bus", "Sample"]
 
 T = TypeVar("T")
 _log = logging.getLogger("lidario")
@@ -59,22 +60,6 @@ class Sample(NamedTuple):
     key: str
     payload: bytes
     attachment: bytes
-
-
-class Sender:
-    """Publishes under one key."""
-
-    def __init__(self, publisher: Any) -> None:
-        self._publisher = publisher
-
-    def put(self, payload: bytes, attachment: bytes) -> bool:
-        """Send it; False where it could not be sent. While there is no router it is lost, without an error."""
-        try:
-            self._publisher.put(payload, attachment=attachment)
-        except Exception as error:
-            _log.debug("zenoh did not take a message: %s", error)
-            return False
-        return True
 
 
 class Bus:
@@ -139,13 +124,24 @@ class Bus:
         """The id of this session, as zenoh prints it."""
         return str(self._session.zid())
 
-    def sender(self, key: str) -> Sender:
-        """Publish under `key`. Where a router does not keep up, messages are lost: the lidar does not wait."""
-        control = _zenoh().CongestionControl.DROP
+    def sender(self, key: str, *, keeps_last: bool = False) -> Sender:
+        """Publish under `key`. Where a router does not keep up, messages are lost: the lidar does not wait.
+
+        Args:
+            key: Where it goes.
+            keeps_last: Whether those who come later and ask for it get the last message, too: transient local, in
+                the words of ROS 2.
+        """
         with self._told():
-            publisher = self._session.declare_publisher(key, congestion_control=control)
+            publisher = declare(self._session, key, keeps_last=keeps_last)
         self._held.append(publisher)
         return Sender(publisher)
+
+    def watch_readers(self, sender: Sender, changed: Callable[[bool], None]) -> None:
+        """Call `changed` on the event loop when the first reader of `sender` comes, and when the last one goes."""
+        with self._told():
+            listener = sender.watch(lambda status: self._call(changed, bool(status.matching)))
+        self._held.append(listener)
 
     def token(self, key: str) -> None:
         """Show that we are alive: the token is there until this is closed, or its process or line has died."""

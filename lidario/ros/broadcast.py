@@ -20,17 +20,19 @@ from contextlib import suppress
 from functools import partial
 from typing import Final
 
-from lidario.arguments import text_of
+from lidario.arguments import finite, shown, text_of
 from lidario.entered import Entered
-from lidario.errors import ConnectFailed, LidarError, LocalProtocolError
+from lidario.errors import ConnectFailed, InvalidValue, LidarError, LocalProtocolError
 from lidario.model import ScanMode
-from lidario.network.bus import DEFAULT_ROUTER, Bus, Sender
+from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.keys import Attachment, Token, parse_token, status_key, token_key, tokens_of
+from lidario.network.sender import Sender
 from lidario.network.status import Status
 from lidario.recording.about import About
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
 from lidario.session.log import Trouble
+from lidario.session.stream import ScanStream
 from lidario.version import __version__
 
 __all__ = ["Broadcast", "Outlet"]
@@ -54,17 +56,18 @@ class Outlet:
     Attributes:
         sent: How many; those that were lost for want of a router are among them, so that a reader sees a gap.
         gid: 16 bytes that tell the publisher.
+        sender: What sends them.
     """
 
     def __init__(self, sender: Sender, gid: bytes) -> None:
         self.sent: int = 0
         self.gid: bytes = gid
-        self._sender = sender
+        self.sender: Sender = sender
 
     def send(self, payload: bytes) -> bool:
         """Send one message; it is lost where there is no router. False where zenoh did not take it."""
         self.sent += 1
-        return self._sender.put(payload, Attachment(self.sent, time.time_ns(), self.gid).to_bytes())
+        return self.sender.put(payload, Attachment(self.sent, time.time_ns(), self.gid).to_bytes())
 
 
 class Broadcast(Entered):
@@ -107,6 +110,7 @@ class Broadcast(Entered):
         self._ticking: asyncio.Task[None] | None = None
         self._status: Outlet | None = None
         self._trouble = Trouble(_log)
+        self._readers = asyncio.Event()
 
     @property
     @abstractmethod
@@ -129,18 +133,45 @@ class Broadcast(Entered):
     def publish(self, scan: Scan) -> None:
         """Publish a scan. Never waits and never raises: without a router the scan is lost, and counted."""
 
-    async def run(self, mode: str | int | None = None) -> None:
+    @property
+    def is_read(self) -> bool:
+        """Whether anybody reads the scans, as far as the router tells; False without a router."""
+        return self._readers.is_set() and self.is_connected
+
+    async def run(self, mode: str | int | None = None, *, idle_stop: float | None = None) -> None:
         """Start the lidar and publish all its scans, until it is cancelled or another task stops the lidar.
 
         Args:
             mode: As for `Lidar.scans`.
+            idle_stop: Seconds without a reader after which laser and motor are stopped, until the first one comes;
+                None for never.
 
         Raises:
+            InvalidValue: `idle_stop` is not above 0.
             LidarError: As iterating over `Lidar.scans`.
         """
-        async with self.lidar.scans(mode) as stream:
-            async for scan in stream:
-                self.publish(scan)
+        if idle_stop is not None and not finite(idle_stop, "idle_stop") > 0:
+            raise InvalidValue(f"idle_stop is a number of seconds above 0, not {shown(idle_stop)}")
+        while True:
+            async with self.lidar.scans(mode) as stream:
+                if await self._publish_all(stream, idle_stop):
+                    return
+            _log.info("nobody reads %s: the lidar is stopped until somebody does", self.key)
+            await self.lidar.stop()
+            await self._readers.wait()
+
+    async def _publish_all(self, stream: ScanStream, idle_s: float | None) -> bool:
+        """Publish until the stream ends; False where nobody has read anything for so long."""
+        loop = asyncio.get_running_loop()
+        last_read = loop.time()
+        async for scan in stream:
+            self.publish(scan)
+            if idle_s is not None:
+                if self.is_read:
+                    last_read = loop.time()
+                elif loop.time() - last_read >= idle_s:
+                    return False
+        return True
 
     async def start(self) -> None:
         """Show the lidar on the network; ``async with`` does so. Cancelling leaves nothing open.
@@ -205,6 +236,17 @@ class Broadcast(Entered):
 
     def _leave(self) -> None:
         """End what `_declare` began."""
+
+    def _watch_readers(self, bus: Bus, scans: Outlet) -> None:
+        """Know from now on whether anybody reads the scans."""
+
+        def changed(is_read: bool) -> None:
+            if is_read:
+                self._readers.set()
+            else:
+                self._readers.clear()
+
+        bus.watch_readers(scans.sender, changed)
 
     def _each_second(self, status: Status) -> None:
         """The status has been published."""
@@ -274,6 +316,8 @@ class Broadcast(Entered):
             self._trouble.tell(text, other.model, other.serial, other.robot, self.key)
 
     def _router_changed(self, connected: bool) -> None:
+        if not connected:
+            self._readers.clear()
         what = "is back" if connected else "is lost; scans are not sent until it is back"
         self._tell(connected, f"the zenoh router at {self.router} {what}")
 

@@ -22,10 +22,14 @@ from lidario.arguments import shown, text_of, whole
 from lidario.errors import InvalidValue
 
 __all__ = [
+    "CLOCK",
     "DIAGNOSTICS",
     "DISTROS",
     "LASERSCAN",
+    "LATEST_KEPT",
     "POINTCLOUD2",
+    "RELIABLE_10",
+    "TF_MESSAGE",
     "Distro",
     "MessageType",
     "Node",
@@ -41,6 +45,8 @@ NO_HASH: Final = "TypeHashNotSupported"
 RELIABLE_10: Final = "::,10:,:,:,,"
 """Quality of service of a publisher as most nodes have it: reliable, volatile, the last 10. A field that equals the
 default is empty. Readers are never refused because of it (rmw_zenoh's docs/design.md)."""
+LATEST_KEPT: Final = ":1:,1:,:,:,,"
+"""Transient local, the last one: who comes later gets it too."""
 MOST_DOMAIN: Final = 232
 
 _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
@@ -75,6 +81,16 @@ POINTCLOUD2: Final = MessageType(
 DIAGNOSTICS: Final = MessageType(
     "diagnostic_msgs::msg::dds_::DiagnosticArray_",
     "RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
+)
+
+
+TF_MESSAGE: Final = MessageType(
+    "tf2_msgs::msg::dds_::TFMessage_",
+    "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
+)
+CLOCK: Final = MessageType(
+    "rosgraph_msgs::msg::dds_::Clock_",
+    "RIHS01_692f7a66e93a3c83e71765d033b60349ba68023a8c689a79e48078bcb5c58564",
 )
 
 
@@ -120,11 +136,13 @@ class Node:
         """The token that shows the node; `zid` is the id of the zenoh session."""
         return f"@ros2_lv/{self.domain}/{zid}/0/0/NN/%/{_mangled(self.namespace)}/{self.name}"
 
-    def publisher_token(self, zid: str, entity: int, topic: str, kind: MessageType) -> str:
+    def publisher_token(
+        self, zid: str, entity: int, topic: str, kind: MessageType, quality: str = RELIABLE_10
+    ) -> str:
         """The token that shows a publisher; each has its own `entity` number, from 1 on."""
         return (
             f"@ros2_lv/{self.domain}/{zid}/0/{entity}/MP/%/{_mangled(self.namespace)}/{self.name}/"
-            f"{_mangled(topic)}/{kind.part(self.distro)}/{RELIABLE_10}"
+            f"{_mangled(topic)}/{kind.part(self.distro)}/{quality}"
         )
 
 

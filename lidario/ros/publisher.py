@@ -1,6 +1,7 @@
 """A lidar as a topic of ROS 2, without ROS: what a node of rmw_zenoh_cpp would send, from plain zenoh.
 
-Scans go to a topic as ``sensor_msgs/LaserScan``, the health once a second to ``/diagnostics``.
+Scans go to a topic as ``sensor_msgs/LaserScan``, the health once a second to ``/diagnostics``, and where that is
+told, the place of the lidar on its robot to ``/tf_static``.
 
 slam_toolbox drops every scan that has not as many beams as the first one, and the samples in a revolution vary. So
 all scans get the grid of the first one, until several in turn have far more or far fewer samples: then the speed or
@@ -10,15 +11,30 @@ the mode was changed.
 from __future__ import annotations
 
 import time
-from typing import Final
+from dataclasses import replace
+from typing import Final, Literal
 
-from lidario.arguments import text_of
+from lidario.arguments import shown, text_of, yes_or_no
+from lidario.errors import InvalidValue
 from lidario.laserscan import BeamOrder, NoReturn, Preset, beam_count, check_options
 from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.status import Status
 from lidario.ros.broadcast import Broadcast, Outlet
 from lidario.ros.diagnostics import diagnostics
-from lidario.ros.names import DIAGNOSTICS, LASERSCAN, Distro, MessageType, Node, gid_of, qualified
+from lidario.ros.names import (
+    CLOCK,
+    DIAGNOSTICS,
+    LASERSCAN,
+    LATEST_KEPT,
+    RELIABLE_10,
+    TF_MESSAGE,
+    Distro,
+    MessageType,
+    Node,
+    gid_of,
+    qualified,
+)
+from lidario.ros.transform import clock_message, mount_of, static_transform
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
 
@@ -57,9 +73,16 @@ class Publisher(Broadcast):
         no_return: As there.
         mount_yaw: As there.
         preset: As there.
+        mount: Where the lidar is on its robot: metres forward, metres to the left, and radians counter-clockwise.
+            It is published once on ``/tf_static``, and nodes that come later get it too. None where a robot
+            description says so.
+        base_frame: The frame of the robot, for `mount`.
+        stamps: ``measured``: when the first beam was measured. ``now``: as if the revolution were just over, for
+            the scans of a recording.
+        clock: Whether ``/clock`` tells the time of the latest scan, for nodes with ``use_sim_time``.
 
     Raises:
-        InvalidValue: An argument cannot be right.
+        InvalidValue: An argument cannot be right, or `mount` and `mount_yaw` both turn the lidar.
     """
 
     form = "ros"
@@ -83,6 +106,10 @@ class Publisher(Broadcast):
         no_return: NoReturn = "inf",
         mount_yaw: float = 0.0,
         preset: Preset = "rep103",
+        mount: tuple[float, float, float] | None = None,
+        base_frame: str = "base_link",
+        stamps: Literal["measured", "now"] = "measured",
+        clock: bool = False,
     ) -> None:
         super().__init__(lidar, router, robot)
         text_of(namespace, "a namespace")
@@ -98,8 +125,17 @@ class Publisher(Broadcast):
         self._no_return: NoReturn = no_return
         self._mount_yaw = mount_yaw
         self._preset: Preset = preset
+        self._mount = None if mount is None else mount_of(mount)
+        if self._mount is not None and self._mount[2] and mount_yaw:
+            raise InvalidValue("a mount that turns the lidar and mount_yaw would turn it twice: say one of them")
+        self._base_frame = text_of(base_frame, "a frame")
+        if stamps not in ("measured", "now"):
+            raise InvalidValue(f"stamps are 'measured' or 'now', not {shown(stamps)}")
+        self._are_now = stamps == "now"
+        self._tells_time = yes_or_no(clock, "clock")
         self._scans: Outlet | None = None
         self._diagnostics: Outlet | None = None
+        self._clock: Outlet | None = None
 
     @property
     def topic(self) -> str:
@@ -128,18 +164,30 @@ class Publisher(Broadcast):
             mount_yaw=self._mount_yaw,
             preset=self._preset,
         )
+        if self._are_now:
+            late_ns = time.time_ns() - scan.wall_stamp_ns - scan.duration_ns
+            message = replace(message, stamp_ns=message.stamp_ns + late_ns)
+        if self._clock is not None:
+            self._clock.send(clock_message(scan.wall_stamp_ns + scan.duration_ns))
         self._count(self._scans.send(message.to_cdr()))
 
     def _declare(self, bus: Bus) -> bytes:
         bus.token(self._node.node_token(bus.id))
         self._scans = self._outlet(bus, 1, self._topic, LASERSCAN)
         self._diagnostics = self._outlet(bus, 2, "/diagnostics", DIAGNOSTICS)
+        if self._mount is not None:
+            static = self._outlet(bus, 3, "/tf_static", TF_MESSAGE, keeps_last=True)
+            static.send(static_transform(time.time_ns(), self._base_frame, self._frame_id, self._mount))
+        if self._tells_time:
+            self._clock = self._outlet(bus, 4, "/clock", CLOCK)
+        self._watch_readers(bus, self._scans)
         return self._scans.gid
 
-    def _outlet(self, bus: Bus, entity: int, topic: str, kind: MessageType) -> Outlet:
-        token = self._node.publisher_token(bus.id, entity, topic, kind)
+    def _outlet(self, bus: Bus, entity: int, topic: str, kind: MessageType, *, keeps_last: bool = False) -> Outlet:
+        quality = LATEST_KEPT if keeps_last else RELIABLE_10
+        token = self._node.publisher_token(bus.id, entity, topic, kind, quality)
         # The publisher before its token: who sees the token may expect it.
-        outlet = Outlet(bus.sender(self._node.data_key(topic, kind)), gid_of(token))
+        outlet = Outlet(bus.sender(self._node.data_key(topic, kind), keeps_last=keeps_last), gid_of(token))
         bus.token(token)
         return outlet
 

@@ -82,6 +82,7 @@ class Share(Broadcast):
     def _declare(self, bus: Bus) -> bytes:
         gid = gid_of(f"{bus.id}/{self._key}")
         self._outlet = Outlet(bus.sender(self._key), gid)
+        self._watch_readers(bus, self._outlet)
         if self._raw is not None:
             self._raw.begin()
         return gid

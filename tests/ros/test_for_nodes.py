@@ -1,0 +1,171 @@
+"""What nodes of ROS 2 need beside the scans: where the lidar is, what time it is; and a lidar that rests unread."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from contextlib import AsyncExitStack
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from rosbags.typesys import Stores, get_typestore
+from zenoh import ext
+
+import lidario
+from lidario.errors import InvalidValue
+from lidario.network.bus import Bus
+from lidario.network.keys import parse_attachment
+from lidario.ros import Publisher, Share
+from lidario.ros.names import CLOCK, LASERSCAN, LATEST_KEPT, TF_MESSAGE, Node
+from tests.cli.processes import invoke
+from tests.support.network import BOUND_S, Rig, until
+from tests.support.router import Router
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+
+
+async def test_a_node_that_comes_later_learns_where_the_lidar_is(router: Router) -> None:
+    node, came = Node(domain=21), list[Any]()
+    key = node.data_key("/tf_static", TF_MESSAGE)
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        tokens: dict[str, bool] = {}
+        watching = await Bus.open(router.address)
+        stack.push_async_callback(watching.close)
+        watching.watch_tokens("@ros2_lv/21/**", tokens.__setitem__)
+        publisher = Publisher(
+            await rig.open(), domain=21, router=router.address, frame_id="front", mount=(0.2, -0.1, math.pi / 2),
+        )  # fmt: skip
+        async with publisher:
+            zid = publisher._bus.id if publisher._bus else ""
+            await until(lambda: len(tokens) == 4)
+            assert node.publisher_token(zid, 3, "/tf_static", TF_MESSAGE, LATEST_KEPT) in tokens
+            late = await Bus.open(router.address)
+            stack.push_async_callback(late.close)
+            history = ext.HistoryConfig(detect_late_publishers=True)
+            held = ext.declare_advanced_subscriber(late._session, key, came.append, history=history)
+            await until(lambda: came)
+            held.undeclare()  # type: ignore[no-untyped-call]
+    message: Any = STORE.deserialize_cdr(came[0].payload.to_bytes(), "tf2_msgs/msg/TFMessage")
+    (transform,) = message.transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == ("base_link", "front")
+    place, turn = transform.transform.translation, transform.transform.rotation
+    assert (place.x, place.y, place.z) == (0.2, -0.1, 0.0)
+    assert (turn.x, turn.y) == (0.0, 0.0)
+    assert 2 * math.atan2(turn.z, turn.w) == pytest.approx(math.pi / 2)
+    assert parse_attachment(came[0].attachment.to_bytes()) is not None
+
+
+async def test_a_point_is_where_the_transform_says(router: Router) -> None:
+    """A wall one metre ahead of a lidar that looks to the left is left of the robot."""
+    x, y, yaw = 0.2, -0.1, math.pi / 2
+    point = (1.0, 0.0)
+    turned = (
+        math.cos(yaw) * point[0] - math.sin(yaw) * point[1],
+        math.sin(yaw) * point[0] + math.cos(yaw) * point[1],
+    )
+    assert (x + turned[0], y + turned[1]) == pytest.approx((0.2, 0.9))
+
+
+@pytest.mark.parametrize("mount", [(1.0, 2.0), "0,0,0", (1.0, 2.0, math.nan), 3])
+async def test_what_is_no_mount(router: Router, mount: Any) -> None:
+    async with AsyncExitStack() as stack:
+        lidar = await Rig(stack, router).open()
+        with pytest.raises(InvalidValue, match="a mount"):
+            Publisher(lidar, mount=mount)
+
+
+async def test_a_lidar_is_not_turned_twice(router: Router) -> None:
+    async with AsyncExitStack() as stack:
+        lidar = await Rig(stack, router).open()
+        with pytest.raises(InvalidValue, match="would turn it twice"):
+            Publisher(lidar, mount=(0.0, 0.0, 1.0), mount_yaw=1.0)
+
+
+@pytest.mark.parametrize("stamps", ["now", "measured"])
+async def test_stamps_of_a_recording(router: Router, stamps: Any) -> None:
+    """Scans of a year ago are of now, or of then, and then /clock tells what time it was."""
+    node, scans, clocks = Node(domain=22), list[Any](), list[Any]()
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        reader = await Bus.open(router.address)
+        stack.push_async_callback(reader.close)
+        reader.subscribe(node.data_key("/scan", LASERSCAN), scans.append)
+        reader.subscribe(node.data_key("/clock", CLOCK), clocks.append)
+        lidar = await rig.open()
+        publisher = Publisher(lidar, domain=22, router=router.address, stamps=stamps, clock=stamps != "now")
+        async with publisher:
+            scan = await lidar.scan()
+            old = replace_stamp(scan, scan.wall_stamp_ns - 31_536_000_000_000_000)
+            publisher.publish(old)
+            await until(lambda: scans and (clocks or stamps == "now"))
+    laser: Any = STORE.deserialize_cdr(scans[0].payload, "sensor_msgs/msg/LaserScan")
+    at_ns = laser.header.stamp.sec * 10**9 + laser.header.stamp.nanosec
+    if stamps == "now":
+        # Its first beam was the last one that was measured, just now.
+        assert abs(time.time_ns() - at_ns) < BOUND_S * 1e9
+        assert not clocks
+    else:
+        assert at_ns == old.to_laserscan().stamp_ns
+        clock: Any = STORE.deserialize_cdr(clocks[0].payload, "rosgraph_msgs/msg/Clock")
+        assert clock.clock.sec * 10**9 + clock.clock.nanosec == old.wall_stamp_ns + old.duration_ns
+
+
+def replace_stamp(scan: lidario.Scan, wall_stamp_ns: int) -> lidario.Scan:
+    return replace(scan, wall_stamp_ns=wall_stamp_ns)
+
+
+@pytest.mark.parametrize("form", ["ros", "scan", "raw"])
+async def test_a_lidar_that_nobody_reads_rests_until_somebody_does(router: Router, form: str) -> None:
+    device = lidario.simulate("rplidar-s2", spin_up=0)
+    async with AsyncExitStack() as stack:
+        lidar = await stack.enter_async_context(lidario.open_lidar(device))
+        made: Publisher | Share
+        if form == "ros":
+            made = Publisher(lidar, domain=23, router=router.address)
+        else:
+            made = Share(lidar, f"resting/{form}", raw=form == "raw", router=router.address)
+        publisher = await stack.enter_async_context(made)
+        running = asyncio.create_task(publisher.run(idle_stop=0.5))
+        await until(lambda: publisher.scans)
+        await until(lambda: not device.scanning and not device.motor_on)
+        assert [publisher.is_read] == [False]
+        reader = await Bus.open(router.address)
+        stack.push_async_callback(reader.close)
+        came = list[Any]()
+        reader.subscribe(publisher.key, came.append)
+        await until(lambda: came and device.scanning)
+        assert [publisher.is_read] == [True]
+        seen = publisher.scans
+        # Three times as long as it would scan for nobody.
+        await until(lambda: publisher.scans > seen + 15)
+        assert device.scanning
+        await reader.close()
+        await until(lambda: not (device.scanning or device.motor_on))
+        assert not running.done()
+        running.cancel()
+        await asyncio.wait([running])
+
+
+async def test_a_time_that_is_none(router: Router) -> None:
+    async with AsyncExitStack() as stack:
+        share = Share(await Rig(stack, router).open(), "never", router=router.address)
+        with pytest.raises(InvalidValue, match="above 0"):
+            await share.run(idle_stop=0.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--ros", "--stamps", "now", "sim://rplidar-s2"], "--stamps is for a recording"),
+        (["--zenoh", "a/b", "--mount", "0,0,0", "sim://rplidar-s2"], "--mount belongs to --ros"),
+        (["--ros", "--mount", "0,0", "sim://rplidar-s2"], "is not x,y,yaw in metres and degrees"),
+        (["--ros", "--idle-stop", "never", "sim://rplidar-s2"], "is not a duration"),
+    ],
+)
+def test_options_that_mean_nothing(arguments: list[str], told: str) -> None:
+    ended = invoke("publish", *arguments)
+    assert ended.exit_code == 2
+    assert told in ended.stderr
