@@ -140,6 +140,8 @@ class Stats:
         stray_bytes: Bytes outside a stream that are no response.
         drained_bytes: Bytes discarded after a STOP: what the device had still to send.
         discarded_bytes: Bytes that were received and discarded unparsed, because the program was too slow.
+        late_reads: Reads that found the system's buffer full, because this computer was too busy: what is missing
+            then was lost here, and not on the line.
         buffered: Bytes received that belong to nothing complete yet.
         late_responses: Responses to an earlier request, discarded.
         scans: Full revolutions.
@@ -172,6 +174,7 @@ class Stats:
     stray_bytes: int = 0
     drained_bytes: int = 0
     discarded_bytes: int = 0
+    late_reads: int = 0
     buffered: int = 0
     late_responses: int = 0
     scans: int = 0

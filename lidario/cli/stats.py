@@ -50,6 +50,7 @@ class Measured:
         model: Name of the model.
         serial: Its serial number.
         mode: Scan mode.
+        simulated: Whether the lidar is a simulated one, which has no cable.
     """
 
     stamps: list[tuple[int, float]] = field(default_factory=list)
@@ -61,6 +62,7 @@ class Measured:
     model: str = ""
     serial: str = ""
     mode: str = ""
+    simulated: bool = False
 
     def add(self, scan: Scan) -> None:
         """Take in a scan."""
@@ -138,6 +140,7 @@ async def measure(
 
     async with open_lidar(source, guard=guard) as lidar, lidar.scans(mode) as scans:
         into.model, into.serial = lidar.info.model, lidar.info.serial
+        into.simulated = lidar.source.startswith("sim:")
         if await anext(scans, None) is None:
             raise RecordingError(f"{source} holds no full revolution")
         await _for_a_while(lidar, scans, seconds, into)
@@ -165,12 +168,17 @@ def verdict(measured: Measured) -> tuple[str, str]:
     """One word, and its reason with what to do."""
     line = measured.line
     assert line is not None
+    if line.late_reads and (line.missed_scans or line.damaged > TOLERABLE_DAMAGE):
+        return "slow", (
+            f"{percent(line.damaged)} of the packets lost while this computer was busy: {line.late_reads} times "
+            "it read when the buffer was full. Close other programs, or use a mode with fewer samples"
+        )
     if line.missed_scans or line.damaged > TOLERABLE_DAMAGE:
         missed = f" and {line.missed_scans} revolutions lost" if line.missed_scans else ""
-        return "damaged", (
-            f"{percent(line.damaged)} of the packets damaged{missed}. "
-            "Check the cable, the plug, and the power supply (5 V, 1.5 A)"
-        )
+        cure = "Check the cable, the plug, and the power supply (5 V, 1.5 A)"
+        if measured.simulated:
+            cure = "Its simulated faults do that, or this computer is too busy; a real one has a cable to check"
+        return "damaged", f"{percent(line.damaged)} of the packets damaged{missed}. {cure}"
     if line.discarded_bytes:
         return "slow", f"this machine was too busy to read: {line.discarded_bytes} bytes were thrown away"
     if line.dropped_scans:

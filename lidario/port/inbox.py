@@ -69,11 +69,13 @@ class Inbox:
     Attributes:
         last_ns: When it was read last, whether or not anything was there.
         overflow: Bytes that were read and dropped because the inbox was full.
+        full_reads: Reads that found the terminal's buffer full: what came since may be lost.
     """
 
     def __init__(self, handle: int, clock: Callable[[], int], read: Read | None = None) -> None:
         self.last_ns: int = clock()
         self.overflow: int = 0
+        self.full_reads: int = 0
         self._handle = handle
         self._clock = clock
         # Its buffer is used under the lock of this inbox alone.
@@ -141,6 +143,7 @@ class Inbox:
                 data = self._read(self._handle)
                 if not data:
                     raise OSError("the line was hung up")
+            self.full_reads += len(data) >= _FULL_READ
             while len(data) >= _FULL_READ and len(pieces) < _MOST_READS:
                 # All that waited gets one time, or else the last of it would seem to have come late.
                 pieces.append(data)

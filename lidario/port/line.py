@@ -117,3 +117,8 @@ class Line(ABC):
     def overflow_bytes(self) -> int:
         """As `Port.overflow_bytes`."""
         return 0
+
+    @property
+    def full_reads(self) -> int:
+        """As `Port.full_reads`."""
+        return 0

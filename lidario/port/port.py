@@ -99,6 +99,11 @@ class Port(Guarded, asyncio.Protocol):
         """Bytes that were received and dropped because the event loop was blocked until the buffer was full."""
         return 0 if self._line is None else self._line.overflow_bytes
 
+    @property
+    def full_reads(self) -> int:
+        """Reads that found the system's buffer full: this computer came so late that bytes may be lost."""
+        return 0 if self._line is None else self._line.full_reads
+
     def attach(self, receiver: Receiver | None, stops: Stops | None = None) -> None:
         """Set the receiver of what arrives from now on, or None; and what leaves the device still, for a guard.
 

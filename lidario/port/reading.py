@@ -92,6 +92,11 @@ class Reader:
         """Bytes that were read and dropped, because the program did not take them for too long."""
         return self._inbox.overflow
 
+    @property
+    def full_reads(self) -> int:
+        """As `Inbox.full_reads`."""
+        return self._inbox.full_reads
+
     def start(self) -> None:
         """Begin to read; ignored when `stop` was called before."""
         if not self._stopped:

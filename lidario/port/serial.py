@@ -206,6 +206,10 @@ class _SerialLine(Line):
     def overflow_bytes(self) -> int:
         return self._reader.overflow_bytes
 
+    @property
+    def full_reads(self) -> int:
+        return self._reader.full_reads
+
     def write(self, data: bytes) -> None:
         self._reader.wrote(data)
         if not self._transport.get_write_buffer_size():

@@ -1,11 +1,12 @@
 """What a sample takes: what the device tells of it, unless the stream itself says otherwise.
 
 Times, speeds and what is missing all rest on it, and some devices tell it wrong: configuration of another mode, or
-none. So while a stream is young the samples of each read are counted against the time since the read before. Bytes
-come late by any amount, but what comes late once is early the next time; and where whole revolutions are lost,
-which angles hide, most reads still bring all that was measured. So the median of two seconds counts, and a time is
-believed when two such windows measure it alike, both off by more than a tenth. Samples that are known to be missing
-count as if they had come. Once a window agrees with what was told, that is right, and no more is measured.
+none. So while a stream is young the samples of each read are counted against the time since the read before, for
+two seconds. Where a line stalls, what comes late is early the next time, so that the mean is right and most of the
+reads are not; where whole revolutions are lost, which angles hide, most of the reads are right and the mean is
+not. So a time is believed when mean and median agree, in two windows alike, and are off by more than a tenth.
+Samples that are known to be missing count as if they had come. Once a window agrees with what was told, nothing is
+measured any more.
 """
 
 from __future__ import annotations
@@ -22,8 +23,6 @@ WINDOW_NS: Final = 2_000_000_000
 OFF: Final = 0.1
 """The clocks of devices are right to a thousandth, and so is what most of them tell."""
 ALIKE: Final = 0.03
-LIKELY: Final = 0.3
-"""Part of the median by which reads may be off that count."""
 FEWEST: Final = 8
 """Reads of a window at least."""
 
@@ -79,13 +78,15 @@ class SampleTime:
                 self._reads.append((passed_ns, before + samples))
         else:
             if self._last_ns - self._begin_ns >= WINDOW_NS and len(self._reads) >= FEWEST:
-                self._judge(_likely(self._reads))
+                self._judge(_measured(self._reads))
                 self._begin_ns, self._reads = self._last_ns, []
             self._reads.append((came_ns - self._last_ns, samples))
         self._last_ns = came_ns
 
     def _judge(self, measured_ns: float) -> None:
         before_ns, self._before_ns = self._before_ns, measured_ns
+        if not measured_ns:
+            return
         if abs(measured_ns / self._told_ns - 1) <= OFF:
             self._is_sure = True
         elif abs(measured_ns - before_ns) <= ALIKE * measured_ns:
@@ -97,8 +98,8 @@ class SampleTime:
             )
 
 
-def _likely(reads: Sequence[tuple[int, int]]) -> float:
-    """What a sample takes by most of the reads: by the median, and all that are near it."""
+def _measured(reads: Sequence[tuple[int, int]]) -> float:
+    """What a sample takes; 0 where the mean of the reads and most of them do not agree."""
+    mean = sum(passed_ns for passed_ns, _ in reads) / sum(samples for _, samples in reads)
     middle = median(passed_ns / samples for passed_ns, samples in reads)
-    near = [each for each in reads if abs(each[0] / each[1] - middle) <= LIKELY * middle]
-    return sum(passed_ns for passed_ns, _ in near) / sum(samples for _, samples in near)
+    return mean if abs(middle - mean) <= ALIKE * mean else 0.0

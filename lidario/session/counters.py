@@ -54,6 +54,7 @@ class Counters:
             stray_bytes=link.stray_bytes,
             drained_bytes=link.drained_bytes,
             discarded_bytes=link.discarded_bytes,
+            late_reads=link.late_reads,
             buffered=dialogue.buffered,
             late_responses=link.late_responses,
             scans=assembled.scans,

@@ -28,7 +28,7 @@ class Intake(DeviceLine, ABC):
 
     def __init__(self, port: Port) -> None:
         super().__init__(port)
-        self._overflow = port.overflow_bytes
+        self._overflow, self._full_reads = port.overflow_bytes, port.full_reads
         self._turns = Turns(port.now, self.mistaken)
 
     def deliver_to(self, callback: TakePackets | None) -> None:
@@ -43,6 +43,9 @@ class Intake(DeviceLine, ABC):
             # They came before `data`: the port keeps what comes first.
             self._link.discard_data(overflow - self._overflow)
             self._overflow = overflow
+        if (full := self._port.full_reads) != self._full_reads:
+            self._link.stats.late_reads += full - self._full_reads
+            self._full_reads = full
         size, idle = len(data) + DELIVERY_BYTES, self._turns.is_idle
         if not idle and self._turns.size + size > MOST_WAITING:
             self._link.discard_data(len(data), shown=True)

@@ -239,6 +239,7 @@ class Running:
         """What is counted as damaged from now on has come since the last scan."""
         self._broken_before = self._totals.assembled.broken_scans
         self._lost_before = self._totals.assembled.lost_packets
+        self._late_before = self._dialogue.stats.late_reads
 
     def _watch(self) -> None:
         began = self._last_packet == self._began
@@ -271,6 +272,12 @@ class Running:
         """What to look for where packets come and no revolution does."""
         counted = self._totals.assembled
         lost = counted.lost_packets - self._lost_before
+        if (
+            counted.broken_scans > self._broken_before
+            and lost
+            and self._dialogue.stats.late_reads > self._late_before
+        ):
+            return f"{lost} packets of it are lost: this computer was too busy to read them"
         if counted.broken_scans > self._broken_before and lost:
             return f"{lost} packets of it are damaged or missing. Check the cable, the plug and the power supply"
         return "is the rotor blocked?"

@@ -24,6 +24,7 @@ class Traffic:
         dropped_scans: Scans that slow readers of this session missed.
         skipped_bytes: Bytes of a stream that belong to no packet.
         discarded_bytes: Bytes that were thrown away because this program was too slow.
+        late_reads: Reads that came so late that bytes may have been lost before them.
         bytes_a_second: Bytes received a second.
         load: Share of what the line can carry, 0 to 1; None where the line has no speed.
     """
@@ -34,6 +35,7 @@ class Traffic:
     dropped_scans: int
     skipped_bytes: int
     discarded_bytes: int
+    late_reads: int
     bytes_a_second: float
     load: float | None
 
@@ -53,6 +55,7 @@ def traffic(before: Stats, after: Stats, seconds: float, baudrate: int) -> Traff
         dropped_scans=after.dropped_scans - before.dropped_scans,
         skipped_bytes=after.skipped_bytes - before.skipped_bytes,
         discarded_bytes=after.discarded_bytes - before.discarded_bytes,
+        late_reads=after.late_reads - before.late_reads,
         bytes_a_second=rate,
         load=rate * BITS_A_BYTE / baudrate if baudrate else None,
     )

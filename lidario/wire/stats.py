@@ -30,6 +30,7 @@ class LinkStats:
         stray_bytes: Bytes outside a stream that are no response.
         drained_bytes: Bytes thrown away after a STOP.
         discarded_bytes: Bytes that were received but thrown away unparsed, because the host was too slow.
+        late_reads: Reads before which bytes may have been lost, because the host was too slow.
         unread_packets: Of `packets`, those that nobody has taken: what came before its reader, or behind it; those
             that are taken late leave this count again.
         late_responses: Responses nobody waits for: those of an abandoned request, and those that match the pending
@@ -47,6 +48,7 @@ class LinkStats:
     stray_bytes: int = 0
     drained_bytes: int = 0
     discarded_bytes: int = 0
+    late_reads: int = 0
     unread_packets: int = 0
     late_responses: int = 0
 

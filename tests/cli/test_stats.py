@@ -20,7 +20,7 @@ S2 = "sim://rplidar-s2?via=memory&world=circle"
 def line(**changes: float) -> Traffic:
     usual = {
         "packets": 800, "lost_packets": 0, "missed_scans": 0, "dropped_scans": 0, "skipped_bytes": 0,
-        "discarded_bytes": 0, "bytes_a_second": 67_000.0, "load": 0.67,
+        "discarded_bytes": 0, "late_reads": 0, "bytes_a_second": 67_000.0, "load": 0.67,
     }  # fmt: skip
     return Traffic(**{**usual, **changes})  # type: ignore[arg-type]
 
@@ -79,6 +79,9 @@ def test_a_sensor_that_sees_nothing() -> None:
         (measured(missed_scans=1), "damaged"),
         (measured(dropped_scans=1), "slow"),
         (measured(discarded_bytes=1), "slow"),
+        # Late reads that cost nothing are none; and what they cost was not lost on the line.
+        (measured(late_reads=3), "good"),
+        (measured(late_reads=1, lost_packets=8), "slow"),
         (measured(load=0.97), "full"),
         (measured([0.09, 0.11] * 5), "uneven"),
         (measured(returns=0), "blind"),
@@ -91,6 +94,13 @@ def test_the_verdict_is_one_word_and_a_reason(what: Measured, word: str) -> None
     told, reason = verdict(what)
     assert told == word
     assert reason
+
+
+def test_a_simulated_lidar_has_no_cable() -> None:
+    what = measured(lost_packets=80)
+    assert "Check the cable, the plug" in verdict(what)[1]
+    what.simulated = True
+    assert verdict(what)[1].startswith("9.1 % of the packets damaged. Its simulated faults do that, or")
 
 
 def test_a_lost_revolution_is_no_jitter() -> None:

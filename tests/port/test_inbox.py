@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
+import tty
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -154,3 +156,24 @@ def test_a_closed_inbox_reads_nothing_and_waits_for_the_read_in_progress() -> No
     assert inbox.take()[0] == [b"slow"]
     inbox.read()
     assert inbox.size == 0
+
+
+def test_a_read_that_finds_the_buffer_full_is_counted() -> None:
+    ours, theirs = os.openpty()
+    try:
+        tty.setraw(theirs)
+        os.set_blocking(theirs, False)
+        os.set_blocking(ours, False)
+        inbox = Inbox(theirs, lambda: 1)
+        os.write(ours, bytes(1000))
+        inbox.read()
+        assert inbox.full_reads == 0
+        written = 0
+        with contextlib.suppress(BlockingIOError):
+            while written < 100_000:
+                written += os.write(ours, bytes(4096))
+        inbox.read()
+        assert inbox.full_reads == 1
+    finally:
+        os.close(ours)
+        os.close(theirs)

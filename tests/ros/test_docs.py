@@ -62,7 +62,11 @@ def test_every_command(
     words = shlex.split(here(command, router), comments=True)
     if words[0] == "publish":
         # The lidar is a recording, which has an end.
-        words = ["publish", f"{tape}?rate=0", *[word for word in words[1:] if not word.startswith(("/dev/", "run.mcap"))]]
+        words = [
+            "publish",
+            f"{tape}?rate=0",
+            *[word for word in words[1:] if not word.startswith(("/dev/", "run.mcap"))],
+        ]
     done = invoke(*words)
     assert done.exit_code == 0, done.stderr
     if words[0] == "publish":
