@@ -291,6 +291,23 @@ def test_nothing_is_told_as_lost_of_devices_that_are_odd_as_real_ones(model: str
     main()
 
 
+@pytest.mark.parametrize("model", ["rplidar-wrong-us", "rplidar-other-format"])
+def test_simulated_devices_that_tell_their_time_or_format_wrong(model: str) -> None:
+    rig = make_rig("rplidar", model)
+
+    @driven
+    async def main() -> None:
+        async with rig.open() as lidar:
+            scans = await take(lidar, 60)
+            stats = lidar.stats
+        assert stats.lost_packets == stats.missed_scans == stats.skipped_bytes == 0
+        for scan in scans[50:]:
+            assert scan.time_increment_ns == pytest.approx(31_250, rel=0.01)
+            assert scan.rpm == pytest.approx(600, rel=0.01)
+
+    main()
+
+
 @pytest.mark.parametrize("mode", ["Standard", "DenseBoost"])
 @pytest.mark.parametrize("factor", [0.8, 1.25, 2.0, 4.0])
 def test_a_sample_time_that_is_told_wrong_is_measured(

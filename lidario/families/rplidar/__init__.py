@@ -26,6 +26,8 @@ SIMULATED = (
     "rplidar-ultradense",
     "rplidar-holes",
     "rplidar-zero-us",
+    "rplidar-wrong-us",
+    "rplidar-other-format",
     "rplidar-unknown-response",
     "rplidar-no-modes",
     "rplidar-a2-empty-list",

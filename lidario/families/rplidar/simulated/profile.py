@@ -18,7 +18,7 @@ _SPEED_CONFS = {0x01: 0, 0x04: 1, 0x05: 2}
 _MODE_CONFS: dict[int, Callable[[Mode], bytes]] = {
     0x71: lambda mode: struct.pack("<I", mode.said_us_q8),
     0x74: lambda mode: struct.pack("<I", mode.max_distance_q8),
-    0x75: lambda mode: struct.pack("<B", mode.response_type),
+    0x75: lambda mode: struct.pack("<B", mode.said_type),
     0x7F: lambda mode: mode.name.encode("ascii") + b"\0",
 }
 
@@ -35,6 +35,8 @@ class Mode:
         max_distance_q8: Longest range in 1/256 m.
         reported_us_q8: Microseconds a sample as the device *says* (conf 0x71); None = truthfully.
         layout: Response type whose packets are sent; None = that of `response_type`.
+        reported_type: Response type as the device *says* (conf 0x75); None = that of `response_type`, which its
+            descriptor announces.
     """
 
     id: int
@@ -44,6 +46,12 @@ class Mode:
     max_distance_q8: int
     reported_us_q8: int | None = None
     layout: int | None = None
+    reported_type: int | None = None
+
+    @property
+    def said_type(self) -> int:
+        """The response to conf 0x75."""
+        return self.response_type if self.reported_type is None else self.reported_type
 
     @property
     def said_us_q8(self) -> int:

@@ -34,6 +34,7 @@ banner          A1, A2: ArduPilot's driver: 56 to 63 letters that begin with the
 **Formats**: `rplidar-express`, `-hq`, `-ultra` and `-ultradense` stand for no product; each sends one more format.
 
 **Awkward**: modes whose numbers have holes and that come without conf 0x01; 0 µs a sample (rplidar_ros issue 155);
+twice the true µs a sample; another format in conf 0x75 than in the descriptor;
 a response type that no host knows; an empty list of modes, on an S2 and on an A2M6 (rplidar_ros issue 168); an A2
 without an accessory board, at whose motor the host has no hand; a C1 that tells and takes no speed; firmware older
 than 1.24, which has no GET_LIDAR_CONF.
@@ -211,6 +212,28 @@ _AWKWARD = (
         ),
         typical=1,
         oddity="says 0 µs a sample",
+    ),
+    Profile(
+        "rplidar-wrong-us",
+        0x71,
+        1_000_000,
+        (
+            _mode(0, "Standard", 0x81, 16000, 30, reported_us_q8=_q8(125)),
+            _mode(1, "DenseBoost", 0x85, 32000, 30, reported_us_q8=_q8(62.5)),
+        ),
+        typical=1,
+        oddity="tells twice its µs a sample",
+    ),
+    Profile(
+        "rplidar-other-format",
+        0x71,
+        1_000_000,
+        (
+            _mode(0, "Standard", 0x81, 16000, 30),
+            _mode(1, "DenseBoost", 0x85, 32000, 30, reported_type=0x84, reported_us_q8=_q8(62.5)),
+        ),
+        typical=1,
+        oddity="foretells another format",
     ),
     Profile(
         "rplidar-unknown-response",
