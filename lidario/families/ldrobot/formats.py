@@ -67,7 +67,7 @@ class PacketFormat(RowFormat):
     longest = SIZE
     samples = SAMPLES
     full_turn = FULL_TURN
-    ticks = Ticks(1_000_000, 30_000)
+    ticks: Ticks | None = Ticks(1_000_000, 30_000)
 
     def stamps(self, packets: Packets) -> NDArray[np.int64]:
         """As `StreamFormat.stamps`, in milliseconds."""
