@@ -224,12 +224,12 @@ class SyncLidar:
             self._thread.call(remove)
 
     def record(
-        self, path: str | os.PathLike[str], *, scans: bool = False, overwrite: bool = False
+        self, path: str | os.PathLike[str], *, scans: bool = False, overwrite: bool = False, sync: bool = True
     ) -> SyncRecording:
         """As `Lidar.record`, for use in ``with``."""
 
         async def made() -> Recording:
-            return self._lidar.record(path, scans=scans, overwrite=overwrite)
+            return self._lidar.record(path, scans=scans, overwrite=overwrite, sync=sync)
 
         return SyncRecording(self._thread, self._thread.call(made))
 

@@ -43,6 +43,8 @@ class _Told:
 @mode_option
 @click.option("--scans", is_flag=True, help="Write each scan too, as LaserScan on the topic /scan.")
 @click.option("--force", is_flag=True, help="Replace a file that is there already.")
+@click.option("--sync/--no-sync", default=True, show_default=True,
+              help="Have the disk write once a second: a power cut costs no more than that.")  # fmt: skip
 @guard_option
 def record(
     source: str,
@@ -52,6 +54,7 @@ def record(
     mode: str | int | None,
     scans: bool,
     force: bool,
+    sync: bool,
     guard: bool,
 ) -> int:
     """Record a lidar to a file, every byte in both directions.
@@ -67,7 +70,7 @@ def record(
         raise click.BadParameter(f"{path!r} does not end in .mcap", param_hint="-o")
     told = _Told()
     try:
-        run(lambda: _record(told, source, path, seconds, count, mode, scans, force, guard))
+        run(lambda: _record(told, source, path, seconds, count, mode, scans, force, sync, guard))
     except Stopped:
         if seconds is not None or count is not None:
             raise
@@ -88,13 +91,14 @@ async def _record(
     mode: str | int | None,
     scans: bool,
     force: bool,
+    sync: bool,
     guard: bool,
 ) -> None:
     from lidario import open_lidar
 
     with progress(f"opening {source} …") as show:
         async with open_lidar(source, guard=guard) as lidar:
-            recording = lidar.record(path, scans=scans, overwrite=force)
+            recording = lidar.record(path, scans=scans, overwrite=force, sync=sync)
             async with recording, lidar.scans(mode) as stream:
                 told.recording, told.began = recording, time.monotonic()
                 showing = asyncio.create_task(_show(show, told))

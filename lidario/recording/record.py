@@ -5,7 +5,8 @@ is bounded: when the disk is so slow that it fills, or is full, the recording en
 on. What could not be recorded is counted, and the log says why.
 
 A chunk of the file is complete when a second of the session is in it, and it is handed to the operating system at
-once. So a program that is killed loses at most the last second.
+once, and to the disk. The thread looks four times a second, so a program that is killed, or a power cut, loses the
+last second and a quarter, and what a slow disk takes to write.
 """
 
 from __future__ import annotations
@@ -75,7 +76,7 @@ class Recording(Entered):
 
     _instead = "a recording is made asynchronously: write `async with lidar.record(path):`"
 
-    def __init__(self, path: Path, session: Recorded, *, scans: bool, overwrite: bool) -> None:
+    def __init__(self, path: Path, session: Recorded, *, scans: bool, overwrite: bool, sync: bool) -> None:
         self.path: Path = path
         self.error: CannotRecord | None = None
         self.chunks: int = 0
@@ -83,6 +84,7 @@ class Recording(Entered):
         self._session = session
         self._with_scans = scans
         self._overwrite = overwrite
+        self._sync = sync
         self._offset_ns = 0
         self._about: About | None = None
         self._entries: deque[_Entry] = deque()
@@ -209,7 +211,7 @@ class Recording(Entered):
         """The thread."""
         assert self._about is not None
         try:
-            self._writer = FileWriter(self.path, self._about, overwrite=self._overwrite)
+            self._writer = FileWriter(self.path, self._about, overwrite=self._overwrite, sync=self._sync)
             self._open.set()
             self._write(self._writer)
             self._writer.close()

@@ -11,6 +11,7 @@ Nothing here knows an event loop; `lidario.recording.record` calls it from a thr
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
 import os
 from dataclasses import replace
@@ -84,6 +85,7 @@ class FileWriter:
         path: Where; the folder must exist.
         about: What stands at its beginning.
         overwrite: Whether a file that is there already may be replaced.
+        sync: Whether each chunk is on the disk when `flush` returns, so that it outlasts a power cut.
 
     Attributes:
         size: Bytes of the file so far.
@@ -92,13 +94,14 @@ class FileWriter:
         CannotRecord: It cannot be written, or the package ``mcap`` is missing.
     """
 
-    def __init__(self, path: Path, about: About, *, overwrite: bool = False) -> None:
+    def __init__(self, path: Path, about: About, *, overwrite: bool = False, sync: bool = False) -> None:
         try:
             from mcap.writer import CompressionType, Writer
         except ModuleNotFoundError:
             raise CannotRecord("recording needs mcap, which is not installed: pip install mcap") from None
         self.path = path
         self.size: int = 0
+        self._sync = sync
         self._sink = _Sink()
         self._writer: Any = Writer(
             self._sink,  # type: ignore[arg-type]  # it calls these three methods and no other
@@ -163,6 +166,8 @@ class FileWriter:
         self._pending = 0
         self._writer.flush()
         self._write_out()
+        if self._sync:
+            self._sync_now()
 
     def close(self) -> None:
         """Write the index and close the file.
@@ -173,6 +178,8 @@ class FileWriter:
         try:
             self._writer.finish()
             self._write_out()
+            if self._sync:
+                self._sync_now()
         finally:
             self._file.close()
 
@@ -208,6 +215,14 @@ class FileWriter:
         # Time stamps of MCAP have no sign; the wall clock of a board without battery may begin at 0.
         at_ns = max(0, at_ns)
         self._writer.add_message(self._channels[topic], at_ns, message, at_ns, number & 0xFFFF_FFFF)
+
+    def _sync_now(self) -> None:
+        try:
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            # Some file systems cannot, those of networks for instance. What a disk has lost is another matter.
+            if error.errno not in (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS):
+                raise _failed(self.path, error) from error
 
     def _write_out(self) -> None:
         data = memoryview(self._sink.take())

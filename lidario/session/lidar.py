@@ -226,7 +226,9 @@ class Lidar(Questions, AsyncOnly):
         """Stop calling `tap`. Ignored where it is not there."""
         self._dialogue.remove_tap(tap)
 
-    def record(self, path: str | os.PathLike[str], *, scans: bool = False, overwrite: bool = False) -> Recording:
+    def record(
+        self, path: str | os.PathLike[str], *, scans: bool = False, overwrite: bool = False, sync: bool = True
+    ) -> Recording:
         """Record every byte in both directions to an MCAP file, for use in ``async with``.
 
         A thread writes. It ends with the block, or with the session, or by itself where the disk is full or too
@@ -236,6 +238,7 @@ class Lidar(Questions, AsyncOnly):
             path: The file to make.
             scans: Whether to write each scan too, as ``sensor_msgs/msg/LaserScan`` on the topic ``/scan``.
             overwrite: Whether a file that is there already may be replaced.
+            sync: Whether the disk is told once a second to write, so that a power cut costs 1.25 s and no more.
 
         Raises:
             CannotRecord: When the block is entered: the file cannot be made, ``mcap`` is not installed, or whole
@@ -248,6 +251,7 @@ class Lidar(Questions, AsyncOnly):
             self._recorded,
             scans=yes_or_no(scans, "scans"),
             overwrite=yes_or_no(overwrite, "overwrite"),
+            sync=yes_or_no(sync, "sync"),
         )
 
     async def close(self) -> None:
