@@ -75,7 +75,7 @@ _OF_ROS: Final = (
               help="Of a recording: as if it were measured now, or as it was, with /clock for nodes that have "
                    "use_sim_time.  [now]")  # fmt: skip
 @click.option("--idle-stop", type=Duration(), metavar="TIME",
-              help="Stop laser and motor when nobody has read for so long, until somebody does: 10s.")  # fmt: skip
+              help="Stop laser and motor after this time without a reader, until one comes: 10s.")  # fmt: skip
 @mode_option
 @click.option("--reconnect/--no-reconnect", default=True, show_default=True,
               help="Come back when the lidar is unplugged or restarts.")  # fmt: skip

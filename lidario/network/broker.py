@@ -7,16 +7,18 @@ configuration says otherwise; so it listens to this machine alone unless it is t
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, Self
 
 from lidario.arguments import path_of
 from lidario.errors import ConnectFailed, InvalidValue, Unsupported
-from lidario.network.bus import MISSING
+from lidario.network.bus import CLOSE_S, MISSING
 from lidario.network.router import check_router
 from lidario.port.background import run_in_thread
 
@@ -75,8 +77,16 @@ class Router:
         await self.close()
 
     async def close(self) -> None:
-        """Let every connection break. Cancelling ends the waiting."""
-        await run_in_thread(self._session.close)
+        """Let every connection break, within two seconds. Cancelling ends the waiting."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(CLOSE_S):
+                await run_in_thread(self._close_now)
+
+    def _close_now(self) -> None:
+        import zenoh
+
+        with suppress(zenoh.ZError):
+            self._session.close()
 
 
 def _discard(session: Any) -> None:

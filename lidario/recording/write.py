@@ -120,6 +120,8 @@ class FileWriter:
             self._file = _opened(path, overwrite)
         except OSError as error:
             raise _failed(path, error) from error
+        if sync:
+            _sync_folder(path)
         try:
             self._writer.start(PROFILE, f"lidario {about.lidario}")
             self._writer.add_metadata(NAME, about.as_texts())
@@ -242,6 +244,16 @@ def _opened(path: Path, overwrite: bool) -> io.FileIO:
     if kind:
         raise CannotRecord(f"{path} cannot be written: it is {kind}, and a recording is a file")
     return open(path, "wb" if overwrite else "xb", buffering=0)
+
+
+def _sync_folder(path: Path) -> None:
+    """Have the disk know the name of a new file, too. Where that cannot be done, a power cut may cost the file."""
+    with contextlib.suppress(OSError):
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
 
 
 def _failed(path: Path, error: OSError) -> CannotRecord:

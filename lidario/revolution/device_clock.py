@@ -13,7 +13,7 @@ most must agree. Where packets are missing the stamps tell how long, whole revol
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import Final, TypeAlias
 
@@ -100,8 +100,8 @@ class DeviceClock:
     """Follows the device's clock through one stream.
 
     Args:
-        stream: The stream. Nothing is changed where its packets carry no clock, nobody knows how long a sample
-            takes, or no packet came at a time of its own.
+        stream: The stream. Times stay as they are in three cases: its packets carry no clock, the sample time is
+            not known, or the bytes were stored without times.
     """
 
     def __init__(self, stream: Stream) -> None:
@@ -109,8 +109,9 @@ class DeviceClock:
         self._reader: StampReader | None = None
         if wire.ticks is not None and stream.sample_ns and stream.timed:
             self._reader = StampReader(wire.ticks, wire.samples * stream.sample_ns)
-        # The earliest arrival of each half a second.
+        # The earliest arrival of each half a second, and the line below them: one of its points, and its slope.
         self._earliest: deque[_Point] = deque(maxlen=_BUCKETS)
+        self._line: tuple[_Point, float] = ((0.0, 0.0), 0.0)
         self._ahead_ns = 0.0
         self._last_ns = -(1 << 63)
 
@@ -156,20 +157,22 @@ class DeviceClock:
             earliest.clear()
         if not earliest or measured_ns - earliest[-1][0] >= _BUCKET_NS:
             earliest.append((measured_ns, ahead_ns))
+            self._line = _line_below(earliest)
         elif ahead_ns < earliest[-1][1]:
             earliest[-1] = (earliest[-1][0], ahead_ns)
-        self._ahead_ns = min(self._line(measured_ns), ahead_ns)
+            self._line = _line_below(earliest)
+        (at_ns, then_ns), slope = self._line
+        self._ahead_ns = min(then_ns + slope * (measured_ns - at_ns), ahead_ns)
 
-    def _line(self, at_ns: float) -> float:
-        """How far our clock is ahead then, by the earliest arrivals."""
-        points = self._earliest
-        # Half of them lie behind it: one that came late after a pause has no say.
-        middle_ns = points[len(points) // 2][0]
-        if points[-1][0] - points[0][0] < _APART_NS:
-            return min([ahead_ns for _, ahead_ns in points])
-        before, after = next(pair for pair in pairwise(_hull(points)) if pair[1][0] >= middle_ns)
-        slope = _slope(before, after)
-        return before[1] + min(max(slope, -_STEEPEST), _STEEPEST) * (at_ns - before[0])
+
+def _line_below(points: Sequence[_Point]) -> tuple[_Point, float]:
+    """A point of the line that lies below these and as near as can be, and its slope."""
+    if points[-1][0] - points[0][0] < _APART_NS:
+        return min(points, key=_ahead_of), 0.0
+    # Half of them lie behind it: one that came late after a pause has no say.
+    middle_ns = points[len(points) // 2][0]
+    before, after = next(pair for pair in pairwise(_hull(points)) if pair[1][0] >= middle_ns)
+    return before, min(max(_slope(before, after), -_STEEPEST), _STEEPEST)
 
 
 def _hull(points: Iterable[_Point]) -> list[_Point]:
@@ -180,6 +183,10 @@ def _hull(points: Iterable[_Point]) -> list[_Point]:
             hull.pop()
         hull.append(here)
     return hull
+
+
+def _ahead_of(point: _Point) -> float:
+    return point[1]
 
 
 def _slope(before: _Point, after: _Point) -> float:

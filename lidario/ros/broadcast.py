@@ -143,8 +143,8 @@ class Broadcast(Entered):
 
         Args:
             mode: As for `Lidar.scans`.
-            idle_stop: Seconds without a reader after which laser and motor are stopped, until the first one comes;
-                None for never.
+            idle_stop: Seconds without a reader on the network, after which this stops reading the lidar, until a
+                reader comes. Laser and motor rest then, unless another task reads the lidar. None for never.
 
         Raises:
             InvalidValue: `idle_stop` is not above 0.
@@ -156,12 +156,12 @@ class Broadcast(Entered):
             async with self.lidar.scans(mode) as stream:
                 if await self._publish_all(stream, idle_stop):
                     return
-            _log.info("nobody reads %s: the lidar is stopped until somebody does", self.key)
-            await self.lidar.stop()
+            # Laser and motor stop with the last reader of the lidar. Another task of this program may be one.
+            _log.info("%s has no reader: its lidar rests until one comes", self.key)
             await self._readers.wait()
 
     async def _publish_all(self, stream: ScanStream, idle_s: float | None) -> bool:
-        """Publish until the stream ends; False where nobody has read anything for so long."""
+        """Publish until the stream ends: True. False after so many seconds without a reader."""
         loop = asyncio.get_running_loop()
         last_read = loop.time()
         async for scan in stream:

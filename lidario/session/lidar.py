@@ -238,7 +238,7 @@ class Lidar(Questions, AsyncOnly):
             path: The file to make.
             scans: Whether to write each scan too, as ``sensor_msgs/msg/LaserScan`` on the topic ``/scan``.
             overwrite: Whether a file that is there already may be replaced.
-            sync: Whether the disk is told once a second to write, so that a power cut costs 1.25 s and no more.
+            sync: Whether the disk is told once a second to write, so that a power cut costs little more than that.
 
         Raises:
             CannotRecord: When the block is entered: the file cannot be made, ``mcap`` is not installed, or whole

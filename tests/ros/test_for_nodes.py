@@ -58,17 +58,6 @@ async def test_a_node_that_comes_later_learns_where_the_lidar_is(router: Router)
     assert parse_attachment(came[0].attachment.to_bytes()) is not None
 
 
-async def test_a_point_is_where_the_transform_says(router: Router) -> None:
-    """A wall one metre ahead of a lidar that looks to the left is left of the robot."""
-    x, y, yaw = 0.2, -0.1, math.pi / 2
-    point = (1.0, 0.0)
-    turned = (
-        math.cos(yaw) * point[0] - math.sin(yaw) * point[1],
-        math.sin(yaw) * point[0] + math.cos(yaw) * point[1],
-    )
-    assert (x + turned[0], y + turned[1]) == pytest.approx((0.2, 0.9))
-
-
 @pytest.mark.parametrize("mount", [(1.0, 2.0), "0,0,0", (1.0, 2.0, math.nan), 3])
 async def test_what_is_no_mount(router: Router, mount: Any) -> None:
     async with AsyncExitStack() as stack:
@@ -169,3 +158,44 @@ def test_options_that_mean_nothing(arguments: list[str], told: str) -> None:
     ended = invoke("publish", *arguments)
     assert ended.exit_code == 2
     assert told in ended.stderr
+
+
+async def test_a_reader_of_its_own_program_goes_on_when_nobody_else_reads(router: Router) -> None:
+    device = lidario.simulate("rplidar-s2", spin_up=0)
+    async with AsyncExitStack() as stack:
+        lidar = await stack.enter_async_context(lidario.open_lidar(device))
+        share = await stack.enter_async_context(Share(lidar, "resting/own", router=router.address))
+        running = asyncio.create_task(share.run(idle_stop=0.3))
+        async with lidar.scans() as own:
+            await until(lambda: share.scans)
+            seen = 0
+            async with asyncio.timeout(BOUND_S):
+                # The publisher has left by then.
+                while seen < 15:
+                    seen += (await anext(own)).seq > 0
+            assert device.scanning
+        await until(lambda: not device.scanning)
+        running.cancel()
+        await asyncio.wait([running])
+
+
+async def test_a_reader_that_was_there_before_is_known_and_a_router_that_restarts_forgets_none() -> None:
+    router = Router()
+    device = lidario.simulate("rplidar-s2", spin_up=0)
+    async with AsyncExitStack() as stack:
+        stack.callback(router.stop)
+        reader = await Bus.open(router.address)
+        stack.push_async_callback(reader.close)
+        came = list[Any]()
+        reader.subscribe("resting/before", came.append)
+        lidar = await stack.enter_async_context(lidario.open_lidar(device))
+        share = await stack.enter_async_context(Share(lidar, "resting/before", router=router.address))
+        running = asyncio.create_task(share.run(idle_stop=0.5))
+        await until(lambda: share.is_read and came)
+        router.stop()
+        await until(lambda: not share.is_connected and not device.scanning)
+        seen = len(came)
+        router.start()
+        await until(lambda: share.is_read and len(came) > seen)
+        running.cancel()
+        await asyncio.wait([running])
