@@ -26,7 +26,7 @@ class Incoming:
 
     def __init__(self, stream: Stream, stats: AssemblerStats) -> None:
         stream.decoder.tell_time(stream.sample_ns)
-        self.time: SampleTime = SampleTime(stream.sample_ns)
+        self.time: SampleTime = SampleTime(stream.sample_ns, timed=stream.timed)
         self._doubled = DoubledPackets(stream.format, stream.sample_ns, stats)
         self._clock = DeviceClock(stream)
 

@@ -32,18 +32,19 @@ class SampleTime:
 
     Args:
         told_ns: Nanoseconds that the device tells; 0 where it tells none, and then nothing is measured here.
+        timed: As `Stream.timed`. Times that were made from the sample time cannot speak against it.
 
     Attributes:
         ns: What counts.
         measured_ns: What it takes where the device tells none, by `of`.
     """
 
-    def __init__(self, told_ns: float) -> None:
+    def __init__(self, told_ns: float, *, timed: bool = True) -> None:
         self.ns: float = told_ns
         self.measured_ns: float = 0.0
         self._note = ""
         self._told_ns = told_ns
-        self._is_sure = not told_ns
+        self._is_sure = not (told_ns and timed)
         self._before_ns = 0.0
         self._begin_ns: int | None = None
         self._last_ns = 0

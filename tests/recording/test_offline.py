@@ -18,6 +18,8 @@ import numpy as np
 import pytest
 
 import lidario
+from benchmarks.streams import KINDS as LIVE
+from benchmarks.streams import capture
 from benchmarks.truth_cases import CASES as CASES_OF_LINES
 from benchmarks.truth_cases import happen
 from benchmarks.truth_forms import FORMATS
@@ -28,6 +30,7 @@ from lidario.families.base import Known
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.export import export_mcap
 from lidario.recording.offline import OfflineDecoder
+from lidario.wire.envelope import DESCRIPTOR_SIZE
 from tests.support.cases import CASES, KINDS, Case, named
 from tests.support.ledger import PACKETS, assert_link_closes
 from tests.support.loop import run_driven
@@ -259,3 +262,16 @@ def test_a_recording_without_a_full_revolution_ends_also_in_a_loop(options: str,
                     raise AssertionError("never here")
 
     run_driven(main)
+
+
+def test_packets_that_left_no_trace_say_nothing_of_the_sample_time(caplog: pytest.LogCaptureFixture) -> None:
+    """Times of bare bytes are made from the sample time, so they cannot speak against it."""
+    raw, size = capture(LIVE["0x85 dense"], 8.0), 84
+    packets = [raw[at : at + size] for at in range(DESCRIPTOR_SIZE, len(raw), size)]
+    gone = np.random.default_rng(5).random(len(packets)) < 0.2
+    kept = b"".join(packet for packet, is_gone in zip(packets, gone.tolist(), strict=True) if not is_gone)
+    decoder = OfflineDecoder(raw[:DESCRIPTOR_SIZE] + kept)
+    scans = list(decoder)
+    assert len(scans) > 50
+    assert {scan.time_increment_ns for scan in scans} == {31_250}
+    assert not caplog.records
