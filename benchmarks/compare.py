@@ -5,8 +5,8 @@ and its columns, each of the lines behind it is a row. What became better or wor
 exit status is 1 where anything became worse. A row that only A has counts as worse, unless ``--part`` says that B
 has but some.
 
-What is better depends on the figure: more points kept; fewer wrong; what is told nearer to what is missing. Figures
-that differ by less than a slack, such as two points of ten thousand, are alike; ``--strict`` allows none.
+What is better depends on the figure: more samples kept; fewer wrong; what is told nearer to what is missing.
+Figures that differ by less than a slack, such as two samples of ten thousand, are alike; ``--strict`` allows none.
 """
 
 from __future__ import annotations
@@ -61,13 +61,13 @@ class Change:
     worse: bool
 
 
-def _number(name: str, slack: float = 0.0, *, points: float = 0.0, more: bool = False) -> Figure:
-    """A figure by its name; figures are alike within `slack`, and `points` of all points of the row."""
+def _number(name: str, slack: float = 0.0, *, samples: float = 0.0, more: bool = False) -> Figure:
+    """A figure by its name; figures are alike within `slack`, and `samples` of all samples of the row."""
     sign = -1 if more else 1
     return Figure(
         name,
         lambda row: sign * float(row[name]),
-        lambda row: slack + points * float(row["points"]),
+        lambda row: slack + samples * float(row["samples"]),
         lambda row: str(row[name]),
     )
 
@@ -89,10 +89,10 @@ def _told(what: str, told: str, missing: str) -> Figure:
 
 
 FIGURES: Final = (
-    _number("kept", points=2e-4, more=True),
-    _number("wrong", points=2e-5),
+    _number("kept", samples=2e-4, more=True),
+    _number("wrong", samples=2e-5),
     _number("farthest_deg", 0.1),
-    _number("mixed", points=2e-5),
+    _number("mixed", samples=2e-5),
     _number("twice"),
     _number("delivered", more=True),
     _told("packets told", "told", "missing"),
@@ -101,7 +101,7 @@ FIGURES: Final = (
     _number("seq_off"),
     _part("rpm_off", 0, "half of the scans", 0.05),
     _part("rpm_off", 1, "at most", 0.5),
-    _part("times_off_ms", 0, "half of the points", 0.05),
+    _part("times_off_ms", 0, "half of the samples", 0.05),
     _part("times_off_ms", 1, "at most", 0.5),
     _number("overlap_ms", 0.5),
 )

@@ -43,7 +43,7 @@ class Outcome:
     """What became of one damaged stream.
 
     Attributes:
-        points: Points with a distance in the undamaged scans.
+        samples: Samples with a distance in the undamaged scans.
         kept: Of these, delivered as they are.
         wrong: Points delivered that the undamaged stream does not have.
         missing: Packets of the undamaged stream that did not get through.
@@ -52,7 +52,7 @@ class Outcome:
         told_scans: Revolutions counted as missed.
     """
 
-    points: int
+    samples: int
     kept: int
     wrong: int
     missing: int
@@ -155,8 +155,8 @@ def run(setting: Setting) -> Result:
             table.rows.append(
                 [
                     name,
-                    f"{100 * found.kept / found.points:.1f} %",
-                    f"{100 * found.wrong / found.points:.3f} %" if found.wrong else "0",
+                    f"{100 * found.kept / found.samples:.1f} %",
+                    f"{100 * found.wrong / found.samples:.3f} %" if found.wrong else "0",
                     f"{found.missing}, {found.told}",
                     f"{found.missing_scans}, {found.told_scans}",
                 ]
@@ -181,7 +181,7 @@ def outcome(kind: Kind, damage: str, seed: int) -> Outcome:
         kept += right
         wrong += others
     return Outcome(
-        points=sum(int(np.count_nonzero(scan.device_distances)) for scan in clean),
+        samples=sum(int(np.count_nonzero(scan.device_distances)) for scan in clean),
         kept=kept,
         wrong=wrong,
         missing=packets - got,
@@ -217,7 +217,7 @@ def _received(kind: Kind, data: Bytes, places: Places) -> tuple[list[Scan], Asse
 
 
 def _compared(scan: Scan, clean: Scan) -> tuple[int, int]:
-    """How many points of `scan` are points of `clean`, and how many are not."""
+    """How many samples of `scan` are samples of `clean`, and how many are not."""
     there = scan.device_distances > 0
     angle, distance = scan.device_angles[there], scan.device_distances[there]
     order = np.argsort(clean.device_angles, kind="stable")

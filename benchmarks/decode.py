@@ -8,7 +8,7 @@ from a port in memory, through their own front door, and take them in pieces of 
 opens nothing but a real port: see `benchmarks.flatout`.
 
 The formats of the relatives (`benchmarks.models`) are decoded in chunks of 4 KiB and as whole files. They have 400
-to 2600 points in a revolution, so the cost of a revolution that does not depend on its points weighs more.
+to 2600 samples in a revolution, so the cost of a revolution that does not depend on its samples weighs more.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def _timed(kind: Kind, seconds: float, chunk: int | None, *, convert: bool = Fal
     assembler = Assembler(stream)
     step = chunk or len(raw)
     byte_ns = seconds * 1e9 / len(raw)
-    scans = points = 0
+    scans = samples = 0
     start = time.perf_counter()
     for at in range(0, len(raw), step):
         link.receive_data(raw[at : at + step], int((at + step) * byte_ns))
@@ -124,30 +124,30 @@ def _timed(kind: Kind, seconds: float, chunk: int | None, *, convert: bool = Fal
             if isinstance(event, Packets):
                 for scan in assembler.add(event):
                     scans += 1
-                    points += min(len(scan.angles), len(scan.ranges)) if convert else len(scan)
+                    samples += min(len(scan.angles), len(scan.ranges)) if convert else len(scan)
     took = time.perf_counter() - start
-    return _figures(took, len(raw), scans, points)
+    return _figures(took, len(raw), scans, samples)
 
 
 def _file(kind: Kind, size: int) -> dict[str, float]:
     """Decode a file of about so many bytes as a user would."""
     played = recording(kind)
     raw = played.descriptor + played.head + played.loop * max(1, size // len(played.loop))
-    scans = points = 0
+    scans = samples = 0
     start = time.perf_counter()
     for scan in lidario.decode(raw, family=kind.family):
         scans += 1
-        points += len(scan)
-    return _figures(time.perf_counter() - start, len(raw), scans, points)
+        samples += len(scan)
+    return _figures(time.perf_counter() - start, len(raw), scans, samples)
 
 
-def _figures(seconds: float, size: int, scans: float, points: float) -> dict[str, float]:
+def _figures(seconds: float, size: int, scans: float, samples: float) -> dict[str, float]:
     return {
         "seconds": seconds,
         "scans": scans,
-        "points": points,
+        "samples": samples,
         "mb_per_s": size / seconds / 1e6,
-        "points_per_s": points / seconds,
+        "samples_per_s": samples / seconds,
         "us_per_revolution": seconds / scans * 1e6 if scans else 0.0,
     }
 
@@ -174,7 +174,7 @@ def _peers(
                 environment = setting.peers.environment(package)
                 command = setting.peers.command("decode")
                 got = run_json(command, timeout=_TIMEOUT_S, environment=environment, given=task)
-                figures = _figures(got["seconds"], len(raw), got["scans"], got["points"])
+                figures = _figures(got["seconds"], len(raw), got["scans"], got["samples"])
                 into.setdefault(name, []).append(figures)
             except Failed as failed:
                 why = str(failed)
@@ -190,18 +190,18 @@ def _table(own: dict[str, dict[str, list[dict[str, float]]]]) -> Table:
     ]
     table = Table("decode: lidario, by format and size of the chunks", columns)
     for name, by_chunk in own.items():
-        for what, digits, scale in (("MB/s", 1, 1.0), ("Mpoints/s", 2, 1e-6), ("µs/rev", 0, 1.0)):
-            key = {"MB/s": "mb_per_s", "Mpoints/s": "points_per_s", "µs/rev": "us_per_revolution"}[what]
+        for what, digits, scale in (("MB/s", 1, 1.0), ("Msamples/s", 2, 1e-6), ("µs/rev", 0, 1.0)):
+            key = {"MB/s": "mb_per_s", "Msamples/s": "samples_per_s", "µs/rev": "us_per_revolution"}[what]
             timings = (*(by_chunk[_label(chunk)] for chunk in CHUNKS), by_chunk[CONVERTED])
             cells = [spread([each[key] * scale for each in rounds], digits) for rounds in timings]
             table.rows.append([f"{name}, {what}", *cells])
-    table.notes.append("median (smallest–largest) of the rounds; 3200 points a revolution, 4ROS 2857")
+    table.notes.append("median (smallest–largest) of the rounds; 3200 samples a revolution, 4ROS 2857")
     table.notes.append("degrees and millimetres, as the device has them; last column: and radians and metres")
     return table
 
 
 def _file_table(own: dict[str, dict[str, list[dict[str, float]]]]) -> Table:
-    columns = ["format", "MB/s", "Mpoints/s", "µs/rev", "C++ unpacker, MB/s (not measured here)", "ratio to it"]
+    columns = ["format", "MB/s", "Msamples/s", "µs/rev", "C++ unpacker, MB/s (not measured here)", "ratio to it"]
     table = Table("decode: whole files, lidario.decode", columns)
     for name, by_chunk in own.items():
         rounds = by_chunk[FILE]
@@ -211,7 +211,7 @@ def _file_table(own: dict[str, dict[str, list[dict[str, float]]]]) -> Table:
             [
                 name,
                 spread([each["mb_per_s"] for each in rounds], 1),
-                spread([each["points_per_s"] * 1e-6 for each in rounds], 2),
+                spread([each["samples_per_s"] * 1e-6 for each in rounds], 2),
                 spread([each["us_per_revolution"] for each in rounds], 0),
                 f"{slowest}–{fastest}",
                 f"{speed / fastest:.2f}–{speed / slowest:.2f}",
@@ -225,18 +225,18 @@ def _file_table(own: dict[str, dict[str, list[dict[str, float]]]]) -> Table:
 
 
 def _relatives_table(more: dict[str, dict[str, list[dict[str, float]]]]) -> Table:
-    columns = ["format", "points a revolution", f"{BASELINE} B, MB/s", "µs/rev", "whole file, MB/s", "Mpoints/s"]
+    columns = ["format", "samples a revolution", f"{BASELINE} B, MB/s", "µs/rev", "whole file, MB/s", "Msamples/s"]
     table = Table("decode: the formats of the relatives", columns)
     for name, by_chunk in more.items():
         live, whole = by_chunk[str(BASELINE)], by_chunk[FILE]
         table.rows.append(
             [
                 name,
-                f"{median([each['points'] / each['scans'] for each in whole]):.0f}",
+                f"{median([each['samples'] / each['scans'] for each in whole]):.0f}",
                 spread([each["mb_per_s"] for each in live], 1),
                 spread([each["us_per_revolution"] for each in live], 0),
                 spread([each["mb_per_s"] for each in whole], 1),
-                spread([each["points_per_s"] * 1e-6 for each in whole], 2),
+                spread([each["samples_per_s"] * 1e-6 for each in whole], 2),
             ]
         )
     return table
@@ -247,7 +247,7 @@ def _peer_tables(
     theirs: dict[str, dict[str, list[dict[str, float]]]],
     absent: dict[str, str],
 ) -> list[Table]:
-    columns = ["format, driver", "Mpoints/s", "MB/s", f"speed, lidario at {BASELINE} B = 1", "scans"]
+    columns = ["format, driver", "Msamples/s", "MB/s", f"speed, lidario at {BASELINE} B = 1", "scans"]
     table = Table("decode: other drivers, from a port in memory", columns)
     for name, by_peer in theirs.items():
         if not by_peer:
@@ -258,7 +258,7 @@ def _peer_tables(
             table.rows.append(
                 [
                     f"{name}, {contestant}",
-                    spread([each["points_per_s"] / 1e6 for each in rounds], 2),
+                    spread([each["samples_per_s"] / 1e6 for each in rounds], 2),
                     spread(speeds, 2),
                     ratio(speeds, [each["mb_per_s"] for each in mine]),
                     f"{median([each['scans'] for each in rounds]):.0f}",
@@ -266,8 +266,8 @@ def _peer_tables(
             )
     table.notes += [
         "floor: a bare loop over read(5), which decodes nothing",
-        "the other drivers are given half as long a stream; most leave out points without a return",
-        "PyLidar3 delivers 360 means for each 6000 bytes, so its points are not points",
+        "the other drivers are given half as long a stream; most leave out samples without a return",
+        "PyLidar3 delivers 360 means for each 6000 bytes, so its samples are not samples",
         "formats without a line are read by no other driver; pyrplidarsdk opens only a real port",
         *(f"absent: {who}: {why}" for who, why in absent.items()),
     ]

@@ -8,8 +8,8 @@ The same faults hit other drivers, each in a process of its own, on a pseudo-ter
 (`benchmarks.fault_peers`); they are judged by what their user gets.
 
 Three outcomes are failures, of whomever. It *hangs*: neither a scan nor an error comes for `PATIENCE_S`. It
-*crashes*: an exception that is no `LidarError`, or the process dies. It is *silent*: scans come, points are missing
-or wrong, and no counter tells.
+*crashes*: an exception that is no `LidarError`, or the process dies. It is *silent*: scans come, samples are
+missing or wrong, and no counter tells.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class Outcome:
         damaged: Packets sent while the stream ran that did not arrive intact.
         recovered: Most intact packets in a row that were not recognised behind a damage.
         beyond: Intact packets between the first and the last scan that are in none.
-        wrong: Share of the delivered points that the device has not measured.
+        wrong: Share of the delivered samples that the device has not measured.
         told: Counters that are not 0 though they are without the fault.
         again: What a new session gets, where this one ended; empty where it went on.
     """
@@ -135,7 +135,7 @@ async def _session(model: str, row: str, seed: int) -> Outcome:
     family = sufferer.kind.family
     line = Recorder(device, parse_faults(row, seed=seed), sufferer.kind)
     loop, found = asyncio.get_running_loop(), Outcome("")
-    began, points, wrong = loop.time(), 0, 0
+    began, samples, wrong = loop.time(), 0, 0
     stats: lidario.Stats | None = None
     # When the user is told; closing a device that responds to nothing takes two seconds more.
     told_at = began
@@ -148,7 +148,7 @@ async def _session(model: str, row: str, seed: int) -> Outcome:
                         async for scan in stream:
                             limit.reschedule(loop.time() + PATIENCE_S)
                             found.scans += 1
-                            points += len(scan)
+                            samples += len(scan)
                             wrong += _wrong(scan)
                             discarded.append(lidar.stats.discarded_packets)
                             line.mark()
@@ -166,7 +166,7 @@ async def _session(model: str, row: str, seed: int) -> Outcome:
         found.outcome = _ended(error, row, began, told_at if stats else loop.time())
     except Exception as error:
         found.outcome = f"crashes: {error!r}"
-    found.wrong = wrong / points if points else 0.0
+    found.wrong = wrong / samples if samples else 0.0
     if stats is not None:
         assert_stats_close(stats)
         found.told = {name: count for name in _TELLING if (count := getattr(stats, name))}

@@ -58,22 +58,22 @@ def _figures(rate: str, got: dict[str, Any], played: dict[str, Any]) -> dict[str
     read, seconds = played["written_bytes"][0] - played["lost_bytes"][0], played["active_s"][0]
     got["mb_per_s"] = read / seconds / 1e6
     got["pace"] = played["written_bytes"][0] / seconds / len(recording(RATES[rate].kind).loop)
-    got["points_share"] = got["points_per_s"] / RATES[rate].samples_per_s / got["pace"]
+    got["samples_share"] = got["samples_per_s"] / RATES[rate].samples_per_s / got["pace"]
     got["cpu_s_per_mb"] = got["cpu"] / got["mb_per_s"]
     return got
 
 
 def _table(pace: str, found: dict[str, dict[str, list[dict[str, Any]]]]) -> Table:
-    columns = ["device, reader", "times true pace", "points delivered", "CPU, ms/MB", "lidario = 1"]
+    columns = ["device, reader", "times true pace", "samples delivered", "CPU, ms/MB", "lidario = 1"]
     table = Table(f"through a pseudo-terminal, {pace}", columns)
     for rate, by_name in found.items():
         baseline = _cost(by_name.get("lidario", []))
         for name, rounds in by_name.items():
             cost = _cost(rounds)
             times = spread([each["pace"] for each in rounds], 0)
-            share = f"{100 * median([each['points_share'] for each in rounds]):.0f} %"
+            share = f"{100 * median([each['samples_share'] for each in rounds]):.0f} %"
             table.rows.append([f"{rate}, {name}", times, share, spread(cost, 1), ratio(cost, baseline)])
-    table.notes.append("points delivered: share of those written; some leave out points without a return (2–3 %)")
+    table.notes.append("samples delivered: share of those written; some leave out samples without a return (2–3 %)")
     return table
 
 

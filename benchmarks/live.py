@@ -48,13 +48,13 @@ def _figures(rate: str, got: dict[str, Any], played: dict[str, Any]) -> dict[str
     got["lost_scans"] = lost_scans(arrivals, played["turns"][0])
     got["lost_bytes"] = played["lost_bytes"][0]
     got["player_late_ms"] = played["late_ms"]
-    got["points_share"] = got["points_per_s"] / RATES[rate].samples_per_s
+    got["samples_share"] = got["samples_per_s"] / RATES[rate].samples_per_s
     return got
 
 
 def _table(rate: str, found: dict[str, list[dict[str, Any]]]) -> Table:
     about = RATES[rate]
-    columns = ["reader", "CPU, % of a core", "lidario at 5 ms = 1", "wake-ups/s", "points", "scans", "lost"]
+    columns = ["reader", "CPU, % of a core", "lidario at 5 ms = 1", "wake-ups/s", "samples", "scans", "lost"]
     size = f"{about.samples_per_s // 1000} kS/s"
     table = Table(f"live: {rate}, {size}", [*columns, "bytes lost", "first scan, s", "RSS, MB"])
     baseline = [each["cpu"] for each in next(iter(found.values()), [])]
@@ -66,7 +66,7 @@ def _table(rate: str, found: dict[str, list[dict[str, Any]]]) -> Table:
                 spread([100 * each for each in cpu], 2),
                 ratio(cpu, baseline),
                 f"{median([each['wakeups'] for each in rounds]):.0f}",
-                f"{100 * median([each['points_share'] for each in rounds]):.0f} %",
+                f"{100 * median([each['samples_share'] for each in rounds]):.0f} %",
                 f"{sum(each['scans'] for each in rounds)}",
                 "–" if name == "PyLidar3" else f"{sum(each['lost_scans'] for each in rounds)}",
                 f"{sum(each['lost_bytes'] for each in rounds)}",
@@ -75,9 +75,9 @@ def _table(rate: str, found: dict[str, list[dict[str, Any]]]) -> Table:
             ]
         )
     if rate == "4ROS":
-        table.notes.append("PyLidar3 delivers pieces of 6000 bytes and 360 means of each, not scans and points")
+        table.notes.append("PyLidar3 delivers pieces of 6000 bytes and 360 means of each, not scans and samples")
     else:
         table.notes.append(
-            "pyrplidarsdk, rplidar-roboticia, rplidar, adafruit: without the points that have no return"
+            "pyrplidarsdk, rplidar-roboticia, rplidar, adafruit: without the samples that have no return"
         )
     return table

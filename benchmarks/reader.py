@@ -25,7 +25,7 @@ __all__ = ["read"]
 async def read(task: dict[str, Any]) -> dict[str, Any]:
     """Do what `task` says: paths, family, baudrate, latency, settle_s, window_s, and perhaps busy and every."""
     arrivals: list[list[int]] = [[] for _ in task["paths"]]
-    points: list[list[int]] = [[] for _ in task["paths"]]
+    samples: list[list[int]] = [[] for _ in task["paths"]]
     began = time.monotonic_ns()
     options = {key: task[key] for key in ("family", "baudrate", "latency") if key in task}
     async with AsyncExitStack() as stack:
@@ -33,7 +33,7 @@ async def read(task: dict[str, Any]) -> dict[str, Any]:
             *(stack.enter_async_context(lidario.open_lidar(path, **options)) for path in task["paths"])
         )
         async with asyncio.TaskGroup() as group:
-            readers = [group.create_task(_consume(*each)) for each in zip(lidars, arrivals, points, strict=True)]
+            readers = [group.create_task(_consume(*each)) for each in zip(lidars, arrivals, samples, strict=True)]
             if task.get("busy_s"):
                 readers.append(group.create_task(_busy(task["busy_s"], task["every_s"])))
             while not all(arrivals):  # noqa: ASYNC110 - an event for each would be work in the measured loop
@@ -50,7 +50,7 @@ async def read(task: dict[str, Any]) -> dict[str, Any]:
         "cpu": (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime) / seconds,
         "system": (after.ru_stime - before.ru_stime) / seconds,
         "wakeups": (after.ru_nvcsw - before.ru_nvcsw) / seconds,
-        "points_per_s": sum(map(_rate, arrivals, points)),
+        "samples_per_s": sum(map(_rate, arrivals, samples)),
         "window": [start, end],
         "first_scan_s": (max(each[0] for each in arrivals) - began) * 1e-9,
         "arrivals": arrivals,
@@ -59,18 +59,18 @@ async def read(task: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-async def _consume(lidar: lidario.Lidar, arrivals: list[int], points: list[int]) -> None:
+async def _consume(lidar: lidario.Lidar, arrivals: list[int], samples: list[int]) -> None:
     async with lidar.scans(depth=4) as scans:
         async for scan in scans:
             arrivals.append(time.monotonic_ns())
             # As a program would that wants radians and metres; they are made when they are looked at.
-            points.append(min(len(scan.angles), len(scan.ranges)))
+            samples.append(min(len(scan.angles), len(scan.ranges)))
 
 
-def _rate(arrivals: list[int], points: list[int]) -> float:
+def _rate(arrivals: list[int], samples: list[int]) -> float:
     """Points a second, from the first scan to the last."""
     seconds = (arrivals[-1] - arrivals[0]) * 1e-9
-    return sum(points[1:]) / seconds if seconds else 0.0
+    return sum(samples[1:]) / seconds if seconds else 0.0
 
 
 def _most_resident_mb() -> float:

@@ -55,8 +55,8 @@ def run(setting: Setting) -> Result:
                 table.rows.append([f"{form.name}, {case.name}, {way}", *_cells(found, vendor)])
                 rows.append({"format": form.name, "case": case.name, "way": way, **found.row(), "vendor": vendor})
     table.notes += [
-        "wrong: points more than a degree off; mixed: of another revolution than their scan; twice: once more",
-        "farthest: of all points, in degrees; off: of half of the scans or points, and at most",
+        "wrong: samples more than a degree off; mixed: of another revolution than their scan; twice: once more",
+        "farthest: of all samples, in degrees; off: of half of the scans or samples, and at most",
     ]
     return Result("truth", [table, _summed(rows)], {}, rows)
 
@@ -75,7 +75,7 @@ def _summed(rows: list[dict[str, Any]]) -> Table:
         table.rows.append(
             [
                 ", ".join(names),
-                f"{100 * each['kept'] / each['points']:.1f} %",
+                f"{100 * each['kept'] / each['samples']:.1f} %",
                 f"{each['wrong']}, {each['mixed']}, {each['twice']}",
                 f"{each['delivered']} of {each['revolutions']}",
                 f"{each['missing']}, {each['told']}",
@@ -98,8 +98,8 @@ def judged(case: Case, form: Form, ways: list[str]) -> Iterator[tuple[str, Score
 
 def _cells(found: Score, vendor: Vendor) -> list[str]:
     return [
-        f"{100 * found.kept / found.points:.1f} %" if found.points else "-",
-        "-" if vendor is None else f"{100 * vendor[0] / found.points:.1f} %, {vendor[1]}",
+        f"{100 * found.kept / found.samples:.1f} %" if found.samples else "-",
+        "-" if vendor is None else f"{100 * vendor[0] / found.samples:.1f} %, {vendor[1]}",
         f"{found.wrong}, {found.mixed}, {found.twice}",
         f"{found.farthest_deg:.2f}",
         f"{found.delivered} of {found.revolutions}",

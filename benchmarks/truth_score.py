@@ -25,7 +25,7 @@ class Score:
     """What became of one stream.
 
     Attributes:
-        points: Samples of whole revolutions.
+        samples: Samples of whole revolutions.
         kept: Of these, delivered within a degree, each counted once.
         wrong: Points delivered more than a degree off, or with a distance that no sample has.
         strange: Of these, those with such a distance.
@@ -47,7 +47,7 @@ class Score:
         overlap_ms: By how much a scan begins before the one before it ends, at most.
     """
 
-    points: int
+    samples: int
     kept: int
     wrong: int
     strange: int
@@ -104,7 +104,7 @@ def score(stream: TrueStream, line: Line, received: Received, *, timed: bool) ->
     known = [at for at, number in enumerate(numbers) if number is not None]
     passed = [numbers[at] - numbers[known[0]] for at in known]  # type: ignore[operator]
     return Score(
-        points=int(wanted.sum()),
+        samples=int(wanted.sum()),
         kept=int((got & wanted).sum()),
         wrong=int((off > _OFF_DEG).sum()) + strange,
         strange=strange,

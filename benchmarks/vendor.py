@@ -87,9 +87,9 @@ class Run:
         mode = next(each for each in profile.modes if each.name == self.mode)
         samples = turn_samples(profile, mode)
         # The first scans are partial, or of a rotor that is not yet at its speed.
-        points, metres = scans[-1]
-        if abs(points - samples) > 0.05 * samples:
-            found.append(f"{points} points instead of {samples:.0f}")
+        count, metres = scans[-1]
+        if abs(count - samples) > 0.05 * samples:
+            found.append(f"{count} samples instead of {samples:.0f}")
         if abs(metres - _RADIUS_M) > 0.01:
             found.append(f"{metres} m instead of {_RADIUS_M} m")
         return found
@@ -104,7 +104,7 @@ def run(setting: Setting) -> Result:
     """Every profile; with ``--quick`` those that are sold."""
     table = Table(
         "vendor: the vendor's C++ driver on simulated devices",
-        ["profile", "kind", "mode it chose", "first scan, s", "scans", "points", "discarded", "wrong", "lidario"],
+        ["profile", "kind", "mode it chose", "first scan, s", "scans", "samples", "discarded", "wrong", "lidario"],
     )
     absent = "left out" if setting.peers is None else setting.peers.why_absent(_PEER)
     if absent:
@@ -186,7 +186,7 @@ async def _read(path: str, device: SimulatedRplidar) -> list[str]:
         samples = turn_samples(device.profile, same[0]) if same else 0.0
         last = scans[-1]
         if abs(len(last) - samples) > 0.05 * samples:
-            found.append(f"{len(last)} points instead of {samples:.0f}")
+            found.append(f"{len(last)} samples instead of {samples:.0f}")
         metres = float(median(last.ranges))
         if abs(metres - _RADIUS_M) > 0.01:
             found.append(f"{metres} m instead of {_RADIUS_M} m")

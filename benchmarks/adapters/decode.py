@@ -29,23 +29,23 @@ _UNBUFFERED = {"rplidar-roboticia": False, "rplidar": 0, "adafruit-circuitpython
 
 
 def _timed(name: str, mode: int) -> dict[str, float]:
-    scans = points = 0
+    scans = samples = 0
     options = {"max_buf_meas": _UNBUFFERED[name]} if name in _UNBUFFERED else {}
     with contextlib.suppress(EndOfStream, RuntimeError):
         for count in DRIVERS[name]("memory", 1_000_000, mode, **options):
             scans += 1
-            points += count
-    return {"seconds": time.perf_counter() - MemorySerial.began, "scans": scans, "points": points}
+            samples += count
+    return {"seconds": time.perf_counter() - MemorySerial.began, "scans": scans, "samples": samples}
 
 
 async def _count(name: str, result: dict[str, float]) -> None:
     async for count in ASYNC[name]("memory", 1_000_000, 0):
         result["scans"] += 1
-        result["points"] += count
+        result["samples"] += count
 
 
 def _timed_async(name: str) -> dict[str, float]:
-    result = {"scans": 0.0, "points": 0.0}
+    result = {"scans": 0.0, "samples": 0.0}
     with contextlib.suppress(EndOfStream, TimeoutError):
         asyncio.run(asyncio.wait_for(_count(name, result), 30))
     return {"seconds": time.perf_counter() - MemorySerial.began, **result}
@@ -55,12 +55,12 @@ def _floor() -> dict[str, float]:
     port = MemorySerial()
     port.write(b"\xa5\x20")
     port.read(7)
-    points = 0
+    samples = 0
     start = time.perf_counter()
     with contextlib.suppress(EndOfStream):
         while port.read(5):
-            points += 1
-    return {"seconds": time.perf_counter() - start, "scans": 0, "points": points}
+            samples += 1
+    return {"seconds": time.perf_counter() - start, "scans": 0, "samples": samples}
 
 
 def main(task: dict[str, Any]) -> dict[str, Any]:

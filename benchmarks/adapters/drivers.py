@@ -1,7 +1,7 @@
-"""Each of the other drivers opened and read as its own documentation shows: a generator of points per revolution.
+"""Each of the other drivers opened and read as its own documentation shows: a generator of samples per revolution.
 
-Where a driver delivers single points, revolutions are cut at its own new-scan flag, or where the angle wraps.
-Nothing is done with the points beyond counting them, as nothing is done with lidario's.
+Where a driver delivers single samples, revolutions are cut at its own new-scan flag, or where the angle wraps.
+Nothing is done with the samples beyond counting them, as nothing is done with lidario's.
 
 What had to be helped: a pseudo-terminal has no DTR and RTS lines, and five drivers take its refusal for the
 end; here it is ignored. The type hints of `adafruit_rplidar` want two names that only exist on its boards. `lds2d`
@@ -145,9 +145,9 @@ async def rplidarc1(port: str, baudrate: int, mode: int) -> AsyncIterator[int]:
         reading.cancel()
 
 
-def _flagged(points: Iterator[tuple[int, bool]]) -> Points:
+def _flagged(samples: Iterator[tuple[int, bool]]) -> Points:
     count = 0
-    for number, begins in points:
+    for number, begins in samples:
         if begins and count:
             yield count
             count = 0

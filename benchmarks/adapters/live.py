@@ -37,7 +37,7 @@ class _Meter:
         self.arrivals: list[int] = []
         self.result: dict[str, Any] = {}
 
-    def scan(self, points: int) -> None:
+    def scan(self, samples: int) -> None:
         now = time.monotonic_ns()
         self.arrivals.append(now)
         if now < self.arrivals[0] + self._settle_ns:
@@ -45,7 +45,7 @@ class _Meter:
         if self._before is None:
             self._before, self._start = resource.getrusage(resource.RUSAGE_SELF), now
             return
-        self._points += points
+        self._points += samples
         if now >= self._start + self._window_ns:
             self._finish(now)
             raise _Finished
@@ -57,7 +57,7 @@ class _Meter:
             "cpu": (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime) / seconds,
             "system": (after.ru_stime - before.ru_stime) / seconds,
             "wakeups": (after.ru_nvcsw - before.ru_nvcsw) / seconds,
-            "points_per_s": self._points / seconds,
+            "samples_per_s": self._points / seconds,
             "window": [self._start, now],
             "first_scan_s": (self.arrivals[0] - self._began) * 1e-9,
             "arrivals": [self.arrivals],
@@ -72,8 +72,8 @@ def _most_resident_mb() -> float:
 
 
 async def _read_async(scans: Any, meter: _Meter) -> None:
-    async for points in scans:
-        meter.scan(points)
+    async for samples in scans:
+        meter.scan(samples)
 
 
 def main(task: dict[str, Any]) -> dict[str, Any]:
@@ -86,8 +86,8 @@ def main(task: dict[str, Any]) -> dict[str, Any]:
         elif name in ASYNC:
             asyncio.run(_read_async(ASYNC[name](port, baudrate, mode), meter))
         else:
-            for points in DRIVERS[name](port, baudrate, mode):
-                meter.scan(points)
+            for samples in DRIVERS[name](port, baudrate, mode):
+                meter.scan(samples)
     return meter.result or {"failed": f"ended after {len(meter.arrivals)} scans"}
 
 

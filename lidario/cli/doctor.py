@@ -185,8 +185,8 @@ async def _of_scans(source: str) -> Finding:
     await measure(source, SCAN_S, None, measured)
     word, reason = verdict(measured)
     rate = f"{measured.hertz:.1f} Hz, " if measured.periods else ""
-    points = sum(measured.points) // max(len(measured.points), 1)
-    text = f"{rate}{points} points a scan, {percent(measured.no_return)} without a return"
+    samples = sum(measured.samples) // max(len(measured.samples), 1)
+    text = f"{rate}{samples} samples a scan, {percent(measured.no_return)} without a return"
     if word == "good":
         return Finding("scans", "ok", text, port=source)
     return Finding("scans", "bad" if word == "damaged" else "hint", f"{word}: {text}", reason, source)

@@ -20,7 +20,7 @@ _RANGE_DIGITS = 5
 """As in `lidario.plain`."""
 
 CSV_HEADER = "seq,wall_stamp_ns,angle_rad,range_m,intensity\n"
-ROW_HEADER = "scan  points  returns   rpm     Hz        nearest       farthest  lost  dropped\n"
+ROW_HEADER = "scan samples  returns   rpm     Hz        nearest       farthest  lost  dropped\n"
 
 
 def as_json(scan: Scan) -> str:

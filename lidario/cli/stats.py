@@ -42,7 +42,7 @@ class Measured:
 
     Attributes:
         stamps: Seconds at which the scans began, with the numbers of the scans.
-        points: Samples of each scan.
+        samples: Samples of each scan.
         returns: Samples with a return of each scan.
         line: What the line carried.
         seconds: How long it was measured.
@@ -54,7 +54,7 @@ class Measured:
     """
 
     stamps: list[tuple[int, float]] = field(default_factory=list)
-    points: list[int] = field(default_factory=list)
+    samples: list[int] = field(default_factory=list)
     returns: list[int] = field(default_factory=list)
     line: Traffic | None = None
     seconds: float = 0.0
@@ -67,7 +67,7 @@ class Measured:
     def add(self, scan: Scan) -> None:
         """Take in a scan."""
         self.stamps.append((scan.seq, scan.stamp_ns / 1e9))
-        self.points.append(len(scan))
+        self.samples.append(len(scan))
         self.returns.append(int(np.count_nonzero(scan.valid)))
         self.mode = scan.mode
 
@@ -90,7 +90,7 @@ class Measured:
     @property
     def no_return(self) -> float:
         """Share of the samples without a return; NaN without samples."""
-        return 1 - sum(self.returns) / sum(self.points) if sum(self.points) else math.nan
+        return 1 - sum(self.returns) / sum(self.samples) if sum(self.samples) else math.nan
 
 
 @click.command()
@@ -103,7 +103,7 @@ class Measured:
 def stats(source: str, seconds: float, mode: str | int | None, as_json: bool, guard: bool) -> int:
     """Measure rate, damage and load; end with a verdict.
 
-    Also how even the revolutions are, and how many points have no return. A revolution before the measuring begins
+    Also how even the revolutions are, and how many samples have no return. A revolution before the measuring begins
     is not counted. The exit code tells whether it could be measured, and the verdict how good it was.
     """
     from lidario.cli.running import run
@@ -215,13 +215,13 @@ def _table(measured: Measured) -> Table:
     return facts(
         [
             ("lidar", f"{introduced(measured.model, measured.serial)}, mode {measured.mode}"),
-            ("measured", f"{len(measured.points)} scans in {measured.seconds:.1f} s"),
+            ("measured", f"{len(measured.samples)} scans in {measured.seconds:.1f} s"),
             (
                 "rate",
                 f"{measured.hertz:.2f} Hz ({60 * measured.hertz:.0f} rpm)" if measured.periods else "not known",
             ),
             ("jitter", f"{1000 * measured.jitter:.2f} ms a revolution" if measured.periods else "not known"),
-            ("points", f"{np.mean(measured.points):.0f} a scan, {percent(measured.no_return)} without a return"),
+            ("samples", f"{np.mean(measured.samples):.0f} a scan, {percent(measured.no_return)} without a return"),
             (
                 "damage",
                 f"{line.lost_packets} of {line.packets + line.lost_packets} packets ({percent(line.damaged)})",
@@ -243,10 +243,10 @@ def _record(measured: Measured) -> dict[str, object]:
         "serial": measured.serial,
         "mode": measured.mode,
         "seconds": round(measured.seconds, 3),
-        "scans": len(measured.points),
+        "scans": len(measured.samples),
         "hertz": _finite(measured.hertz, 4),
         "jitter_ms": _finite(1000 * measured.jitter, 4),
-        "points": _finite(float(np.mean(measured.points)), 1),
+        "samples": _finite(float(np.mean(measured.samples)), 1),
         "no_return": _finite(measured.no_return, 5),
         "packets": line.packets,
         "lost_packets": line.lost_packets,

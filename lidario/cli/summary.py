@@ -44,11 +44,11 @@ def _facts(summary: RecordingSummary) -> Table:
     if summary.timed:
         began = datetime.fromtimestamp(summary.began_ns * 1e-9, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
         rows += [("recorded from", summary.source), ("began", began if summary.began_ns else "no scan")]
-    points = f"{summary.points} points, {summary.returns} with a return"
+    samples = f"{summary.samples} samples, {summary.returns} with a return"
     rows += [
         ("lasts", f"{summary.duration_s:.1f} s" + ("" if summary.timed else ", by the usual rate of its format")),
         ("scan mode", ", ".join(summary.modes)),
-        ("scans", f"{summary.scans}: {points}"),
+        ("scans", f"{summary.scans}: {samples}"),
         ("packets", f"{summary.packets}, and {summary.lost_packets} damaged or lost"),
         ("noise", f"{summary.skipped_bytes} bytes that belong to no packet"),
         ("gaps", f"{summary.missed_scans} revolutions missing, {summary.streams - 1} interruptions"),

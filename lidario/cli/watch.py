@@ -174,7 +174,7 @@ def figures(feed: Feed) -> list[tuple[str, str]]:
         ("model", feed.info.model if feed.info else ""),
         ("mode", scan.mode),
         ("rate", f"{scan.rpm / 60:.1f} Hz" if scan.rpm == scan.rpm else "not known"),
-        ("points", f"{len(scan)}, {percent(1 - hits / max(len(scan), 1))} no return"),
+        ("samples", f"{len(scan)}, {percent(1 - hits / max(len(scan), 1))} no return"),
         ("nearest", nearest),
     ]
     if line is not None:

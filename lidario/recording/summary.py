@@ -29,7 +29,7 @@ class RecordingSummary:
         began_ns: Time of the first sample of the first scan, nanoseconds since the Unix epoch; 0 where not known.
         duration_s: Seconds from the first sample of the first scan to the end of the last one.
         scans: Full revolutions.
-        points: Their samples.
+        samples: Their samples.
         returns: Those with a return.
         packets: Intact packets.
         lost_packets: Packets that were damaged or lost.
@@ -49,7 +49,7 @@ class RecordingSummary:
     began_ns: int
     duration_s: float
     scans: int
-    points: int
+    samples: int
     returns: int
     packets: int
     lost_packets: int
@@ -67,13 +67,13 @@ def summarize(
     """Decode a whole recording and count; the arguments and errors are those of `decode_file`."""
     decoder = FileDecoder(path, Known(family, model, sample_us))
     recording = decoder.recording
-    scans = points = returns = 0
+    scans = samples = returns = 0
     first = last = None
     for scan in decoder:
         first = scan if first is None else first
         last = scan
         scans += 1
-        points += len(scan)
+        samples += len(scan)
         returns += int(scan.valid.sum())
     duration_ns = 0 if first is None or last is None else last.stamp_ns + last.duration_ns - first.stamp_ns
     return RecordingSummary(
@@ -89,7 +89,7 @@ def summarize(
         began_ns=first.wall_stamp_ns if first is not None and recording.timed else 0,
         duration_s=duration_ns * 1e-9,
         scans=scans,
-        points=points,
+        samples=samples,
         returns=returns,
         packets=decoder.packets,
         lost_packets=decoder.stats.lost_packets,

@@ -48,14 +48,14 @@ def test_the_formats_of_the_relatives_are_decoded_in_chunks_and_as_files(decoded
             got = by_chunk[chunk][0]
             assert got["scans"] >= 10, f"{name}, {chunk}"
             # A whole revolution: of 4000 samples a second at seven turns there are 571.
-            assert 400 < got["points"] / got["scans"] < 3000
+            assert 400 < got["samples"] / got["scans"] < 3000
 
 
 @pytest.mark.parametrize("name", KINDS)
 def test_the_size_of_the_chunks_does_not_change_what_is_delivered(decoded: Result, name: str) -> None:
     by_chunk = decoded.data["lidario"][name]
-    assert {by_chunk[chunk][0]["points"] for chunk in ("64", "1024", "4096", "whole", decode.CONVERTED)} == {
-        by_chunk["64"][0]["points"]
+    assert {by_chunk[chunk][0]["samples"] for chunk in ("64", "1024", "4096", "whole", decode.CONVERTED)} == {
+        by_chunk["64"][0]["samples"]
     }
 
 
@@ -118,7 +118,7 @@ def test_without_the_vendors_driver_its_table_says_so() -> None:
         ({"health": [2, 1]}, ["health [2, 1]"]),
         ({"started": False}, ["scan not started"]),
         ({"scans": []}, ["no scan"]),
-        ({"scans": [[3200, 2.0], [1600, 2.0]]}, ["1600 points instead of 3200"]),
+        ({"scans": [[3200, 2.0], [1600, 2.0]]}, ["1600 samples instead of 3200"]),
         ({"scans": [[3200, 2.5]]}, ["2.5 m instead of 2.0 m"]),
     ],
 )
@@ -165,8 +165,8 @@ def test_damage_costs_what_it_hits_and_is_told(name: str, how: str) -> None:
     assert found.told == pytest.approx(found.missing, rel=0.05 if name == "0x81 nodes" else 0.03, abs=4)
     assert found.told_scans == found.missing_scans
     # Of nodes, a flipped distance cannot be seen; of packets with eight check bits, one damaged one in 256.
-    assert found.wrong <= (0.003 if name == "0x81 nodes" else 0.0003) * found.points
-    assert found.kept > (0.78 if "flip" in how or "0.8" in how else 0.9) * found.points
+    assert found.wrong <= (0.003 if name == "0x81 nodes" else 0.0003) * found.samples
+    assert found.kept > (0.78 if "flip" in how or "0.8" in how else 0.9) * found.samples
 
 
 def test_a_long_recording_is_made_of_a_short_one(tmp_path: Path) -> None:
@@ -183,7 +183,7 @@ def test_a_long_recording_is_made_of_a_short_one(tmp_path: Path) -> None:
 def test_of_capsules_of_which_each_second_is_lost_from_the_start_half_of_the_points_are_kept(name: str) -> None:
     found = damage.outcome(KINDS[name], "each second packet lost", seed=1)
     assert (found.wrong, found.missing_scans, found.told_scans) == (0, 0, 0)
-    assert found.kept == pytest.approx(found.points / 2, rel=0.03)
+    assert found.kept == pytest.approx(found.samples / 2, rel=0.03)
     # Those of the first, partial revolution are not counted.
     assert found.told == pytest.approx(found.missing, rel=0.03)
 

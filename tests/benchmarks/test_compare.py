@@ -11,7 +11,7 @@ ROW = {
     "format": "0x82",
     "case": "clean",
     "way": "read",
-    "points": 10_000,
+    "samples": 10_000,
     "kept": 5000,
     "wrong": 10,
     "missing": 100,

@@ -63,8 +63,8 @@ def test_on_a_clean_line_all_is_delivered_and_nothing_is_missing(name: str, way:
     line = replace(line, pace_s=AT_ONCE)
     found = score(stream, line, receive(stream, line, way), timed=way != "file")
     # Angles are cut: a sample right behind a seam may be told as before it, and so in another revolution.
-    assert found.points - 2 <= found.kept <= found.points
-    assert found.points > 3000
+    assert found.samples - 2 <= found.kept <= found.samples
+    assert found.samples > 3000
     assert found.delivered == found.revolutions >= 8
     assert found.farthest_deg < 0.03
     assert not any((found.wrong, found.mixed, found.twice, found.seq_off))
@@ -106,12 +106,12 @@ def test_what_is_off_is_seen() -> None:
     turned = third.device_angles.copy()
     turned[10:60] += 1.5
     found = _changed(stream, line, {"device_angles": turned % 360})
-    assert (found.wrong, found.strange, found.kept) == (50, 0, found.points - 50)
+    assert (found.wrong, found.strange, found.kept) == (50, 0, found.samples - 50)
     assert found.farthest_deg == pytest.approx(1.5, abs=0.05)
     farther = third.device_distances.copy()
     farther[200:210] += 3.0
     found = _changed(stream, line, {"device_distances": farther})
-    assert (found.wrong, found.strange, found.kept) == (10, 10, found.points - 10)
+    assert (found.wrong, found.strange, found.kept) == (10, 10, found.samples - 10)
     found = _changed(stream, line, {"stamp_ns": third.stamp_ns + 40_000_000})
     assert found.times_off_ms is not None
     assert found.times_off_ms[1] == pytest.approx(40, abs=7)
@@ -134,7 +134,7 @@ def test_a_point_of_another_revolution_is_seen_and_one_that_comes_twice() -> Non
     scans = [joined, second, *others]
     found = score(stream, line, Received(scans, received.stats, received.packets), timed=True)
     assert (found.mixed, found.twice, found.wrong) == (100, 100, 0)
-    assert found.kept == found.points - (len(first) - 300)
+    assert found.kept == found.samples - (len(first) - 300)
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,7 @@ def _arc_over_a_gap(case: Case) -> tuple[int, int] | None:
 
 def test_the_vendors_rules_spread_a_packet_over_a_gap() -> None:
     stream, line = happen(CASES["clean"], FORMATS["0x85 C1"])
-    points = score(stream, line, receive(stream, line, "read"), timed=True).points
+    points = score(stream, line, receive(stream, line, "read"), timed=True).samples
     assert _arc_over_a_gap(CASES["clean"]) == (points, 0)
     gone, spoilt = (_arc_over_a_gap(CASES[f"20 % of the packets {how}"]) for how in ("gone", "spoilt"))
     assert gone is not None

@@ -79,7 +79,7 @@ def test_people_get_a_line_a_scan_and_a_picture() -> None:
     ended = invoke_driven("scan", CIRCLE, "-n", "2")
     assert ended.exit_code == 0
     header, first, second, *picture = ended.stdout.splitlines()
-    assert header.split() == ["scan", "points", "returns", "rpm", "Hz", "nearest", "farthest", "lost", "dropped"]
+    assert header.split() == ["scan", "samples", "returns", "rpm", "Hz", "nearest", "farthest", "lost", "dropped"]
     assert first.split()[0] == "0"
     assert second.split()[0] == "1"
     for line in (first, second):

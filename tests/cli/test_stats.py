@@ -42,7 +42,7 @@ def test_a_clean_line_is_good_and_every_figure_is_right() -> None:
     assert told["seconds"] == 2.0
     assert told["scans"] in (19, 20)
     assert told["hertz"] == pytest.approx(10, rel=0.02)
-    assert told["points"] == pytest.approx(3200, rel=0.02)
+    assert told["samples"] == pytest.approx(3200, rel=0.02)
     assert (told["no_return"], told["lost_packets"], told["missed_scans"], told["dropped_scans"]) == (0, 0, 0, 0)
     # 84 bytes carry 40 samples of 31.25 µs, at 1 Mbaud.
     assert told["bytes_per_second"] == pytest.approx(84 / 40 * 32000, rel=0.02)

@@ -70,7 +70,7 @@ def test_scans_are_drawn_and_the_panel_tells_of_them(url: str, opened: Open) -> 
     told = dict(page.ask(rows))
     assert told["state"] == "scanning"
     assert told["mode"] == "DenseBoost"
-    assert 3000 < int(told["points"]) < 3400
+    assert 3000 < int(told["samples"]) < 3400
     assert told["rate"].endswith(" Hz")
     assert told["serial"] == "AB" * 6
     assert " m at " in told["nearest"]
