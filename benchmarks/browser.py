@@ -198,6 +198,10 @@ class Page:
         """Turn the wheel over a point."""
         self.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=down)
 
+    def move(self, x: float, y: float) -> None:
+        """Move the pointer to a point, with no button held."""
+        self.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y, buttons=0)
+
     def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
         """Press at a point, move to another, release."""
         for kind, (x, y) in (("mousePressed", start), ("mouseMoved", end), ("mouseReleased", end)):

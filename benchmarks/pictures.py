@@ -7,17 +7,20 @@ The page is what ``lidario view`` serves, after some seconds of a simulated lida
 from __future__ import annotations
 
 import asyncio
+import base64
 import io
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from html import escape
 
 from rich.console import Console
 from rich.style import Style
 from rich.text import Text
 
-from benchmarks.browser import Browser
+from benchmarks.browser import Browser, Page
 from benchmarks.processes import ROOT
 from lidario.cli.watch import Frame
 from lidario.web.feed import Feed
@@ -38,6 +41,8 @@ def main() -> int:
     with Browser() as browser:
         for name, picture in zip(("view.png", "view-dark.png"), _page(browser), strict=True):
             (FOLDER / name).write_bytes(picture)
+        for name, dark in (("strip.png", False), ("strip-dark.png", True)):
+            (FOLDER / name).write_bytes(_strip(browser, dark=dark))
         page = browser.open("about:blank", width=round(WIDTH * _LETTER) + 32, height=HEIGHT * _LINE + 28)
         page.ask(f"document.documentElement.innerHTML = {as_html(text)!r}")
         (FOLDER / "watch.png").write_bytes(page.picture())
@@ -48,21 +53,61 @@ def main() -> int:
 
 def _page(browser: Browser) -> tuple[bytes, bytes]:
     """The live page, light and dark."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "lidario", "view", SOURCE, "--port", "0"],
-        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-    )  # fmt: skip
-    assert process.stdout is not None
-    with process:
-        page = browser.open(process.stdout.readline().strip(), width=1000, height=600)
+    with _live(browser, SOURCE, width=1000, height=600, dark=False) as page:
         page.until("seen.painted > 30 && lidars[0].load !== null")
         light = page.picture()
         page.ask("dispatchEvent(new KeyboardEvent('keydown', {key: 'd'}))")
         page.until("seen.painted > 40")
-        dark = page.picture()
+        return light, page.picture()
+
+
+def _strip(browser: Browser, *, dark: bool) -> bytes:
+    """Three moments of the page: live, the cable is out, and it is in again."""
+    moments = (
+        ("live", "seen.painted > 20 && lidars[0].load !== null"),
+        ("the cable is out: why, and the last scan", "lidars[0].state === 'lost' && !dirty"),
+        (
+            "the cable is in: it goes on by itself",
+            "lidars[0].state === 'scanning' && lidars[0].load > .5 && seen.painted > 40",
+        ),
+    )
+    found = []
+    with _live(browser, SOURCE + "&fault=replug:6s", width=680, height=500, dark=dark) as page:
+        page.ask("document.getElementById('bar').hidden = true, dispatchEvent(new Event('resize'))")
+        for words, moment in moments:
+            page.until(moment)
+            page.until("!dirty")
+            shown = base64.b64encode(page.picture()).decode()
+            found.append(
+                f"<figure><img src='data:image/png;base64,{shown}'><figcaption>{words}</figcaption></figure>"
+            )
+    ground, ink = ("#111316", "#edeef0") if dark else ("#fafafa", "#1c2024")
+    style = (
+        f"body{{margin:0;background:{ground};color:{ink};display:flex;gap:12px;font:600 17px system-ui,sans-serif}}"
+        "figure{margin:0;text-align:center}img{width:492px;border:1px solid #8888;box-sizing:border-box}"
+        "figcaption{padding:4px}"
+    )
+    page = browser.open("about:blank", width=1500, height=398)
+    page.ask(f"document.documentElement.innerHTML = {'<style>' + style + '</style>' + ''.join(found)!r}")
+    page.until("[...document.images].length === 3 && [...document.images].every(each => each.complete)")
+    made = page.picture()
+    page.close()
+    return made
+
+
+@contextmanager
+def _live(browser: Browser, source: str, *, width: int, height: int, dark: bool) -> Iterator[Page]:
+    """The page of ``lidario view``."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "lidario", "view", source, "--port", "0"],
+        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+    )  # fmt: skip
+    assert process.stdout is not None
+    with process:
+        page = browser.open(process.stdout.readline().strip(), width=width, height=height, dark=dark)
+        yield page
         page.close()
         process.send_signal(signal.SIGINT)
-    return light, dark
 
 
 async def _frame() -> str:

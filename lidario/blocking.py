@@ -129,6 +129,11 @@ class SyncLidar:
         return self._lidar.baudrate
 
     @property
+    @_as(Lidar.length_s)
+    def length_s(self) -> float | None:  # noqa: D102
+        return self._lidar.length_s
+
+    @property
     @_as(Lidar.mode)
     def mode(self) -> ScanMode | None:  # noqa: D102
         return self._lidar.mode

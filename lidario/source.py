@@ -9,7 +9,7 @@
 ``tcp://host:port``, ``socket://host:port``            serial over TCP
 ``udp://host:port``                                    an Ethernet model
 ``sim://MODEL?world=room&fault=drop:1%``               the simulator, its bytes through the real decoder
-``run.mcap``, ``raw.bin?rate=10&loop=1``               a recording, at true pace unless ``rate`` says otherwise
+``run.mcap?from=90``, ``raw.bin?rate=10&loop=1``       a recording, at true pace unless ``rate`` says otherwise
 ``zenoh:KEY?router=tcp/host:7447``                     another machine's lidar, as ``lidario publish`` sends it
 =====================================================  ====================================================
 
@@ -44,7 +44,7 @@ _OPTIONS = {
     "tcp": {"baud", "family", "model"},
     "udp": {"family"},
     "zenoh": {"router"},
-    "file": {"rate", "loop", "family", "model", "sample_us"},
+    "file": {"rate", "loop", "from", "family", "model", "sample_us"},
     "sim": {"world", "fault", "serial", "seed", "via", "baud", "family", "model"},
 }
 MOST_BAUD = 100_000_000
@@ -108,6 +108,11 @@ class Source:
     def rate(self) -> float:
         """How many times as fast as it was recorded a file is played; 0 for as fast as it is read."""
         return float(self.options.get("rate", "1"))
+
+    @property
+    def begin_s(self) -> float:
+        """Seconds behind its beginning from where on a file is played the first time."""
+        return float(self.options.get("from", "0"))
 
     @property
     def host_and_port(self) -> tuple[str, int]:
@@ -190,7 +195,7 @@ def _options(text: str, kind: str, query: str) -> dict[str, str]:
             text,
             f"cannot be read: baud={quoted(options['baud'])} is not a number of bits per second, such as 115200",
         )
-    for name in ("rate", "sample_us"):
+    for name in ("rate", "from", "sample_us"):
         if name in options and not _is_decimal(options[name]):
             raise _refused(text, f"cannot be read: {name}={quoted(options[name])} is not a number from 0 on")
     if options.get("loop", "0") not in ("0", "1"):

@@ -13,6 +13,7 @@ import os
 import re
 import secrets
 import socket
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
@@ -42,6 +43,8 @@ MOST_LIDARS: Final = 16
                    "Once for each SOURCE, in their order.")  # fmt: skip
 @click.option("--colour", "colours", multiple=True, metavar="#RRGGBB",
               help="Colour of a lidar, once for each SOURCE.")  # fmt: skip
+@click.option("--record", "folder", type=click.Path(exists=True, file_okay=False, writable=True), metavar="FOLDER",
+              help="Where the page may record: the current folder, with --lan nowhere, unless named.")  # fmt: skip
 @mode_option
 @guard_option
 def view(
@@ -50,6 +53,7 @@ def view(
     lan: bool,
     mounts: tuple[str, ...],
     colours: tuple[str, ...],
+    folder: str | None,
     mode: str | int | None,
     guard: bool,
 ) -> int:
@@ -64,7 +68,8 @@ def view(
     sources = sources or ("auto",)
     if len(sources) > MOST_LIDARS:
         raise click.UsageError(f"a page shows {MOST_LIDARS} lidars at most", click.get_current_context())
-    feeds = [Feed(source, mode=mode, guard=guard) for source in sources]
+    where = Path(folder or ".") if folder or not lan else None
+    feeds = [Feed(source, mode=mode, guard=guard, stays=True, folder=where) for source in sources]
     places = _places(len(sources), mounts, colours)
     try:
         run(lambda: _serve(feeds, places, port, lan))

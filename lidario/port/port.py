@@ -87,6 +87,11 @@ class Port(Guarded, asyncio.Protocol):
         return True
 
     @property
+    def length_s(self) -> float | None:
+        """As `Lidar.length_s`."""
+        return None
+
+    @property
     def wall_offset_ns(self) -> int:
         """Nanoseconds from the event loop's clock to the wall clock."""
         return time.time_ns() - round(self._loop.time() * 1e9)

@@ -17,6 +17,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable, Iterator
+from itertools import chain
 from typing import Any, Protocol
 
 from lidario.errors import DeviceLost, RecordingError
@@ -27,7 +28,7 @@ from lidario.recording.read import LONGEST_PAUSE_NS, Piece, StoredStream, Stored
 from lidario.wire.envelope import encode_descriptor
 from lidario.wire.events import Descriptor
 
-__all__ = ["Audience", "ReplayPort", "open_replay"]
+__all__ = ["Audience", "ReplayPort", "open_replay", "pieces_from"]
 
 _log = logging.getLogger("lidario")
 
@@ -78,25 +79,34 @@ class ReplayPort(Port):
         recording: The recording.
         rate: How many times as fast as it was recorded; 0 for as fast as it is read.
         loop: Whether it begins anew at its end.
+        pieces: What is played first, where that is not all of it.
 
     Attributes:
         offset_of: The zero-angle offset to add where the recording has another one.
     """
 
-    def __init__(self, recording: StoredStreams, *, rate: float, loop: bool) -> None:
+    def __init__(
+        self, recording: StoredStreams, *, rate: float, loop: bool, pieces: Iterator[Piece] | None = None
+    ) -> None:
         self.offset_of: Callable[[float], float] = lambda recorded_deg: recorded_deg
         if recording.damage:
             _log.warning("%s: %s; everything else is played", recording.path, recording.damage)
         first = recording.streams[0].began
         super().__init__(str(recording.path), first.baudrate)
         self._played_ns = 0
-        self._replay = _ReplayLine(self, recording, rate, loop)
+        self._length_s = recording.duration_ns * 1e-9 if recording.timed else None
+        self._replay = _ReplayLine(self, recording, rate, loop, pieces or recording.pieces())
         self.connection_made(self._replay)
 
     @property
     def is_live(self) -> bool:
         """As `Port.is_live`."""
         return False
+
+    @property
+    def length_s(self) -> float | None:
+        """As `Lidar.length_s`."""
+        return self._length_s
 
     @property
     def wall_offset_ns(self) -> int:
@@ -126,7 +136,9 @@ class ReplayPort(Port):
 class _ReplayLine(Line):
     """Plays the recording into the port."""
 
-    def __init__(self, port: ReplayPort, recording: StoredStreams, rate: float, loop: bool) -> None:
+    def __init__(
+        self, port: ReplayPort, recording: StoredStreams, rate: float, loop: bool, pieces: Iterator[Piece]
+    ) -> None:
         self._loop = asyncio.get_running_loop()
         self._port = port
         self._recording = recording
@@ -134,9 +146,9 @@ class _ReplayLine(Line):
         self._again = loop
         self._audience: Audience | None = None
         self._closing = False
-        self._number = 0
-        self._pieces: Iterator[Piece] = recording.pieces()
-        self._next: Piece | None = None
+        self._pieces = pieces
+        self._next: Piece | None = next(pieces, None)
+        self._number = 0 if self._next is None else self._next.stream
         self._wanted = False
         self._timer: asyncio.TimerHandle | asyncio.Handle | None = None
         # Loop time and recorded time that belong together since the stream began; None before its first piece.
@@ -296,6 +308,29 @@ class _ReplayLine(Line):
         self._loop.call_soon(self._port.connection_lost, lost)
 
 
-def open_replay(recording: StoredStreams, *, rate: float = 1.0, loop: bool = False) -> ReplayPort:
-    """A port that plays `recording`; needs a running event loop."""
-    return ReplayPort(recording, rate=rate, loop=loop)
+def pieces_from(recording: StoredStreams, begin_s: float) -> Iterator[Piece]:
+    """What was received from so many seconds behind the first byte on. A long file is read up to there.
+
+    Raises:
+        RecordingError: The recording is over by then, or tells no times.
+    """
+    if not begin_s:
+        return recording.pieces()
+    if not recording.timed:
+        raise RecordingError(f"{recording.path} tells no times: it is played from its beginning, without from=")
+    pieces = recording.pieces()
+    first = next(pieces, None)
+    begin_ns = 0 if first is None else first.at_ns + round(begin_s * 1e9)
+    following = next((piece for piece in pieces if piece.at_ns >= begin_ns), None)
+    if following is None:
+        raise RecordingError(
+            f"{recording.path} lasts {recording.duration_ns * 1e-9:.1f} s: from={begin_s:g} is behind its end"
+        )
+    return chain((following,), pieces)
+
+
+def open_replay(
+    recording: StoredStreams, *, rate: float = 1.0, loop: bool = False, pieces: Iterator[Piece] | None = None
+) -> ReplayPort:
+    """A port that plays `recording`, and `pieces` of it before all else; needs a running event loop."""
+    return ReplayPort(recording, rate=rate, loop=loop, pieces=pieces)

@@ -124,7 +124,7 @@ class StoredStreams(Protocol):
         streams: The streams, in order; never empty.
         damage: What of the file is missing or was changed, as far as that can be told; empty where nothing is.
         size: Bytes of the file.
-        duration_ns: Time from the first to the last byte.
+        duration_ns: Time from the first byte of the first stream to the last byte.
         timed: Whether it is known when each byte was read.
     """
 
@@ -176,7 +176,8 @@ class McapRecording:
         told: Counter[str] = Counter()
         for record in self._records():
             if isinstance(record, StoredChunk):
-                first = record.at_ns if first is None else first
+                if first is None and any(isinstance(each, StreamBegan) for each in self._events):
+                    first = record.at_ns
                 last = record.at_ns
                 self.chunks += 1
             elif isinstance(record, About):

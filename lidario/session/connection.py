@@ -51,11 +51,12 @@ async def connect_recording(source: Source, family: str | None) -> Connection:
     # A fifth of the import time, for those who need it.
     from lidario.recording.device import RecordedDevice
     from lidario.recording.files import open_stored_source
-    from lidario.recording.port import open_replay
+    from lidario.recording.port import open_replay, pieces_from
 
     # The file is gone through once: an hour takes a second.
     recording = await run_in_thread(lambda: open_stored_source(source, family))
-    port = open_replay(recording, rate=source.rate, loop=source.options.get("loop") == "1")
+    pieces = await run_in_thread(lambda: pieces_from(recording, source.begin_s))
+    port = open_replay(recording, rate=source.rate, loop=source.options.get("loop") == "1", pieces=pieces)
     device = RecordedDevice(recording, lambda: port.stream)
     port.offset_of = device.offset_of
     own = recording.streams[0].family

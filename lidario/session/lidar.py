@@ -76,6 +76,7 @@ class Lidar(Questions, AsyncOnly):
             reconnector.serve(if_alive(self._adopt), self._scanner.end, self._scanner.unused)
             self._scanner.come_back_with(reconnector.begin)
         connection.port.follow(self._scanner)
+        self._length_s = connection.port.length_s
         self._recorded = RecordedSession(
             dialogue, self._scanner, source, device.sends_bytes, lambda: (self.info, self.health)
         )
@@ -113,6 +114,11 @@ class Lidar(Questions, AsyncOnly):
     def baudrate(self) -> int:
         """Speed of the line in bits a second; 0 where it has none, or where it is unknown."""
         return self._dialogue.baudrate
+
+    @property
+    def length_s(self) -> float | None:
+        """Seconds that the recording lasts; None of a device, and of bytes that tell no times."""
+        return self._length_s
 
     @property
     def measured_scan_frequency(self) -> float | None:

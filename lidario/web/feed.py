@@ -2,17 +2,21 @@
 
 The first opening must succeed; its error is the caller's. From then on nothing ends it but a cancellation, and the
 end of a recording: a viewer would rather see "lost, reconnecting" than an end. The session itself comes back
-(``reconnect=True``). What it does not come back from, such as a fault that a reset does not cure, makes the feed
-open the lidar again, at every second attempt by its serial number.
+(``reconnect=True``). A recording may be played on from another place, and at another speed. What it does not come
+back from, such as a fault that a reset does not cure, makes the feed open the lidar again, at every second attempt
+by its serial number.
 """
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from pathlib import Path
 from typing import Final, Literal
+from urllib.parse import parse_qsl, urlencode
 
 from lidario import DeviceInfo, Lidar, LidarError, RecordingError, Scan, Stats, open_lidar
+from lidario.web.keeper import Keeper
 from lidario.web.traffic import Traffic, traffic
 
 __all__ = ["Feed", "FeedState"]
@@ -21,12 +25,21 @@ FeedState = Literal["connecting", "scanning", "lost", "ended"]
 
 _BACK_OFF_S: Final = (0.25, 0.5, 1.0, 2.0)
 """Pauses before each attempt to open it again; the last one is repeated."""
+_LAST_S: Final = 0.5
+"""Seconds before its end from which a recording still has a scan to show."""
 _TRAFFIC_S: Final = 1.0
 """Time over which damage and load are measured."""
 
 
 class Feed:
-    """One lidar and the latest of it; `guard` as for `open_lidar`.
+    """One lidar and the latest of it.
+
+    Args:
+        source: As for `open_lidar`.
+        mode: Scan mode that is asked for; None for the typical one.
+        guard: As for `open_lidar`.
+        stays: Whether it waits behind the end of a recording, to be played again.
+        folder: Where it may be recorded; None for nowhere.
 
     Attributes:
         source: Where it was asked for.
@@ -39,11 +52,22 @@ class Feed:
         line: What the line carried in the last second; None before the first second is over.
         scans: Scans so far.
         losses: Times it was lost.
+        length_s: Seconds that a recording lasts; None of a lidar, and before it was opened.
+        rate: How many times as fast as it was recorded it is played.
+        keeper: Records it; None where it may not be recorded, as a recording.
         on_scan: Called with this feed for each scan.
         on_change: Called with this feed for each change of state.
     """
 
-    def __init__(self, source: str, *, mode: str | int | None = None, guard: bool = False) -> None:
+    def __init__(
+        self,
+        source: str,
+        *,
+        mode: str | int | None = None,
+        guard: bool = False,
+        stays: bool = False,
+        folder: Path | None = None,
+    ) -> None:
         self.source = source
         self.mode = mode
         self._guard = guard
@@ -56,7 +80,31 @@ class Feed:
         self.losses: int = 0
         self.on_scan: Callable[[Feed], object] = lambda _: None
         self.on_change: Callable[[Feed], object] = lambda _: None
+        self.length_s: float | None = None
+        options = dict(parse_qsl(source.partition("?")[2]))
+        self.rate: float = _number(options.get("rate"), 1.0)
+        self.keeper: Keeper | None = None if folder is None else Keeper(folder, self._tell)
+        self._stays = stays
         self._attempts = 0
+        # Where the recording is played from, and the stamp of the first scan from there.
+        self._begin_s = _number(options.get("from"), 0.0)
+        self._first_ns: int | None = None
+        self._moved = asyncio.Event()
+
+    @property
+    def reached_s(self) -> float:
+        """Seconds of the recording that have been played."""
+        if self.latest is None or self._first_ns is None:
+            return self._begin_s
+        reached = self._begin_s + (self.latest.stamp_ns - self._first_ns) * 1e-9
+        # One that is played again and again counts on.
+        return reached % self.length_s if self.length_s else reached
+
+    def play_from(self, seconds: float, rate: float) -> None:
+        """Play the recording on from that place, so many times as fast; anything else takes no notice."""
+        if self.length_s is not None:
+            self._begin_s, self.rate = min(max(seconds, 0.0), max(self.length_s - _LAST_S, 0.0)), rate
+            self._moved.set()
 
     async def run(self) -> None:
         """Read until cancelled, or to the end of a recording; laser and motor are off when it returns.
@@ -66,6 +114,7 @@ class Feed:
             RecordingError: A recording holds no full revolution.
         """
         while True:
+            self._moved.clear()
             try:
                 await self._read(self._where())
             except LidarError as error:
@@ -77,9 +126,13 @@ class Feed:
                 # Nobody else can stop a stream of this session: only a recording comes to its end.
                 if self.latest is None:
                     raise RecordingError(f"{self.source} holds no full revolution")
-                self.state, self.line = "ended", None
-                self.on_change(self)
-                return
+                if not self._moved.is_set():
+                    self.state, self.line = "ended", None
+                    self.on_change(self)
+                    if not self._stays or self.length_s is None:
+                        return
+                    await self._moved.wait()
+                continue
             await asyncio.sleep(_BACK_OFF_S[min(self._attempts, len(_BACK_OFF_S)) - 1])
 
     def _where(self) -> str:
@@ -87,17 +140,26 @@ class Feed:
         is_port = self.source == "auto" or "://" not in self.source or self.source.startswith("serial:")
         if self._attempts % 2 and is_port and self.info is not None:
             return f"id:{self.info.serial}"
-        return self.source
+        if self.length_s is None:
+            return self.source
+        path, _, query = self.source.partition("?")
+        place = {"from": f"{self._begin_s:.3f}", "rate": f"{self.rate:g}"}
+        return f"{path}?{urlencode(dict(parse_qsl(query)) | place)}"
 
     async def _read(self, source: str) -> None:
         loop = asyncio.get_running_loop()
         async with open_lidar(source, reconnect=True, guard=self._guard) as lidar, lidar.scans(self.mode) as scans:
-            self.info = lidar.info
+            self.info, self.length_s, self._first_ns = lidar.info, lidar.length_s, None
+            if self.length_s is not None:
+                self.keeper = None
             before, since = lidar.stats, loop.time()
-            watching = asyncio.create_task(self._watch(lidar))
+            beside = [asyncio.create_task(self._watch(lidar))]
+            if self.keeper is not None:
+                beside.append(asyncio.create_task(self.keeper.serve(lidar)))
             try:
                 async for scan in scans:
                     self.latest = scan
+                    self._first_ns = scan.stamp_ns if self._first_ns is None else self._first_ns
                     self.scans += 1
                     self._attempts = 0
                     if self.state != "scanning":
@@ -108,9 +170,12 @@ class Feed:
                     if loop.time() - since >= _TRAFFIC_S:
                         before, since = self._measure(lidar.stats, before, loop.time() - since, lidar.baudrate)
                     self.on_scan(self)
+                    if self._moved.is_set():
+                        return
             finally:
-                watching.cancel()
-                await asyncio.wait([watching])
+                for task in beside:
+                    task.cancel()
+                await asyncio.wait(beside)
 
     async def _watch(self, lidar: Lidar) -> None:
         """Tell when the session has lost its line; the next scan tells that it is back."""
@@ -122,7 +187,18 @@ class Feed:
         self.line = traffic(before, now, seconds, baudrate)
         return now, asyncio.get_running_loop().time()
 
+    def _tell(self) -> None:
+        self.on_change(self)
+
     def _lose(self, reason: str) -> None:
         self.losses += self.state != "lost"
         self.state, self.reason, self.line = "lost", reason, None
         self.on_change(self)
+
+
+def _number(text: str | None, otherwise: float) -> float:
+    """A number of an option; opening the source says what is wrong with one that is none."""
+    try:
+        return otherwise if text is None else float(text)
+    except ValueError:
+        return otherwise

@@ -109,8 +109,23 @@ def pack_state(feeds: list[Feed], mounts: list[Mount], echo: float | None = None
             "y": mount.y,
             "yaw": mount.yaw,
             "colour": mount.colour,
+            "play": _play(feed),
+            "record": _record(feed),
         }
         for feed, mount in zip(feeds, mounts, strict=True)
     ]
     state = {"now": time.time() * 1000, "echo": echo, "lidars": lidars}
     return json.dumps(state, ensure_ascii=False, allow_nan=False)
+
+
+def _play(feed: Feed) -> dict[str, float] | None:
+    if not feed.length_s:
+        return None
+    return {"at": round(feed.reached_s, 2), "length": round(feed.length_s, 2), "rate": feed.rate}
+
+
+def _record(feed: Feed) -> dict[str, object] | None:
+    if feed.keeper is None:
+        return None
+    keeper = feed.keeper
+    return {"on": keeper.is_on, "name": keeper.name, "scans": keeper.scans, "error": keeper.error[:_REASON]}

@@ -43,6 +43,8 @@ MOST_MESSAGES: Final = 20
 """Messages a viewer may send in `STATE_S` beside its confirmations, of which there are no more than scans sent.
 Pings and all other frames count too."""
 CLOSE_S: Final = 1.0
+_PLAY: Final = re.compile(r"p(\d{1,9}(?:\.\d{1,3})?) (0\.25|0\.5|[1-9]|10)", re.ASCII)
+"""Play recordings on from so many seconds, so many times as fast."""
 
 _noise = logging.getLogger("lidario.web.noise")
 """What ``websockets`` says of strangers is nothing that the user must read; `Door` tells it in one line."""
@@ -62,8 +64,9 @@ class _Viewer:
         wake: Set where there may be something to send.
     """
 
-    def __init__(self, connection: Connection) -> None:
+    def __init__(self, connection: Connection, feeds: Sequence[Feed]) -> None:
         self.connection = connection
+        self._feeds = feeds
         self.waiting: dict[int, Scan] = {}
         self.unconfirmed: int = 0
         self.states: bool = True
@@ -84,6 +87,14 @@ class _Viewer:
             pass
         elif isinstance(message, str) and re.fullmatch(r"t\d{1,15}(\.\d{1,9})?", message, re.ASCII):
             self.echo, self.states = float(message[1:]), True
+        elif isinstance(message, str) and (asked := _PLAY.fullmatch(message)):
+            for feed in self._feeds:
+                feed.play_from(float(asked[1]), float(asked[2]))
+        elif message in ("r0", "r1"):
+            for feed in self._feeds:
+                if feed.keeper is not None:
+                    feed.keeper.ask(on=message == "r1")
+            self.states = True
         else:
             return False
         self.wake.set()
@@ -204,7 +215,7 @@ class LiveServer:
             await connection.close(1013, "too many viewers")
             return
         self._door.leave(connection)
-        viewer = _Viewer(connection)
+        viewer = _Viewer(connection, self._feeds)
         for number, feed in enumerate(self._feeds):
             if feed.latest is not None:
                 viewer.waiting[number] = feed.latest
@@ -254,7 +265,9 @@ def _may_send(connection: Connection) -> bool:
 
 
 def _page() -> bytes:
-    return files("lidario.web").joinpath("page.html").read_bytes()
+    """The page without what only its readers need: comments that fill a line, and the space before a line."""
+    written = files("lidario.web").joinpath("page.html").read_bytes()
+    return re.sub(rb"(?m)^ *//.*\n|^ +", b"", written)
 
 
 def _response(status: int, phrase: str, body: bytes, kind: str = "plain") -> Response:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from websockets.asyncio.client import connect
@@ -64,3 +67,82 @@ async def test_a_recording_at_full_speed_closes_no_viewer(path: Path, monkeypatc
             reading.cancel()
             await asyncio.wait([reading])
     assert feed.scans >= drawn
+
+
+async def test_a_recording_is_played_on_from_another_place_also_behind_its_end(path: Path) -> None:
+    feed = Feed(f"{path}?rate=10", stays=True)
+    changes: asyncio.Queue[str] = asyncio.Queue()
+    feed.on_change = lambda changed: changes.put_nowait(changed.state)
+    reading = asyncio.create_task(feed.run())
+    async with asyncio.timeout(BOUND):
+        assert [await changes.get(), await changes.get()] == ["scanning", "ended"]
+        length_s = feed.length_s
+        assert length_s is not None
+        assert feed.rate == 10
+        assert feed.reached_s == pytest.approx(length_s, abs=0.4)
+        before = feed.scans
+        feed.play_from(length_s / 2, 5.0)
+        assert [await changes.get(), await changes.get()] == ["scanning", "ended"]
+    # Half of them, and none of the revolutions before.
+    assert 2 <= feed.scans - before <= before / 2 + 1
+    assert feed.rate == 5
+    # Where nothing would be left to see it is a little before the end.
+    async with asyncio.timeout(BOUND):
+        feed.play_from(1e9, 1.0)
+        assert [await changes.get(), await changes.get()] == ["scanning", "ended"]
+    reading.cancel()
+    await asyncio.wait([reading])
+
+
+async def test_viewers_move_recordings_and_start_the_recording_of_lidars(path: Path, tmp_path: Path) -> None:
+    played = Feed(str(path), stays=True, folder=tmp_path)
+    live = Feed("sim://rplidar-s2?via=memory", stays=True, folder=tmp_path)
+    async with LiveServer([played, live], [Mount(), Mount()], host="127.0.0.1", port=0) as server:
+        for feed in (played, live):
+            feed.on_change = server.publish_states
+        reading = [asyncio.create_task(feed.run()) for feed in (played, live)]
+        own = Origin(f"http://localhost:{server.port}")
+        url = f"ws://localhost:{server.port}/live"
+        async with connect(url, origin=own, compression=None, max_queue=1000, proxy=None) as viewer:
+
+            async def states(wanted: Callable[[Any, Any], bool]) -> None:
+                async with asyncio.timeout(BOUND):
+                    while True:
+                        message = await viewer.recv()
+                        if isinstance(message, str) and wanted(*json.loads(message)["lidars"]):
+                            return
+
+            await states(lambda one, two: one["play"] is not None and two["state"] == "scanning")
+            await viewer.send("p0.5 2")
+            await states(lambda one, two: one["play"]["rate"] == 2 and two["play"] is None)
+            await viewer.send("r1")
+            await states(lambda one, two: one["record"] is None and two["record"]["scans"] > 2)
+            await viewer.send("r0")
+            await states(lambda _, two: not two["record"]["on"] and two["record"]["error"] == "")
+            (made,) = await asyncio.to_thread(lambda: list(tmp_path.glob("*.mcap")))
+            assert len(await asyncio.to_thread(lambda: list(lidario.decode_file(made)))) >= 2
+            # Anything else is no message of the page.
+            await viewer.send("p1e9 2")
+            async with asyncio.timeout(BOUND):
+                await viewer.wait_closed()
+            assert viewer.close_code == 1008
+        for task in reading:
+            task.cancel()
+        await asyncio.wait(reading)
+
+
+async def test_a_recording_that_cannot_be_made_says_so_and_the_page_goes_on(tmp_path: Path) -> None:
+    live = Feed("sim://rplidar-s2?via=memory", folder=tmp_path / "nowhere")
+    assert live.keeper is not None
+    reading = asyncio.create_task(live.run())
+    live.keeper.ask(on=True)
+    async with asyncio.timeout(BOUND):
+        while not live.keeper.error:
+            await asyncio.sleep(0.01)
+        scans = live.scans
+        while live.scans < scans + 2:
+            await asyncio.sleep(0.01)
+    assert not live.keeper.is_on
+    assert "nowhere" in live.keeper.error
+    reading.cancel()
+    await asyncio.wait([reading])

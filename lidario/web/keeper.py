@@ -1,0 +1,95 @@
+"""Records a lidar that is shown, from when a viewer asks for it until one asks for its end.
+
+Each recording is a file of its own in one folder, named by the time at which it began. So nothing is replaced, and
+a viewer names no path.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from lidario import CannotRecord, Lidar, Recording
+
+__all__ = ["Keeper"]
+
+_LOOK_S: Final = 1.0
+"""How soon an end that the disk has brought is told."""
+
+
+class Keeper:
+    """The recordings of one lidar.
+
+    Args:
+        folder: Where they are written.
+        tell: Called when one has begun or ended.
+
+    Attributes:
+        name: Name of the file that is written, or was the last one; empty before the first.
+        error: Why the last one ended unasked, or could not begin; else empty.
+        scans: Full revolutions in it so far.
+    """
+
+    def __init__(self, folder: Path, tell: Callable[[], None]) -> None:
+        self.name: str = ""
+        self.error: str = ""
+        self.scans: int = 0
+        self._folder = folder
+        self._tell = tell
+        self._asked = asyncio.Event()
+        self._over = asyncio.Event()
+
+    @property
+    def is_on(self) -> bool:
+        """Whether it records, or will as soon as the lidar is open."""
+        return self._asked.is_set()
+
+    def ask(self, *, on: bool) -> None:
+        """Begin a recording, or end the one that is written; harmless where it is so already."""
+        if on:
+            self._over.clear()
+            self._asked.set()
+        else:
+            self._asked.clear()
+            self._over.set()
+
+    async def serve(self, lidar: Lidar) -> None:
+        """Record this lidar whenever it is asked for, until cancelled; a recording is whole then."""
+        while True:
+            await self._asked.wait()
+            try:
+                await self._record(lidar)
+            except CannotRecord as error:
+                self.error = str(error)
+            self.ask(on=False)
+            self._tell()
+
+    async def _record(self, lidar: Lidar) -> None:
+        self.error, self.scans = "", 0
+        self.name = _name(lidar)
+        async with lidar.record(self._folder / self.name) as recording:
+            self._tell()
+            try:
+                while recording.error is None and self.is_on:
+                    await self._look(recording)
+            finally:
+                self.scans = recording.scans
+        if recording.error is not None:
+            self.error = str(recording.error)
+
+    async def _look(self, recording: Recording) -> None:
+        try:
+            async with asyncio.timeout(_LOOK_S):
+                await self._over.wait()
+        except TimeoutError:
+            self.scans = recording.scans
+
+
+def _name(lidar: Lidar) -> str:
+    """By model, serial number and time: two lidars may be recorded in the same second."""
+    about = re.sub(r"[^a-z0-9]+", "-", f"{lidar.info.model} {lidar.info.serial[:6]}".casefold()).strip("-")
+    return f"{about or 'lidar'}-{time.strftime('%Y%m%d-%H%M%S')}.mcap"
