@@ -1,7 +1,8 @@
 """Scans as an SVG picture for a report: points to scale, on a grid in metres or on rings and rays.
 
 Forward (x) is up and left (y) is left, as seen from above. Nothing is needed to write it. One point is one round
-dot: a line of no length with round ends, which all viewers of SVG draw, and which takes ten bytes.
+dot: a line of no length with round ends, which all viewers of SVG draw, and which takes ten bytes. Words stand
+above all dots on a ground of their own, and a legend says what lies where nothing is drawn.
 """
 
 from __future__ import annotations
@@ -12,13 +13,15 @@ from typing import Final
 from xml.sax.saxutils import escape
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lidario import Scan
 
-__all__ = ["COLOURS", "reach_of", "step_of", "svg"]
+__all__ = ["COLOUR", "legend_of", "opacities", "reach_of", "step_of", "svg"]
 
-COLOURS: Final = ("#1b5fc1", "#d1495b", "#2e933c", "#b8860b", "#7a4fb5", "#00838f")
-"""One scan after the other; readable on white, also when they are printed."""
+COLOUR: Final = "#1b5fc1"
+"""Readable on white, also when it is printed."""
+_FAINTEST: Final = 0.12
 SIZE: Final = 800
 EDGE: Final = 60
 SHOWN: Final = 0.995
@@ -27,10 +30,10 @@ _STEPS_M: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 _LINES: Final = 5
 
 
-def reach_of(scans: Sequence[Scan]) -> float:
+def reach_of(scans: Sequence[Scan], *, polar: bool = False) -> float:
     """Metres from the lidar to the edge of the picture, a whole number of steps."""
-    points = np.concatenate([scan.xy()[scan.valid] for scan in scans]) if scans else np.empty((0, 2))
-    reach = float(np.quantile(np.abs(points).max(axis=1), SHOWN)) * 1.04 if len(points) else 1.0
+    away = np.concatenate([_away(scan, polar) for scan in scans]) if scans else np.empty(0)
+    reach = float(np.quantile(away, SHOWN)) * 1.04 if len(away) else 1.0
     reach = max(reach, _STEPS_M[0])
     return math.ceil(reach / step_of(reach)) * step_of(reach)
 
@@ -40,9 +43,33 @@ def step_of(reach: float) -> float:
     return next((step for step in _STEPS_M if reach / step <= _LINES), _STEPS_M[-1])
 
 
+def opacities(count: int) -> list[float]:
+    """Of so many scans, the oldest first: the latest one is strong, those before it are a trail."""
+    return [0.85 if number == count - 1 else _FAINTEST + 0.3 * number / count for number in range(count)]
+
+
+def legend_of(scans: Sequence[Scan], reach: float, *, polar: bool = False) -> list[str]:
+    """What must be said of these scans beside the picture, a line each."""
+    lines = []
+    if len(scans) > 1:
+        seconds = (scans[-1].stamp_ns - scans[0].stamp_ns) * 1e-9
+        lines.append(f"pale: {len(scans) - 1} scans before, up to {seconds:.1f} s")
+    beyond = sum(int(np.count_nonzero(_away(scan, polar) > reach)) for scan in scans)
+    if beyond:
+        lines.append(f"not drawn: {beyond} return{'s' if beyond > 1 else ''} farther than {reach:g} m")
+    return lines
+
+
+def _away(scan: Scan, polar: bool) -> NDArray[np.float64]:
+    """How far out each return is: by its distance on rings, by its larger coordinate on a square."""
+    points = np.abs(scan.xy()[scan.valid].astype(np.float64))
+    away: NDArray[np.float64] = np.hypot(*points.T) if polar else points.max(axis=1)
+    return away
+
+
 def svg(scans: Sequence[Scan], title: str, *, polar: bool = False) -> str:
     """The picture of these scans, one over the other, as the text of a file."""
-    reach = reach_of(scans)
+    reach = reach_of(scans, polar=polar)
     half = (SIZE - 2 * EDGE) / 2
     middle, scale = SIZE / 2, half / reach
     grid = _rings(middle, scale, reach) if polar else _squares(middle, scale, reach)
@@ -52,19 +79,17 @@ def svg(scans: Sequence[Scan], title: str, *, polar: bool = False) -> str:
         f'<rect width="{SIZE}" height="{SIZE}" fill="#fff"/>',
         f'<text x="{middle}" y="24" text-anchor="middle" font-size="16">{escape(title)}</text>',
         f'<g stroke="#ddd" fill="none">{grid[0]}</g>',
-        f"<g>{grid[1]}</g>",
     ]
-    for number, scan in enumerate(scans):
-        points = scan.xy()[scan.valid].astype(np.float64) * scale
-        inside = (np.abs(points) <= half).all(axis=1)
-        across, down = middle - points[inside, 1], middle - points[inside, 0]
+    for scan, opacity in zip(scans, opacities(len(scans)), strict=True):
+        points = scan.xy()[scan.valid].astype(np.float64)[_away(scan, polar) <= reach] * scale
+        across, down = middle - points[:, 1], middle - points[:, 0]
         dots = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in zip(across.tolist(), down.tolist(), strict=True))
-        colour = COLOURS[number % len(COLOURS)]
-        parts.append(f'<path d="{dots}" stroke="{colour}" stroke-width="2.2" stroke-linecap="round" opacity=".8"/>')
-        if not inside.size:
-            parts.append(
-                f'<text x="{middle}" y="{middle + 60}" text-anchor="middle">no returns in any direction</text>'
-            )
+        pen = f'stroke="{COLOUR}" stroke-width="2.2" stroke-linecap="round" opacity="{opacity:.2f}"'
+        parts.append(f'<path d="{dots}" {pen}/>')
+    parts.append(f'<g stroke="#fff" stroke-width="5" stroke-linejoin="round" paint-order="stroke">{grid[1]}</g>')
+    legend = legend_of(scans, reach, polar=polar)
+    for line, text in enumerate(reversed(legend)):
+        parts.append(f'<text x="{SIZE - 12}" y="{SIZE - 10 - 18 * line}" text-anchor="end">{text}</text>')
     if not any(scan.valid.any() for scan in scans):
         parts.append(
             f'<text x="{middle}" y="{middle + 60}" text-anchor="middle">no returns in any direction</text>'

@@ -114,16 +114,16 @@ def _needs_matplotlib() -> None:
 
 
 def _png(scans: list[Scan], title: str, polar: bool) -> bytes:
-    from lidario.cli.chart import COLOURS, reach_of
+    from lidario.cli.chart import COLOUR, legend_of, opacities, reach_of
 
     plt = import_module("matplotlib.pyplot")
-    reach = reach_of(scans)
+    reach = reach_of(scans, polar=polar)
     figure = plt.figure(figsize=(8, 8), dpi=150)
     axes: Any = figure.add_subplot(projection="polar" if polar else None)
-    for number, scan in enumerate(scans):
+    for scan, opacity in zip(scans, opacities(len(scans)), strict=True):
         seen, points = scan.valid, scan.xy()
         across, up = (scan.angles[seen], scan.ranges[seen]) if polar else (points[seen, 1], points[seen, 0])
-        axes.plot(across, up, ".", markersize=2.5, color=COLOURS[number % len(COLOURS)], alpha=0.8)
+        axes.plot(across, up, ".", markersize=2.5, color=COLOUR, alpha=opacity)
     if polar:
         axes.set_theta_zero_location("N")
         axes.set_ylim(0, reach)
@@ -133,6 +133,7 @@ def _png(scans: list[Scan], title: str, polar: bool) -> bytes:
         axes.set(xlabel="y, to the left (m)", ylabel="x, forward (m)")
         axes.grid(color="#dddddd")
     axes.set_title(title)
+    figure.text(0.99, 0.01, "\n".join(legend_of(scans, reach, polar=polar)), ha="right", va="bottom")
     file = io.BytesIO()
     figure.savefig(file, format="png")
     plt.close(figure)

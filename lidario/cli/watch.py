@@ -37,6 +37,7 @@ REDRAW_S: Final = 1.0
 """A frame is drawn at least so often, also without a scan: the terminal may have another size by then."""
 WIDE: Final = 92
 BESIDE: Final = 30
+MOST_BELOW: Final = 2
 
 
 @click.command()
@@ -137,11 +138,12 @@ class Frame:
         width, height = options.size
         lines = figures(self._feed)
         wide = width >= WIDE
-        size = (width - 1 - (BESIDE if wide else 0), height - (2 if wide else 3))
+        below = [] if wide else _below(lines, width - 1)
+        size = (width - 1 - (BESIDE if wide else 0), height - 2 - len(below))
         drawing = picture(self._feed.latest, console, size=size)
         if not wide:
             yield drawing
-            yield Text(_line(lines), no_wrap=True, overflow="crop")
+            yield Text("\n".join(below), no_wrap=True, overflow="crop")
             return
         panel = Table.grid(padding=(0, 1))
         panel.add_column(style="bold")
@@ -184,8 +186,16 @@ def figures(feed: Feed) -> list[tuple[str, str]]:
     return rows
 
 
-def _line(rows: list[tuple[str, str]]) -> str:
+def _below(rows: list[tuple[str, str]], width: int) -> list[str]:
+    """The figures as lines that a narrow terminal shows whole, the most important ones first."""
     told = dict(rows)
     if told["nearest"].endswith(" m"):
         told["nearest"] = f"nearest {told['nearest']}"
-    return "  ".join(value for name, value in told.items() if name not in ("model", "mode", "link"))
+    lines = [""]
+    for value in (value for name, value in told.items() if name not in ("model", "mode", "link")):
+        joined = f"{lines[-1]}  {value}" if lines[-1] else value
+        if len(joined) <= width or not lines[-1]:
+            lines[-1] = joined
+        elif len(lines) < MOST_BELOW:
+            lines.append(value)
+    return lines

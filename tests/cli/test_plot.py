@@ -63,6 +63,45 @@ def test_one_far_beam_does_not_shrink_the_room() -> None:
     assert reach_of([scan_of(FULL_TURN, ranges)]) == reach_of([scan_of(FULL_TURN, np.full(3600, 2.0))])
 
 
+@pytest.mark.parametrize("polar", [False, True])
+def test_every_dot_is_inside_and_what_is_not_drawn_is_said(polar: bool) -> None:
+    ranges = np.full(3600, 2.0)
+    ranges[:7] = 30.0
+    text = svg([scan_of(FULL_TURN, ranges)], "x", polar=polar)
+    (places,) = dots(text)
+    assert len(places) == 3593
+    away = np.hypot(*(places - 400).T) if polar else np.abs(places - 400).max(axis=1)
+    assert away.max() <= 340.1
+    assert "not drawn: 7 returns farther than 2.5 m" in text
+
+
+def test_the_corners_of_a_square_room_lie_inside_the_outer_ring() -> None:
+    """By x and y alone the outer ring would be at 2.5 m, and the corners lie at 3.25."""
+    wall = 2.3 / np.maximum(np.abs(np.cos(FULL_TURN)), np.abs(np.sin(FULL_TURN)))
+    (places,) = dots(svg([scan_of(FULL_TURN, wall)], "x", polar=True))
+    assert len(places) > 0.99 * 3600
+    assert np.hypot(*(places - 400).T).max() <= 340.1
+
+
+def test_words_stand_above_the_dots_on_a_ground_of_their_own() -> None:
+    text = svg([scan_of(FULL_TURN, np.full(3600, 2.0))], "x", polar=True)
+    root = ElementTree.fromstring(text)
+    (words,) = [each for each in root.iter(f"{SVG}g") if each.get("paint-order") == "stroke"]
+    assert "2 m" in [each.text for each in words]
+    drawn = list(root)
+    last = max(at for at, each in enumerate(drawn) if each.get("stroke-linecap") == "round")
+    assert drawn.index(words) > last
+
+
+def test_several_scans_are_a_trail_that_grows_stronger() -> None:
+    scans = [scan_of(FULL_TURN, np.full(3600, 2.0)) for _ in range(4)]
+    root = ElementTree.fromstring(svg(scans, "x"))
+    strong = [float(each.get("opacity", "0")) for each in root.iter(f"{SVG}path") if each.get("stroke-linecap")]
+    assert strong == sorted(strong)
+    assert strong[-1] > 2 * strong[-2] - 0.01
+    assert any((each.text or "").startswith("pale: 3 scans before") for each in root.iter(f"{SVG}text"))
+
+
 def test_a_title_is_text_whatever_is_in_it() -> None:
     root = ElementTree.fromstring(svg([scan_of(FULL_TURN, np.full(3600, np.nan))], "<script>&"))
     texts = [each.text for each in root.iter(f"{SVG}text")]

@@ -58,6 +58,18 @@ def test_the_figures_stand_beside_or_below() -> None:
     assert "nearest 2.00 m" in below[-1]
 
 
+@pytest.mark.parametrize(("width", "least"), [(60, 5), (44, 5)])
+def test_a_narrow_terminal_shows_each_figure_whole(width: int, least: int) -> None:
+    line = traffic(Stats(), Stats(packets=97, lost_packets=3), 1.0, 0)
+    lines = drawn(feed(line=line), width, 20)
+    told = "  ".join(each.strip() for each in lines[-2:])
+    shown = ("scanning", "10.0 Hz", "3600, 0 % no return", "nearest 2.00 m", "3.0 % damaged")
+    assert sum(each in told for each in shown) >= least, told
+    # No figure is cut where the line ends, and the picture does not go for it.
+    assert not any("…" in each for each in lines)
+    assert sum("⠀" < character <= "⣿" for each in lines[:-2] for character in each) > 10
+
+
 def test_states_are_said_in_words() -> None:
     assert "no returns" in " ".join(drawn(feed(np.nan), 110, 30))
     lost = " ".join(" ".join(drawn(feed(state="lost", reason="it is gone"), 110, 30)).split())

@@ -276,7 +276,8 @@ def test_after_unplugging_it_says_so_and_comes_back(opened: Open) -> None:
         came = page.ask("scans[0].at(-1).came.toLocaleTimeString()")
         page.until(f"document.body.innerText.includes('shows the last scan, of {came}.')")
         # However long the reason is, with a source that has no place to break in.
-        right = "Math.max(...[...document.querySelectorAll('section, dd, p')].map(e => e.getBoundingClientRect().right))"
+        boxes = "[...document.querySelectorAll('section, dd, p')].map(each => each.getBoundingClientRect())"
+        right = f"Math.max(...{boxes}.map(each => each.right))"
         assert page.ask(f"{right} <= innerWidth && $('side').scrollWidth <= $('side').clientWidth")
         assert [page.ask(ROW % name) for name in ("state", "rate", "latency")] == ["lost", "not known", "not known"]
         page.until("!dirty")
