@@ -41,7 +41,7 @@ class Case(NamedTuple):
     def name(self) -> str:
         """In words."""
         state = "after kill -9" if self.streams else "at rest"
-        return f"{MAKERS[self.family][1]}, {'everything named' if self.named else 'path only'}, {state}"
+        return f"{MAKERS[self.family].model}, {'everything named' if self.named else 'path only'}, {state}"
 
 
 CASES = [Case(family, named, streams) for family in MAKERS for named in (False, True) for streams in (False, True)]
@@ -49,7 +49,7 @@ CASES = [Case(family, named, streams) for family in MAKERS for named in (False, 
 
 def first_scan_s(case: Case) -> float:
     """Seconds from `open_lidar` to the first scan."""
-    make, model, _ = MAKERS[case.family]
+    make, model, *_ = MAKERS[case.family]
     device: Any = make(model)
     named: dict[str, Any] = {"family": case.family, "baudrate": device.baudrate} if case.named else {}
 

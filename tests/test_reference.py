@@ -19,7 +19,7 @@ def ydlidar_stream(name: str) -> tuple[golden.Golden, list[bytes], list[ydlidar.
 # ------------------------------------------------------------------------------------------------------- 4ROS
 
 
-@pytest.mark.parametrize("name", golden.YDLIDAR_NAMES)
+@pytest.mark.parametrize("name", golden.names_of("ydlidar_4ros"))
 def test_ydlidar_samples(name: str) -> None:
     stream, _, samples = ydlidar_stream(name)
     closed = samples[: len(stream.angle_deg)]
@@ -34,7 +34,7 @@ def test_ydlidar_samples(name: str) -> None:
     assert errors.min() > -(GRID_Q6 + 1e-4)
 
 
-@pytest.mark.parametrize("name", golden.YDLIDAR_NAMES)
+@pytest.mark.parametrize("name", golden.names_of("ydlidar_4ros"))
 def test_ydlidar_revolutions(name: str) -> None:
     stream, _, samples = ydlidar_stream(name)
     assert stream.scan is not None

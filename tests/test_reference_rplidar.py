@@ -21,7 +21,7 @@ def rplidar_stream(name: str) -> tuple[golden.Golden, int, list[bytes], list[rpl
     return stream, stream.response_type, packets, rplidar.decode(stream.response_type, packets)
 
 
-@pytest.mark.parametrize("name", golden.RPLIDAR_NAMES)
+@pytest.mark.parametrize("name", golden.names_of("rplidar"))
 def test_rplidar_sample_count(name: str) -> None:
     stream, response_type, packets, samples = rplidar_stream(name)
     decoded = len(packets) - 1 if response_type in rplidar.CAPSULE_TYPES else len(packets)
@@ -31,13 +31,13 @@ def test_rplidar_sample_count(name: str) -> None:
     ]
 
 
-@pytest.mark.parametrize("name", golden.RPLIDAR_NAMES)
+@pytest.mark.parametrize("name", golden.names_of("rplidar"))
 def test_rplidar_distances_are_exact(name: str) -> None:
     stream, _, _, samples = rplidar_stream(name)
     assert [sample.distance_mm for sample in samples] == stream.distance_mm.tolist()
 
 
-@pytest.mark.parametrize("name", golden.RPLIDAR_NAMES)
+@pytest.mark.parametrize("name", golden.names_of("rplidar"))
 def test_rplidar_quality(name: str) -> None:
     stream, response_type, _, samples = rplidar_stream(name)
     assert stream.quality is not None
@@ -48,7 +48,7 @@ def test_rplidar_quality(name: str) -> None:
         assert stream.quality.tolist() == [188 if sample.distance_mm else 0 for sample in samples]
 
 
-@pytest.mark.parametrize("name", golden.RPLIDAR_NAMES)
+@pytest.mark.parametrize("name", golden.names_of("rplidar"))
 def test_rplidar_angles_differ_by_rounding_alone(name: str) -> None:
     """The vendor rounds down up to three times: each step of the beam, then to 1/64°, then to 90°/16384."""
     stream, response_type, _, samples = rplidar_stream(name)
@@ -64,7 +64,7 @@ def test_rplidar_angles_differ_by_rounding_alone(name: str) -> None:
     assert errors.min() > -allowed
 
 
-@pytest.mark.parametrize("name", golden.RPLIDAR_NAMES)
+@pytest.mark.parametrize("name", golden.names_of("rplidar"))
 def test_rplidar_angles_are_exact_once_rounded_alike(name: str) -> None:
     """With the vendor's three roundings put on top of the reference not a single angle differs."""
     stream, response_type, packets, samples = rplidar_stream(name)
@@ -85,7 +85,7 @@ def test_rplidar_angles_are_exact_once_rounded_alike(name: str) -> None:
     assert (stream.angle_deg.astype(np.float64) / GRID_Q14).tolist() == expected
 
 
-@pytest.mark.parametrize("name", golden.RPLIDAR_NAMES)
+@pytest.mark.parametrize("name", golden.names_of("rplidar"))
 def test_rplidar_revolutions(name: str) -> None:
     """The vendor marks the first sample past 0° in 0x81 and 0x83, in capsules the last one before it."""
     stream, response_type, _, samples = rplidar_stream(name)
@@ -97,7 +97,7 @@ def test_rplidar_revolutions(name: str) -> None:
     assert turns == [samples[begin:end] for begin, end in pairwise(cuts)]
 
 
-@pytest.mark.parametrize("name", golden.RPLIDAR_NAMES)
+@pytest.mark.parametrize("name", golden.names_of("rplidar"))
 def test_rplidar_beam_only_goes_forward(name: str) -> None:
     """What the half-turn rule takes for granted."""
     _, _, _, samples = rplidar_stream(name)

@@ -2,18 +2,40 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+from pathlib import Path
+
 import pytest
 
 from lidario.errors import ConnectFailed
 from lidario.families.base import Device, Family
-from lidario.families.ldrobot.simulated.device import PROFILES as THIRD
 from lidario.families.registry import FAMILIES, family_named, family_of_simulated
-from lidario.families.rplidar.simulated.profiles import PROFILES as FIRST
-from lidario.families.ydlidar.simulated.device import PROFILES as SECOND
+from tests.support.families import ABOUT
+
+TESTS = Path(__file__).resolve().parent.parent
 
 
-def test_the_simulated_models_are_those_there_are() -> None:
-    assert [set(family.simulated) for family in FAMILIES] == [set(FIRST), set(SECOND), set(THIRD)]
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)
+def test_the_simulated_models_are_those_there_are(family: Family) -> None:
+    device = import_module(f"lidario.families.{family.name}.simulated.device")
+    assert set(family.simulated) == set(device.PROFILES)
+
+
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)
+def test_each_family_has_its_tests_and_its_streams(family: Family) -> None:
+    """What makes the tests of all families run with it: nothing else would notice that it has none."""
+    about = ABOUT[family.name]
+    assert about.MAKER.model in family.simulated
+    assert set(about.MODELS) <= set(family.simulated)
+    # Each format has a stream, mostly one that somebody else has decoded, and a scalar reference.
+    assert {case.truth.family for case in about.CASES} == {family.name}
+    told = {case.response_type for case in (*about.CASES, *getattr(about, "LAYOUTS", ()))}
+    assert {kind().response_type for kind in family.formats} <= told
+    assert set(about.KINDS) | set(about.OF_GOLDEN_ALONE) <= {case.name for case in about.CASES}
+    assert (TESTS / "reference" / f"{family.name}.py").is_file()
+    for name in ("test_decode.py", "test_formats.py"):
+        assert (TESTS / "families" / family.name / name).is_file()
+    assert list((TESTS / "families" / family.name).glob("test_simulated*.py"))
 
 
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)

@@ -13,7 +13,7 @@ from lidario.scan import Scan
 from tests.fuzz.checks import check_scan
 from tests.reference import ydlidar
 from tests.support.cases import KINDS, Case
-from tests.support.contents import point_cloud, sealed
+from tests.support.contents import point_cloud
 from tests.support.streams import in_one_run, stream_of
 
 __all__ = ["decode_packets", "packet_seeds", "packets_of"]
@@ -59,12 +59,12 @@ def packets_of(case: Case, data: bytes) -> list[bytes]:
 
 
 def _packets(case: Case, data: bytes) -> list[bytes]:
-    if case.layout is not None:
+    if isinstance(case.layout, ydlidar.Kind):
         return _points(case.layout, data)[:_MOST]
     if case.response_type == 0x83:
         return _hq(data)
     size = len(case.packets[0])
-    return [sealed(case, data[at : at + size].ljust(size, b"\0")) for at in range(0, len(data), size)][:_MOST]
+    return [case.seal(case, data[at : at + size].ljust(size, b"\0")) for at in range(0, len(data), size)][:_MOST]
 
 
 def _points(layout: ydlidar.Kind, data: bytes) -> list[bytes]:

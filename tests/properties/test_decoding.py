@@ -12,6 +12,7 @@ from lidario.families.base import Samples
 from lidario.revolution.seam import Seam, Split
 from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS, RESTARTS, Headings
+from tests.reference import ydlidar
 from tests.support.cases import CASES, KINDS, LAYOUTS, Case, Sample, named
 from tests.support.contents import any_packets, point_cloud
 from tests.support.harm import messes
@@ -44,7 +45,7 @@ def assert_same(case: Case, samples: Samples, reference: Sequence[Sample]) -> No
 def test_a_corrected_angle_just_below_360_is_not_rounded_to_360() -> None:
     """At 199 mm the correction of 113/64 degrees is -2e-7 degrees: single precision has nothing so near to 360."""
     case = next(case for case in LAYOUTS if case.name == "ydlidar_x4_11hz")
-    assert case.layout is not None
+    assert isinstance(case.layout, ydlidar.Kind)
     packet = point_cloud(case.layout, 113, 113, (4 * 199).to_bytes(2, "little"))
     assert 359.9999 < case.decode([packet])[0].angle_deg < 360
     assert case.make_decoder().decode(run_of(case, [packet]), None).angle_deg.tolist() == [0.0]

@@ -3,6 +3,7 @@
 import pytest
 
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_response, pack_time_stamp
+from tests.reference import ydlidar
 from tests.support.cases import CASES, Case, named
 from tests.support.contents import resealed
 from tests.support.kept import Kept, kept
@@ -45,7 +46,7 @@ def test_a_damaged_packet_at_the_seam_merges_no_turns(case: Case, bit: int) -> N
 @every_cloud
 @pytest.mark.parametrize("samples", [0, 81, 200, 255])
 def test_an_absurd_number_of_samples_costs_the_packet(case: Case, samples: int) -> None:
-    assert case.layout is not None
+    assert isinstance(case.layout, ydlidar.Kind)
     number = case.turns[1][0].packet + 5
     packet = case.packets[number]
     bad = resealed(case.layout, packet[:3] + bytes((samples,)) + packet[4:])
@@ -55,7 +56,7 @@ def test_an_absurd_number_of_samples_costs_the_packet(case: Case, samples: int) 
 
 @every_cloud
 def test_the_c_bit_may_be_0(case: Case) -> None:
-    assert case.layout is not None
+    assert isinstance(case.layout, ydlidar.Kind)
     changed = {}
     for number in range(case.turns[0][0].packet, case.turns[1][-1].packet, 3):
         packet = bytearray(case.packets[number])
@@ -88,7 +89,7 @@ def test_what_may_stand_between_packets_costs_nothing(case: Case, between: bytes
 @every_cloud
 def test_samples_that_look_like_packets_are_samples(case: Case) -> None:
     """Distances, and intensities, of which every two bytes are the packet's own mark."""
-    assert case.layout is not None
+    assert isinstance(case.layout, ydlidar.Kind)
     changed = {}
     for number in range(0, len(case.packets), 2):
         packet = case.packets[number]

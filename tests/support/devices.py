@@ -8,13 +8,11 @@ from typing import Any
 
 import pytest
 
-from lidario.families.ldrobot.simulated.device import make_simulated as make_third
-from lidario.families.rplidar.simulated.device import make_simulated as make_first
-from lidario.families.ydlidar.simulated.device import make_simulated as make_second
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
 from lidario.session.opening import OpenLidar, open_lidar
 from tests.support.discards import PROTECTED
+from tests.support.families import ABOUT
 
 __all__ = [
     "EVERY_FAMILY",
@@ -49,12 +47,8 @@ class Rig:
         return open_lidar(self.device, family=self.family, **options)
 
 
-MAKERS: dict[str, tuple[Callable[..., Any], str, float]] = {
-    "rplidar": (make_first, "rplidar-s2", 0.1),
-    "ydlidar": (make_second, "ydlidar-4ros", 1 / 7),
-    "ldrobot": (make_third, "ldrobot-ld06", 0.1),
-}
-FAMILIES = ("rplidar", "ydlidar")
+MAKERS = {name: about.MAKER for name, about in ABOUT.items()}
+FAMILIES = tuple(name for name, maker in MAKERS.items() if maker.obeys)
 """Those whose devices obey requests, and so are asked, stopped and reset in most tests of sessions."""
 EVERY_FAMILY = tuple(MAKERS)
 both_families = pytest.mark.parametrize("family", FAMILIES)
@@ -62,10 +56,10 @@ both_families = pytest.mark.parametrize("family", FAMILIES)
 
 def make_rig(family: str, model: str | None = None, **options: Any) -> Rig:
     """A fresh device whose rotor needs no time to speed up."""
-    make, default, turn_s = MAKERS[family]
-    device = make(model or default, **options)
+    maker = MAKERS[family]
+    device = maker.make(model or maker.model, **options)
     device.spin_up_s = 0.0
-    return Rig(family, device, turn_s)
+    return Rig(family, device, maker.turn_s)
 
 
 def names(rig: Rig, *, obeyed: bool | None = None) -> list[str]:

@@ -8,29 +8,14 @@ import pytest
 
 from lidario.families.registry import FAMILIES
 from lidario.wire.formats import StreamFormat
-from tests.support.cases import Case
+from tests.support.case import Case
+from tests.support.families import ABOUT
 
 __all__ = ["MODELS", "every_model", "one_a_parser"]
 
 MODELS = [model for family in FAMILIES for model in family.simulated]
 """Every simulated model."""
-SOME_MODELS = [
-    "rplidar-s2",
-    "rplidar-a1",
-    "rplidar-hq",
-    "rplidar-ultra",
-    "rplidar-no-modes",
-    "rplidar-old-firmware",
-    "ydlidar-4ros",
-    "ydlidar-x4",
-    "ydlidar-g2",
-    "ydlidar-tg15",
-    "ydlidar-tmini",
-    "ydlidar-x2",
-    "ydlidar-tx8",
-    "ldrobot-ld19",
-    "ldrobot-ld14p",
-]
+SOME_MODELS = [model for about in ABOUT.values() for model in about.MODELS]
 """One of each kind: of motor, of format, of what a device tells of itself, with and without commands."""
 
 

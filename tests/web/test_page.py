@@ -7,50 +7,13 @@ from __future__ import annotations
 
 import json
 import signal
-from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
 
-import lidario
-from benchmarks.browser import Browser, Page
+from benchmarks.browser import Browser
 from tests.cli.processes import BOUND, line_of, started
 from tests.support.children import until
-from tests.support.recorded import record
-
-S2 = "sim://rplidar-s2?via=memory&serial=" + "AB" * 16
-Open = Callable[..., Page]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with Browser() as opened:
-        yield opened
-
-
-@pytest.fixture
-def opened(browser: Browser) -> Iterator[Open]:
-    """Opens tabs; at the end of the test they are closed, and none has complained."""
-    pages: list[Page] = []
-
-    def open_page(url: str, **how: object) -> Page:
-        pages.append(browser.open(url, **how))  # type: ignore[arg-type]
-        return pages[-1]
-
-    yield open_page
-    for page in pages:
-        page.close()
-    assert [page.complaints for page in pages] == [[]] * len(pages)
-
-
-@pytest.fixture(scope="module")
-def url() -> Iterator[str]:
-    """The page of one simulated lidar, for all tests that only look."""
-    with started("view", S2, "--port", "0") as process:
-        yield line_of(process.stdout).strip()
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=BOUND)
-
+from tests.web.shown import S2, Open, ink
 
 EDGES = (
     "() => { const xs = [], ys = []; latest((scan, lidar) => cloud(scan, lidar, 1, (x, y) => {"
@@ -60,17 +23,6 @@ EDGES = (
     " return [xs[cut], xs.at(-1 - cut), ys[cut], ys.at(-1 - cut)]; }"
 )
 """Left, right, upper and lower edge of what is drawn, in dots, without the farthest hundredth."""
-
-
-def ink(page: Page) -> int:
-    """How many dots of the canvas have a colour that is neither ground nor grid: all the grey ones."""
-    return int(
-        page.ask(
-            "(d => { let n = 0; for (let i = 0; i < d.length; i += 4)"
-            " if (Math.max(d[i], d[i+1], d[i+2]) - Math.min(d[i], d[i+1], d[i+2]) > 40) n++; return n; })"
-            "(pen.getImageData(0, 0, canvas.width, canvas.height).data)"
-        )
-    )
 
 
 def test_scans_are_drawn_and_the_panel_tells_of_them(url: str, opened: Open) -> None:
@@ -291,125 +243,6 @@ def test_after_unplugging_it_says_so_and_comes_back(opened: Open) -> None:
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=BOUND)
         assert process.returncode == 0
-        page.until("!connected")
-        page.close()
-        page.complaints.clear()
-
-
-def test_the_colours_keep_their_scale_and_the_legend_tells_it(url: str, opened: Open) -> None:
-    page = opened(url)
-    page.until("seen.painted > 3")
-    far = page.ask("view.far")
-    assert far >= page.ask("scans[0].at(-1).far") > 0.6 * far
-    # Nothing far is left: the scale stays. Fit begins it anew.
-    page.ask("view.paused = true, scans[0].at(-1).ranges.fill(1500), measure(scans[0].at(-1)), dirty = true")
-    page.until("!dirty")
-    assert page.ask("view.far") == far
-    page.key("0")
-    page.until("!dirty")
-    assert page.ask("view.far") == 2
-    first, last = page.ask("[14, 12 + 24 * 7 - 2].map(x => [...pen.getImageData(x, 15, 1, 1).data].slice(0, 3))")
-    assert [first, last] == page.ask(
-        "[RAMP[0], RAMP[6]].map(c => [1, 3, 5].map(i => parseInt(c.slice(i, i + 2), 16)))"
-    )
-
-
-def test_intensity_is_shown_where_there_is_one(opened: Open) -> None:
-    with started("view", S2, "--mode", "Standard", "--port", "0") as process:
-        page = opened(line_of(process.stdout).strip())
-        page.until("seen.painted > 1")
-        page.key("c")
-        page.until("document.querySelector('#hue').textContent === 'Colour: intensity' && !dirty")
-        assert ink(page) > 300
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=BOUND)
-        page.until("!connected")
-        page.close()
-        page.complaints.clear()
-
-
-def test_the_pointer_tells_distance_and_angle_and_the_ruler_measures(url: str, opened: Open) -> None:
-    page = opened(url)
-    page.until("seen.painted > 1 && !dirty")
-    page.key(" ")
-    page.until("view.paused && !dirty")
-    # A wall to the right, told from the scan itself; the pointer is 3 dots beside it.
-    wall = "(s => { let i = 0; while (!(s.ranges[i] && s.angles[i] > 49000)) i++; return i; })(scans[0].at(-1))"
-    index = page.ask(wall)
-    metres, turned = page.ask(
-        f"[scans[0].at(-1).ranges[{index}] / 1000, scans[0].at(-1).angles[{index}] * 360 / 65536]"
-    )
-    across, down = page.ask(
-        f"place({metres} * Math.cos({turned} * Math.PI / 180), {metres} * Math.sin({turned} * Math.PI / 180))"
-    )
-    page.move(across + 3, down)
-    page.until("hover && !dirty")
-    told = page.ask("seenFrom(under(hover))")
-    distance, angle = float(told.split(" m at ")[0]), float(told.split(" m at ")[1].rstrip("°"))
-    assert distance == pytest.approx(metres, abs=0.1)
-    assert angle == pytest.approx(turned - 360, abs=2)
-    # One metre forward from here, on free ground.
-    page.key("r")
-    middle = page.ask("[place(0.2, 0), place(0.7, 0)]")
-    for x, y in middle:
-        page.move(x, y)
-        page.drag((x, y), (x, y))
-    page.until("marks.length === 2 && !dirty")
-    assert page.ask("Math.hypot(marks[0][0] - marks[1][0], marks[0][1] - marks[1][1])") == pytest.approx(
-        0.5, abs=0.02
-    )
-    page.key("r")
-    assert page.ask("marks.length") == 0
-
-
-def test_the_title_names_the_lidar_and_the_screen_is_filled(url: str, opened: Open) -> None:
-    page = opened(url)
-    page.until("document.title === 'RPLIDAR S2M1 – lidario'")
-    page.key("f")
-    page.until("document.fullscreenElement !== null")
-    page.key("f")
-    page.until("document.fullscreenElement === null")
-
-
-def test_what_is_shown_is_recorded(opened: Open, tmp_path: Path) -> None:
-    with started("view", S2, "--port", "0", "--record", str(tmp_path)) as process:
-        page = opened(line_of(process.stdout).strip())
-        page.until("seen.painted > 1 && !$('record').hidden")
-        page.click("#record")
-        page.until("lidars[0].record.on && lidars[0].record.scans > 5")
-        page.until("/recording rplidar-s2m1-ababab-.*mcap/.test(document.body.innerText)")
-        assert page.ask("$('record').getAttribute('aria-pressed')") == "true"
-        page.click("#record")
-        page.until("!lidars[0].record.on && /recorded rplidar/.test(document.body.innerText)")
-        # It is whole while the page goes on.
-        (path,) = tmp_path.glob("*.mcap")
-        assert len(list(lidario.decode_file(path))) >= 5
-        assert lidario.summarize(path).damage == ""
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=BOUND)
-        page.until("!connected")
-        page.close()
-        page.complaints.clear()
-
-
-def test_a_recording_is_moved_through_and_played_at_another_speed(opened: Open, tmp_path: Path) -> None:
-    path = record(tmp_path / "a.mcap", "sim://rplidar-s2", 60).path
-    with started("view", str(path), "--port", "0") as process:
-        page = opened(line_of(process.stdout).strip())
-        page.until("seen.painted > 1 && !$('play').hidden")
-        assert page.ask("$('record').hidden")
-        length = page.ask("lidars[0].play.length")
-        assert length == pytest.approx(6, abs=0.5)
-        page.ask("$('at').value = 4, play()")
-        page.until("lidars[0].play.at > 4.2")
-        page.until("lidars[0].state === 'ended'")
-        assert "the recording has ended" in page.text()
-        # Behind its end it is played again, as slow as is wanted.
-        page.ask("$('at').value = 1, $('rate').value = '0.5', play()")
-        page.until("lidars[0].state === 'scanning' && lidars[0].play.rate === 0.5 && lidars[0].play.at > 1.2")
-        assert page.ask("lidars[0].play.at") < 4
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=BOUND)
         page.until("!connected")
         page.close()
         page.complaints.clear()

@@ -64,7 +64,7 @@ def test_packers_agree_with_the_reference() -> None:
 
 
 @pytest.mark.exhaustive("chunk", sample=[None, 7], full=[None, 1, 7, 47, 64])
-@pytest.mark.parametrize("name", [name for name in golden.LDROBOT_NAMES if "ld08" not in name])
+@pytest.mark.parametrize("name", [name for name in golden.names_of("ldrobot") if "ld08" not in name])
 def test_records_between_packets_are_no_noise(name: str, chunk: int | None) -> None:
     raw = golden.load(name).raw
     packets, stats = received(raw, chunk)

@@ -34,7 +34,7 @@ def decoded(packets: list[bytes], following: bytes | None = None) -> Samples:
     return PointCloudDecoder().decode(run_of(packets), following)
 
 
-@pytest.mark.parametrize("name", golden.YDLIDAR_NAMES)
+@pytest.mark.parametrize("name", golden.names_of("ydlidar_4ros"))
 def test_golden_streams(name: str) -> None:
     truth, decoder = golden.load(name), PointCloudDecoder()
     turns = turns_of(name)
@@ -56,7 +56,7 @@ def test_golden_streams(name: str) -> None:
     assert done == len(truth.distance_mm)
 
 
-@pytest.mark.parametrize("name", golden.YDLIDAR_NAMES)
+@pytest.mark.parametrize("name", golden.names_of("ydlidar_4ros"))
 def test_the_reference_agrees_to_the_last_digit(name: str) -> None:
     turns = turns_of(name)
     assert len(turns) > 2
@@ -124,7 +124,7 @@ def lost_behind(turns: list[list[bytes]], missing: range) -> tuple[int, int]:
     return samples.lost, samples.unbroken
 
 
-@pytest.mark.parametrize("name", golden.YDLIDAR_NAMES)
+@pytest.mark.parametrize("name", golden.names_of("ydlidar_4ros"))
 def test_a_lost_packet_is_counted_wherever_it_was(name: str) -> None:
     turns = turns_of(name)[:3]
     for gone in range(1, len(turns[1]) + 10):

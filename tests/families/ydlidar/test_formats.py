@@ -74,7 +74,7 @@ CLEAN = [packet(first=500 * n, seed=n) for n in range(12)]
 
 
 @pytest.mark.repeats
-@pytest.mark.parametrize("name", golden.YDLIDAR_NAMES)
+@pytest.mark.parametrize("name", golden.names_of("ydlidar_4ros"))
 def test_golden_streams_arrive_whole_in_any_pieces(name: str) -> None:
     raw = golden.load(name).raw
     events, stats = in_any_pieces(raw)

@@ -1,0 +1,67 @@
+"""What tests of all families must know of this one: a simulated device, its streams, and its models."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.families import unasked
+from lidario.families.ldrobot.device import AXIS, BEAM, TRIANGLE
+from lidario.families.ldrobot.simulated.device import make_simulated
+from lidario.families.ldrobot.simulated.packers import pack_points
+from tests.reference import golden, ldrobot
+from tests.support.case import Case
+from tests.support.rig import Maker
+
+__all__ = ["CASES", "KINDS", "MAKER", "MODELS", "OF_GOLDEN_ALONE"]
+
+MAKER = Maker(make_simulated, "ldrobot-ld06", 0.1, obeys=False)
+MODELS = ("ldrobot-ld19", "ldrobot-ld14p")
+
+
+def _case(name: str) -> Case:
+    lens: Literal["", "ld08", "ld14"] = "ld14" if "ld14" in name else "ld08" if "ld08" in name else ""
+    kind = {"": BEAM, "ld14": TRIANGLE, "ld08": AXIS}[lens]
+    sample_us = golden.load(name).sample_us
+    assert sample_us is not None
+    return Case(
+        name=name,
+        response_type=kind.wire().response_type,
+        descriptor=b"",
+        make_format=kind.wire,
+        make_decoder=kind.decoder,
+        request=unasked.begin,
+        sample_us=sample_us,
+        split=ldrobot.split,
+        decode=partial(ldrobot.decode, lens=lens),
+        revolutions=ldrobot.revolutions,  # type: ignore[arg-type]
+        lookahead=False,
+        contents=_contents,
+        seal=_sealed,
+        exact=True,
+    )
+
+
+def _contents(case: Case, random: np.random.Generator, starts: NDArray[np.int64], wild: bool) -> list[bytes]:
+    count = len(starts)
+    raw = pack_points(
+        random.integers(0, 65536, (count, 12)),
+        random.integers(0, 256, (count, 12)),
+        starts % (0x8000 if wild else 36_000),
+        (starts + random.integers(0, 3000, count)) % (0x8000 if wild else 36_000),
+        speed=random.integers(0, 65536, count),
+    )
+    return [raw[at : at + 47] for at in range(0, len(raw), 47)]
+
+
+def _sealed(case: Case, contents: bytes) -> bytes:
+    body = case.packets[0][:2] + contents[2:-1]
+    return body + bytes((ldrobot.crc8(body),))
+
+
+CASES = tuple(map(_case, golden.names_of("ldrobot")))
+KINDS = ("ldrobot_ld19_6hz", "ldrobot_ld14p_6hz", "ldrobot_ld08_5hz")
+OF_GOLDEN_ALONE = ("ldrobot_ld19_13hz", "ldrobot_stl27l_6hz")

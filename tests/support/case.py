@@ -1,0 +1,152 @@
+"""What a test must know of one measurement stream: how it is announced, cut and decoded, and the truth."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.families.base import Decoder
+from lidario.wire.envelope import Request
+from lidario.wire.formats import StreamFormat
+from tests.reference import golden
+
+__all__ = ["Case", "Sample"]
+
+
+class Sample(Protocol):
+    """What both scalar references call a sample."""
+
+    @property
+    def packet(self) -> int: ...
+    @property
+    def index(self) -> int: ...
+    @property
+    def raw_deg(self) -> float: ...
+    @property
+    def angle_deg(self) -> float: ...
+    @property
+    def distance_mm(self) -> float: ...
+    @property
+    def quality(self) -> int | None: ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Case:
+    """One golden stream, and all that is particular to its format.
+
+    Attributes:
+        name: Name of the golden file.
+        response_type: Type byte of the descriptor.
+        told: What the device has said of itself before, where a recording cannot be decoded without it.
+        descriptor: What the device says before the first packet; empty where it announces nothing.
+        make_format: A fresh packet format.
+        make_decoder: A fresh decoder.
+        request: The request that starts a stream of that format.
+        sample_us: Microseconds a sample.
+        split: Scalar: a clean stream into its packets.
+        decode: Scalar: consecutive packets into samples.
+        revolutions: Scalar: samples into whole turns.
+        lookahead: Whether a packet is decoded only with the one behind it.
+        contents: Packets with intact check values and any contents, by a generator of random numbers, the angles
+            where they begin in 64ths of a degree, and whether these need not turn as a rotor does.
+        exact: Whether the vendor's program tells angles at full precision.
+        seal: A packet of that many bytes with an intact check value: a few of the bytes change.
+        intensity_bits: Of the qualities that the reference tells.
+        layout: For the tests of the family: how samples lie in their bytes.
+    """
+
+    name: str
+    response_type: int
+    descriptor: bytes
+    make_format: Callable[[], StreamFormat]
+    make_decoder: Callable[[], Decoder]
+    request: Callable[[StreamFormat], Request]
+    sample_us: float
+    split: Callable[[bytes], list[bytes]]
+    decode: Callable[[Sequence[bytes]], Sequence[Sample]]
+    revolutions: Callable[[Iterable[Sample]], Sequence[Sequence[Sample]]]
+    lookahead: bool
+    contents: Callable[["Case", np.random.Generator, NDArray[np.int64], bool], list[bytes]]
+    seal: Callable[["Case", bytes], bytes]
+    exact: bool = False
+    told: bytes = b""
+    intensity_bits: int = 8
+    layout: object = None
+
+    @property
+    def raw(self) -> bytes:
+        """The golden bytes; of a stream with other records between its packets, the packets."""
+        return _raw(self)
+
+    @property
+    def packets(self) -> tuple[bytes, ...]:
+        """The golden packets."""
+        return _packets(self)
+
+    @property
+    def samples(self) -> tuple[Sample, ...]:
+        """All samples, as the scalar reference decodes them."""
+        return _samples(self)
+
+    @property
+    def turns(self) -> tuple[tuple[Sample, ...], ...]:
+        """The whole turns among them."""
+        return _turns(self)
+
+    @property
+    def truth(self) -> golden.Golden:
+        """What the vendor's program made of it."""
+        return _golden(self.name)
+
+    @property
+    def correction_deg(self) -> float:
+        """How far an angle differs from its beam's at most: what the format corrects by the distance."""
+        return _correction_deg(self)
+
+    def intensities(self, samples: Sequence[Sample]) -> list[int] | None:
+        """What a scan has of their qualities: the upper eight bits, where the format has more."""
+        more = max(self.intensity_bits - 8, 0)
+        found = [sample.quality >> more for sample in samples if sample.quality is not None]
+        assert len(found) in (0, len(samples))
+        return found or None
+
+    @property
+    def byte_ns(self) -> float:
+        """How long a byte takes at the device's own pace."""
+        return _byte_ns(self)
+
+
+_golden = cache(golden.load)
+
+
+@cache
+def _packets(case: Case) -> tuple[bytes, ...]:
+    return tuple(case.split(case.truth.raw))
+
+
+@cache
+def _raw(case: Case) -> bytes:
+    return case.truth.raw if case.descriptor else b"".join(case.packets)
+
+
+@cache
+def _byte_ns(case: Case) -> float:
+    return len(case.samples) * case.sample_us * 1e3 / len(case.raw)
+
+
+@cache
+def _correction_deg(case: Case) -> float:
+    return max(abs((sample.angle_deg - sample.raw_deg + 180) % 360 - 180) for sample in case.samples)
+
+
+@cache
+def _samples(case: Case) -> tuple[Sample, ...]:
+    return tuple(case.decode(case.packets))
+
+
+@cache
+def _turns(case: Case) -> tuple[tuple[Sample, ...], ...]:
+    return tuple(tuple(turn) for turn in case.revolutions(case.samples))

@@ -1,0 +1,24 @@
+"""How the tests make a simulated device of a family."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+__all__ = ["Maker"]
+
+
+class Maker(NamedTuple):
+    """What a family says of the device that stands for it.
+
+    Attributes:
+        make: Makes a simulated device by its name.
+        model: The name of the one that is used where nothing else is said.
+        turn_s: How long one of its revolutions takes.
+        obeys: Whether it obeys requests, and so is asked, stopped and reset in most tests of sessions.
+    """
+
+    make: Callable[..., Any]
+    model: str
+    turn_s: float
+    obeys: bool

@@ -1,0 +1,42 @@
+"""A browser, its tabs, and a page, for the tests that look at one."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+
+import pytest
+
+from benchmarks.browser import Browser, Page
+from tests.cli.processes import BOUND, line_of, started
+from tests.web.shown import S2, Open
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with Browser() as opened:
+        yield opened
+
+
+@pytest.fixture
+def opened(browser: Browser) -> Iterator[Open]:
+    """Opens tabs; at the end of the test they are closed, and none has complained."""
+    pages: list[Page] = []
+
+    def open_page(url: str, **how: object) -> Page:
+        pages.append(browser.open(url, **how))  # type: ignore[arg-type]
+        return pages[-1]
+
+    yield open_page
+    for page in pages:
+        page.close()
+    assert [page.complaints for page in pages] == [[]] * len(pages)
+
+
+@pytest.fixture(scope="module")
+def url() -> Iterator[str]:
+    """The page of one simulated lidar, for all tests that only look."""
+    with started("view", S2, "--port", "0") as process:
+        yield line_of(process.stdout).strip()
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=BOUND)
