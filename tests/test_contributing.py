@@ -15,7 +15,7 @@ MADE = (ROOT / ".gitignore").read_text(encoding="utf-8").split()
 PATHS = sorted(
     {word for word in CODE if re.fullmatch(r"[\w./]+/[\w./]*", word) and word.split("/")[0] + "/" not in MADE}
 )
-FAMILY_FILES = ("commands.py", "formats.py", "decode.py", "device.py", "simulated/", "__init__.py")
+FAMILY_FILES = ("formats.py", "decode.py", "device.py", "raw.py", "simulated/", "__init__.py")
 FAMILIES = [path.parent for path in sorted((ROOT / "lidario" / "families").glob("*/device.py"))]
 
 
@@ -66,8 +66,8 @@ def test_the_options_are_options(pytestconfig: pytest.Config) -> None:
         ("DECODERS", "lidario/families/rplidar/decode.py"),
         ("FAMILIES", "lidario/families/registry.py"),
         ("FAMILY", "lidario/families/rplidar/__init__.py"),
-        ("CASES", "tests/support/cases.py"),
-        ("MAKERS", "tests/support/devices.py"),
+        ("CASES", "tests/families/rplidar/about.py"),
+        ("MAKER", "tests/families/rplidar/about.py"),
         ("both_families", "tests/support/devices.py"),
     ],
 )

@@ -203,12 +203,13 @@ async def _find(
     if len(tries) == 1:
         return await _try_known(port, tries[0], patient=patient, on_dialogue=on_dialogue), tries
     speeds = list(dict.fromkeys(each.baudrate for each in tries))
-    tries = [each for each in tries if _may_hear(each)]
-    families = list(dict.fromkeys(each.family for each in tries))
-    heard = await listen(port, speeds, families)
+    # All are listened to, also those that hear nothing.
+    heard = await listen(port, speeds, list(dict.fromkeys(each.family for each in tries)))
     if heard.stream is not None:
         known = _Try(*heard.stream)
         return await _try_known(port, known, on_dialogue=on_dialogue), [known]
+    tries = [each for each in tries if _may_hear(each)] or tries
+    families = {each.family for each in tries}
     # One that is waited for shortly may be late. Then at another speed it is noise, but not at the same.
     quick = heard.silent and len(families) > 1 and all(a.baudrate != b.baudrate for a, b in pairwise(tries))
     return await _ask_in_turns(port, tries, quick=quick, silent=heard.silent, patient=patient), tries

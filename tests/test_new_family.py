@@ -1,0 +1,64 @@
+"""``python -m tests.new_family``: what it writes works, and is as clean as the rest, from the first minute."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.new_family.__main__ import begin_family
+
+ROOT = Path(__file__).resolve().parent.parent
+BOUND = 300.0
+
+
+@pytest.fixture
+def clone(tmp_path: Path) -> Path:
+    """A copy of what a family is written into, and of what judges it."""
+    left_out = shutil.ignore_patterns("__pycache__", ".peers", "results", "*.pyc")
+    for name in ("lidario", "tests", "benchmarks"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=left_out)
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    return tmp_path
+
+
+def run(clone: Path, *command: str) -> str:
+    environment = dict(os.environ, PYTHONPATH=str(clone))
+    done = subprocess.run(
+        [sys.executable, *command], cwd=clone, env=environment, capture_output=True, text=True, timeout=BOUND
+    )
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    return done.stdout
+
+
+def test_a_family_is_green_from_the_first_minute(clone: Path) -> None:
+    told = run(clone, "-m", "tests.new_family", "zebra")
+    assert "lidario/families/zebra/formats.py" in told
+    run(clone, "-m", "ruff", "check", "lidario", "tests")
+    run(clone, "-m", "ruff", "format", "--check", "lidario", "tests")
+    judged = [
+        "tests/families/zebra",
+        "tests/families/test_registry.py",
+        "tests/test_golden.py",
+        "tests/test_layers.py",
+    ]
+    assert " passed" in run(clone, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *judged)
+    scans = run(clone, "-m", "lidario", "scan", "sim://zebra-one?via=memory", "-n", "2")
+    assert scans.splitlines()[1].split()[1] == "400"
+    assert "zebra-one" in run(clone, "-m", "lidario", "sim", "--list")
+
+
+@pytest.mark.parametrize("name", ["", "Acme", "a", "my-lidar", "class", "rplidar", "base", "../x", "ünder"])
+def test_a_name_that_cannot_be_one_writes_nothing(tmp_path: Path, name: str) -> None:
+    families = tmp_path / "lidario" / "families"
+    families.mkdir(parents=True)
+    (families / "rplidar").mkdir()
+    (families / "base.py").touch()
+    with pytest.raises(ValueError, match=r"no name|already"):
+        begin_family(tmp_path, name)
+    assert sorted(path.name for path in families.iterdir()) == ["base.py", "rplidar"]
+    assert not (tmp_path / "tests").exists()
