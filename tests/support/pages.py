@@ -19,6 +19,7 @@ import os
 import re
 import runpy
 import shlex
+import shutil
 import subprocess
 import sys
 import threading
@@ -175,7 +176,10 @@ class Page:
     def _command(self, words: list[str]) -> str:
         if words[0] == "lidario":
             return self._lidario(words[1:])
-        if words[0] == "python":
+        if words[0] == "cp":
+            shutil.copy(ROOT / words[1], self._folder / words[2])
+            return ""
+        if words[0] in ("python", "python3"):
             return self._program(words[1:])
         if words[0] == "pytest":
             return self._pytest(words[1:])
