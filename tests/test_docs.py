@@ -64,6 +64,13 @@ def test_every_page_is_in_the_contents() -> None:
     assert sorted(listed) == sorted(str(path.relative_to(DOCS)) for path in PAGES)
 
 
+@pytest.mark.parametrize("word", ["jupyter", "pandas", "occupancy", "deskew", "threads", "json"])
+def test_what_people_search_for_is_found(word: str) -> None:
+    """The site's search knows the words of its pages, and no others."""
+    found = [path for path in PAGES if re.search(rf"\b{word}\b", path.read_text(encoding="utf-8"), re.IGNORECASE)]
+    assert found
+
+
 def test_the_api_has_every_public_name() -> None:
     text = "\n".join(path.read_text(encoding="utf-8") for path in (DOCS / "api").glob("*.md"))
     shown = set(re.findall(r"^::: lidario\.([\w.]+)", text, re.MULTILINE))
