@@ -9,6 +9,7 @@ ahead was seen a moment ago: what came once and never again is not free.
 import asyncio
 import math
 import sys
+from contextlib import suppress
 
 import numpy as np
 
@@ -16,7 +17,8 @@ import lidario
 
 AHEAD = (-0.35, 0.35)  # radians: what the robot would hit
 WIDEST = 0.1  # radians between two samples ahead; what stands between them is not seen
-STOP_M, TOO_OLD_S = 0.5, 0.25
+STOP_M = 0.5  # metres
+TOO_OLD_S = 0.25
 
 
 class Eyes:
@@ -41,25 +43,35 @@ class Eyes:
         return min((found.range for found in nearest if found), default=math.inf)
 
 
-async def drive(source: str | lidario.SimulatedDevice, *, seconds: float = 5.0) -> float:
-    """Drive until something is near; returns the distance at which the robot stopped, infinite where it did not."""
+async def drive(source: str | lidario.SimulatedDevice, *, seconds: float = math.inf) -> None:
+    """Drive where the way is free, and stand where it is not, or where nobody knows."""
     loop = asyncio.get_running_loop()
     async with lidario.open_lidar(source, reconnect=True) as lidar, asyncio.TaskGroup() as tasks:
-        eyes, end = Eyes(), loop.time() + seconds
+        eyes, end, before = Eyes(), loop.time() + seconds, ""
         watching = tasks.create_task(eyes.watch(lidar))
         try:
-            while ((near := eyes.ahead()) is None or near >= STOP_M) and loop.time() < end:
-                set_wheels(0.0 if near is None else 0.4)
+            while loop.time() < end:
+                near = eyes.ahead()
+                if near is None:
+                    speed, why = 0.0, "stand: what is ahead is not seen"
+                elif near < STOP_M:
+                    speed, why = 0.0, "stand: something is ahead"
+                else:
+                    speed, why = 0.4, "drive"
+                set_wheels(speed)
+                if why != before:
+                    print(why if near is None else f"{why}, free for {near:.2f} m")
+                before = why
                 await asyncio.sleep(0.05)
         finally:
             set_wheels(0.0)  # at once, also where reading has failed
         watching.cancel()
-    return near if near is not None and near < STOP_M else math.inf
 
 
 def set_wheels(speed: float) -> None:
-    """Metres a second; tell your wheels here."""
+    """Tell your motors here: metres a second."""
 
 
 if __name__ == "__main__":
-    print(lidario.run(drive(sys.argv[1] if len(sys.argv) > 1 else "auto")), "m")
+    with suppress(KeyboardInterrupt):
+        lidario.run(drive(sys.argv[1] if len(sys.argv) > 1 else "auto"))

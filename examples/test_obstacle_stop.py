@@ -1,9 +1,7 @@
 """The robot's own test: no lidar, no waiting. Run it with pytest, which finds the fixture by itself."""
 
-import math
-
+import obstacle_stop
 import pytest
-from obstacle_stop import drive
 
 from lidario.testing import Body, SimulatedLidar
 
@@ -12,17 +10,32 @@ COMES = [Body([(0, 1.9, 0.0), (3, 0.6, 0.0)], radius=0.2)]
 pytestmark = pytest.mark.asyncio  # or pytest.mark.anyio
 
 
-async def test_it_stops_in_front_of_a_person(simulated_lidar: SimulatedLidar) -> None:
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """What the wheels were told, 20 times a second."""
+    speeds: list[float] = []
+    monkeypatch.setattr(obstacle_stop, "set_wheels", speeds.append)
+    return speeds
+
+
+async def test_it_stops_in_front_of_a_person(simulated_lidar: SimulatedLidar, told: list[float]) -> None:
     simulated_lidar.show(bodies=COMES)
-    assert 0.35 < await drive(simulated_lidar) < 0.5
+    await obstacle_stop.drive(simulated_lidar, seconds=5.0)
+    drove = told.index(0.4)
+    assert set(told[told.index(0.0, drove) :]) == {0.0}  # once it stands, it stands
+    assert told.count(0.4) > 20
     assert simulated_lidar.is_still
 
 
-async def test_it_ignores_who_passes_at_its_side(simulated_lidar: SimulatedLidar) -> None:
+async def test_it_ignores_who_passes_at_its_side(simulated_lidar: SimulatedLidar, told: list[float]) -> None:
     simulated_lidar.show(bodies=[Body([(0, 1.0, 0.8), (3, -1.0, 0.8)], radius=0.2)])
-    assert await drive(simulated_lidar, seconds=3.0) == math.inf
+    await obstacle_stop.drive(simulated_lidar, seconds=3.0)
+    assert set(told[told.index(0.4) : -1]) == {0.4}
 
 
-@pytest.mark.simulated_lidar(bodies=COMES, fault="replug:1s")
-async def test_it_stops_although_the_cable_is_loose(simulated_lidar: SimulatedLidar) -> None:
-    assert await drive(simulated_lidar, seconds=10.0) < 0.5
+@pytest.mark.simulated_lidar(fault="replug:2s")
+async def test_it_stands_while_the_cable_is_out(simulated_lidar: SimulatedLidar, told: list[float]) -> None:
+    await obstacle_stop.drive(simulated_lidar, seconds=10.0)
+    out = told.index(0.0, told.index(0.4))
+    assert 0.4 in told[out:]  # and drives on when it is back
+    assert told[-1] == 0.0

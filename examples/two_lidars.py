@@ -14,6 +14,7 @@ from lidario import Mount, Points, Scan, Velocity
 
 FRONT = Mount(x=0.20)
 REAR = Mount(x=-0.20, yaw=math.pi)
+TOO_OLD_S = 0.25  # a scan that has waited for the other one shows where the robot was
 
 
 def together(front: Scan, rear: Scan, motion: Velocity) -> Points:
@@ -28,15 +29,20 @@ def together(front: Scan, rear: Scan, motion: Velocity) -> Points:
 async def main(front: str | lidario.SimulatedDevice, rear: str | lidario.SimulatedDevice, count: int = 3) -> Points:
     """Print what each merge holds, and return the last one."""
     odometry = Velocity(x=0.0)  # ask your wheels
+    cloud = lidario.merge()
     async with (
         lidario.open_lidar(front) as one,
         lidario.open_lidar(rear) as two,
         one.scans() as ahead,
         two.scans() as behind,
     ):
-        for _ in range(count):
+        while count:
             # Both at the same time: else the second one would be a revolution older.
             pair = await asyncio.gather(anext(ahead), anext(behind))
+            if abs(pair[0].stamp_ns - pair[1].stamp_ns) > TOO_OLD_S * 1e9:
+                print("one of them was late")
+                continue
+            count -= 1
             cloud = together(*pair, odometry)
             spread_ms = np.ptp(cloud.times_ns) * 1e-6
             print(f"{len(cloud)} points of {cloud.source.max() + 1} lidars, measured within {spread_ms:.0f} ms")

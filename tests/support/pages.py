@@ -51,6 +51,8 @@ PORTS = {
     "serial:///dev/ttyUSB0?model=tx8": "sim://ydlidar-tx8?model=tx8",
 }
 ENDLESS = {"view", "watch", "play", "sim", "publish"}
+ENDLESS_PROGRAMS = {"robot.py"}
+"""Copies of examples that run until Ctrl-C; tests/test_examples_under_faults.py runs them."""
 NOTHING_TO_RUN = {"sudo", "ssh", "jupyter", "uvicorn", "source"}
 """What is not ours and changes the machine, or serves until Ctrl-C."""
 PROCESS_BOUND_S = 120
@@ -210,6 +212,9 @@ class Page:
     def _program(self, words: list[str]) -> str:
         if words[0] == "-m":
             assert words[1] in ("benchmarks", "venv", "benchmarks.pictures"), words
+            return ""
+        if words[0] in ENDLESS_PROGRAMS:
+            assert (self._folder / words[0]).is_file()
             return ""
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(sys, "argv", words)
