@@ -55,12 +55,12 @@ async def drive(source: str | lidario.SimulatedDevice, *, seconds: float = math.
                 if near is None:
                     speed, why = 0.0, "stand: what is ahead is not seen"
                 elif near < STOP_M:
-                    speed, why = 0.0, "stand: something is ahead"
+                    speed, why = 0.0, "stand: something is near"
                 else:
                     speed, why = 0.4, "drive"
                 set_wheels(speed)
                 if why != before:
-                    print(why if near is None else f"{why}, free for {near:.2f} m")
+                    print(why if near is None else f"{why}; the nearest thing ahead: {near:.2f} m", flush=True)
                 before = why
                 await asyncio.sleep(0.05)
         finally:

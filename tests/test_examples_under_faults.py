@@ -90,7 +90,7 @@ async def test_two_lidars_are_merged_only_where_both_are_of_one_moment(capsys: p
         cloud: lidario.Points = together(front, rear, motion)
         return cloud
 
-    program.together = watched
+    vars(program)["together"] = watched
     await program.main(source("rplidar-s2", "late:0ms"), source("rplidar-s2", "stall:400ms"), count=6)
     assert found
     assert max(found) < 0.3, found
@@ -141,7 +141,7 @@ def test_a_sample_ends_goes_on_or_says_what_is_wrong(
 async def test_a_web_application_answers_503_where_there_is_nothing_new(fault: str) -> None:
     program, app = load("web_app"), FastAPI()
     app.state.source = source("rplidar-s2", fault)
-    program.app = app
+    vars(program)["app"] = app
     answered: list[int] = []
     try:
         async with program.lifespan(app):
