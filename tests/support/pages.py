@@ -239,7 +239,8 @@ class Page:
 
 
 def _plain(text: str) -> str:
-    text = re.sub(r"[0-9A-F]{16,}", "#", re.sub(r"\s+", "", text))
+    # Serial numbers; the digits behind a point are no such one, however many they are.
+    text = re.sub(r"(?<![.0-9A-F])[0-9A-F]{16,}", "#", re.sub(r"\s+", "", text))
     return re.sub(r"[-+]?\d+(\.\d+)?", "#", text)
 
 
