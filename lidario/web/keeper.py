@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from lidario import CannotRecord, Lidar, Recording
+from lidario import Lidar, LidarError, Recording
 
 __all__ = ["Keeper"]
 
@@ -63,7 +63,7 @@ class Keeper:
             await self._asked.wait()
             try:
                 await self._record(lidar)
-            except CannotRecord as error:
+            except LidarError as error:
                 self.error = str(error)
             self.ask(on=False)
             self._tell()
