@@ -120,7 +120,7 @@ def test_a_recording_is_moved_through_and_played_at_another_speed(opened: Open, 
         assert page.ask("$('record').hidden")
         length = page.ask("lidars[0].play.length")
         assert length == pytest.approx(6, abs=0.5)
-        # Dragged, the slider tells of a hundred places in a row. The server hears of the last one, and closes nothing.
+        # Dragged, the slider tells of a hundred places in a row. The server hears of the last, and closes nothing.
         page.ask("socket.first = true")
         page.ask(
             "for (let k = 1; k <= 100; k++) { $('at').value = k / 25; $('at').dispatchEvent(new Event('input')); }"
