@@ -1,6 +1,6 @@
 """The server of the live page: scans to any number of viewers, the latest wins.
 
-A viewer confirms each scan when it has drawn it, and is sent no more than `AHEAD` that are not confirmed. What
+A viewer confirms what it has drawn, and is sent no more than `AHEAD` scans that are not confirmed. What
 comes meanwhile replaces what waits: one scan for each lidar. So a viewer that is slow, hidden, or stops reading
 gets fewer scans and never old ones, and holds at most `AHEAD` of them in memory, here and in the buffers on the
 way. The others do not notice. A scan is packed when the first viewer takes it, once for all.

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
 from collections.abc import Callable
 
 from benchmarks.browser import Page
+from tests.cli.processes import BOUND
 
-__all__ = ["S2", "Open", "ink"]
+__all__ = ["S2", "Open", "end", "ink"]
 
 S2 = "sim://rplidar-s2?via=memory&serial=" + "AB" * 16
 Open = Callable[..., Page]
@@ -21,3 +24,12 @@ def ink(page: Page) -> int:
             "(pen.getImageData(0, 0, canvas.width, canvas.height).data)"
         )
     )
+
+
+def end(process: subprocess.Popen[str], page: Page) -> None:
+    """End the program as Ctrl-C does; what the browser says of a server that is gone is no complaint."""
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=BOUND)
+    page.until("!connected")
+    page.close()
+    page.complaints.clear()

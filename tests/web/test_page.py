@@ -13,7 +13,7 @@ import pytest
 from benchmarks.browser import Browser
 from tests.cli.processes import BOUND, line_of, started
 from tests.support.children import until
-from tests.web.shown import S2, Open, ink
+from tests.web.shown import S2, Open, end, ink
 
 EDGES = (
     "() => { const xs = [], ys = []; latest((scan, lidar) => cloud(scan, lidar, 1, (x, y) => {"
@@ -199,11 +199,7 @@ def test_two_lidars_stand_where_they_are_mounted(opened: Open) -> None:
             spot = f"place(lidars[{number}].x, lidars[{number}].y)"
             drawn = page.ask(f"[...pen.getImageData(...{spot}.map(Math.round), 1, 1).data].slice(0, 3)")
             assert drawn == colour
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=BOUND)
-        page.until("!connected")
-        page.close()
-        page.complaints.clear()
+        end(process, page)
 
 
 ROW = "[...document.querySelectorAll('dt')].find(each => each.textContent === '%s').nextSibling.textContent"

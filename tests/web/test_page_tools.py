@@ -5,15 +5,14 @@ Where no Chromium is installed these tests are not run, and the summary says so:
 
 from __future__ import annotations
 
-import signal
 from pathlib import Path
 
 import pytest
 
 import lidario
-from tests.cli.processes import BOUND, line_of, started
+from tests.cli.processes import line_of, started
 from tests.support.recorded import record
-from tests.web.shown import S2, Open, ink
+from tests.web.shown import S2, Open, end, ink
 
 
 def test_the_colours_keep_their_scale_and_the_legend_tells_it(url: str, opened: Open) -> None:
@@ -41,11 +40,7 @@ def test_intensity_is_shown_where_there_is_one(opened: Open) -> None:
         page.key("c")
         page.until("document.querySelector('#hue').textContent === 'Colour: intensity' && !dirty")
         assert ink(page) > 300
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=BOUND)
-        page.until("!connected")
-        page.close()
-        page.complaints.clear()
+        end(process, page)
 
 
 def test_the_pointer_tells_distance_and_angle_and_the_ruler_measures(url: str, opened: Open) -> None:
@@ -105,11 +100,7 @@ def test_what_is_shown_is_recorded(opened: Open, tmp_path: Path) -> None:
         (path,) = tmp_path.glob("*.mcap")
         assert len(list(lidario.decode_file(path))) >= 5
         assert lidario.summarize(path).damage == ""
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=BOUND)
-        page.until("!connected")
-        page.close()
-        page.complaints.clear()
+        end(process, page)
 
 
 def test_a_recording_is_moved_through_and_played_at_another_speed(opened: Open, tmp_path: Path) -> None:
@@ -133,8 +124,4 @@ def test_a_recording_is_moved_through_and_played_at_another_speed(opened: Open, 
         page.ask("$('at').value = 1, $('rate').value = '0.5', play()")
         page.until("lidars[0].state === 'scanning' && lidars[0].play.rate === 0.5 && lidars[0].play.at > 1.2")
         assert page.ask("lidars[0].play.at") < 4
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=BOUND)
-        page.until("!connected")
-        page.close()
-        page.complaints.clear()
+        end(process, page)
