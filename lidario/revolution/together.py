@@ -56,10 +56,12 @@ def _as_one(runs: Sequence[Packets]) -> list[Packets]:
     arrivals: list[Arrival] = []
     before = 0
     for run in runs:
+        apart = run.apart
         for count, at_ns in run.arrivals:
-            if arrivals and arrivals[-1][1] == at_ns:
+            if arrivals and arrivals[-1][1] == at_ns and not apart:
                 arrivals.pop()
             arrivals.append((before + count, at_ns))
+            apart = False
         before = arrivals[-1][0]
     return [Packets(b"".join([run.data for run in runs]), tuple(blocks), tuple(arrivals))]
 

@@ -60,12 +60,15 @@ class Packets:
         arrivals: When they came: pairs ``(packets, at_ns)``, so many of them were complete at that time; ascending,
             the last pair is for all of them. More than one pair only when they were collected from several reads.
         skipped: Bytes that belong to no packet, between the packet before and the first of these.
+        apart: True when the first one was complete with one read, and told only with a later one: by the bytes
+            behind it, since damage stands before it. What was read with it was dated without it.
     """
 
     data: bytes
     blocks: tuple[Block, ...]
     arrivals: tuple[Arrival, ...]
     skipped: int = 0
+    apart: bool = False
 
     @property
     def count(self) -> int:

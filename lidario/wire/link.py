@@ -13,10 +13,10 @@ is fed in slices, noise leaves at once, and no claimed length beyond the largest
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Sequence
 
 from lidario.errors import LocalProtocolError
+from lidario.wire.arrived import ArrivedBytes, NoiseSearch
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.buffer import ReceiveBuffer
 from lidario.wire.envelope import DESCRIPTOR_MAGIC, DESCRIPTOR_SIZE, Expected, Request, parse_descriptor
@@ -57,7 +57,7 @@ class Link:
         self._unasked = False
         self._noise = 0
         self._fed = 0
-        self._arrivals: list[Arrival] = []
+        self._arrivals = ArrivedBytes()
         self._stream_at = 0
         self._heard, self._heard_packets = b"", 0
 
@@ -94,17 +94,16 @@ class Link:
                 or response has arrived with the read that completed it.
         """
         self.stats.bytes_received += len(data)
-        # Counted from the first byte ever fed, they stay right while slices come into the buffer and leave it.
-        self._arrivals += [(self._fed + size, at_ns) for size, at_ns in arrivals]
+        if arrivals:
+            self._arrivals.add(self._fed, arrivals)
         size, view = self._slice_size, memoryview(data)
         for start in range(0, len(view), size):
             self._feed(view[start : start + size], now)
         if self._format is not None and len(self._buffer) >= self._format.shortest:
             # Behind damage, what follows decides whether it is a packet: then it came before that.
-            begin = self._fed - len(self._buffer)
-            self._arrivals = [each for each in (*self._arrivals, (self._fed, now)) if each[0] > begin]
+            self._arrivals.keep(self._fed - len(self._buffer), self._fed, now)
         else:
-            self._arrivals = []
+            self._arrivals.clear()
 
     def discard_data(self, size: int, *, shown: bool = False) -> None:
         """Count `size` bytes that were received and are thrown away unparsed, because the host was too slow.
@@ -261,7 +260,8 @@ class Link:
         if self._abandoned:
             self.stats.late_responses += 1
         else:
-            self._events.append(Response(descriptor.type, payload, self._arrivals_of((0, size), 0, now)[-1][1]))
+            came = self._arrivals.of((0, size), self._fed - len(self._buffer), now)
+            self._events.append(Response(descriptor.type, payload, came[-1][1]))
         self._buffer.skip(size)
         self.stats.response_bytes += size
         self._end_waiting()
@@ -298,8 +298,11 @@ class Link:
         wire, data, at = self._format, self._buffer.data, 0
         if wire is None:
             return
-        shortest, size = wire.shortest, len(data)
+        shortest, size, arrivals = wire.shortest, len(data), self._arrivals
+        search = None
         while size - at >= shortest:
+            if arrivals and search is None:
+                search = NoiseSearch(wire, at)
             blocks, middle, end = wire.next_stretch(data, at)
             if end == at:
                 break
@@ -309,30 +312,23 @@ class Link:
                 if skipped:
                     stats.skipped_stretches += 1
                 count = blocks[0][1] if len(blocks) == 1 else sum([packets for _, packets in blocks])
-                came = self._arrivals_of(packet_offsets(blocks), at, now) if self._arrivals else ((count, now),)
+                came: tuple[Arrival, ...] = ((count, now),)
+                apart = False
+                if arrivals:
+                    fed = self._fed - size
+                    came = arrivals.of(packet_offsets(blocks), fed + at, now)
+                    if skipped and search is not None and came[0][1] < now:
+                        apart = not search.finds(data, arrivals.last_until(came[0][1]) - fed)
                 stats.packets += count
                 stats.packet_bytes += middle - at
                 with memoryview(data) as view:
-                    self._events.append(Packets(bytes(view[at:middle]), blocks, came, skipped))
+                    self._events.append(Packets(bytes(view[at:middle]), blocks, came, skipped, apart))
+                search = None
             if end > middle:
                 self._skip(wire, data, middle, end)
             at = end
         if at:
             self._buffer.skip(at)
-
-    def _arrivals_of(self, offsets: Sequence[int], start: int, now: int) -> tuple[Arrival, ...]:
-        """How many packets had come when; `offsets` (`packet_offsets`) count from `start` in the buffer."""
-        before = self._fed - len(self._buffer) + start
-        found: list[Arrival] = []
-        done, count = 0, len(offsets) - 1
-        for fed, at_ns in self._arrivals:
-            complete = bisect_right(offsets, fed - before) - 1
-            if complete > done:
-                found.append((complete, at_ns))
-                done = complete
-        if done < count:
-            found.append((count, now))
-        return tuple(found)
 
     def _skip(self, wire: StreamFormat, data: bytearray, start: int, end: int) -> None:
         if not self._noise and wire.other_record(data, start) == end - start:

@@ -1,0 +1,80 @@
+"""When bytes came that were collected from several reads, and what was known of them at that time.
+
+Behind damage, the bytes that follow decide whether something is a packet. So one may be complete with one read, and
+told only with the next. Who gets both reads joined must not know more: the packets before it were dated without it.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from copy import copy
+
+from lidario.wire.events import Arrival
+from lidario.wire.formats import StreamFormat
+
+__all__ = ["ArrivedBytes", "NoiseSearch"]
+
+
+class ArrivedBytes:
+    """Which bytes had come when. They are counted from the first one ever fed, so they stay right in any buffer."""
+
+    def __init__(self) -> None:
+        self._arrivals: list[Arrival] = []
+
+    def __bool__(self) -> bool:
+        return bool(self._arrivals)
+
+    def add(self, fed: int, arrivals: Sequence[Arrival]) -> None:
+        """Bytes come behind so many that were fed, with these arrivals."""
+        self._arrivals += [(fed + size, at_ns) for size, at_ns in arrivals]
+
+    def keep(self, begin: int, fed: int, now: int) -> None:
+        """So many bytes were fed, the last one now; those before `begin` are understood."""
+        self._arrivals = [each for each in (*self._arrivals, (fed, now)) if each[0] > begin]
+
+    def clear(self) -> None:
+        """All bytes are understood, or too few are left for a packet."""
+        if self._arrivals:
+            self._arrivals = []
+
+    def of(self, offsets: Sequence[int], begin: int, now: int) -> tuple[Arrival, ...]:
+        """How many packets had come when; `offsets` (`packet_offsets`) count from `begin` in all that was fed."""
+        found: list[Arrival] = []
+        done, count = 0, len(offsets) - 1
+        for fed, at_ns in self._arrivals:
+            complete = bisect_right(offsets, fed - begin) - 1
+            if complete > done:
+                found.append((complete, at_ns))
+                done = complete
+        if done < count:
+            found.append((count, now))
+        return tuple(found)
+
+    def last_until(self, at_ns: int) -> int:
+        """How many bytes had been fed when all of this time had come: some had, and more came later."""
+        return max(size for size, came_ns in self._arrivals if came_ns <= at_ns)
+
+
+class NoiseSearch:
+    """A search for packets behind damage, to be made again with the bytes that were there at an earlier time.
+
+    Args:
+        wire: The format that follows the stream, as it is before the search.
+        begin: Where in the buffer it begins.
+    """
+
+    def __init__(self, wire: StreamFormat, begin: int) -> None:
+        self._wire = copy(wire)
+        self._begin = begin
+
+    def finds(self, data: bytearray, end: int) -> bool:
+        """Whether it finds a packet in the buffer, when nothing stands behind `end`."""
+        shown, at = data[self._begin : end], 0
+        while True:
+            stretch = self._wire.next_stretch(shown, at)
+            if stretch.packets:
+                return True
+            if stretch.end == at:
+                return False
+            at = stretch.end
