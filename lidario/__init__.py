@@ -42,6 +42,7 @@ if TYPE_CHECKING:
         Unsupported,
     )
     from lidario.laserscan import BeamOrder, LaserScan, NoReturn, Preset
+    from lidario.measured import Return
     from lidario.model import DeviceInfo, Health, HealthStatus, NetworkAddress, SampleRate, ScanMode, Stats
     from lidario.points import Motion, Mount, Points, PoseFunction, Velocity, merge
     from lidario.port.line import Tap
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
     from lidario.recording.offline import ScanArrays, decode, decode_arrays
     from lidario.recording.record import Recording
     from lidario.recording.summary import RecordingSummary, summarize
-    from lidario.scan import Return, Scan
+    from lidario.scan import Scan
     from lidario.sector import Sector
     from lidario.session.discovery import Found, PortInfo, list_lidars, list_serial_ports
     from lidario.session.lidar import Lidar
@@ -148,7 +149,8 @@ _HOMES = {
     "laserscan": ("BeamOrder", "LaserScan", "NoReturn", "Preset"),
     "model": ("DeviceInfo", "Health", "HealthStatus", "NetworkAddress", "SampleRate", "ScanMode", "Stats"),
     "blocking_sectors": ("SyncSectorStream",),
-    "scan": ("Return", "Scan"),
+    "measured": ("Return",),
+    "scan": ("Scan",),
     "sector": ("Sector",),
     "points": ("Motion", "Mount", "Points", "PoseFunction", "Velocity", "merge"),
     "port.line": ("Tap",),

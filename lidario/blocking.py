@@ -20,7 +20,7 @@ from __future__ import annotations
 import atexit
 import os
 import weakref
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterable
 from contextlib import suppress
 from functools import update_wrapper
 from types import TracebackType
@@ -175,18 +175,20 @@ class SyncLidar:
     set_scan_frequency: Final = _same(Lidar.set_scan_frequency)
     set_zero_offset: Final = _same(Lidar.set_zero_offset)
 
-    def scans(self, mode: str | int | None = None, *, depth: int = 1, force: bool = False) -> SyncScanStream:
-        """A stream of full revolutions, for ``for``; several may run side by side, also in several threads.
+    def scans(
+        self,
+        mode: str | int | None = None,
+        *,
+        depth: int = 1,
+        force: bool = False,
+        filters: Iterable[Callable[[Scan], Scan]] = (),
+    ) -> SyncScanStream:
+        """A stream of full revolutions, for ``for``; as `Lidar.scans`, and several threads may read one each."""
+        stream = self._lidar.scans(mode, depth=depth, force=force, filters=filters)
+        return SyncScanStream(self._thread, stream, self)
 
-        Args:
-            mode: Name or id of a scan mode; None for the one that runs, or else the device's typical one.
-            depth: Scans kept for a reader that falls behind; the oldest beyond that are dropped and counted.
-            force: Ask the device to measure even when the motor is not up to speed.
-
-        Raises:
-            InvalidValue: `depth` is no number of scans.
-        """
-        return SyncScanStream(self._thread, self._lidar.scans(mode, depth=depth, force=force), self)
+    # The whole of it, from one place.
+    scans.__doc__ = (Lidar.scans.__doc__ or "").replace("``async for``", "``for``")
 
     def sectors(
         self,
@@ -195,12 +197,12 @@ class SyncLidar:
         *,
         depth: int | None = None,
         force: bool = False,
+        filters: Iterable[Callable[[Sector], Sector]] = (),
     ) -> SyncSectorStream:
         """A stream of parts of revolutions, each as soon as it is measured, for ``for``; as `Lidar.sectors`."""
-        sectors = self._lidar.sectors(degrees, mode, depth=depth, force=force)
+        sectors = self._lidar.sectors(degrees, mode, depth=depth, force=force, filters=filters)
         return SyncSectorStream(SyncScanStream(self._thread, sectors, self))
 
-    # The whole of it, from one place.
     sectors.__doc__ = (Lidar.sectors.__doc__ or "").replace("``async for``", "``for``")
 
     def line_changes(self) -> SyncLineChanges:

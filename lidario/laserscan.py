@@ -4,7 +4,8 @@ Scanners do not measure at equal steps, and the number of samples varies from re
 of the message need equal steps. Therefore resampling is a step of its own, done on request. Each sample goes to
 the beam whose share of the circle contains it. The nearest return wins where several samples meet in one beam.
 A beam whose samples all came back without a return says ``no_return``. A beam without any sample is NaN, because
-nothing is known about it.
+nothing is known about it. Samples that filters took out count as absent, and ``filtered`` says what a beam becomes
+that has only such ones.
 
 **The choice of the grid.** The message promises that beam ``i`` was measured at ``stamp + i * time_increment``.
 This is one straight line in time over the whole grid, so the grid must begin and end where the revolution
@@ -207,6 +208,8 @@ def resample(
     range_max: float | None = None,
     max_range: float = 0.0,
     no_return: NoReturn = "inf",
+    filtered: NoReturn = "nan",
+    left_out: NDArray[np.bool_] | None = None,
     mount_yaw: float = 0.0,
     preset: Preset = "rep103",
 ) -> LaserScan:
@@ -225,15 +228,18 @@ def resample(
         range_max: Metres; farther returns count as none. None keeps all of them.
         max_range: Metres; what the message states as `range_max` when that is None; 0 or NaN when not known.
         no_return: What a beam without a return becomes.
+        filtered: What a beam becomes that has no other samples than those that filters took out.
+        left_out: Which samples those are, shape (n,); None for none.
         mount_yaw: Angle of the device's forward axis in the frame, radians counter-clockwise.
         preset: Where the angle 0 is.
 
     Raises:
-        InvalidValue: `beams` is no whole number above 0, `order`, `no_return` or `preset` is not one of the words,
-            `frame_id` is no text, `mount_yaw` is not finite, or `range_min` and `range_max` are not a range.
+        InvalidValue: `beams` is no whole number above 0, `order`, `no_return`, `filtered` or `preset` is not one
+            of the words, `frame_id` is no text, `mount_yaw` is not finite, or `range_min` and `range_max` are not a
+            range.
     """
     count = beam_count(len(device_angles) if beams is None else beams)
-    check_options(order, frame_id, range_min, range_max, no_return, mount_yaw, preset)
+    check_options(order, frame_id, range_min, range_max, no_return, mount_yaw, preset, filtered)
     mount_yaw, nearest = float(mount_yaw), float(range_min)
     farthest = math.inf if range_max is None else number(range_max, "range_max")
     if range_max is not None:
@@ -245,7 +251,12 @@ def resample(
     # Comparing with NaN gives False: a sample without a return is no hit.
     hit = (ranges >= nearest) & (ranges <= farthest)
     filled = np.full(count, np.nan, np.float32)
-    filled[places[~hit]] = _NO_RETURN[no_return]
+    missed = ~hit
+    if left_out is not None:
+        # First, so that every other sample of the beam says more.
+        filled[places[left_out]] = _NO_RETURN[filtered]
+        missed &= ~left_out
+    filled[places[missed]] = _NO_RETURN[no_return]
     # From far to near, so that the nearest return is written last.
     by_range = np.flatnonzero(hit)[np.argsort(ranges[hit], kind="stable")[::-1]]
     filled[places[by_range]] = ranges[by_range]
@@ -283,6 +294,7 @@ def check_options(
     no_return: object,
     mount_yaw: object,
     preset: object,
+    filtered: object = "nan",
 ) -> None:
     """Whether these arguments of `resample` can be right; to be asked before the first scan comes.
 
@@ -292,6 +304,7 @@ def check_options(
     for name, word, words in (
         ("order", order, _ORDERS),
         ("no_return", no_return, _NO_RETURN),
+        ("filtered", filtered, _NO_RETURN),
         ("preset", preset, _PRESET_YAW),
     ):
         if not isinstance(word, str) or word not in words:

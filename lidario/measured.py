@@ -5,20 +5,38 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any, TypeVar, cast
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lidario.arguments import callable_of, shown
+from lidario.errors import InvalidValue
 from lidario.rotor import Gaps
-from lidario.samples import metres_of, radians_of
+from lidario.samples import metres_of, nearest_return, radians_of, read_only
 
-__all__ = ["MeasuredSamples", "later", "with_dropped", "with_gaps"]
+__all__ = ["MeasuredSamples", "Return", "changed", "later", "with_distances", "with_dropped", "with_gaps"]
 
 _RecordT = TypeVar("_RecordT", bound="MeasuredSamples")
 
 FloatArray = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class Return:
+    """Where one sample of a scan met something.
+
+    Attributes:
+        range: Metres; NaN where nothing came back.
+        angle: Radians counter-clockwise, as in `Scan.angles`.
+        index: Its place in the arrays of the scan.
+    """
+
+    range: float
+    angle: float
+    index: int
 
 
 class MeasuredSamples:
@@ -28,10 +46,15 @@ class MeasuredSamples:
 
     device_angles: FloatArray
     device_distances: FloatArray
+    intensities: NDArray[np.uint8] | None
     _angles: FloatArray | None
     _ranges: FloatArray | None
     # Where samples are missing; None where that is not known.
     _gaps: Gaps | None
+    # Which samples filters took out; None for none.
+    _left_out: NDArray[np.bool_] | None
+    # Cosine and sine of the angles.
+    _directions: tuple[FloatArray, FloatArray] | None
 
     def __len__(self) -> int:
         return len(self.device_distances)
@@ -55,9 +78,76 @@ class MeasuredSamples:
         """Mask of the samples with a return, shape (n,)."""
         return self.device_distances > 0
 
+    @property
+    def left_out(self) -> NDArray[np.bool_]:
+        """Mask of the samples that filters took out, shape (n,); none is `valid`."""
+        return read_only(np.zeros(len(self), np.bool_)) if self._left_out is None else self._left_out
+
+    def directions(self) -> tuple[FloatArray, FloatArray]:
+        """Cosine and sine of `angles`, each float32, shape (n,)."""
+        if self._directions is None:
+            object.__setattr__(
+                self, "_directions", (read_only(np.cos(self.angles)), read_only(np.sin(self.angles)))
+            )
+        return cast("tuple[FloatArray, FloatArray]", self._directions)
+
     def xy(self) -> NDArray[np.float32]:
         """Cartesian points in metres, float32, shape (n, 2): x forward, y left; NaN rows without a return."""
-        return np.stack((self.ranges * np.cos(self.angles), self.ranges * np.sin(self.angles)), axis=1)
+        cos, sin = self.directions()
+        return np.stack((self.ranges * cos, self.ranges * sin), axis=1)
+
+    def nearest(self, between: tuple[float, float] | None = None) -> Return | None:
+        """The nearest return, or None where nothing came back.
+
+        ::
+
+            ahead = scan.nearest(between=(-0.3, 0.3))
+            if ahead and ahead.range < 0.5:
+                stop()
+
+        Args:
+            between: Only from the first angle counter-clockwise to the second, radians of at most a turn;
+                ``(-0.3, 0.3)`` is ahead, ``(3.0, -3.0)`` behind. None for all directions.
+
+        Raises:
+            InvalidValue: `between` is not two finite angles of at most a turn.
+        """
+        index = nearest_return(self.angles, self.ranges, between)
+        return None if index is None else self._return(index)
+
+    def filtered(self, *filters: Callable[[Self], Self]) -> Self:
+        """The same samples behind filters, one after the other; `lidario.filters` has some.
+
+        What a filter takes out stays in its place, as a sample without a return, and `left_out` tells it from those
+        where nothing came back. So the number of samples, their times, and what is missing are as before. ::
+
+            clean = scan.filtered(BoxFilter(-0.3, 0.2, -0.2, 0.2), ShadowsFilter())
+
+        Args:
+            filters: Each is called with the scan, or sector, and returns one.
+
+        Raises:
+            InvalidValue: A filter cannot be called, or returns something else.
+        """
+        made = self
+        for each in filters:
+            callable_of(each, "a filter")
+            found: object = each(made)
+            if not isinstance(found, type(self)):
+                raise InvalidValue(
+                    f"the filter {shown(each)} must return a {type(self).__name__}, not {shown(found)}"
+                )
+            made = found
+        return made
+
+    def _return(self, index: int) -> Return:
+        return Return(float(self.ranges[index]), float(self.angles[index]), index)
+
+    def _in_time_order(self) -> Self:
+        return self
+
+    def _ordered_as_this(self, made: Any) -> Any:
+        return made
 
 
 def with_gaps(record: _RecordT, gaps: Gaps | None) -> _RecordT:
@@ -66,15 +156,45 @@ def with_gaps(record: _RecordT, gaps: Gaps | None) -> _RecordT:
     return record
 
 
+def changed(record: _RecordT, **fields: Any) -> _RecordT:
+    """The same record with other values of public fields; what is known of its samples goes with it."""
+    given: Any = record
+    made: _RecordT = replace(given, **fields)
+    object.__setattr__(made, "_left_out", record._left_out)  # noqa: SLF001 - of this module
+    return with_gaps(made, record._gaps)  # noqa: SLF001 - of this module
+
+
 def later(record: _RecordT, by_ns: int) -> _RecordT:
     """The same record, measured so much later."""
     fields: Any = record
-    made: _RecordT = replace(fields, stamp_ns=fields.stamp_ns + by_ns, wall_stamp_ns=fields.wall_stamp_ns + by_ns)
-    return with_gaps(made, record._gaps)  # noqa: SLF001 - of this module
+    return changed(record, stamp_ns=fields.stamp_ns + by_ns, wall_stamp_ns=fields.wall_stamp_ns + by_ns)
 
 
 def with_dropped(record: _RecordT, dropped: int) -> _RecordT:
     """The same record, with so many dropped before it."""
-    fields: Any = record
-    made: _RecordT = replace(fields, dropped_before=dropped)
-    return with_gaps(made, record._gaps)  # noqa: SLF001 - of this module
+    return changed(record, dropped_before=dropped)
+
+
+_OF_TIME_AND_ANGLE = ("_angles", "_directions", "_gaps", "_times_ns", "_rotor")
+
+
+def with_distances(
+    record: _RecordT, change: Callable[[_RecordT], tuple[FloatArray, NDArray[np.bool_] | None]]
+) -> _RecordT:
+    """The same samples with other distances, measured at the same times and angles.
+
+    Args:
+        record: A scan, also a sorted one, or a sector.
+        change: Gives `device_distances` and the mask `left_out` of the samples in the order of measuring.
+    """
+    measured = record._in_time_order()  # noqa: SLF001 - of this module
+    distances, left_out = change(measured)
+    if distances is measured.device_distances and left_out is measured._left_out:  # noqa: SLF001
+        return record
+    given: Any = measured
+    made: _RecordT = replace(given, device_distances=read_only(distances))
+    for name in _OF_TIME_AND_ANGLE:
+        if hasattr(measured, name):
+            object.__setattr__(made, name, getattr(measured, name))
+    object.__setattr__(made, "_left_out", None if left_out is None else read_only(left_out))
+    return made if measured is record else record._ordered_as_this(made)  # noqa: SLF001

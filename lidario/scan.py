@@ -16,11 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from lidario.arguments import nanoseconds
 from lidario.laserscan import BeamOrder, LaserScan, NoReturn, Preset, resample
-from lidario.measured import MeasuredSamples
+from lidario.measured import MeasuredSamples, Return
 from lidario.plain import plain_of
 from lidario.points import Motion, Mount, Points, place
 from lidario.rotor import Gaps, Rotor, follow_rotor, times_of
-from lidario.samples import mask_of, nearest_return, nearest_to, read_only
+from lidario.samples import mask_of, nearest_to, read_only
 
 __all__ = ["Return", "Scan", "read_only"]
 
@@ -29,21 +29,6 @@ _PLAIN: Final = (
     "seq", "stamp_ns", "wall_stamp_ns", "time_increment_ns", "duration_ns", "rpm", "reported_rpm", "mode",
     "max_range", "dropped_before", "lost_packets", "angles", "ranges", "intensities",
 )  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True)
-class Return:
-    """Where one sample of a scan met something.
-
-    Attributes:
-        range: Metres; NaN where nothing came back.
-        angle: Radians counter-clockwise, as in `Scan.angles`.
-        index: Its place in the arrays of the scan.
-    """
-
-    range: float
-    angle: float
-    index: int
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -95,6 +80,8 @@ class Scan(MeasuredSamples):
     reported_rpm: float = math.nan
     _angles: FloatArray | None = field(default=None, init=False)
     _ranges: FloatArray | None = field(default=None, init=False)
+    _left_out: NDArray[np.bool_] | None = field(default=None, init=False)
+    _directions: tuple[FloatArray, FloatArray] | None = field(default=None, init=False)
     # What a sorted scan was made from: only samples in the order of measuring tell their times.
     _measured: Scan | None = field(default=None, init=False)
     _times_ns: NDArray[np.int64] | None = field(default=None, init=False)
@@ -123,6 +110,7 @@ class Scan(MeasuredSamples):
         )
         object.__setattr__(made, "_measured", self if self._measured is None else self._measured)
         object.__setattr__(made, "_times_ns", read_only(self.times_ns[order]))
+        _mark(made, self._left_out, order)
         return made
 
     @property
@@ -140,25 +128,6 @@ class Scan(MeasuredSamples):
                 offsets = np.arange(len(self), dtype=np.int64) * self.time_increment_ns
             object.__setattr__(self, "_times_ns", read_only(offsets + self.stamp_ns))
         return cast("NDArray[np.int64]", self._times_ns)
-
-    def nearest(self, between: tuple[float, float] | None = None) -> Return | None:
-        """The nearest return, or None where nothing came back.
-
-        ::
-
-            ahead = scan.nearest(between=(-0.3, 0.3))
-            if ahead and ahead.range < 0.5:
-                stop()
-
-        Args:
-            between: Only from the first angle counter-clockwise to the second, radians of at most a turn;
-                ``(-0.3, 0.3)`` is ahead, ``(3.0, -3.0)`` behind. None for all directions.
-
-        Raises:
-            InvalidValue: `between` is not two finite angles of at most a turn.
-        """
-        index = nearest_return(self.angles, self.ranges, between)
-        return None if index is None else self._return(index)
 
     def at(self, angle: float, *, within: float = math.radians(1.0)) -> Return | None:
         """The sample nearest to an angle; its range is NaN where nothing came back.
@@ -252,9 +221,6 @@ class Scan(MeasuredSamples):
         """
         return plain_of(self, _PLAIN)
 
-    def _return(self, index: int) -> Return:
-        return Return(float(self.ranges[index]), float(self.angles[index]), index)
-
     def _selected(self, keep: NDArray[np.bool_]) -> Scan:
         times_ns = self.times_ns[keep]
         later_ns = int(times_ns[0]) - self.stamp_ns if len(times_ns) else 0
@@ -270,7 +236,14 @@ class Scan(MeasuredSamples):
         )
         object.__setattr__(made, "_times_ns", read_only(times_ns))
         object.__setattr__(made, "_rotor", replace(rotor, begin_ns=rotor.begin_ns - later_ns))
+        _mark(made, self._left_out, keep)
         return made
+
+    def _in_time_order(self) -> Scan:
+        return self if self._measured is None else self._measured
+
+    def _ordered_as_this(self, made: Any) -> Any:
+        return made if self._measured is None else made.sorted()
 
     def _follow_rotor(self) -> Rotor:
         if self._rotor is not None:
@@ -288,6 +261,7 @@ class Scan(MeasuredSamples):
         range_min: float = 0.05,
         range_max: float | None = None,
         no_return: NoReturn = "inf",
+        filtered: NoReturn = "nan",
         mount_yaw: float = 0.0,
         preset: Preset = "rep103",
     ) -> LaserScan:
@@ -314,14 +288,16 @@ class Scan(MeasuredSamples):
                 scan (40 m when the device does not say), and farther returns stay in it with their values. By the
                 convention of the message its readers ignore these; none is lost here without being asked for.
             no_return: What a beam without a return becomes: ``"inf"``, ``"nan"`` or ``"zero"``.
+            filtered: What a beam becomes that has no other samples than those that filters took out; as
+                `no_return`. ``"nan"`` says that nothing is known there, ``"inf"`` that nothing is there.
             mount_yaw: Angle of the device's forward axis in the frame, radians counter-clockwise.
             preset: ``"rep103"``: the angle 0 is ahead. ``"vendor"``: it is behind, pi minus the device's angle, as
                 the vendors' ROS 2 drivers publish it; for a robot description that was made for those.
 
         Raises:
             InvalidValue: `beams` is no whole number above 0 (also by default, for a scan without samples), `order`,
-                `no_return` or `preset` is not one of the words, `frame_id` is no text, `mount_yaw` is not finite,
-                or `range_min` and `range_max` are not a range.
+                `no_return`, `filtered` or `preset` is not one of the words, `frame_id` is no text, `mount_yaw` is
+                not finite, or `range_min` and `range_max` are not a range.
         """
         scan = self if self._measured is None else self._measured
         return resample(
@@ -337,6 +313,13 @@ class Scan(MeasuredSamples):
             range_max=range_max,
             max_range=scan.max_range,
             no_return=no_return,
+            filtered=filtered,
+            left_out=scan._left_out,  # noqa: SLF001 - another scan
             mount_yaw=mount_yaw,
             preset=preset,
         )
+
+
+def _mark(made: Scan, left_out: NDArray[np.bool_] | None, which: NDArray[Any]) -> None:
+    """Tell a new scan which of these samples filters took out."""
+    object.__setattr__(made, "_left_out", None if left_out is None else read_only(left_out[which]))

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from lidario.measured import MeasuredSamples
 from lidario.plain import plain_of
 from lidario.rotor import Gaps, Rotor, times_of
-from lidario.samples import nearest_return, read_only
-from lidario.scan import Return
+from lidario.samples import read_only
 
 __all__ = ["Sector"]
 
@@ -76,6 +75,8 @@ class Sector(MeasuredSamples):
     max_range: float = 0.0
     _angles: FloatArray | None = field(default=None, init=False)
     _ranges: FloatArray | None = field(default=None, init=False)
+    _left_out: NDArray[np.bool_] | None = field(default=None, init=False)
+    _directions: tuple[FloatArray, FloatArray] | None = field(default=None, init=False)
     _times_ns: NDArray[np.int64] | None = field(default=None, init=False)
     _gaps: Gaps | None = field(default=None, init=False)
 
@@ -106,26 +107,6 @@ class Sector(MeasuredSamples):
                 offsets = np.arange(len(self), dtype=np.int64) * self.time_increment_ns
             object.__setattr__(self, "_times_ns", read_only(offsets + self.stamp_ns))
         return cast("NDArray[np.int64]", self._times_ns)
-
-    def nearest(self, between: tuple[float, float] | None = None) -> Return | None:
-        """The nearest return, or None where nothing came back.
-
-        ::
-
-            ahead = sector.nearest(between=(-0.3, 0.3))
-            if ahead and ahead.range < 0.5:
-                stop()
-
-        Args:
-            between: Only from the first angle counter-clockwise to the second, radians. None for all of the sector.
-
-        Raises:
-            InvalidValue: `between` is not two finite angles of at most a turn.
-        """
-        index = nearest_return(self.angles, self.ranges, between)
-        if index is None:
-            return None
-        return Return(float(self.ranges[index]), float(self.angles[index]), index)
 
     def to_dict(self) -> dict[str, Any]:
         """The sector as plain numbers and lists, for JSON: as `Scan.to_dict`."""

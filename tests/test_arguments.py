@@ -15,6 +15,7 @@ import lidario
 from lidario.arguments import finite, number, path_of, shown, text_of, whole, yes_or_no
 from lidario.ros import Fleet, Publisher, Share, pointcloud2
 from lidario.testing import Body, RecordedLidar, SimulatedLidar, make_scan, make_sector, room
+from tests.filters.calls import filter_calls
 from tests.support.devices import both_families, make_rig, take
 from tests.support.loop import driven
 
@@ -132,7 +133,10 @@ CALLS: dict[str, Callable[[Any], object]] = {
     "points(motion)": lambda value: None if callable(value) else SCAN.points(motion=value),
     "to_laserscan": SCAN.to_laserscan,
     **dict(by_name(SCAN.to_laserscan, "order", "frame_id", "range_min", "range_max")),
-    **dict(by_name(SCAN.to_laserscan, "no_return", "mount_yaw", "preset")),
+    **dict(by_name(SCAN.to_laserscan, "no_return", "filtered", "mount_yaw", "preset")),
+    "filtered": lambda value: SCAN.filtered(lambda _: value),
+    "Sector.filtered": lambda value: SECTOR.filtered(lambda _: value),
+    **filter_calls(SCAN),
     "from_cdr": lidario.LaserScan.from_cdr,
     "merge": lidario.merge,
     "run": lidario.run,
@@ -158,7 +162,7 @@ CALLS: dict[str, Callable[[Any], object]] = {
     "pointcloud2(frame_id)": lambda value: pointcloud2(SCAN, frame_id=value),
     "pointcloud2(mount_yaw)": lambda value: pointcloud2(SCAN, mount_yaw=value),
     **dict(by_name(published, "topic", "frame_id", "domain", "distro", "namespace", "node", "robot", "beams")),
-    **dict(by_name(published, "order", "range_min", "range_max", "no_return", "mount_yaw", "preset")),
+    **dict(by_name(published, "order", "range_min", "range_max", "no_return", "filtered", "mount_yaw", "preset")),
     **dict(by_name(shared, "key", "robot")),
     **dict(by_name(fleet, "keys", "depth")),
 }
@@ -248,8 +252,14 @@ async def test_no_foreign_exception_leaves_a_session(family: str) -> None:
             "set_power_down_protection": lidar.set_power_down_protection,
             "set_network_address": lidar.set_network_address,
             "set_baudrate": lidar.set_baudrate,
-            **{f"scans({name})": partial(named, lidar.scans, name) for name in ("mode", "depth", "force")},
-            **{f"sectors({name})": partial(named, lidar.sectors, name) for name in ("mode", "depth", "force")},
+            **{
+                f"scans({name})": partial(named, lidar.scans, name)
+                for name in ("mode", "depth", "force", "filters")
+            },
+            **{
+                f"sectors({name})": partial(named, lidar.sectors, name)
+                for name in ("mode", "depth", "force", "filters")
+            },
             "sectors(degrees)": lambda value: named(lidar.sectors, "degrees", value),
             "record(path)": lambda value: recorded(path=value),
             "record(scans)": lambda value: recorded(scans=value),

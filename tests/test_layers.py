@@ -24,6 +24,7 @@ LAYERS = (
         "cdr",
         "entered",
         "errors",
+        "filters",
         "laserscan",
         "measured",
         "model",

@@ -18,6 +18,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from lidario.arguments import printable
+from lidario.measured import with_distances
 from lidario.recording.chronicle import MOST_NS
 from lidario.scan import Scan, read_only
 
@@ -25,8 +26,8 @@ __all__ = ["Entry", "encode_raw_message", "encode_scan", "is_raw", "parse_raw_me
 
 _SCAN_MAGIC: Final = b"LDS1"
 _SCAN: Final = struct.Struct("<4sBxHIqqqQIddddd")
-"""Magic, whether there are intensities, bytes of the mode's name, samples, three times, number, lost packets, two
-speeds, range, seam, and one spare figure."""
+"""Magic, what is carried (1: intensities, 2: which samples filters took out, a bit each), bytes of the mode's name,
+samples, three times, number, lost packets, two speeds, range, seam, and one spare figure."""
 _RAW_MAGIC: Final = b"LDR1"
 _RAW: Final = struct.Struct("<4sI")
 _ENTRY: Final = struct.Struct("<BxxxIq")
@@ -60,9 +61,11 @@ def encode_scan(scan: Scan) -> bytes:
     """A scan message. `Scan.stamp_ns` is not in it: it is a time of this machine alone."""
     name = scan.mode.encode("utf-8", "replace")[:_LONGEST_NAME]
     strengths = scan.intensities
+    left_out = scan.left_out
+    is_filtered = bool(left_out.any())
     head = _SCAN.pack(
         _SCAN_MAGIC,
-        strengths is not None,
+        (strengths is not None) | is_filtered << 1,
         len(name),
         len(scan),
         scan.wall_stamp_ns,
@@ -83,6 +86,7 @@ def encode_scan(scan: Scan) -> bytes:
             scan.device_angles.astype("<f4", copy=False).tobytes(),
             scan.device_distances.astype("<f4", copy=False).tobytes(),
             b"" if strengths is None else strengths.tobytes(),
+            np.packbits(left_out).tobytes() if is_filtered else b"",
         )
     )
 
@@ -100,9 +104,10 @@ def parse_scan(data: bytes, wall_offset_ns: int) -> Scan | None:
         _SCAN.unpack_from(data)
     )
     begin = _SCAN.size + named
-    if magic != _SCAN_MAGIC or carried > 1 or named > _LONGEST_NAME or count > MOST_SAMPLES:
+    if magic != _SCAN_MAGIC or carried > 3 or named > _LONGEST_NAME or count > MOST_SAMPLES:
         return None
-    if len(data) != begin + (8 + carried) * count:
+    has_strengths, is_filtered = bool(carried & 1), bool(carried & 2)
+    if len(data) != begin + (8 + has_strengths) * count + (count + 7) // 8 * is_filtered:
         return None
     if not (abs(wall_ns) < MOST_NS and 0 <= step_ns < _LONGEST_NS and 0 <= duration_ns < _LONGEST_NS):
         return None
@@ -115,9 +120,9 @@ def parse_scan(data: bytes, wall_offset_ns: int) -> Scan | None:
     # Comparing with NaN gives False.
     if not (np.all((angles >= 0) & (angles < 360)) and np.all((distances >= 0) & (distances < 1e3 * _MOST_METRES))):
         return None
-    strengths = np.frombuffer(data, np.uint8, count, begin + 8 * count) if carried else None
+    strengths = np.frombuffer(data, np.uint8, count, begin + 8 * count) if has_strengths else None
     name = data[_SCAN.size : begin].decode("utf-8", "replace")
-    return Scan(
+    made = Scan(
         device_angles=read_only(angles.astype(np.float32, copy=False)),
         device_distances=read_only(distances.astype(np.float32, copy=False)),
         intensities=strengths,
@@ -134,6 +139,13 @@ def parse_scan(data: bytes, wall_offset_ns: int) -> Scan | None:
         seam=seam,
         reported_rpm=reported_rpm,
     )
+    if not is_filtered:
+        return made
+    bits = np.frombuffer(data, np.uint8, offset=begin + (8 + has_strengths) * count)
+    left_out = np.unpackbits(bits, count=count).astype(np.bool_)
+    # One that was taken out has no return.
+    kept = np.where(left_out, np.float32(0), made.device_distances)
+    return with_distances(made, lambda _: (kept, left_out))
 
 
 def encode_raw_message(entries: Iterable[Entry]) -> bytes:

@@ -69,7 +69,7 @@ def build_scan(
 class _Unfrozen(MeasuredSamples):
     """A `Scan` while its fields are set.
 
-    A frozen dataclass sets each of its 21 fields by a call: 2.6 us once a revolution, where plain assignments take
+    A frozen dataclass sets each of its 23 fields by a call: 2.6 us once a revolution, where plain assignments take
     0.3. Both classes have the same slots, so one can become the other.
     """
 
@@ -96,3 +96,4 @@ class _Unfrozen(MeasuredSamples):
         self.reported_rpm = reported_rpm
         self._gaps = gaps if lost else None
         self._angles = self._ranges = self._measured = self._times_ns = self._rotor = None
+        self._left_out = self._directions = None

@@ -67,10 +67,11 @@ class Publisher(Broadcast):
         node: Name of the node.
         robot: Name of this robot, for the list of a fleet; None for the name of this machine.
         beams: Beams of each scan; None for as many as the first scan has samples.
-        order: As for `Scan.to_laserscan`, and the five that follow.
+        order: As for `Scan.to_laserscan`, and the six that follow.
         range_min: As there.
         range_max: As there.
         no_return: As there.
+        filtered: As there.
         mount_yaw: As there.
         preset: As there.
         mount: Where the lidar is on its robot: metres forward, metres to the left, and radians counter-clockwise.
@@ -104,6 +105,7 @@ class Publisher(Broadcast):
         range_min: float = 0.05,
         range_max: float | None = None,
         no_return: NoReturn = "inf",
+        filtered: NoReturn = "nan",
         mount_yaw: float = 0.0,
         preset: Preset = "rep103",
         mount: tuple[float, float, float] | None = None,
@@ -116,13 +118,14 @@ class Publisher(Broadcast):
         self._node = Node(node, "/" if namespace == "/" else qualified(namespace, "/"), domain, distro)
         self._topic = self._node.topic(topic)
         self._frame_id = frame_id
-        check_options(order, frame_id, range_min, range_max, no_return, mount_yaw, preset)
+        check_options(order, frame_id, range_min, range_max, no_return, mount_yaw, preset, filtered)
         self._fixed = beams is not None
         self._beams = 0 if beams is None else beam_count(beams)
         self._unlike = 0
         self._order: BeamOrder = order
         self._range_min, self._range_max = range_min, range_max
         self._no_return: NoReturn = no_return
+        self._filtered: NoReturn = filtered
         self._mount_yaw = mount_yaw
         self._preset: Preset = preset
         self._mount = None if mount is None else mount_of(mount)
@@ -161,6 +164,7 @@ class Publisher(Broadcast):
             range_min=self._range_min,
             range_max=self._range_max,
             no_return=self._no_return,
+            filtered=self._filtered,
             mount_yaw=self._mount_yaw,
             preset=self._preset,
         )

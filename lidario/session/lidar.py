@@ -24,23 +24,20 @@ from lidario.errors import LocalProtocolError, SessionClosed
 from lidario.model import Health, ScanMode, Stats
 from lidario.port.line import Tap
 from lidario.recording.record import Recording
-from lidario.scan import Scan
 from lidario.session.connection import Connection
 from lidario.session.counters import Counters
 from lidario.session.let_go import abandon, if_alive, running_loop
 from lidario.session.line_changes import LineChanges
-from lidario.session.questions import Questions
 from lidario.session.reconnect import Reconnector
 from lidario.session.recorded import RecordedSession
 from lidario.session.scanner import Scanner
-from lidario.session.sectors import DEFAULT_DEGREES, SectorStream
-from lidario.session.stream import ScanStream
+from lidario.session.streams import Streams
 from lidario.session.twin import twin_of
 
 __all__ = ["Lidar"]
 
 
-class Lidar(Questions, AsyncOnly):
+class Lidar(Streams, AsyncOnly):
     """One open device; made by `open_lidar`, and best used as its context manager.
 
     Its methods belong to the event loop in which it was opened; in another one they raise `LocalProtocolError`.
@@ -137,44 +134,6 @@ class Lidar(Questions, AsyncOnly):
         reconnects = 0 if self._reconnector is None else self._reconnector.count
         return self._counters.stats(self._dialogue, self._scanner.totals, self._scanner.dropped, reconnects)
 
-    def scans(self, mode: str | int | None = None, *, depth: int = 1, force: bool = False) -> ScanStream:
-        """A stream of full revolutions, for ``async for``; several may run side by side.
-
-        Args:
-            mode: Name or id of a scan mode; None for the one that runs, or else the device's typical one.
-            depth: Scans kept for a reader that falls behind; the oldest beyond that are dropped and counted.
-            force: Ask the device to measure even when the motor is not up to speed.
-
-        Raises:
-            InvalidValue: `depth` is no number of scans.
-        """
-        return ScanStream(self._scanner, mode, depth, force, self._check_open)
-
-    def sectors(
-        self,
-        degrees: float = DEFAULT_DEGREES,
-        mode: str | int | None = None,
-        *,
-        depth: int | None = None,
-        force: bool = False,
-    ) -> SectorStream:
-        """A stream of parts of revolutions, each as soon as it is measured, for ``async for``.
-
-        For what must be known before the revolution is whole, such as an obstacle. Streams of scans and of sectors,
-        also of different sizes, may run side by side.
-
-        Args:
-            degrees: Size of a sector: 360 degrees must be a multiple of it, and it must not be less than 5.
-            mode: As for `scans`.
-            depth: Sectors kept for a reader that falls behind; the oldest beyond that are dropped and counted. None
-                for those of one revolution.
-            force: As for `scans`.
-
-        Raises:
-            InvalidValue: `degrees` is no such size, or `depth` is no number of sectors.
-        """
-        return SectorStream(self._scanner, mode, degrees, depth, force, self._check_open)
-
     def line_changes(self) -> LineChanges:
         """What becomes of the line, for ``async for``: lost, back, over; for programs that show it.
 
@@ -182,27 +141,6 @@ class Lidar(Questions, AsyncOnly):
         """
         self._check_loop()
         return self._scanner.line.read()
-
-    async def scan(self, mode: str | int | None = None) -> Scan:
-        """One full revolution. Laser and motor stop a second later, unless another stream was begun by then.
-
-        Cancelling ends the waiting; laser and motor stop as after a scan.
-
-        Args:
-            mode: As for `scans`.
-
-        Raises:
-            StreamFailed: No scan came; the session goes on.
-            DeviceFault: The device has stopped to protect itself, and a reset did not help; the session goes on.
-            LocalProtocolError: Another task called `stop` before the scan was complete.
-        """
-        stream = self.scans(mode)
-        try:
-            return await anext(stream)
-        except StopAsyncIteration:
-            raise LocalProtocolError("another task stopped the lidar before the scan was complete") from None
-        finally:
-            stream.release()
 
     async def stop(self) -> None:
         """Stop laser and motor and end every stream; returns when that was seen. The session stays open.

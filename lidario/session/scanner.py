@@ -18,13 +18,13 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable
-from dataclasses import replace
 from typing import TypeVar
 
 import anyio
 
 from lidario.errors import DeviceLost, LidarError
 from lidario.families.base import Device, Script
+from lidario.measured import changed
 from lidario.model import Health, ScanMode
 from lidario.scan import Scan
 from lidario.session.control import StreamControl
@@ -189,7 +189,7 @@ class Scanner:
             counted.missed_scans += missed
             if counted.left_off is not None:
                 counted.resume(scan.stamp_ns)
-            scan = replace(scan, seq=counted.scans + counted.missed_scans)
+            scan = changed(scan, seq=counted.scans + counted.missed_scans)
             counted.scans += 1
             for parts in self.hub.parts:
                 for sector in sectors_of(scan, parts):

@@ -7,7 +7,7 @@ many sectors it wants a revolution divided.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
 from types import TracebackType
 from typing import Self, cast
@@ -136,9 +136,11 @@ class SectorStream(AsyncOnly):
         depth: int | None,
         force: bool,
         opened: Callable[[], None],
+        filters: Iterable[Callable[[Sector], Sector]] = (),
     ) -> None:
         parts = parts_of(degrees)
-        self._stream = ScanStream(source, mode, parts if depth is None else depth, force, opened, parts)
+        kept = parts if depth is None else depth
+        self._stream = ScanStream(source, mode, kept, force, opened, parts, filters)
 
     @property
     def dropped(self) -> int:

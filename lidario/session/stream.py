@@ -13,12 +13,12 @@ from __future__ import annotations
 import asyncio
 import weakref
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from types import TracebackType
-from typing import Protocol, Self, cast
+from typing import Any, Protocol, Self, cast
 
-from lidario.arguments import shown, whole, yes_or_no
+from lidario.arguments import callable_of, shown, whole, yes_or_no
 from lidario.entered import AsyncOnly
 from lidario.errors import Busy, InvalidValue, LidarError, LocalProtocolError
 from lidario.measured import with_dropped
@@ -26,7 +26,7 @@ from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.session.twin import again, twin_of
 
-__all__ = ["Hub", "Mailbox", "ScanSource", "ScanStream"]
+__all__ = ["Hub", "Mailbox", "ScanSource", "ScanStream", "filters_of"]
 
 _HOLD_S = 30 * 86400.0
 """For how long the event loop keeps a waiting reader alive, where the program itself holds no reference to it."""
@@ -248,11 +248,13 @@ class ScanStream(AsyncOnly):
         force: bool,
         opened: Callable[[], None],
         parts: int = 0,
+        filters: Iterable[Callable[[Any], Any]] = (),
     ) -> None:
         self._source = source
         self._mode = mode
         self._force = yes_or_no(force, "force")
         self._mailbox = Mailbox(depth, parts)
+        self._filters = filters_of(filters)
         self._let_go: weakref.finalize[..., ScanStream] | None = None
         self._left = False
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -279,7 +281,9 @@ class ScanStream(AsyncOnly):
         elif self._loop is not asyncio.get_running_loop():
             raise LocalProtocolError("the stream was begun in another event loop, and its scans come only there")
         try:
-            return cast("Scan", await self._mailbox.get())
+            scan = cast("Scan", await self._mailbox.get())
+            # Here, and not where it is put: what this reader misses costs nothing.
+            return scan.filtered(*self._filters) if self._filters else scan
         except BaseException:
             # An error that the program keeps, as in a cancelled task, holds this frame. Without `self` in it, the
             # stream is garbage all the same, and that leaves the device still.
@@ -319,6 +323,19 @@ class ScanStream(AsyncOnly):
         self._let_go.detach()
         self._mailbox.end()
         return True
+
+
+def filters_of(filters: object) -> tuple[Callable[[Any], Any], ...]:
+    """Filters that a user gave, in their order.
+
+    Raises:
+        InvalidValue: They are no list of functions.
+    """
+    try:
+        found: tuple[object, ...] = tuple(filters)  # type: ignore[arg-type]
+    except TypeError:
+        raise InvalidValue(f"filters are a list, as in filters=[ShadowsFilter()], not {shown(filters)}") from None
+    return tuple(callable_of(each, "a filter") for each in found)
 
 
 def _let_go(loop: asyncio.AbstractEventLoop, source: ScanSource, mailbox: Mailbox) -> None:

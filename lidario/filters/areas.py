@@ -1,0 +1,134 @@
+"""Filters that look where a return is in the robot's frame: in a box, in a polygon."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.arguments import finite, shown, yes_or_no
+from lidario.errors import InvalidValue
+from lidario.filters.base import MaskFilter
+from lidario.measured import MeasuredSamples
+from lidario.points import Mount
+
+__all__ = ["BoxFilter", "PolygonFilter"]
+
+_Floats = NDArray[np.float32]
+_ORIGIN: Final = Mount()
+_FARTHEST_M: Final = 1e6
+"""Products of much larger coordinates overflow in single precision."""
+
+
+@dataclass(frozen=True, slots=True)
+class BoxFilter(MaskFilter):
+    """Takes out returns in a box, such as the robot's own body.
+
+    Attributes:
+        min_x: Metres forward of the robot's origin, where the box begins.
+        max_x: Where it ends.
+        min_y: Metres to the left, where it begins.
+        max_y: Where it ends.
+        mount: Where the lidar is on the robot.
+        invert: Whether all returns outside of it are taken out instead.
+
+    Raises:
+        InvalidValue: A side is no number of metres up to 1e6, the box ends before it begins, or `mount` is no
+            `Mount`.
+    """
+
+    min_x: float
+    max_x: float
+    min_y: float
+    max_y: float
+    mount: Mount = _ORIGIN
+    invert: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("min_x", "max_x", "min_y", "max_y"):
+            object.__setattr__(self, name, _metres(getattr(self, name), f"{name} of a box"))
+        for axis, least, most in (("x", self.min_x, self.max_x), ("y", self.min_y, self.max_y)):
+            if least > most:
+                raise InvalidValue(f"min_{axis} {least:g} is above max_{axis} {most:g}")
+        _check_place(self)
+
+    def leaves_out(self, record: MeasuredSamples, /) -> NDArray[np.bool_]:
+        """As `MaskFilter.leaves_out`."""
+        x, y = _mounted(record, self.mount)
+        inside = (x >= self.min_x) & (x <= self.max_x) & (y >= self.min_y) & (y <= self.max_y)
+        return record.valid & ~inside if self.invert else inside
+
+
+@dataclass(frozen=True, slots=True)
+class PolygonFilter(MaskFilter):
+    """Takes out returns in a polygon: the robot's own body, or an area that it shall not see.
+
+    Inside is where a line outwards crosses the edges an odd number of times.
+
+    Attributes:
+        polygon: Its corners in order, each (x, y), metres in the robot's frame; the last one joins the first.
+        mount: Where the lidar is on the robot.
+        invert: Whether all returns outside of it are taken out instead.
+
+    Raises:
+        InvalidValue: There are less than three corners, one is not two numbers of metres up to 1e6, or `mount` is
+            no `Mount`.
+    """
+
+    polygon: Iterable[tuple[float, float]]
+    mount: Mount = _ORIGIN
+    invert: bool = False
+
+    def __post_init__(self) -> None:
+        try:
+            corners = tuple((_metres(x, "x of a corner"), _metres(y, "y of a corner")) for x, y in self.polygon)
+        except (TypeError, ValueError):
+            corners = ()
+        if len(corners) < 3:
+            raise InvalidValue(
+                f"a polygon is three corners or more, each (x, y) in metres, not {shown(self.polygon)}"
+            )
+        object.__setattr__(self, "polygon", corners)
+        _check_place(self)
+
+    def leaves_out(self, record: MeasuredSamples, /) -> NDArray[np.bool_]:
+        """As `MaskFilter.leaves_out`."""
+        x, y = _mounted(record, self.mount)
+        inside = np.zeros(len(record), np.bool_)
+        corners = tuple(self.polygon)
+        for (x1, y1), (x2, y2) in pairwise((*corners, corners[0])):
+            # Whether the line to the right of a return crosses this edge. An edge may be nearly level: no division.
+            left = (x - x1) * (y2 - y1) < (y - y1) * (x2 - x1)
+            inside ^= ((y1 > y) != (y2 > y)) & (left if y2 > y1 else ~left)
+        valid = record.valid
+        return valid & ~inside if self.invert else valid & inside
+
+
+def _mounted(record: MeasuredSamples, mount: Mount) -> tuple[_Floats, _Floats]:
+    """The samples in the robot's frame, metres; NaN without a return."""
+    cos, sin = record.directions()
+    x, y = record.ranges * cos, record.ranges * sin
+    if mount.yaw:
+        turned, across = math.cos(mount.yaw), math.sin(mount.yaw)
+        x, y = x * turned - y * across, x * across + y * turned
+    return x + mount.x, y + mount.y
+
+
+def _metres(value: object, what: str) -> float:
+    found = finite(value, what)
+    if abs(found) > _FARTHEST_M:
+        raise InvalidValue(f"{what} is metres, at most {_FARTHEST_M:g}, not {shown(value)}")
+    return found
+
+
+def _check_place(of: BoxFilter | PolygonFilter) -> None:
+    if not isinstance(of.mount, Mount):
+        raise InvalidValue(f"mount is a Mount, not {shown(of.mount)}")
+    _metres(of.mount.x, "x of a mount")
+    _metres(of.mount.y, "y of a mount")
+    object.__setattr__(of, "invert", yes_or_no(of.invert, "invert"))

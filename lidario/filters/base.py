@@ -1,0 +1,51 @@
+"""What filters have in common: they are called with a scan or a sector, and return one."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.measured import MeasuredSamples, with_distances
+
+__all__ = ["Filter", "MaskFilter", "RecordT"]
+
+RecordT = TypeVar("RecordT", bound=MeasuredSamples)
+_Changed = tuple[NDArray[np.float32], NDArray[np.bool_] | None]
+
+
+class Filter(ABC):
+    """Base of the filters: called with a scan or a sector, each returns one."""
+
+    __slots__ = ()
+
+    @abstractmethod
+    def __call__(self, record: RecordT, /) -> RecordT:
+        """The same samples, behind the filter."""
+
+
+class MaskFilter(Filter):
+    """Base of the filters that take samples out, and change nothing else.
+
+    For a filter of your own, write `leaves_out`.
+    """
+
+    __slots__ = ()
+
+    @abstractmethod
+    def leaves_out(self, record: MeasuredSamples, /) -> NDArray[np.bool_]:
+        """Which samples it takes out, bool, shape (n,)."""
+
+    def __call__(self, record: RecordT, /) -> RecordT:
+        """The same samples; those that it takes out have no return, and are `left_out`."""
+        return with_distances(record, self._change)
+
+    def _change(self, record: MeasuredSamples) -> _Changed:
+        out, before = self.leaves_out(record), record._left_out  # noqa: SLF001 - of our own
+        if not out.any():
+            return record.device_distances, before
+        distances = record.device_distances.copy()
+        distances[out] = 0
+        return distances, out if before is None else out | before
