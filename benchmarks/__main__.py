@@ -16,6 +16,7 @@ from benchmarks import (
     decode,
     export,
     faults,
+    filters,
     flatout,
     garbage,
     latency,
@@ -58,6 +59,7 @@ BENCHMARKS: dict[str, Callable[[Setting], Result]] = {
     "garbage": garbage.run,
     "view": view.run,
     "publish": publish.run,
+    "filters": filters.run,
 }
 _RESULTS = ROOT / "benchmarks" / "results"
 

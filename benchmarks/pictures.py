@@ -21,6 +21,7 @@ from rich.style import Style
 from rich.text import Text
 
 from benchmarks.browser import Browser, Page
+from benchmarks.picture_of_filters import SIZE, filters_page
 from benchmarks.processes import ROOT
 from lidario.cli.watch import Frame
 from lidario.web.feed import Feed
@@ -43,6 +44,11 @@ def main() -> int:
             (FOLDER / name).write_bytes(picture)
         for name, dark in (("strip.png", False), ("strip-dark.png", True)):
             (FOLDER / name).write_bytes(_strip(browser, dark=dark))
+        for name, dark in (("filters.png", False), ("filters-dark.png", True)):
+            page = browser.open("about:blank", width=SIZE[0], height=SIZE[1])
+            page.ask(f"document.documentElement.innerHTML = {filters_page(dark=dark)!r}")
+            (FOLDER / name).write_bytes(page.picture())
+            page.close()
         page = browser.open("about:blank", width=round(WIDTH * _LETTER) + 32, height=HEIGHT * _LINE + 28)
         page.ask(f"document.documentElement.innerHTML = {as_html(text)!r}")
         (FOLDER / "watch.png").write_bytes(page.picture())
