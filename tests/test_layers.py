@@ -56,6 +56,7 @@ OF_PORT = RANK["port"]
 
 SANS_IO = {"asyncio", "anyio", "serial", "serial_asyncio", "socket", "select", "termios", "threading", "subprocess"}
 OF_WIRE = {
+    "copy",
     "__future__",
     "abc",
     "bisect",

@@ -26,7 +26,7 @@ from lidario.filters import (
 from lidario.testing import make_scan, make_sector
 from tests.reference import filters as reference
 
-DATA = Path(__file__).parent.parent / "data" / "laser_filters.npz"
+DATA = Path(__file__).with_name("laser_filters.npz")
 ANGLE = st.floats(-6.28, 6.28)
 
 

@@ -26,7 +26,7 @@ def scans_of(link: Link, assembler: Assembler, data: bytes, now: int, arrivals: 
 @pytest.mark.parametrize("hits", [0.0005, 0.002])
 @pytest.mark.exhaustive("seed", sample=[1, 3, 5], full=range(20))
 def test_joined_reads_give_the_same_scans(case: Case, hits: float, seed: int) -> None:
-    """Behind damage a packet may be complete with one read, and told with the next. Scans before it never knew it."""
+    """Behind damage a packet may be complete with one read, and told with the next: unknown to scans before it."""
     raw = damage.drop_bytes(3 * case.raw, hits, seed=seed).raw
     turn = len(case.raw) // max(len(case.turns), 1)
     # Mostly a packet or two; now and then what a line held back for most of a revolution, or two.
