@@ -11,6 +11,7 @@
 """
 
 import gc
+import importlib.util
 import inspect
 import os
 import platform
@@ -46,6 +47,11 @@ NEEDS = {
     "test_tls.py": "openssl",
 }
 """Test modules that are not run where a program is not installed; the summary says so."""
+NEEDS_PACKAGE = {
+    "test_example_dds.py": ("cyclonedds", "dds"),
+    "test_example_rerun.py": ("rerun", "rerun"),
+}
+"""Likewise, where a package is not: one has no wheel for some machines, one is too large for everybody."""
 NEEDS_LINUX = re.compile(
     r"^\s*(import|from) (pty|tty|termios|fcntl|resource)\b|PtyServer|/proc/"
     r"|tests\.support\.(terminals|shells)\b|benchmarks\.soak\b|os\.fork\b"
@@ -75,6 +81,9 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 def _why_not_here(path: Path) -> str:
     """Why a test module is not run on this system; empty where it is."""
+    module, extra = NEEDS_PACKAGE.get(path.name, ("", ""))
+    if module and importlib.util.find_spec(module) is None:
+        return f"no {module} is installed; .venv/bin/pip install -e '.[{extra}]'"
     system = platform.system()
     needed = NEEDS.get(path.name)
     if system == "Linux":

@@ -1,0 +1,33 @@
+"""An example as a process of its own, as its user runs it: what it opens, and its threads, end with it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+
+from tests.cli.processes import ROOT
+
+__all__ = ["EXAMPLES", "environment", "running"]
+
+EXAMPLES = ROOT / "examples"
+
+
+def environment(**more: str) -> dict[str, str]:
+    """The environment of such a process."""
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(EXAMPLES)]), **more}
+
+
+@contextlib.contextmanager
+def running(program: str, **more: str) -> Iterator[subprocess.Popen[str]]:
+    """Run this text as a program that may import examples; at the end of the block it is gone."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", program], env=environment(**more), stdout=subprocess.PIPE, encoding="utf-8"
+    )
+    with process:
+        try:
+            yield process
+        finally:
+            process.kill()

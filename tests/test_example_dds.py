@@ -1,0 +1,80 @@
+"""The DDS example: another process, which declares the messages by itself, receives the scans."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from tests.cli.processes import line_of
+from tests.support.example import running
+from tests.support.walls import WALLS, from_walls, is_all_around
+
+DOMAIN = 137
+LOOPBACK = """<CycloneDDS><Domain>
+<General><AllowMulticast>false</AllowMulticast>
+<Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces></General>
+<Discovery><ParticipantIndex>auto</ParticipantIndex><Peers><Peer address="127.0.0.1"/></Peers></Discovery>
+</Domain></CycloneDDS>"""
+"""Nobody else hears this, and nothing of it leaves the machine."""
+WRITER = f"""
+import dds_publish, lidario, lidario.testing
+lidario.run(dds_publish.main(lidario.testing.SimulatedLidar(walls={WALLS}), domain_id={DOMAIN}))
+"""
+READER = f"""
+import json
+from dataclasses import dataclass
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.idl.types import float32, int32, sequence, uint32
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+
+@dataclass
+class Time(IdlStruct, typename="builtin_interfaces.msg.dds_.Time_"):
+    sec: int32
+    nanosec: uint32
+
+@dataclass
+class Header(IdlStruct, typename="std_msgs.msg.dds_.Header_"):
+    stamp: Time
+    frame_id: str
+
+@dataclass
+class Scan(IdlStruct, typename="sensor_msgs.msg.dds_.LaserScan_"):
+    header: Header
+    angle_min: float32
+    angle_max: float32
+    angle_increment: float32
+    time_increment: float32
+    scan_time: float32
+    range_min: float32
+    range_max: float32
+    ranges: sequence[float32]
+    intensities: sequence[float32]
+
+node = DomainParticipant({DOMAIN})
+reader = DataReader(node, Topic(node, "rt/scan", Scan))
+for scan in reader.take_iter(timeout=duration(seconds=60)):
+    stamp = scan.header.stamp.sec * 10**9 + scan.header.stamp.nanosec
+    told = [stamp, scan.header.frame_id, scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max]
+    print(json.dumps([*told, list(scan.ranges)]), flush=True)
+"""
+
+
+def test_dds_publish_reaches_another_process() -> None:
+    with running(WRITER, CYCLONEDDS_URI=LOOPBACK), running(READER, CYCLONEDDS_URI=LOOPBACK) as reader:
+        found = [json.loads(line_of(reader.stdout)) for _ in range(3)]
+    for _, frame, angle_min, increment, nearest, farthest, ranges in found:
+        assert (frame, round(nearest, 6)) == ("laser", 0.05)
+        assert len(ranges) > 3000
+        angles, distances = angle_min + increment * np.arange(len(ranges)), np.array(ranges)
+        returned = (distances >= nearest) & (distances <= farthest)
+        points = (np.stack([np.cos(angles), np.sin(angles)]) * distances).T[returned]
+        assert is_all_around(points)
+        assert from_walls(points).max() < 0.01
+    # On a busy machine some may be missing.
+    turns = np.diff([scan[0] for scan in found]) / 1e8
+    assert turns.min() > 0.9
+    assert np.abs(turns - np.round(turns)).max() < 0.1

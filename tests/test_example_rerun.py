@@ -1,0 +1,37 @@
+"""The Rerun example: what Rerun's own reader finds in the file is what the lidar saw."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from rerun.chunk import RrdReader
+
+from tests.cli.processes import BOUND
+from tests.support.example import environment
+from tests.support.walls import WALLS, from_walls, is_all_around
+
+PROGRAM = f"""
+import sys, rerun_live, lidario, lidario.testing
+lidario.run(rerun_live.main(lidario.testing.SimulatedLidar(walls={WALLS}), sys.argv[1], count=3))
+"""
+
+
+def test_rerun_live_keeps_what_the_viewer_shows(tmp_path: Path) -> None:
+    file = tmp_path / "run.rrd"
+    subprocess.run([sys.executable, "-c", PROGRAM, str(file)], env=environment(), timeout=BOUND, check=True)
+    chunks = {chunk.entity_path: chunk.to_record_batch() for chunk in RrdReader(file).stream()}
+    found = chunks["/lidar/scan"]
+    # On a busy machine some may be missing.
+    turns = np.diff(found["time"].cast("int64").to_numpy()) / 1e8
+    assert turns.min() > 0.9
+    assert np.abs(turns - np.round(turns)).max() < 0.1
+    scans = found["Points3D:positions"].to_pylist()
+    assert len(scans) == 3
+    for points in map(np.array, scans):
+        assert len(points) > 3000
+        assert not points[:, 2].any()
+        assert is_all_around(points[:, :2])
+        assert from_walls(points[:, :2]).max() < 0.01
