@@ -47,7 +47,7 @@ from __future__ import annotations
 import math
 import struct
 from dataclasses import dataclass, fields
-from typing import Any, Literal, SupportsIndex
+from typing import Any, Final, Literal, SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +59,7 @@ from lidario.plain import plain_of
 from lidario.rotor import Rotor, before, turned
 
 __all__ = [
+    "PRESET_YAW",
     "BeamOrder",
     "LaserScan",
     "NoReturn",
@@ -72,9 +73,10 @@ BeamOrder = Literal["counter-clockwise", "measured"]
 NoReturn = Literal["inf", "nan", "zero"]
 Preset = Literal["rep103", "vendor"]
 """Where the angle 0 of a LaserScan is: ``rep103`` ahead, ``vendor`` behind, as in the vendors' ROS 2 drivers."""
+PRESET_YAW: Final = {"rep103": 0.0, "vendor": math.pi}
+"""Angle of the device's forward axis by each preset, radians."""
 _ORDERS = ("counter-clockwise", "measured")
 _NO_RETURN = {"inf": math.inf, "nan": math.nan, "zero": 0.0}
-_PRESET_YAW = {"rep103": 0.0, "vendor": math.pi}
 _SEVEN_AND_COUNT = struct.Struct("<7fI")
 _LENGTH = struct.Struct("<I")
 _FLOATS = np.dtype("<f4")
@@ -267,7 +269,7 @@ def resample(
     step = 2 * math.pi / count
     beam_ns = rotor.period_ns / count
     # The grid covers one circle counter-clockwise from here. In [-pi, pi): 0 where nothing is turned.
-    lowest = before(math.degrees(mount_yaw + _PRESET_YAW[preset]) - rotor.begin_deg, 180.0) * math.pi / 180.0
+    lowest = before(math.degrees(mount_yaw + PRESET_YAW[preset]) - rotor.begin_deg, 180.0) * math.pi / 180.0
     angles = (lowest + step / 2, lowest + step * (count - 0.5))
     measured = order == "measured"
     first_beam_ns = beam_ns * (0.5 if measured else count - 0.5)
@@ -305,7 +307,7 @@ def check_options(
         ("order", order, _ORDERS),
         ("no_return", no_return, _NO_RETURN),
         ("filtered", filtered, _NO_RETURN),
-        ("preset", preset, _PRESET_YAW),
+        ("preset", preset, PRESET_YAW),
     ):
         if not isinstance(word, str) or word not in words:
             raise InvalidValue(f"{name} must be one of {', '.join(words)}, not {shown(word)}")

@@ -16,7 +16,7 @@ from typing import Final, Literal
 
 from lidario.arguments import shown, text_of, yes_or_no
 from lidario.errors import InvalidValue
-from lidario.laserscan import BeamOrder, NoReturn, Preset, beam_count, check_options
+from lidario.laserscan import PRESET_YAW, BeamOrder, NoReturn, Preset, beam_count, check_options
 from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.status import Status
 from lidario.ros.broadcast import Broadcast, Outlet
@@ -75,8 +75,8 @@ class Publisher(Broadcast):
         mount_yaw: As there.
         preset: As there.
         mount: Where the lidar is on its robot: metres forward, metres to the left, and radians counter-clockwise.
-            It is published once on ``/tf_static``, and nodes that come later get it too. None where a robot
-            description says so.
+            It is published once on ``/tf_static``, and nodes that come later get it too; with the preset ``vendor``
+            the frame of the scans is turned half round, which is in it. None where a robot description says so.
         base_frame: The frame of the robot, for `mount`.
         stamps: ``measured``: when the first beam was measured. ``now``: as if the revolution were just over, for
             the scans of a recording.
@@ -181,7 +181,10 @@ class Publisher(Broadcast):
         self._diagnostics = self._outlet(bus, 2, "/diagnostics", DIAGNOSTICS)
         if self._mount is not None:
             static = self._outlet(bus, 3, "/tf_static", TF_MESSAGE, keeps_last=True)
-            static.send(static_transform(time.time_ns(), self._base_frame, self._frame_id, self._mount))
+            x, y, yaw = self._mount
+            # A frame whose 0 is behind looks backwards itself.
+            place = x, y, yaw - PRESET_YAW[self._preset]
+            static.send(static_transform(time.time_ns(), self._base_frame, self._frame_id, place))
         if self._tells_time:
             self._clock = self._outlet(bus, 4, "/clock", CLOCK)
         self._watch_readers(bus, self._scans)

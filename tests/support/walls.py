@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["WALLS", "from_walls", "is_all_around"]
+__all__ = ["LONGEST_M", "WALLS", "from_walls", "is_all_around"]
 
 FRONT, BACK, LEFT, RIGHT = 3.0, -1.0, 2.0, -1.5
 CORNERS = [(FRONT, RIGHT), (FRONT, LEFT), (BACK, LEFT), (BACK, RIGHT)]
 WALLS = list(zip(CORNERS, [*CORNERS[1:], CORNERS[0]], strict=True))
 """Metres, x ahead of the lidar and y to its left."""
+LONGEST_M = float(np.hypot(FRONT, LEFT))
+"""To the corner that is farthest."""
 
 
 def from_walls(points: NDArray[np.floating]) -> NDArray[np.float64]:

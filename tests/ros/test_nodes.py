@@ -1,0 +1,137 @@
+"""What nodes make of the topic: slam_toolbox takes every message, and the returns of all lie on the walls.
+
+`tests.reference.nodes` has their rules. Here they are applied to what arrives at another client of the router.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from contextlib import AsyncExitStack
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from zenoh import ext
+
+import lidario
+from lidario.laserscan import BeamOrder, Preset
+from lidario.network.bus import Bus
+from lidario.ros import Publisher
+from lidario.ros.names import LASERSCAN, TF_MESSAGE, Node
+from lidario.scan import Scan
+from lidario.testing import SimulatedLidar, make_scan
+from tests.reference.nodes import SlamToolbox, laser_geometry, moved
+from tests.support.loop import run_driven
+from tests.support.messages import decoded
+from tests.support.network import until
+from tests.support.router import Router
+from tests.support.samples import every_model
+from tests.support.walls import LONGEST_M, WALLS, from_walls, is_all_around
+
+COUNT = 30
+ORDERS: tuple[BeamOrder, ...] = ("counter-clockwise", "measured")
+PRESETS: tuple[Preset, ...] = ("rep103", "vendor")
+UNITS_ARE_A_GUESS = ("ydlidar-tx8",)
+MOUNT = (0.3, -0.2, 0.7)
+"""Of the lidar in the frame of its robot: metres ahead, metres to the left, radians."""
+
+
+def scans_of(model: str, *, spin_up: float = 0.0, fault: str = "") -> list[Scan]:
+    """What a lidar sees of the room, with every scan of the session."""
+
+    async def main() -> list[Scan]:
+        device = SimulatedLidar(model, walls=WALLS, spin_up=spin_up, fault=fault)
+        async with lidario.open_lidar(device) as lidar, lidar.scans(depth=COUNT) as stream:
+            return [await anext(stream) for _ in range(COUNT)]
+
+    return run_driven(main)
+
+
+async def published(router: Router, domain: int, scans: list[Scan], **options: Any) -> tuple[list[Any], list[Any]]:
+    """The scans as they come from the network, and what comes of /tf_static."""
+    node, came, frames = Node(domain=domain), list[Any](), list[Any]()
+    async with AsyncExitStack() as stack:
+        reader = await Bus.open(router.address)
+        stack.push_async_callback(reader.close)
+        reader.subscribe(node.data_key("/scan", LASERSCAN), came.append)
+        lidar = await stack.enter_async_context(lidario.open_lidar(SimulatedLidar()))
+        publisher = Publisher(lidar, domain=domain, router=router.address, **options)
+        async with publisher:
+            await until(lambda: publisher.is_connected and publisher.is_read)
+            for number, scan in enumerate(scans, 1):
+                publisher.publish(scan)
+                await until(lambda due=number: len(came) == due)  # type: ignore[misc]
+            if "mount" in options:
+                history = ext.HistoryConfig(detect_late_publishers=True)
+                key = node.data_key("/tf_static", TF_MESSAGE)
+                held = ext.declare_advanced_subscriber(reader._session, key, frames.append, history=history)
+                await until(lambda: frames)
+                held.undeclare()  # type: ignore[no-untyped-call]
+    transforms = [decoded(each.payload.to_bytes(), "tf2_msgs/msg/TFMessage").transforms[0] for each in frames]
+    return [decoded(each.payload) for each in came], transforms
+
+
+def on_walls(points: np.ndarray[Any, Any], message: Any) -> bool:
+    """Whether all returns are where walls are, to half a beam and the rounding of the device."""
+    return bool(from_walls(points).max() < abs(message.angle_increment) / 2 * LONGEST_M + 0.01)
+
+
+def test_the_rules_themselves() -> None:
+    laser = make_scan(np.radians(np.arange(0.0, 360.0)), 2.0).to_laserscan(360)
+    others = replace(laser, ranges=laser.ranges[:-1]), replace(laser, angle_min=laser.angle_min + 0.1)
+    message, shorter, turned = (decoded(each.to_cdr()) for each in (laser, *others))
+    slam = SlamToolbox()
+    points = slam.take(message)
+    assert points is not None
+    np.testing.assert_allclose(points, laser_geometry(message), atol=1e-5)
+    assert slam.take(shorter) is None
+    np.testing.assert_array_equal(slam.take(turned), points)
+    assert slam.refused == 1
+    assert np.abs(laser_geometry(turned) - points).max() > 0.1
+    # A grid whose ends are one and the same direction, and one that leaves out its last beam.
+    closed = replace(message, angle_min=0.0, angle_max=2 * np.pi, angle_increment=2 * np.pi / 359)
+    opened = replace(message, angle_min=0.0, angle_max=2 * np.pi - 1e-3, angle_increment=2 * np.pi / 360)
+    assert SlamToolbox().take(closed) is not None
+    assert SlamToolbox().take(opened) is not None
+
+
+@every_model()
+async def test_slam_toolbox_takes_every_message_and_returns_lie_on_the_walls(router: Router, model: str) -> None:
+    scans = await asyncio.to_thread(scans_of, model)
+    messages, _ = await published(router, 41, scans)
+    slam, seen = SlamToolbox(), list[Any]()
+    for scan, message in zip(scans, messages, strict=True):
+        assert slam.take(message) is not None, (len(messages[0].ranges), len(message.ranges))
+        # Not every format has a check sum, and the model of a device that tells nothing is a guess.
+        if from_walls(scan.xy()[scan.valid]).max() < 0.03:
+            # The beams at both ends have samples of a moment before and after the revolution, too.
+            between = np.concatenate([[np.nan], message.ranges[1:-1], [np.nan]])
+            seen.append(laser_geometry(replace(message, ranges=between)))
+            assert on_walls(seen[-1], message)
+    assert model in UNITS_ARE_A_GUESS or is_all_around(np.concatenate(seen))
+
+
+@pytest.mark.parametrize("mounted", [False, True])
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("order", ORDERS)
+async def test_the_walls_are_where_they_are(
+    router: Router, order: BeamOrder, preset: Preset, mounted: bool
+) -> None:
+    """With ``--mount`` in the frame of the robot, whatever the beams begin with and wherever their 0 is."""
+    scans = await asyncio.to_thread(scans_of, "rplidar-s2")
+    options: dict[str, Any] = {"mount": MOUNT} if mounted else {}
+    messages, transforms = await published(router, 42, scans[:3], order=order, preset=preset, **options)
+    for message in messages:
+        points = laser_geometry(message)
+        if mounted:
+            # From the frame of the robot back to the walls, which are around the lidar as it is mounted.
+            points = moved(points, transforms[0]) - MOUNT[:2]
+            turn = np.array([[math.cos(MOUNT[2]), -math.sin(MOUNT[2])], [math.sin(MOUNT[2]), math.cos(MOUNT[2])]])
+            points = points @ turn
+        elif preset == "vendor":
+            # Its 0 is behind the lidar.
+            points = -points
+        assert is_all_around(points)
+        assert on_walls(points, message)
