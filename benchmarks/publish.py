@@ -140,7 +140,7 @@ def _many(count: int, address: str, seconds: float, data: dict[str, Any]) -> dic
 async def _read(address: str, seconds: float, router_pid: int) -> dict[str, Any]:
     late: list[float] = []
     loop = asyncio.get_running_loop()
-    async with Fleet("bench/*/scan", router=address) as fleet:
+    async with Fleet("bench/*/scan", router=address, depth=8) as fleet:
         until = loop.time() + _SETTLE_S
         began, own, router = 0.0, 0.0, 0.0
         async for each in fleet:

@@ -47,7 +47,8 @@ class Fleet(Entered):
     Args:
         keys: A key with wildcards: ``*`` for one part, ``**`` for any number.
         router: Address of the zenoh router.
-        depth: Scans of each lidar that wait for a slow reader; the oldest beyond that are dropped and counted.
+        depth: Scans of each lidar that wait for a slow reader; the oldest beyond that are dropped and counted. With
+            1, the default, it gets the latest scan of each lidar in turn; more is for readers that want them all.
 
     Attributes:
         bad_messages: Messages that were no scan.
@@ -58,13 +59,14 @@ class Fleet(Entered):
 
     _instead = "a fleet is read asynchronously: write `async with Fleet(...) as fleet:`, `async for each in fleet:`"
 
-    def __init__(self, keys: str, *, router: str = DEFAULT_ROUTER, depth: int = 8) -> None:
+    def __init__(self, keys: str, *, router: str = DEFAULT_ROUTER, depth: int = 1) -> None:
         depth = whole(depth, "depth")
         if depth < 1:
             raise InvalidValue(f"a reader keeps at least one scan of each lidar, not {shown(depth)}")
         self._keys = check_key(keys, wildcards=True)
         self._router = router
         self._scans = WaitingScans(depth)
+        self._is_read = False
         self._waiter: asyncio.Future[None] | None = None
         self._bus: Bus | None = None
         self._offset_ns = 0
@@ -123,17 +125,21 @@ class Fleet(Entered):
 
     async def __anext__(self) -> FleetScan:
         """The next scan of any lidar. Cancelling loses none."""
-        if self._waiter is not None:
+        if self._is_read:
             raise Busy("two tasks read one fleet: give each its own")
-        while not self._scans:
-            if self._closed:
-                raise StopAsyncIteration
-            self._waiter = asyncio.get_running_loop().create_future()
-            try:
+        self._is_read = True
+        try:
+            # A reader that never waits itself would see what came before it was slow, and nothing else be done.
+            await asyncio.sleep(0)
+            while not self._scans:
+                if self._closed:
+                    raise StopAsyncIteration
+                self._waiter = asyncio.get_running_loop().create_future()
                 await self._waiter
-            finally:
-                self._waiter = None
-        return self._scans.take()
+            return self._scans.take()
+        finally:
+            self._is_read = False
+            self._waiter = None
 
     def _learn(self, sample: Sample) -> None:
         attachment, status = parse_attachment(sample.attachment), Status.of(sample.payload)

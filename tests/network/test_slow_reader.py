@@ -1,0 +1,115 @@
+"""A reader of a fleet that is slower than its lidars gets what is new, and each lidar has its turn."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from lidario.errors import Busy
+from lidario.network.bus import Bus
+from lidario.network.keys import Attachment
+from lidario.network.messages import encode_scan
+from lidario.ros import Fleet, FleetScan
+from tests.network.test_bus import Bytes, Session
+from tests.test_model import FOUR
+
+LIDARS = 32
+TURN_MS = 100
+WORK_MS = 13
+"""What the reader needs for one scan, without an await: 416 ms for a round, in which each lidar sends four."""
+MESSAGE = encode_scan(FOUR)
+
+
+class Came:
+    """A scan as zenoh gives it."""
+
+    kind = "PUT"
+
+    def __init__(self, lidar: int, number: int, at_ms: int) -> None:
+        self.key_expr = f"robots/{lidar}/scan"
+        self.payload = Bytes(MESSAGE)
+        self.attachment = Bytes(Attachment(number, at_ms * 10**6, lidar.to_bytes(16, "little")).to_bytes())
+
+
+class Network:
+    """Lidars that publish at 10 Hz, each at its own moment, on a clock of their own."""
+
+    def __init__(self, receive: Callable[[Any], None]) -> None:
+        self.now_ms = 0
+        self._receive = receive
+        self._numbers = Counter[int]()
+
+    def pass_time(self, milliseconds: int) -> None:
+        """What comes meanwhile is handed over in zenoh's thread, whatever the event loop does."""
+        for _ in range(milliseconds):
+            self.now_ms += 1
+            for lidar in range(LIDARS):
+                if (self.now_ms + 3 * lidar) % TURN_MS == 0:
+                    self._numbers[lidar] += 1
+                    self._receive(Came(lidar, self._numbers[lidar], self.now_ms))
+
+
+async def read(
+    monkeypatch: pytest.MonkeyPatch, rounds: int, **options: Any
+) -> tuple[list[tuple[int, FleetScan]], Fleet]:
+    """What a slow reader gets, each with its age in milliseconds."""
+    session = Session()
+
+    async def opened(router: str) -> Bus:
+        return Bus(session, router)
+
+    monkeypatch.setattr(Bus, "open", opened)
+    monkeypatch.setattr(Bus, "close", lambda _: asyncio.sleep(0))
+    found = list[tuple[int, FleetScan]]()
+    async with Fleet("robots/*/scan", **options) as fleet:
+        network = Network(session.receive)
+        network.pass_time(2000)
+        async for each in fleet:
+            found.append((network.now_ms - each.sent_ns // 10**6, each))
+            network.pass_time(WORK_MS)
+            if len(found) == rounds * LIDARS:
+                break
+    return found, fleet
+
+
+async def test_a_slow_reader_gets_no_old_scans(monkeypatch: pytest.MonkeyPatch) -> None:
+    found, fleet = await read(monkeypatch, 20)
+    # Each lidar has its turn, and what it gives is of the last revolution. Much had come before the first round.
+    assert max(age for age, _ in found[LIDARS:]) <= TURN_MS
+    assert set(Counter(each.key for _, each in found).values()) == {20}
+    assert fleet.lost == 0
+    assert fleet.dropped > 50 * LIDARS
+    # What is missing is told by the next scan of the lidar.
+    last = found[-LIDARS * 2 :]
+    assert sum(1 + each.lost for _, each in last) == pytest.approx(2 * LIDARS * LIDARS * WORK_MS / TURN_MS, rel=0.1)
+
+
+async def test_a_reader_that_wants_all_says_how_many_may_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    found, fleet = await read(monkeypatch, 4, depth=64)
+    assert fleet.dropped == fleet.lost == 0
+    assert not any(each.lost for _, each in found)
+
+
+async def test_two_tasks_that_read_one_fleet_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    session = Session()
+
+    async def opened(router: str) -> Bus:
+        return Bus(session, router)
+
+    monkeypatch.setattr(Bus, "open", opened)
+    monkeypatch.setattr(Bus, "close", lambda _: asyncio.sleep(0))
+    async with Fleet("robots/*/scan") as fleet:
+        Network(session.receive).pass_time(TURN_MS)
+        results = await asyncio.gather(anext(fleet), anext(fleet), return_exceptions=True)
+        assert [type(each) for each in results] == [FleetScan, Busy]
+        # Cancelling loses none.
+        waiting = len(fleet._scans)
+        reading = asyncio.ensure_future(anext(fleet))
+        await asyncio.sleep(0)
+        reading.cancel()
+        await asyncio.wait([reading])
+        assert len(fleet._scans) == waiting
