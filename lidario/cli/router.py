@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import re
+from ipaddress import ip_address
 
 import click
 
@@ -11,7 +13,8 @@ from lidario.cli.streams import emit, message
 
 __all__ = ["router"]
 
-LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+OF_THIS_MACHINE = ("unixsock-stream", "unixpipe")
+"""Protocols between programs of one machine."""
 
 
 @click.command()
@@ -49,4 +52,9 @@ def router(addresses: tuple[str, ...], config: str | None) -> int:
 
 def _is_private(address: str) -> bool:
     """Whether only this machine reaches it."""
-    return address.partition("/")[2].rpartition(":")[0] in LOOPBACK
+    protocol, _, rest = address.partition("/")
+    host = re.split(r"[?#]", rest)[0].rpartition(":")[0].strip("[]")
+    try:
+        return protocol in OF_THIS_MACHINE or ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"

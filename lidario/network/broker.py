@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import json
 import os
-import re
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -19,7 +18,7 @@ from typing import Any, Final, Self
 from lidario.arguments import path_of
 from lidario.errors import ConnectFailed, InvalidValue, Unsupported
 from lidario.network.bus import CLOSE_S, MISSING
-from lidario.network.router import check_router
+from lidario.network.router import check_router, words_of
 from lidario.port.background import run_in_thread
 
 __all__ = ["LOOPBACK", "Router"]
@@ -67,7 +66,7 @@ class Router:
         try:
             session = await run_in_thread(lambda: zenoh.open(made), _discard)
         except zenoh.ZError as error:
-            raise _why_not(found, str(error)) from error
+            raise _why_not(found, words_of(error)) from error
         return cls(session, found)
 
     async def __aenter__(self) -> Self:
@@ -98,7 +97,7 @@ def _config(zenoh: Any, path: Path | None, addresses: Sequence[str]) -> Any:
     try:
         config = zenoh.Config.from_file(str(named)) if named else zenoh.Config()
     except zenoh.ZError as error:
-        raise InvalidValue(f"{named} is no configuration of zenoh: {error}") from error
+        raise InvalidValue(f"{named} is no configuration of zenoh: {words_of(error)}") from error
     settings: dict[str, Any] = {"mode": "router"}
     if addresses or not named:
         settings["listen/endpoints"] = list(addresses) or [LOOPBACK]
@@ -122,6 +121,4 @@ def _why_not(addresses: Sequence[str], text: str) -> ConnectFailed:
             "as in tcp/127.0.0.1:7448",
             reason="busy",
         )
-    # zenoh tells the places in its own source, too.
-    why = re.sub(r"[\].]* at /\S+", "", text)
-    return ConnectFailed(f"no router can listen at {where}: {why}", reason="source")
+    return ConnectFailed(f"no router can listen at {where}: {text}", reason="source")

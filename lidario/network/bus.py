@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 
 from lidario.errors import ConnectFailed, InvalidValue, Unsupported
 from lidario.network.handover import ITEM_BYTES, Handover
-from lidario.network.router import check_router, why_no_router
+from lidario.network.router import check_router, why_no_router, words_of
 from lidario.network.sender import Sender, declare
 from lidario.port.background import run_in_thread
 
@@ -266,7 +266,7 @@ class Bus:
             yield
         except _zenoh().ZError as error:
             raise ConnectFailed(
-                f"the zenoh session with {self.router} failed: {error}", reason="refused"
+                f"the zenoh session with {self.router} failed: {words_of(error)}", reason="refused"
             ) from error
 
     def _transport_changed(self, event: Any) -> None:

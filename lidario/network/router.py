@@ -13,7 +13,7 @@ from typing import Final
 from lidario.arguments import text_of
 from lidario.errors import ConnectFailed, InvalidValue
 
-__all__ = ["check_router", "why_no_router"]
+__all__ = ["check_router", "why_no_router", "words_of"]
 
 _WITH_PORT: Final = ("tcp", "tls", "udp", "quic", "ws")
 _WITHOUT: Final = ("serial", "unixsock-stream", "unixpipe", "vsock")
@@ -21,6 +21,7 @@ _WITHOUT: Final = ("serial", "unixsock-stream", "unixpipe", "vsock")
 _CONNECTED: Final = ("tcp", "tls", "ws")
 """Those over TCP: whether somebody listens can be tried."""
 _PLACE: Final = re.compile(r"(\[[^\]]+\]|[^\[\]:]+):(\d{1,5})")
+_IN_ITS_SOURCE: Final = re.compile(r"[\].]* at \S+\.rs:\d+\.?")
 _TRY_S: Final = 2.0
 _COMES_AND_GOES: Final = ".local"
 """Names of multicast DNS: they are known only while the machine is there."""
@@ -81,6 +82,11 @@ def why_no_router(router: str) -> ConnectFailed:
     except OSError:
         return absent
     return absent
+
+
+def words_of(error: Exception) -> str:
+    """What an error of zenoh says, without the places in zenoh's own source that it names too."""
+    return _IN_ITS_SOURCE.sub("", str(error))
 
 
 def _place_of(rest: str) -> str:

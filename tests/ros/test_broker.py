@@ -12,6 +12,7 @@ from typing import IO
 import pytest
 import zenoh
 
+from lidario.cli.router import _is_private
 from lidario.errors import ConnectFailed, InvalidValue
 from lidario.network.broker import LOOPBACK, Router
 from tests.cli.processes import BOUND, invoke, line_of, started
@@ -92,9 +93,11 @@ async def test_a_configuration_says_where(tmp_path: Path) -> None:
     file.write_text(f'{{ mode: "client", {listen}, scouting: {{ multicast: {{ enabled: false }} }} }}')
     async with await Router.open(config=file) as router:
         assert router.addresses == (address,)
-    file.write_text("{ nonsense")
-    with pytest.raises(InvalidValue, match="is no configuration of zenoh"):
-        await Router.open(config=file)
+    for text in ("{ nonsense", '{ unheard_of: "field" }'):
+        file.write_text(text)
+        with pytest.raises(InvalidValue, match="is no configuration of zenoh") as caught:
+            await Router.open(config=file)
+        assert ".rs" not in str(caught.value)
 
 
 def test_the_command_serves_until_ctrl_c() -> None:
@@ -116,6 +119,26 @@ def test_the_command_says_who_may_reach_it() -> None:
         process.send_signal(signal.SIGTERM)
         process.wait(BOUND)
         assert "may publish and read: --config FILE names who may" in rest_of(process.stderr)
+
+
+@pytest.mark.parametrize(
+    ("address", "is_private"),
+    [
+        ("tcp/127.0.0.1:7447", True),
+        ("tcp/127.3.2.1:7447#iface=lo", True),
+        ("tls/[::1]:7447", True),
+        ("tcp/localhost:7447", True),
+        ("unixsock-stream//run/zenoh.sock", True),
+        ("unixpipe//run/zenoh", True),
+        ("tcp/0.0.0.0:7447", False),
+        ("tcp/[::]:7447", False),
+        ("tcp/192.168.0.2:7447", False),
+        ("tcp/localhost.example:7447", False),
+        ("serial//dev/ttyUSB0#baudrate=115200", False),
+    ],
+)
+def test_what_only_this_machine_reaches(address: str, is_private: bool) -> None:
+    assert _is_private(address) == is_private
 
 
 def test_an_error_ends_the_command() -> None:

@@ -106,3 +106,16 @@ async def test_a_publisher_that_hangs_is_not_nobody(router: Router, monkeypatch:
         await lidario.open_lidar(f"zenoh:hung/scan?router={router.address}")
     assert caught.value.reason == "silent"
     await bus.close()
+
+
+async def test_what_zenoh_says_names_no_place_in_its_source(router: Router) -> None:
+    bus = await Bus.open(router.address)
+    try:
+        for ask in (lambda: bus.sender("a//b"), lambda: bus.token("a/**/**x"), lambda: bus.subscribe("", print)):
+            with pytest.raises(ConnectFailed, match=r"failed: Invalid Key Expr `.*`: .*[a-z$`]$") as caught:
+                ask()
+            assert ".rs" not in str(caught.value)
+        with pytest.raises(ConnectFailed, match=r"forbidden, as well as leading and trailing slashes$"):
+            await bus.query("a//b", 1.0)
+    finally:
+        await bus.close()
