@@ -27,6 +27,7 @@ from lidario.recording.ros_messages import parse_raw
 from lidario.recording.write import RAW_TOPIC, FileWriter
 from tests.support.loop import run_driven
 from tests.support.recorded import Live, record
+from tests.support.whole import assert_export_makes_it_whole
 
 SOURCES = ("sim://rplidar-s2", "sim://ydlidar-4ros")
 
@@ -61,6 +62,15 @@ def test_a_file_cut_anywhere_loses_only_what_was_cut_off(live: Live, tmp_path: P
         assert found[:complete] == every[:complete]
         # Where the end of the stream was cut off, what the device had still to send follows.
         assert len(found) - complete < 3_000
+
+
+def test_export_makes_a_whole_file_of_one_that_was_cut(live: Live, tmp_path: Path) -> None:
+    content, draw = live.path.read_bytes(), random.Random(2)
+    cut, made = tmp_path / "cut.mcap", tmp_path / "made.mcap"
+    for _ in range(5):
+        cut.write_bytes(content[: draw.randrange(len(content) // 3, len(content) - 1)])
+        assert_export_makes_it_whole(cut, made)
+        made.unlink()
 
 
 @pytest.mark.parametrize("size", [0, 5, 30, 200, 800])

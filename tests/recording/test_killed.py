@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 from lidario.recording.files import open_stored
+from tests.support.whole import assert_export_makes_it_whole
 
 PROGRAM = """
 import asyncio, sys, time
@@ -42,3 +43,4 @@ def test_kill_9_costs_the_last_second(tmp_path: Path) -> None:
     # A second in the chunk, the quarter of one until the thread looks, and what a busy machine adds.
     assert killed_ns - last_ns < 2e9
     assert last_ns > lines[0]
+    assert_export_makes_it_whole(path, tmp_path / "whole.mcap")
