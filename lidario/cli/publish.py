@@ -5,6 +5,7 @@ Nothing of ROS is needed on this machine: a zenoh router carries it, `lidario ro
 
 from __future__ import annotations
 
+import asyncio
 import math
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final
@@ -139,14 +140,28 @@ def publish(
         _needs_zenoh()
         async with open_lidar(source, reconnect=reconnect, guard=guard) as lidar:
             publisher = make(lidar)
-            publisher.on_change = lambda _: message(publisher.news)
+            there = asyncio.Event()
+
+            def changed(connected: bool) -> None:
+                message(publisher.news)
+                if connected:
+                    there.set()
+
+            publisher.on_change = changed
             async with publisher:
+                if publisher.is_connected:
+                    there.set()
                 told.append(publisher)
                 # Robots need the scans, whether or not somebody reads the key here.
                 with suppress(ReaderGone, OSError):
                     emit(f"{publisher.key}\n")
                 message(f"publishing {lidar.info.model} {lidar.info.serial} through {router}; Ctrl-C ends it")
-                await publisher.run(mode, idle_stop=idle_stop)
+                checking = asyncio.create_task(_check(publisher, there))
+                try:
+                    await publisher.run(mode, idle_stop=idle_stop)
+                finally:
+                    checking.cancel()
+                    await asyncio.wait([checking])
 
     try:
         run(work)
@@ -156,6 +171,16 @@ def publish(
         for each in told:
             message(_summary(each.scans, each.unsent))
     return ExitCode.OK
+
+
+async def _check(publisher: Publisher | Share, there: asyncio.Event) -> None:
+    """Say so where nobody gets what is published, once the router is there."""
+    await there.wait()
+    if not await publisher.is_passed_on() and publisher.is_connected:
+        message(
+            f"the router passes nothing on that is published under {publisher.key}: do its access rules let this "
+            "robot publish there, and hear that itself?"
+        )
 
 
 def _needs_zenoh() -> None:

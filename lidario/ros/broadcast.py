@@ -25,6 +25,7 @@ from lidario.entered import Entered
 from lidario.errors import ConnectFailed, InvalidValue, LidarError, LocalProtocolError
 from lidario.model import ScanMode
 from lidario.network.bus import DEFAULT_ROUTER, Bus
+from lidario.network.heard import what_is_heard
 from lidario.network.keys import Attachment, Token, parse_token, status_key, token_key, tokens_of
 from lidario.network.sender import Sender
 from lidario.network.status import Status
@@ -41,6 +42,8 @@ _log = logging.getLogger("lidario")
 
 STATUS_S: Final = 1.0
 """How often the status is published. ROS 2 expects diagnostics once a second."""
+HEARD_S: Final = 5.0
+"""How long the router has to pass something on."""
 RATE_S: Final = 3.0
 """Time over which the rate is measured."""
 FIRST_AGAIN_S: Final = 0.25
@@ -213,6 +216,21 @@ class Broadcast(Entered):
             await bus.close()
         elif connecting is not None:
             await asyncio.wait([connecting])
+
+    async def is_passed_on(self) -> bool:
+        """Whether the router passes on what is published here: as soon as that is seen, or after five seconds.
+
+        zenoh tells no publisher that access rules deny what it sends. So a second client, with the same
+        configuration, listens to the scans; where none is sent meanwhile, to the status, which is sent each second.
+        False, too, where the rules do not let this program hear them, and where there is no router. Cancelling
+        leaves nothing open.
+        """
+        if self._status is None or not self.is_connected:
+            return False
+        before, keys, heard = self.scans, (self.key, status_key(self.key)), set[str]()
+        with suppress(ConnectFailed):
+            heard = await what_is_heard(self.router, keys, self._status.gid, HEARD_S)
+        return self.key in heard or (self.scans == before and bool(heard))
 
     def status(self) -> Status:
         """How the lidar is, as the network is told."""

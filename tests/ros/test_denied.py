@@ -1,0 +1,86 @@
+"""A robot whose messages the router's access rules deny is told: zenoh itself tells it nothing."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+from contextlib import AsyncExitStack
+
+import pytest
+
+from lidario.network.heard import what_is_heard
+from lidario.ros import Publisher, Share
+from tests.cli.processes import BOUND, line_of, started
+from tests.support.network import Rig
+from tests.support.router import Router
+
+SIM = "sim://rplidar-s2?via=memory"
+RULES = """{ access_control: {
+  enabled: true, default_permission: "allow",
+  rules: [{ id: "r8", permission: "deny", flows: ["ingress"], messages: ["put"], key_exprs: ["robots/r8/**"] }],
+  subjects: [{ id: "all" }], policies: [{ rules: ["r8"], subjects: ["all"] }],
+} }"""
+
+
+async def test_what_is_passed_on_and_what_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    router = Router(config=RULES)
+    async with AsyncExitStack() as stack:
+        stack.callback(router.stop)
+        rig = Rig(stack, router)
+        lidar = await rig.open()
+        allowed, denied, topic = (
+            Share(lidar, "robots/r7/scan", router=router.address),
+            Share(lidar, "robots/r8/scan", router=router.address),
+            Publisher(lidar, domain=51, router=router.address),
+        )
+        assert not await allowed.is_passed_on()
+        for each in (allowed, denied, topic):
+            await stack.enter_async_context(each)
+        # Nothing is scanned yet, and the rules are about scans alone.
+        monkeypatch.setattr("lidario.ros.broadcast.HEARD_S", 1.5)
+        assert await denied.is_passed_on()
+        monkeypatch.undo()
+        for each in (allowed, denied, topic):
+            rig.run(each)
+        assert await allowed.is_passed_on()
+        assert await topic.is_passed_on()
+        monkeypatch.setattr("lidario.ros.broadcast.HEARD_S", 1.5)
+        assert not await denied.is_passed_on()
+        # Cancelling leaves nothing.
+        asking = asyncio.create_task(denied.is_passed_on())
+        await asyncio.sleep(0.01)
+        asking.cancel()
+        await asyncio.wait([asking])
+        assert asking.cancelled()
+
+
+async def test_another_publisher_under_the_same_key_is_not_taken_for_this_one(router: Router) -> None:
+    async with AsyncExitStack() as stack:
+        lidar = await Rig(stack, router).open()
+        share = await stack.enter_async_context(Share(lidar, "denied/same", router=router.address))
+        assert share._status is not None
+        own = share._status.gid
+        assert await what_is_heard(router.address, [f"{share.key}/@lidario/status"], own, BOUND)
+        assert not await what_is_heard(router.address, [f"{share.key}/@lidario/status"], bytes(16), 1.5)
+
+
+def test_the_command_says_that_nothing_is_passed_on() -> None:
+    router = Router(config=RULES)
+    try:
+        common = ("--router", router.address)
+        with (
+            started("publish", SIM, "--zenoh", "robots/r7/scan", *common) as allowed,
+            started("publish", SIM, "--zenoh", "robots/r8/scan", *common) as denied,
+        ):
+            assert line_of(denied.stderr).startswith("publishing ")
+            told = line_of(denied.stderr)
+            assert told.startswith(
+                "the router passes nothing on that is published under robots/r8/scan: do its access"
+            )
+            for process in (allowed, denied):
+                process.send_signal(signal.SIGINT)
+                assert process.wait(BOUND) == 0
+            assert allowed.stderr is not None
+            assert "passes nothing on" not in allowed.stderr.read()
+    finally:
+        router.stop()
