@@ -42,6 +42,7 @@ if TYPE_CHECKING:
         Unsupported,
     )
     from lidario.laserscan import BeamOrder, LaserScan, NoReturn, Preset
+    from lidario.laserscans import LaserScans
     from lidario.measured import Return
     from lidario.model import DeviceInfo, Health, HealthStatus, NetworkAddress, SampleRate, ScanMode, Stats
     from lidario.points import Motion, Mount, Points, PoseFunction, Velocity, merge
@@ -79,6 +80,7 @@ __all__ = [
     "InternalError",
     "InvalidValue",
     "LaserScan",
+    "LaserScans",
     "Lidar",
     "LidarError",
     "LineChange",
@@ -147,6 +149,7 @@ _HOMES = {
     "recording.summary": ("RecordingSummary", "summarize"),
     "session.discovery": ("Found", "PortInfo", "list_lidars", "list_serial_ports"),
     "laserscan": ("BeamOrder", "LaserScan", "NoReturn", "Preset"),
+    "laserscans": ("LaserScans",),
     "model": ("DeviceInfo", "Health", "HealthStatus", "NetworkAddress", "SampleRate", "ScanMode", "Stats"),
     "blocking_sectors": ("SyncSectorStream",),
     "measured": ("Return",),

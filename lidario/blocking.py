@@ -30,13 +30,12 @@ from lidario.blocking_changes import SyncLineChanges
 from lidario.blocking_recording import SyncRecording
 from lidario.blocking_sectors import SyncSectorStream
 from lidario.errors import LidarError, SessionClosed
+from lidario.laserscans import LaserScans
 from lidario.model import DeviceInfo, Health, ScanMode, Stats
 from lidario.port.line import Tap
-from lidario.recording.record import Recording
 from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.session.lidar import Lidar
-from lidario.session.line_changes import LineChanges
 from lidario.session.loop_thread import LoopThread
 from lidario.session.opening import DEFAULT_LATENCY_S, open_lidar
 from lidario.session.reconnect import Reconnect
@@ -207,38 +206,36 @@ class SyncLidar:
 
     def line_changes(self) -> SyncLineChanges:
         """As `Lidar.line_changes`, for ``for``."""
-
-        async def read() -> LineChanges:
-            return self._lidar.line_changes()
-
-        return SyncLineChanges(self._thread, self._thread.call(read))
+        return SyncLineChanges(self._thread, self._there(self._lidar.line_changes))
 
     def tap(self, tap: Tap) -> None:
         """As `Lidar.tap`. It is called in the session's own thread, and must not wait for the lidar."""
-
-        async def add() -> None:
-            self._lidar.tap(tap)
-
-        self._thread.call(add)
+        self._there(lambda: self._lidar.tap(tap))
 
     def untap(self, tap: Tap) -> None:
         """Take `tap` out again. Harmless when it is not in."""
-
-        async def remove() -> None:
-            self._lidar.untap(tap)
-
         with suppress(SessionClosed):
-            self._thread.call(remove)
+            self._there(lambda: self._lidar.untap(tap))
 
     def record(
-        self, path: str | os.PathLike[str], *, scans: bool = False, overwrite: bool = False, sync: bool = True
+        self,
+        path: str | os.PathLike[str],
+        *,
+        scans: bool | LaserScans = False,
+        overwrite: bool = False,
+        sync: bool = True,
     ) -> SyncRecording:
         """As `Lidar.record`, for use in ``with``."""
+        made = self._there(lambda: self._lidar.record(path, scans=scans, overwrite=overwrite, sync=sync))
+        return SyncRecording(self._thread, made)
 
-        async def made() -> Recording:
-            return self._lidar.record(path, scans=scans, overwrite=overwrite, sync=sync)
+    def _there(self, call: Callable[[], T]) -> T:
+        """What a call returns that is made in the session's own thread."""
 
-        return SyncRecording(self._thread, self._thread.call(made))
+        async def made() -> T:
+            return call()
+
+        return self._thread.call(made)
 
     def close(self) -> None:
         """Stop laser and motor, close the port and end the thread. Harmless when done before.

@@ -11,7 +11,7 @@ move those of returns by several degrees, and the others by none.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -58,6 +58,12 @@ class Rotor:
     begin_deg: float
     begin_ns: float
     period_ns: float
+
+    def beginning_at(self, begin_deg: float) -> Rotor:
+        """The same rotor, with the revolution taken to begin at another angle, the nearest one before or behind."""
+        later_deg = before(begin_deg - self.begin_deg, 180.0)
+        begin_ns = self.begin_ns + later_deg / 360.0 * self.period_ns
+        return replace(self, begin_deg=begin_deg % 360.0, begin_ns=begin_ns)
 
 
 def follow_rotor(

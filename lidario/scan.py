@@ -14,7 +14,7 @@ from typing import Any, Final, SupportsIndex, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lidario.arguments import nanoseconds
+from lidario.arguments import finite, nanoseconds
 from lidario.laserscan import BeamOrder, LaserScan, NoReturn, Preset, resample
 from lidario.measured import MeasuredSamples, Return
 from lidario.plain import plain_of
@@ -256,6 +256,7 @@ class Scan(MeasuredSamples):
         self,
         beams: SupportsIndex | None = None,
         *,
+        begin_deg: float | None = None,
         order: BeamOrder = "counter-clockwise",
         frame_id: str = "laser",
         range_min: float = 0.05,
@@ -274,11 +275,13 @@ class Scan(MeasuredSamples):
 
         A revolution that does not begin at `seam` (a device that marks its own first packet; formats that correct
         the angle) moves the grid: `angle_min` then follows the begin of the revolution, and may differ from scan
-        to scan. `mount_yaw` rotates the grid too; it begins in [-pi, pi).
+        to scan; `lidario.LaserScans` puts all scans of a stream on one grid. `mount_yaw` rotates the grid too; it
+        begins in [-pi, pi).
 
         Args:
             beams: Number of equal steps around the circle; None for as many as the scan has samples, which
                 varies from scan to scan.
+            begin_deg: Device angle where the grid begins, degrees clockwise; None for where this revolution began.
             order: ``"counter-clockwise"``: `angle_increment` is positive and `time_increment` negative.
                 ``"measured"``: the same beams in the order of measuring, `angle_increment` is negative and
                 `time_increment` positive.
@@ -296,15 +299,16 @@ class Scan(MeasuredSamples):
 
         Raises:
             InvalidValue: `beams` is no whole number above 0 (also by default, for a scan without samples), `order`,
-                `no_return`, `filtered` or `preset` is not one of the words, `frame_id` is no text, `mount_yaw` is
-                not finite, or `range_min` and `range_max` are not a range.
+                `no_return`, `filtered` or `preset` is not one of the words, `frame_id` is no text, `mount_yaw` or
+                `begin_deg` is not finite, or `range_min` and `range_max` are not a range.
         """
-        scan = self if self._measured is None else self._measured
+        scan = self._in_time_order()
+        rotor = scan._follow_rotor()  # noqa: SLF001 - another scan
         return resample(
             scan.device_angles,
             scan.ranges,
             scan.intensities,
-            scan._follow_rotor(),  # noqa: SLF001 - another scan
+            rotor if begin_deg is None else rotor.beginning_at(finite(begin_deg, "begin_deg")),
             scan.wall_stamp_ns,
             beams=beams,
             order=order,

@@ -26,6 +26,7 @@ LAYERS = (
         "errors",
         "filters",
         "laserscan",
+        "laserscans",
         "measured",
         "model",
         "plain",

@@ -27,6 +27,7 @@ PUBLIC = [
     "InternalError",
     "InvalidValue",
     "LaserScan",
+    "LaserScans",
     "Lidar",
     "LidarError",
     "LineChange",

@@ -8,11 +8,12 @@ would not always give the same file.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from lidario.cli.errors import ExitCode
+from lidario.cli.laserscans import LASERSCAN_OPTIONS, laserscan_options, laserscans_of, only_with
 from lidario.cli.output import progress
 from lidario.cli.parameters import FiniteRange, WholeRange, complete_file
 from lidario.cli.streams import message
@@ -34,6 +35,7 @@ FORMS = (".npz", ".csv", ".mcap")
 @click.option("--model", metavar="NAME", help="Of bare bytes: the lidar that sent them, as in x4.")
 @click.option("--sample-us", type=FiniteRange(min=0, min_open=True), metavar="US",
               help="Of bare bytes: microseconds a sample; by default as the format usually takes.")  # fmt: skip
+@laserscan_options
 @click.option("--force", is_flag=True, help="Replace files that are there already.")
 def export(
     files: tuple[str, ...],
@@ -43,6 +45,7 @@ def export(
     model: str | None,
     sample_us: float | None,
     force: bool,
+    **of_scans: Any,
 ) -> int:
     """Write the scans of recordings as NPZ, CSV or MCAP.
 
@@ -54,8 +57,10 @@ def export(
         raise click.BadParameter(f"{out!r} does not end in {', '.join(FORMS)}", param_hint="OUT")
     if len(files) > 1 and "{}" not in out:
         raise click.BadParameter("of several files, OUT needs {} where each name belongs", param_hint="OUT")
+    only_with("an OUT that ends with .mcap", LASERSCAN_OPTIONS, Path(out).suffix == ".mcap")
+    laserscans_of(dict(of_scans))
     known = (family, model, sample_us)
-    tasks = [(file, out.replace("{}", Path(file).stem), known, force) for file in files]
+    tasks = [(file, out.replace("{}", Path(file).stem), known, of_scans, force) for file in files]
     if len({target for _, target, *_ in tasks}) < len(tasks):
         raise click.BadParameter("two of the files have the same name", param_hint="FILE...")
     with progress(f"exporting {len(tasks)} file{'s' if len(tasks) > 1 else ''} …"):
@@ -68,7 +73,7 @@ def export(
 
 
 _Known = tuple[str | None, str | None, float | None]
-_Task = tuple[str, str, _Known, bool]
+_Task = tuple[str, str, _Known, dict[str, Any], bool]
 
 
 def _all(tasks: list[_Task], jobs: int) -> list[Exception]:
@@ -104,15 +109,19 @@ def _tell(task: _Task, done: tuple[int, str]) -> None:
         message(f"note: {task[0]}: {damage}; everything else is exported")
 
 
-def export_one(file: str, out: str, known: _Known, force: bool) -> tuple[int, str]:
+def export_one(file: str, out: str, known: _Known, of_scans: dict[str, Any], force: bool) -> tuple[int, str]:
     """Export one file; returns how many scans, and why it could not be read to its end. Runs in any process."""
     from lidario.recording.decode_file import FileDecoder
     from lidario.recording.export import export_mcap, export_npz
     from lidario.recording.files import Known
 
     decoder = FileDecoder(file, Known(*known))
-    write = {".npz": export_npz, ".csv": _export_csv, ".mcap": export_mcap}[Path(out).suffix]
-    return write(decoder, Path(out), overwrite=force), decoder.recording.damage
+    if Path(out).suffix == ".mcap":
+        count = export_mcap(decoder, Path(out), laserscans_of(dict(of_scans)), overwrite=force)
+    else:
+        write = export_npz if Path(out).suffix == ".npz" else _export_csv
+        count = write(decoder, Path(out), overwrite=force)
+    return count, decoder.recording.damage
 
 
 def _export_csv(decoder: FileDecoder, path: Path, *, overwrite: bool = False) -> int:

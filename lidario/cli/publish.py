@@ -11,9 +11,9 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final
 
 import click
-from click.core import ParameterSource
 
 from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.laserscans import LASERSCAN_OPTIONS, arguments_of, laserscan_options, only_with
 from lidario.cli.parameters import Duration, Place, WholeRange, complete_source, guard_option, mode_option
 from lidario.cli.streams import ReaderGone, emit, message
 
@@ -25,16 +25,12 @@ __all__ = ["publish"]
 
 ROUTER: Final = "tcp/localhost:7447"
 _OF_ROS: Final = (
+    *LASERSCAN_OPTIONS,
     "topic",
-    "frame",
     "domain",
     "distro",
     "namespace",
     "node",
-    "beams",
-    "order",
-    "preset",
-    "mount_yaw",
     "mount",
     "base_frame",
     "stamps",
@@ -50,7 +46,7 @@ _OF_ROS: Final = (
 @click.option("--router", default=ROUTER, show_default=True, metavar="ADDRESS", help="The zenoh router.")
 @click.option("--robot", metavar="NAME", help="Name of this robot in `lidario devices --zenoh`.  [this machine's]")
 @click.option("--topic", default="scan", show_default=True, metavar="NAME", help="Topic of the scans.")
-@click.option("--frame", default="laser", show_default=True, metavar="NAME", help="Coordinate frame.")
+@laserscan_options
 @click.option("--domain", default=0, show_default=True, type=WholeRange(0, 232), metavar="N",
               help="ROS_DOMAIN_ID.")  # fmt: skip
 @click.option("--distro", default="jazzy", show_default=True,
@@ -58,15 +54,6 @@ _OF_ROS: Final = (
               help="Release of the other nodes; humble has other keys than all later ones.")  # fmt: skip
 @click.option("--namespace", default="/", show_default=True, metavar="NAME", help="Namespace of the node.")
 @click.option("--node", default="lidario", show_default=True, metavar="NAME", help="Name of the node.")
-@click.option("--beams", type=WholeRange(1, 65536), metavar="N",
-              help="Beams of each scan.  [as many as the first scan has samples]")  # fmt: skip
-@click.option("--order", default="counter-clockwise", show_default=True,
-              type=click.Choice(["counter-clockwise", "measured"]),
-              help="Order of the beams; measured for readers that expect time to rise (cartographer).")  # fmt: skip
-@click.option("--preset", default="rep103", show_default=True, type=click.Choice(["rep103", "vendor"]),
-              help="Where the angle 0 is: ahead, or behind as with the vendors' drivers.")  # fmt: skip
-@click.option("--mount-yaw", default=0.0, metavar="DEGREES",
-              help="Direction of the lidar in its frame, counter-clockwise.")  # fmt: skip
 @click.option("--mount", type=Place(), metavar="X,Y,YAW",
               help="Where the lidar is on the robot, published on /tf_static: metres forward, metres left, degrees "
                    "counter-clockwise. Not needed with a robot description.")  # fmt: skip
@@ -104,9 +91,7 @@ def publish(
         raise click.UsageError("say one of --ros and --zenoh KEY", context)
     if raw and ros:
         raise click.UsageError("--raw belongs to --zenoh KEY; a topic of ROS 2 has scans", context)
-    given = [name for name in _OF_ROS if context.get_parameter_source(name) is ParameterSource.COMMANDLINE]
-    if given and not ros:
-        raise click.UsageError(f"--{given[0].replace('_', '-')} belongs to --ros", context)
+    only_with("--ros", _OF_ROS, ros)
     from lidario.recording.files import file_source
 
     is_recorded = file_source(source) is not None
@@ -125,8 +110,7 @@ def publish(
         if key is not None:
             return Share(lidar, key, raw=raw, router=router, robot=robot)
         options = dict(of_ros)
-        options["frame_id"] = options.pop("frame")
-        options["mount_yaw"] = math.radians(options["mount_yaw"])
+        options |= arguments_of(options)
         if options["mount"]:
             x, y, yaw = options["mount"]
             options["mount"] = x, y, math.radians(yaw)

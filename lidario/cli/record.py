@@ -10,17 +10,18 @@ import asyncio
 import time
 from collections.abc import Callable
 from datetime import datetime
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.laserscans import LASERSCAN_OPTIONS, laserscan_options, laserscans_of, only_with
 from lidario.cli.output import progress
 from lidario.cli.parameters import Duration, WholeRange, complete_source, guard_option, mode_option
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
-    from lidario import Recording
+    from lidario import LaserScans, Recording
 
 __all__ = ["record"]
 
@@ -42,6 +43,7 @@ class _Told:
 @click.option("-n", "count", type=WholeRange(min=1), metavar="N", help="How many scans.")
 @mode_option
 @click.option("--scans", is_flag=True, help="Write each scan too, as LaserScan on the topic /scan.")
+@laserscan_options
 @click.option("--force", is_flag=True, help="Replace a file that is there already.")
 @click.option("--sync/--no-sync", default=True, show_default=True,
               help="Have the disk write once a second: a power cut costs no more than that.")  # fmt: skip
@@ -56,6 +58,7 @@ def record(
     force: bool,
     sync: bool,
     guard: bool,
+    **of_scans: Any,
 ) -> int:
     """Record a lidar to a file, every byte in both directions.
 
@@ -64,13 +67,15 @@ def record(
     """
     from lidario.cli.running import run
 
+    only_with("--scans", LASERSCAN_OPTIONS, scans)
     path = datetime.now().strftime("lidar-%Y%m%d-%H%M%S.mcap") if output is None else output
     if not path.casefold().endswith(".mcap"):
         # By its name a recording is told from a serial port.
         raise click.BadParameter(f"{path!r} does not end in .mcap", param_hint="-o")
     told = _Told()
+    messages = laserscans_of(of_scans) if scans else False
     try:
-        run(lambda: _record(told, source, path, seconds, count, mode, scans, force, sync, guard))
+        run(lambda: _record(told, source, path, seconds, count, mode, messages, force, sync, guard))
     except Stopped:
         if seconds is not None or count is not None:
             raise
@@ -89,7 +94,7 @@ async def _record(
     seconds: float | None,
     count: int | None,
     mode: str | int | None,
-    scans: bool,
+    scans: LaserScans | bool,
     force: bool,
     sync: bool,
     guard: bool,

@@ -12,7 +12,7 @@ import os
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -21,6 +21,7 @@ from typing import IO, Any
 import numpy as np
 
 from lidario.errors import CannotRecord
+from lidario.laserscans import LaserScans
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.opened import not_a_file
 from lidario.recording.read import McapRecording
@@ -109,8 +110,16 @@ def export_npz(decoder: FileDecoder, path: Path, *, overwrite: bool = False) -> 
     return len(stamps)
 
 
-def export_mcap(decoder: FileDecoder, path: Path, *, overwrite: bool = False) -> int:
+def export_mcap(
+    decoder: FileDecoder, path: Path, messages: LaserScans | None = None, *, overwrite: bool = False
+) -> int:
     """Write a recording that holds each scan on ``/scan`` too; returns how many scans.
+
+    Args:
+        decoder: What is written.
+        path: Where.
+        messages: How LaserScan messages are made of the scans.
+        overwrite: Whether a file that is there already may be replaced.
 
     Raises:
         CannotRecord: It cannot be written, or is there already.
@@ -122,8 +131,7 @@ def export_mcap(decoder: FileDecoder, path: Path, *, overwrite: bool = False) ->
         try:
             if isinstance(recording, McapRecording):
                 _flush_each_second(writer, recording.copy_to(writer))
-            scans = (scan for scan in decoder if len(scan))
-            _flush_each_second(writer, (_add_scan(writer, scan) for scan in scans))
+            _flush_each_second(writer, _added(writer, decoder, messages or LaserScans()))
             count = writer.count_of_scans
         except BaseException:
             writer.abandon()
@@ -132,10 +140,12 @@ def export_mcap(decoder: FileDecoder, path: Path, *, overwrite: bool = False) ->
     return count
 
 
-def _add_scan(writer: FileWriter, scan: Scan) -> int:
-    message = scan.to_laserscan()
-    writer.add_scan(message.stamp_ns, message.to_cdr())
-    return message.stamp_ns
+def _added(writer: FileWriter, scans: Iterable[Scan], messages: LaserScans) -> Iterator[int]:
+    """Add the scans; tells the time of each."""
+    for scan in scans:
+        writer.add_scans(messages.take(scan))
+        yield scan.wall_stamp_ns
+    writer.add_scans(messages.rest())
 
 
 def _flush_each_second(writer: FileWriter, times: Iterator[int]) -> None:

@@ -22,6 +22,7 @@ from typing import Protocol
 
 from lidario.entered import Entered
 from lidario.errors import CannotRecord, LocalProtocolError
+from lidario.laserscans import LaserScans
 from lidario.port.start import start_thread
 from lidario.recording.about import About
 from lidario.recording.write import FileWriter
@@ -76,13 +77,15 @@ class Recording(Entered):
 
     _instead = "a recording is made asynchronously: write `async with lidar.record(path):`"
 
-    def __init__(self, path: Path, session: Recorded, *, scans: bool, overwrite: bool, sync: bool) -> None:
+    def __init__(
+        self, path: Path, session: Recorded, *, scans: LaserScans | None, overwrite: bool, sync: bool
+    ) -> None:
         self.path: Path = path
         self.error: CannotRecord | None = None
         self.chunks: int = 0
         self.scans: int = 0
         self._session = session
-        self._with_scans = scans
+        self._messages = scans
         self._overwrite = overwrite
         self._sync = sync
         self._offset_ns = 0
@@ -125,7 +128,7 @@ class Recording(Entered):
         """
         if self._thread is not None:
             raise LocalProtocolError("a recording can be started once: lidar.record() makes another one")
-        if not self._session.sends_bytes and not self._with_scans:
+        if not self._session.sends_bytes and self._messages is None:
             raise CannotRecord(
                 "whole scans arrive from there, and a recording keeps bytes, so nothing would be kept. Publish the "
                 "lidar with --raw (raw=True), or record with --scans (scans=True): LaserScan for other programs"
@@ -172,8 +175,9 @@ class Recording(Entered):
         if self._over:
             return
         self.scans += 1
-        if self._with_scans:
-            self._add(scan.stamp_ns, 12 * len(scan), lambda writer, _: _write_scan(writer, scan))
+        messages = self._messages
+        if messages is not None:
+            self._add(scan.stamp_ns, 12 * len(scan), lambda writer, _: writer.add_scans(messages.take(scan)))
 
     # ------------------------------------------------------------------------------------------ inside
 
@@ -214,6 +218,8 @@ class Recording(Entered):
             self._writer = FileWriter(self.path, self._about, overwrite=self._overwrite, sync=self._sync)
             self._open.set()
             self._write(self._writer)
+            if self._messages is not None:
+                self._writer.add_scans(self._messages.rest())
             self._writer.close()
         except CannotRecord as error:
             self._fail(error)
@@ -246,12 +252,6 @@ class Recording(Entered):
                 first_ns, flushed = None, time.monotonic()
             if ending:
                 return
-
-
-def _write_scan(writer: FileWriter, scan: Scan) -> None:
-    if len(scan):
-        message = scan.to_laserscan()
-        writer.add_scan(message.stamp_ns, message.to_cdr())
 
 
 async def _until(condition: Callable[[], bool], seconds: float) -> None:

@@ -14,11 +14,13 @@ import contextlib
 import errno
 import io
 import os
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from lidario.errors import CannotRecord
+from lidario.laserscan import LaserScan
 from lidario.recording.about import NAME, About
 from lidario.recording.chronicle import (
     Placed,
@@ -40,6 +42,7 @@ from lidario.recording.ros_messages import (
     encode_raw,
     encode_text,
 )
+from lidario.scan import Scan
 
 __all__ = ["EVENTS_TOPIC", "RAW_TOPIC", "SCAN_TOPIC", "FileWriter"]
 
@@ -153,11 +156,12 @@ class FileWriter:
         self._add(EVENTS_TOPIC, at_ns, encode_text(text))
         self._follow(event_of(text))
 
-    def add_scan(self, at_ns: int, message: bytes) -> None:
-        """Add a LaserScan that is encoded already."""
-        if SCAN_TOPIC not in self._channels:
-            self._register(SCAN_TOPIC, LASERSCAN_TYPE, LASERSCAN_DEFINITION)
-        self._add(SCAN_TOPIC, at_ns, message)
+    def add_scans(self, scans: Iterable[tuple[Scan, LaserScan]]) -> None:
+        """Add the messages of scans, as `LaserScans` makes them."""
+        for _, message in scans:
+            if SCAN_TOPIC not in self._channels:
+                self._register(SCAN_TOPIC, LASERSCAN_TYPE, LASERSCAN_DEFINITION)
+            self._add(SCAN_TOPIC, message.stamp_ns, message.to_cdr())
 
     def flush(self) -> None:
         """End the chunk and hand it to the operating system.

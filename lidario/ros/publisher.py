@@ -3,20 +3,20 @@
 Scans go to a topic as ``sensor_msgs/LaserScan``, the health once a second to ``/diagnostics``, and where that is
 told, the place of the lidar on its robot to ``/tf_static``.
 
-slam_toolbox drops every scan that has not as many beams as the first one, and the samples in a revolution vary. So
-all scans get the grid of the first one, until several in turn have far more or far fewer samples: then the speed or
-the mode was changed.
+All scans of a topic have one grid (`lidario.laserscans`).
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import Final, Literal
+from typing import Literal
 
 from lidario.arguments import shown, text_of, yes_or_no
 from lidario.errors import InvalidValue
-from lidario.laserscan import PRESET_YAW, BeamOrder, NoReturn, Preset, beam_count, check_options
+from lidario.laserscan import PRESET_YAW, BeamOrder, LaserScan, NoReturn, Preset
+from lidario.laserscans import LaserScans
 from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.status import Status
 from lidario.ros.broadcast import Broadcast, Outlet
@@ -40,11 +40,6 @@ from lidario.session.lidar import Lidar
 
 __all__ = ["Publisher"]
 
-OTHER_SPEED: Final = 0.2
-"""Share by which the samples of a scan must differ from the beams of the grid to speak for another speed."""
-AGREEING: Final = 3
-"""Scans in turn that must do so: one alone may have lost packets."""
-
 
 class Publisher(Broadcast):
     """One lidar as a publisher of ROS 2; used as an asynchronous context manager.
@@ -66,8 +61,8 @@ class Publisher(Broadcast):
         namespace: Namespace of the node.
         node: Name of the node.
         robot: Name of this robot, for the list of a fleet; None for the name of this machine.
-        beams: Beams of each scan; None for as many as the first scan has samples.
-        order: As for `Scan.to_laserscan`, and the six that follow.
+        beams: As for `LaserScans`, and the seven that follow.
+        order: As there.
         range_min: As there.
         range_max: As there.
         no_return: As there.
@@ -117,17 +112,17 @@ class Publisher(Broadcast):
         text_of(namespace, "a namespace")
         self._node = Node(node, "/" if namespace == "/" else qualified(namespace, "/"), domain, distro)
         self._topic = self._node.topic(topic)
-        self._frame_id = frame_id
-        check_options(order, frame_id, range_min, range_max, no_return, mount_yaw, preset, filtered)
-        self._fixed = beams is not None
-        self._beams = 0 if beams is None else beam_count(beams)
-        self._unlike = 0
-        self._order: BeamOrder = order
-        self._range_min, self._range_max = range_min, range_max
-        self._no_return: NoReturn = no_return
-        self._filtered: NoReturn = filtered
-        self._mount_yaw = mount_yaw
-        self._preset: Preset = preset
+        self._messages = LaserScans(
+            beams=beams,
+            order=order,
+            frame_id=frame_id,
+            range_min=range_min,
+            range_max=range_max,
+            no_return=no_return,
+            filtered=filtered,
+            mount_yaw=mount_yaw,
+            preset=preset,
+        )
         self._mount = None if mount is None else mount_of(mount)
         if self._mount is not None and self._mount[2] and mount_yaw:
             raise InvalidValue("a mount that turns the lidar and mount_yaw would turn it twice: say one of them")
@@ -135,6 +130,7 @@ class Publisher(Broadcast):
         if stamps not in ("measured", "now"):
             raise InvalidValue(f"stamps are 'measured' or 'now', not {shown(stamps)}")
         self._are_now = stamps == "now"
+        self._late_ns = 0
         self._tells_time = yes_or_no(clock, "clock")
         self._scans: Outlet | None = None
         self._diagnostics: Outlet | None = None
@@ -151,29 +147,25 @@ class Publisher(Broadcast):
         return self._node.data_key(self._topic, LASERSCAN)
 
     def publish(self, scan: Scan) -> None:
-        """Publish a scan as LaserScan; an empty one is left out. Never waits: without a router it is lost."""
-        if not len(scan):
-            return
-        if self._scans is None:
-            self._count(False)
-            return
-        message = scan.to_laserscan(
-            self._grid(len(scan)),
-            order=self._order,
-            frame_id=self._frame_id,
-            range_min=self._range_min,
-            range_max=self._range_max,
-            no_return=self._no_return,
-            filtered=self._filtered,
-            mount_yaw=self._mount_yaw,
-            preset=self._preset,
-        )
-        if self._are_now:
-            late_ns = time.time_ns() - scan.wall_stamp_ns - scan.duration_ns
-            message = replace(message, stamp_ns=message.stamp_ns + late_ns)
-        if self._clock is not None:
-            self._clock.send(clock_message(scan.wall_stamp_ns + scan.duration_ns))
-        self._count(self._scans.send(message.to_cdr()))
+        """Publish a scan as LaserScan; an empty one is left out. Never waits: without a router it is lost.
+
+        The first scans come out together, when the motor has its speed, or with `close`: until then the grid is not
+        known.
+        """
+        self._late_ns = time.time_ns() - scan.wall_stamp_ns - scan.duration_ns if self._are_now else 0
+        self._send(self._messages.take(scan))
+
+    async def close(self) -> None:
+        """As `Broadcast.close`; what waits for the grid is sent before."""
+        self._send(self._messages.rest())
+        await super().close()
+
+    def _send(self, ready: Iterable[tuple[Scan, LaserScan]]) -> None:
+        for scan, message in ready:
+            if self._clock is not None:
+                self._clock.send(clock_message(scan.wall_stamp_ns + scan.duration_ns))
+            sent = replace(message, stamp_ns=message.stamp_ns + self._late_ns).to_cdr()
+            self._count(self._scans is not None and self._scans.send(sent))
 
     def _declare(self, bus: Bus) -> bytes:
         bus.token(self._node.node_token(bus.id))
@@ -183,8 +175,8 @@ class Publisher(Broadcast):
             static = self._outlet(bus, 3, "/tf_static", TF_MESSAGE, keeps_last=True)
             x, y, yaw = self._mount
             # A frame whose 0 is behind looks backwards itself.
-            place = x, y, yaw - PRESET_YAW[self._preset]
-            static.send(static_transform(time.time_ns(), self._base_frame, self._frame_id, place))
+            place = x, y, yaw - PRESET_YAW[self._messages.preset]
+            static.send(static_transform(time.time_ns(), self._base_frame, self._messages.frame_id, place))
         if self._tells_time:
             self._clock = self._outlet(bus, 4, "/clock", CLOCK)
         self._watch_readers(bus, self._scans)
@@ -211,13 +203,3 @@ class Publisher(Broadcast):
         )
         if self._diagnostics is not None:
             self._diagnostics.send(message.to_cdr())
-
-    def _grid(self, samples: int) -> int:
-        """How many beams a scan of so many samples gets."""
-        if self._fixed:
-            return self._beams
-        like = abs(samples - self._beams) <= OTHER_SPEED * self._beams
-        self._unlike = 0 if like else self._unlike + 1
-        if not self._beams or self._unlike >= AGREEING:
-            self._beams, self._unlike = samples, 0
-        return self._beams

@@ -21,6 +21,7 @@ from typing import NoReturn, Self
 from lidario.arguments import callable_of, path_of, yes_or_no
 from lidario.entered import AsyncOnly
 from lidario.errors import LocalProtocolError, SessionClosed
+from lidario.laserscans import LaserScans
 from lidario.model import Health, ScanMode, Stats
 from lidario.port.line import Tap
 from lidario.recording.record import Recording
@@ -171,7 +172,12 @@ class Lidar(Streams, AsyncOnly):
         self._dialogue.remove_tap(tap)
 
     def record(
-        self, path: str | os.PathLike[str], *, scans: bool = False, overwrite: bool = False, sync: bool = True
+        self,
+        path: str | os.PathLike[str],
+        *,
+        scans: bool | LaserScans = False,
+        overwrite: bool = False,
+        sync: bool = True,
     ) -> Recording:
         """Record every byte in both directions to an MCAP file, for use in ``async with``.
 
@@ -180,7 +186,8 @@ class Lidar(Streams, AsyncOnly):
 
         Args:
             path: The file to make.
-            scans: Whether to write each scan too, as ``sensor_msgs/msg/LaserScan`` on the topic ``/scan``.
+            scans: Whether to write each scan too, as ``sensor_msgs/msg/LaserScan`` on the topic ``/scan``; or how,
+                with a `LaserScans` of its own. All messages of a file are on one grid.
             overwrite: Whether a file that is there already may be replaced.
             sync: Whether the disk is told once a second to write, so that a power cut costs little more than that.
 
@@ -190,10 +197,14 @@ class Lidar(Streams, AsyncOnly):
             InvalidValue: `path` cannot be the name of a file.
         """
         self._check_open()
+        if isinstance(scans, LaserScans):
+            messages: LaserScans | None = scans
+        else:
+            messages = LaserScans() if yes_or_no(scans, "scans") else None
         return Recording(
             path_of(path, "a recording"),
             self._recorded,
-            scans=yes_or_no(scans, "scans"),
+            scans=messages,
             overwrite=yes_or_no(overwrite, "overwrite"),
             sync=yes_or_no(sync, "sync"),
         )

@@ -88,7 +88,8 @@ async def test_stamps_of_a_recording(router: Router, stamps: Any) -> None:
         async with publisher:
             scan = await lidar.scan()
             old = replace_stamp(scan, scan.wall_stamp_ns - 31_536_000_000_000_000)
-            publisher.publish(old)
+            for _ in range(2):
+                publisher.publish(old)
             await until(lambda: scans and (clocks or stamps == "now"))
     laser: Any = STORE.deserialize_cdr(scans[0].payload, "sensor_msgs/msg/LaserScan")
     at_ns = laser.header.stamp.sec * 10**9 + laser.header.stamp.nanosec

@@ -115,16 +115,6 @@ async def test_a_topic_of_ros(router: Router) -> None:
     assert found.health == lidar.health
 
 
-async def test_the_grid_stays_until_the_speed_changes(router: Router) -> None:
-    """slam_toolbox drops scans that have not as many beams as the first one."""
-    async with AsyncExitStack() as stack:
-        rig = Rig(stack, router)
-        publisher = Publisher(await rig.open(), router=router.address)
-        counts = [3200, 3195, 100, 3205, 2000, 2000, 2000, 2010, 3200]
-        assert [publisher._grid(count) for count in counts] == [3200] * 6 + [2000] * 3
-        assert [Publisher(publisher.lidar, beams=720)._grid(count) for count in counts] == [720] * 9
-
-
 async def test_a_laserscan_of_somebody_elses_node_is_a_source(router: Router) -> None:
     key = f"0/urg/scan/{LASERSCAN.dds}/RIHS01_{'0' * 64}"
     laser = LaserScan(

@@ -60,9 +60,10 @@ async def published(router: Router, domain: int, scans: list[Scan], **options: A
         publisher = Publisher(lidar, domain=domain, router=router.address, **options)
         async with publisher:
             await until(lambda: publisher.is_connected and publisher.is_read)
-            for number, scan in enumerate(scans, 1):
+            for scan in scans:
                 publisher.publish(scan)
-                await until(lambda due=number: len(came) == due)  # type: ignore[misc]
+                await until(lambda: len(came) == publisher.scans)
+            assert len(came) == len(scans)
             if "mount" in options:
                 history = ext.HistoryConfig(detect_late_publishers=True)
                 key = node.data_key("/tf_static", TF_MESSAGE)

@@ -1,0 +1,71 @@
+"""The options of the LaserScan messages that a verb publishes or writes: the same ones in each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+import click
+from click.core import ParameterSource
+
+from lidario.cli.parameters import WholeRange
+
+if TYPE_CHECKING:
+    from lidario import LaserScans
+
+__all__ = ["LASERSCAN_OPTIONS", "arguments_of", "laserscan_options", "laserscans_of", "only_with"]
+
+_Command = TypeVar("_Command", bound=Callable[..., Any])
+
+LASERSCAN_OPTIONS: Final = ("frame", "beams", "order", "preset", "mount_yaw")
+_OPTIONS = (
+    click.option("--frame", default="laser", show_default=True, metavar="NAME", help="Coordinate frame."),
+    click.option("--beams", type=WholeRange(1, 65536), metavar="N",
+                 help="Beams of each scan.  [as many as a revolution has samples]"),
+    click.option("--order", default="counter-clockwise", show_default=True,
+                 type=click.Choice(["counter-clockwise", "measured"]),
+                 help="Order of the beams; measured for readers that expect time to rise (cartographer)."),
+    click.option("--preset", default="rep103", show_default=True, type=click.Choice(["rep103", "vendor"]),
+                 help="Where the angle 0 is: ahead, or behind as with the vendors' drivers."),
+    click.option("--mount-yaw", default=0.0, metavar="DEGREES",
+                 help="Direction of the lidar in its frame, counter-clockwise."),
+)  # fmt: skip
+
+
+def laserscan_options(command: _Command) -> _Command:
+    """Give a verb these options."""
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
+def arguments_of(options: dict[str, Any]) -> dict[str, Any]:
+    """The options as `LaserScans` takes them; what is left in `options` are the others."""
+    made = {name: options.pop(name) for name in LASERSCAN_OPTIONS}
+    made["frame_id"] = made.pop("frame")
+    made["mount_yaw"] = math.radians(made["mount_yaw"])
+    return made
+
+
+def laserscans_of(options: dict[str, Any]) -> LaserScans:
+    """How the messages are made by these options.
+
+    Raises:
+        InvalidValue: One cannot be right.
+    """
+    from lidario import LaserScans
+
+    return LaserScans(**arguments_of(options))
+
+
+def only_with(what: str, names: tuple[str, ...], is_so: bool) -> None:
+    """Refuse options that mean nothing here, where they were given.
+
+    Raises:
+        click.UsageError: One was given, and `what` was not.
+    """
+    context = click.get_current_context()
+    given = [name for name in names if context.get_parameter_source(name) is ParameterSource.COMMANDLINE]
+    if given and not is_so:
+        raise click.UsageError(f"--{given[0].replace('_', '-')} belongs to {what}", context)

@@ -1,0 +1,48 @@
+"""The options of LaserScan messages: the same in each verb that makes some."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from tests.cli.processes import invoke
+from tests.support.messages import scans_of_file
+
+OPTIONS = ("--beams", "90", "--frame", "front", "--order", "measured", "--preset", "vendor", "--mount-yaw", "90")
+
+
+def test_record_and_export_make_the_messages_that_are_asked_for(tmp_path: Path) -> None:
+    path, exported = str(tmp_path / "run.mcap"), str(tmp_path / "exported.mcap")
+    done = invoke("record", "sim://rplidar-c1", "-n", "3", "-o", path, "--scans", *OPTIONS)
+    assert done.exit_code == 0, done.stderr
+    done = invoke("export", path, exported, *OPTIONS)
+    assert done.exit_code == 0, done.stderr
+    for file in (path, exported):
+        messages = scans_of_file(Path(file))
+        assert len(messages) >= 3
+        for message in messages:
+            assert len(message.ranges) == 90
+            assert message.header.frame_id == "front"
+            assert message.angle_increment == pytest.approx(-2 * math.pi / 90)
+            assert message.time_increment > 0
+            # Ninety degrees, and half a turn of the preset.
+            assert message.angle_max - math.pi / 90 == pytest.approx(-math.pi / 2, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("command", "needed"),
+    [
+        (("record", "sim://rplidar-c1", "--beams", "90"), "--beams belongs to --scans"),
+        (
+            ("export", "run.mcap", "run.npz", "--order", "measured"),
+            "--order belongs to an OUT that ends with .mcap",
+        ),
+        (("publish", "sim://rplidar-c1", "--zenoh", "r7", "--mount-yaw", "9"), "--mount-yaw belongs to --ros"),
+    ],
+)
+def test_where_no_messages_are_made_they_are_refused(command: tuple[str, ...], needed: str) -> None:
+    done = invoke(*command)
+    assert done.exit_code == 2
+    assert needed in done.stderr

@@ -1,0 +1,90 @@
+"""Every LaserScan that lidario writes, of lidars that speed up and of damaged lines, as slam_toolbox takes it.
+
+A topic, `record --scans` and `export` have one grid each: as many beams in each message, at the same angles, since
+slam_toolbox knows both of the first message alone.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lidario
+from lidario.testing import SimulatedLidar
+from tests.cli.processes import invoke
+from tests.reference.nodes import SlamToolbox, laser_geometry
+from tests.ros.test_nodes import COUNT, UNITS_ARE_A_GUESS, published, scans_of
+from tests.support.loop import run_driven
+from tests.support.messages import scans_of_file
+from tests.support.router import Router
+from tests.support.samples import every_model
+from tests.support.walls import LONGEST_M, WALLS, from_walls, is_all_around
+
+TROUBLE = {
+    "none": {},
+    "spin-up": {"spin_up": 2.0},
+    "flip": {"fault": "flip:0.05%"},
+    "drop": {"fault": "drop:0.05%"},
+}
+SOUND = 0.98
+"""Share of the returns of a message: not every format has a check sum, and what was flipped is anywhere."""
+BEAMS = 1.0
+"""By so many a return may be beside its direction: half a beam on the grid, half a beam where that begins."""
+
+
+def recorded(path: Path, model: str, trouble: str, *, scans: bool) -> None:
+    async def main() -> None:
+        device = SimulatedLidar(model, walls=WALLS, **TROUBLE[trouble])  # type: ignore[arg-type]
+        async with (
+            lidario.open_lidar(device) as lidar,
+            lidar.record(path, scans=scans) as recording,
+            lidar.scans(depth=COUNT) as stream,
+        ):
+            async for _ in stream:
+                if recording.scans >= COUNT:
+                    break
+
+    run_driven(main)
+
+
+async def messages_of(way: str, model: str, trouble: str, folder: Path, router: Router) -> list[Any]:
+    if way == "topic":
+        scans = await asyncio.to_thread(scans_of, model, **TROUBLE[trouble])  # type: ignore[arg-type]
+        messages, _ = await published(router, 43, [scan for scan in scans if len(scan)])
+        return messages
+    path = folder / "recorded.mcap"
+    await asyncio.to_thread(recorded, path, model, trouble, scans=way == "record")
+    if way == "export":
+        done = await asyncio.to_thread(invoke, "export", str(path), str(folder / "exported.mcap"))
+        assert done.exit_code == 0, done.stderr
+        path = folder / "exported.mcap"
+    return scans_of_file(path)
+
+
+@every_model()
+@pytest.mark.exhaustive("trouble", sample=["spin-up", "drop"], full=list(TROUBLE))
+@pytest.mark.exhaustive("way", sample=["record"], full=["topic", "record", "export"])
+async def test_slam_toolbox_takes_all_and_finds_the_walls(
+    way: str, trouble: str, model: str, router: Router, tmp_path: Path
+) -> None:
+    messages = await messages_of(way, model, trouble, tmp_path, router)
+    assert len(messages) > COUNT / 2
+    slam = SlamToolbox()
+    taken = [slam.take(message) for message in messages]
+    assert slam.refused == 0, f"{slam.refused} of {len(messages)} have another number of beams than the first one"
+    if model in UNITS_ARE_A_GUESS:
+        return
+    for number, (message, points) in enumerate(zip(messages, taken, strict=True)):
+        for reader, found in (("slam_toolbox", points), ("laser_geometry", laser_geometry(message))):
+            assert found is not None
+            near = from_walls(found) < BEAMS * abs(message.angle_increment) * LONGEST_M + 0.03
+            worst = from_walls(found).max()
+            assert near.mean() > SOUND, f"{reader}: {near.mean():.1%} of message {number}, up to {worst:.2f} m off"
+    assert is_all_around(np.concatenate([each for each in taken if each is not None])) or trouble in (
+        "flip",
+        "drop",
+    )
