@@ -147,7 +147,7 @@ def test_the_rules_see_the_whole_package() -> None:
     link = ours(PACKAGE / "wire" / "link.py")
     assert {"lidario.errors", "lidario.wire.buffer", "lidario.wire.formats"} <= link
     assert "lidario.families.rplidar" in ours(PACKAGE / "families" / "registry.py")
-    assert "serial" in foreign(PACKAGE / "port" / "serial.py")
+    assert "serial" in foreign(PACKAGE / "port" / "adapter.py")
 
 
 def test_imports_point_one_way() -> None:
@@ -167,9 +167,9 @@ def test_input_and_output_begin_at_the_port() -> None:
         assert not foreign(path) & (SANS_IO | {"logging", "time"}), named(path)
 
 
-def test_serial_ports_are_known_in_two_places() -> None:
+def test_serial_ports_are_known_where_they_are_opened_and_listed() -> None:
     users = {named(path) for path in FILES if foreign(path) & {"serial", "serial_asyncio"}}
-    assert users == {"port/serial.py", "session/discovery.py"}
+    assert users == {"port/adapter.py", "port/serial.py", "session/discovery.py"}
 
 
 def test_the_wire_needs_the_standard_library_and_numpy() -> None:

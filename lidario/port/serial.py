@@ -19,14 +19,13 @@ import asyncio
 import contextlib
 import logging
 import os
-import sys
 import threading
 import time
 
-import serial
 import serial_asyncio
 
 from lidario.errors import ConnectFailed
+from lidario.port.adapter import FOREIGN, Adapter
 from lidario.port.background import run_in_thread
 from lidario.port.diagnose import busy, held, is_pseudo_terminal, why_not_opened
 from lidario.port.left import POLL_S, WAIT_S, guard_is_left
@@ -44,14 +43,6 @@ DRAIN_S = 0.5
 _DRAIN_POLL_S = 0.002
 _POSIX = os.name == "posix"
 
-_FOREIGN: tuple[type[Exception], ...] = (OSError, ValueError, OverflowError)
-"""What pyserial and the system raise; pyserial's own exceptions are OSErrors."""
-if sys.platform != "win32":
-    import termios
-
-    # pyserial lets it through in places, and it is no OSError.
-    _FOREIGN = (*_FOREIGN, termios.error)
-
 
 async def open_serial(path: str, baudrate: int) -> Port:
     """Open a serial port exclusively: no other program can open it meanwhile.
@@ -66,20 +57,13 @@ async def open_serial(path: str, baudrate: int) -> Port:
     Raises:
         ConnectFailed: Missing, forbidden, busy, or no serial port; the text says which.
     """
-    device = await run_in_thread(lambda: _open_when_free(path, baudrate), _Device.close)
+    device = await run_in_thread(lambda: _open_when_free(path, baudrate), Adapter.close)
     port = Port(path, baudrate)
     port.connection_made(_SerialLine(asyncio.get_running_loop(), port, device))
     return port
 
 
-class _Device(serial.Serial):  # type: ignore[misc]
-    """pyserial's port, without the wait that pyserial-asyncio makes on the event loop when it closes."""
-
-    def flush(self) -> None:
-        """Do nothing; `_SerialLine.close` has waited already. pyserial's own blocks until the last byte is out."""
-
-
-def _open_when_free(path: str, baudrate: int) -> _Device:
+def _open_when_free(path: str, baudrate: int) -> Adapter:
     """As `_open`; first the guard of a program that was killed stops the device, and lets go of the port."""
     deadline = time.monotonic() + WAIT_S
     last = False
@@ -95,57 +79,33 @@ def _open_when_free(path: str, baudrate: int) -> _Device:
             time.sleep(POLL_S)
 
 
-def _open(path: str, baudrate: int) -> _Device:
+def _open(path: str, baudrate: int) -> Adapter:
     """Open and configure; blocks.
 
     Raises:
         ConnectFailed: As `open_serial`.
     """
-    device = _Device()
+    device = Adapter()
     try:
         # A pseudo-terminal is held open by its other end.
         shared = is_pseudo_terminal(path)
         if not shared and held(path):
             raise busy(path)
         device.port, device.baudrate = path, baudrate
-        device.exclusive = _POSIX or None
-        # Models without a motor command run while DTR is low; pyserial would raise it and stop them.
-        device.dtr = False
         device.open()
         if _POSIX and not shared:
-            _refuse_others(device.fileno())
+            device.refuse_others()
         device.reset_input_buffer()
-    except _FOREIGN as error:
+    except FOREIGN as error:
         device.close()
         raise why_not_opened(path, error) from error
     return device
 
 
-def _refuse_others(handle: int) -> None:
-    """Have the system refuse to open the terminal once more."""
-    import fcntl  # not on Windows
-    import termios
-
-    fcntl.ioctl(handle, termios.TIOCEXCL)
-
-
-def _keep_lines_at_close(handle: int) -> None:
-    """Have the system leave DTR as it is when the port is closed; by itself it clears it.
-
-    A motor that runs while DTR is cleared would start then. The setting stays with the port, and does no harm: who
-    opens it next sets DTR as it needs it.
-    """
-    import termios  # not on Windows
-
-    settings = termios.tcgetattr(handle)
-    settings[2] &= ~termios.HUPCL
-    termios.tcsetattr(handle, termios.TCSANOW, settings)
-
-
 class _SerialLine(Line):
     """One open serial port: pyserial-asyncio's transport, with reading, direct writing and closing of our own."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, port: Port, device: _Device) -> None:
+    def __init__(self, loop: asyncio.AbstractEventLoop, port: Port, device: Adapter) -> None:
         self._loop = loop
         self._port = port
         self._device = device
@@ -175,15 +135,15 @@ class _SerialLine(Line):
         try:
             self._device.baudrate = baudrate
             self._device.reset_input_buffer()
-        except _FOREIGN as error:
+        except FOREIGN as error:
             text = f"{self._port.name} cannot run at {baudrate} baud: {error}"
             raise ConnectFailed(text, reason="silent") from error
 
     def set_dtr(self, asserted: bool) -> None:
         # A pseudo-terminal has no such line (ENOTTY), and a dead port is noticed by the next write.
-        with contextlib.suppress(*_FOREIGN):
+        with contextlib.suppress(*FOREIGN):
             if asserted and _POSIX:
-                _keep_lines_at_close(self._device.fileno())
+                self._device.keep_lines_at_close()
             self._device.dtr = asserted
 
     def set_polling(self, latency: float, schedule: Schedule | None) -> None:
@@ -233,7 +193,7 @@ class _SerialLine(Line):
     def write_without_loop(self, data: bytes) -> None:
         # These are the stop requests: the thread must not write behind them.
         self.set_repeat(b"", 0.0)
-        with contextlib.suppress(*_FOREIGN):
+        with contextlib.suppress(*FOREIGN):
             self._write_now(data)
 
     def close(self) -> None:
@@ -256,7 +216,7 @@ class _SerialLine(Line):
         if not self._device.is_open:
             return
         self._discard_output()
-        with contextlib.suppress(*_FOREIGN):
+        with contextlib.suppress(*FOREIGN):
             self._device.close()
 
     def _lose(self, error: Exception) -> None:
@@ -290,12 +250,12 @@ class _SerialLine(Line):
             return False
         try:
             return not self._device.out_waiting
-        except _FOREIGN:
+        except FOREIGN:
             return True  # unplugged: nothing will be sent any more
 
     def _discard_output(self) -> None:
         """Throw away what was not sent, or else closing waits for it."""
-        with contextlib.suppress(*_FOREIGN):
+        with contextlib.suppress(*FOREIGN):
             if not self._device.out_waiting:
                 return
             self._device.reset_output_buffer()
@@ -308,7 +268,7 @@ class _SerialLine(Line):
     def lost(self, error: Exception | None) -> None:
         """The transport has ended: hand over what was held, close the port, and report it."""
         self._reader.hand_over()
-        with contextlib.suppress(*_FOREIGN):
+        with contextlib.suppress(*FOREIGN):
             self._device.close()
         self._closing = True
         self._port.connection_lost(self._error or error)

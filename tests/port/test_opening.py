@@ -8,7 +8,6 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -17,7 +16,7 @@ import serial
 from lidario.errors import ConnectFailed
 from lidario.port.background import run_in_thread
 from lidario.port.serial import open_serial
-from tests.support.ports import PATIENCE_S, open_files, terminal_pair, written
+from tests.support.ports import PATIENCE_S, another_program, open_files, terminal_pair, written
 
 
 async def failure(path: str, baudrate: int = 115200) -> ConnectFailed:
@@ -27,15 +26,6 @@ async def failure(path: str, baudrate: int = 115200) -> ConnectFailed:
         await open_serial(path, baudrate)
     assert open_files() == before
     return caught.value
-
-
-@contextmanager
-def another_program(command: list[str], stderr: int | None = None) -> Iterator[subprocess.Popen[bytes]]:
-    """A program that has said that it is ready, and ends with its input."""
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=stderr) as other:
-        assert other.stdout is not None
-        other.stdout.readline()
-        yield other
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import select
+import subprocess
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -20,6 +21,7 @@ __all__ = [
     "Plan",
     "Seen",
     "Sink",
+    "another_program",
     "every_byte_arrives",
     "impatient",
     "open_files",
@@ -100,6 +102,15 @@ class Seen:
             while sum(len(data) for data, _ in self.reads) < count:
                 self.more.clear()
                 await self.more.wait()
+
+
+@contextmanager
+def another_program(command: list[str], stderr: int | None = None) -> Iterator[subprocess.Popen[bytes]]:
+    """A program that has said that it is ready, and ends with its input."""
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=stderr) as other:
+        assert other.stdout is not None
+        other.stdout.readline()
+        yield other
 
 
 @contextmanager
