@@ -31,6 +31,7 @@ __all__ = ["Finding", "doctor", "of_adapter", "of_machine"]
 SCAN_S = 1.0
 SLOW_LATENCY_MS = 4
 """An FTDI adapter gathers for 16 ms unless it is told otherwise; a revolution takes 100 ms."""
+_RULES = "lidario udev | sudo tee /etc/udev/rules.d/99-lidar.rules"
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +77,7 @@ def doctor(source: str, as_json: bool) -> int:
         if each in by_path:
             findings += of_adapter(machine, by_path[each])
         with progress(f"asking {each} …"):
-            found, code = run(lambda each=each: _of_device(each, by_path.get(each)))  # type: ignore[misc]
+            found, code = run(lambda each=each: _of_device(machine, each, by_path.get(each)))  # type: ignore[misc]
         findings += found
         codes.append(code)
     if not sources:
@@ -98,21 +99,25 @@ def of_machine(machine: Machine, ports: list[str]) -> list[Finding]:
     if not numbers:
         # The adapter may be missing just because brltty has taken it.
         numbers = [(f"{each.vendor:04x}", f"{each.product:04x}") for each in ADAPTERS.values()]
-    claims = any(machine.brltty_claims(*pair) for pair in numbers)
-    if claims:
+    claimed = [pair for pair in numbers if machine.brltty_claims(*pair)]
+    if all(machine.brltty_is_kept_off(*pair) for pair in claimed):
+        text = "is kept from such adapters by a rule" if claimed else "does not take such adapters"
+        found.append(Finding("brltty", "ok", text))
+    else:
         found.append(
             Finding("brltty", "bad", "takes the adapter for a braille display, and its port disappears",
-                    "sudo apt remove brltty   unless a braille display is in use; then plug the lidar in again")
+                    f"{_RULES}   and plug it in again;\n"
+                    "or sudo apt remove brltty   where no braille display is in use")
         )  # fmt: skip
+    if not machine.runs("ModemManager"):
+        found.append(Finding("ModemManager", "ok", "does not run"))
+    elif ports and all(map(machine.is_no_modem, ports)):
+        found.append(Finding("ModemManager", "ok", "runs, and a rule keeps it from the port"))
     else:
-        found.append(Finding("brltty", "ok", "does not take such adapters"))
-    if machine.runs("ModemManager"):
         found.append(
             Finding("ModemManager", "hint", "runs, and writes to new ports for some seconds to find a modem",
-                    "lidario udev | sudo tee /etc/udev/rules.d/99-lidar.rules   tells it to leave the port alone")
+                    f"{_RULES}   tells it to leave the port alone")
         )  # fmt: skip
-    else:
-        found.append(Finding("ModemManager", "ok", "does not run"))
     if machine.is_undervolted():
         found.append(
             Finding("power", "bad", "the supply of this machine has fallen too low",
@@ -130,11 +135,10 @@ def of_adapter(machine: Machine, port: PortInfo) -> list[Finding]:
     fastest = ADAPTERS[port.adapter].fastest if port.adapter in ADAPTERS else 0
     speed = f", up to {fastest} baud" if fastest else ""
     found = [Finding("adapter", "ok", port.adapter + speed, port=port.path)]
-    if usb is not None and usb.latency_ms is not None and usb.latency_ms > SLOW_LATENCY_MS:
+    if usb is not None and usb.sleeps:
         found.append(
-            Finding("adapter", "hint", f"gathers bytes for {usb.latency_ms} ms, so that scans come late by as much",
-                    f"echo 1 | sudo tee /sys/class/tty/{port.path.rpartition('/')[2]}/device/latency_timer",
-                    port.path)
+            Finding("power", "hint", "the system may let the adapter sleep while no program has it open",
+                    f"{_RULES}   keeps it awake", port.path)
         )  # fmt: skip
     if usb is not None and not is_unique(usb.serial):
         found.append(
@@ -147,11 +151,12 @@ def of_adapter(machine: Machine, port: PortInfo) -> list[Finding]:
     return found
 
 
-async def _of_device(source: str, port: PortInfo | None) -> tuple[list[Finding], int]:
+async def _of_device(machine: Machine, source: str, port: PortInfo | None) -> tuple[list[Finding], int]:
     """What responds there, and the exit code that `lidario scan` would end with."""
     from lidario import LidarError, open_lidar
 
     found: list[Finding] = []
+    before = _latency(machine, port)
     try:
         async with open_lidar(source) as lidar:
             at = f" at {lidar.baudrate} baud" if lidar.baudrate else ""
@@ -159,6 +164,7 @@ async def _of_device(source: str, port: PortInfo | None) -> tuple[list[Finding],
             name = introduced(lidar.info.model, lidar.info.serial, lidar.info.firmware)
             found.append(Finding("response", "ok", f"{name}{at}", port=source))
             found += _of_speed(source, port, lidar.baudrate)
+            found += _of_latency(before, _latency(machine, port), source)
             note = f": {lidar.health.note}" if lidar.health.note else ""
             is_fine = lidar.health.status.value == "ok"
             text = f"ok{note}" if is_fine else f"{lidar.health.status.value}, code {lidar.health.code}{note}"
@@ -176,6 +182,23 @@ def _of_speed(source: str, port: PortInfo | None, baudrate: int) -> list[Finding
         return []
     text = f"{baudrate} baud is more than the adapter is made for ({adapter.fastest})"
     return [Finding("speed", "hint", text, "an adapter that is made for it", source)]
+
+
+def _latency(machine: Machine, port: PortInfo | None) -> int | None:
+    return None if port is None else machine.latency_ms(port.path)
+
+
+def _of_latency(before: int | None, during: int | None, source: str) -> list[Finding]:
+    """How long the adapter gathered bytes before it was opened, and while it was open."""
+    if before is None or during is None:
+        return []
+    if during > SLOW_LATENCY_MS:
+        text = f"the adapter gathers bytes for {during} ms, so that scans come late by as much"
+        return [Finding("latency", "hint", text, f"{_RULES}   makes it 1 ms", source)]
+    text = f"the adapter gathers bytes for {during} ms"
+    if before > during:
+        text += f" while lidario has it open, else for {before} ms"
+    return [Finding("latency", "ok", text, port=source)]
 
 
 async def _of_scans(source: str) -> Finding:

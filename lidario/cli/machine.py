@@ -7,11 +7,15 @@ as not there: other systems than Linux have none of it.
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-__all__ = ["ADAPTERS", "Adapter", "Machine", "Usb"]
+__all__ = ["ADAPTERS", "KEEP_BRLTTY_OFF", "Adapter", "Machine", "Usb"]
+
+KEEP_BRLTTY_OFF: Final = 'ENV{SYSTEMD_WANTS}=""'
+"""In a rule of udev for a USB device: no service is started for it. brltty's own rules name brltty there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +55,7 @@ class Usb:
         serial: The serial number of the adapter; empty where it has none.
         place: Where it is plugged in, such as ``1-1.4``.
         latency_ms: For how long it gathers bytes before it sends them to the host; None where it does not tell.
+        sleeps: Whether the system may let it sleep while no program has it open (autosuspend).
     """
 
     vendor: str
@@ -58,6 +63,7 @@ class Usb:
     serial: str
     place: str
     latency_ms: int | None
+    sleeps: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +71,7 @@ class Machine:
     """This machine; or a description of one, in a folder.
 
     Attributes:
-        root: The folder in which ``proc``, ``sys`` and ``usr`` stand.
+        root: The folder in which ``etc``, ``proc``, ``run``, ``sys`` and ``usr`` stand.
     """
 
     root: Path = Path("/")
@@ -76,26 +82,43 @@ class Machine:
 
     def brltty_claims(self, vendor: str, product: str) -> bool:
         """Whether brltty, a driver of braille displays, takes every adapter with these numbers for one."""
-        wanted = f"{vendor}/{product}/".casefold()
+        # The kernel names a device so, without zeros in front.
+        wanted = f'"{vendor.lstrip("0")}/{product.lstrip("0")}/'.casefold()
+        return any(wanted in line.casefold() for line in self._rules("*brltty*"))
+
+    def brltty_is_kept_off(self, vendor: str, product: str) -> bool:
+        """Whether a rule of `lidario udev` keeps brltty from being started for adapters with these numbers."""
+        wanted = (f'"{vendor}"'.casefold(), f'"{product}"'.casefold(), KEEP_BRLTTY_OFF.casefold())
+        return any(all(word in line.casefold() for word in wanted) for line in self._rules("*"))
+
+    def _rules(self, name: str) -> Iterator[str]:
+        """Every rule of udev in files of that name, without comments. A file in ``etc`` hides one of its name."""
+        files: dict[str, Path] = {}
         for folder in ("usr/lib/udev/rules.d", "lib/udev/rules.d", "etc/udev/rules.d"):
-            for path in self.root.glob(f"{folder}/*brltty*.rules"):
-                lines = _text(path).casefold().splitlines()
-                if any(wanted in line and not line.lstrip().startswith("#") for line in lines):
-                    return True
-        return False
+            files |= {path.name: path for path in self.root.glob(f"{folder}/{name}.rules")}
+        for path in files.values():
+            yield from (line for line in _text(path).splitlines() if not line.lstrip().startswith("#"))
+
+    def is_no_modem(self, port: str) -> bool:
+        """Whether udev has been told that ModemManager shall leave a port such as ``/dev/ttyUSB0`` alone."""
+        told = _text(self.root / "run/udev/data" / f"c{_text(self._tty(port) / 'dev')}").splitlines()
+        return any(f"E:{name}=1" in told for name in ("ID_MM_PORT_IGNORE", "ID_MM_DEVICE_IGNORE"))
 
     def is_undervolted(self) -> bool:
         """Whether a Raspberry Pi has seen its own supply fall too low."""
         names = self.root.glob("sys/class/hwmon/hwmon*/name")
         return any(_text(path.parent / "in0_lcrit_alarm") == "1" for path in names if _text(path) == "rpi_volt")
 
+    def latency_ms(self, port: str) -> int | None:
+        """As `Usb.latency_ms`, for a port such as ``/dev/ttyUSB0``: 1 while low latency is set."""
+        told = _text(self._tty(port) / "device/latency_timer")
+        return int(told) if told.isdecimal() else None
+
     def usb(self, port: str) -> Usb | None:
         """The adapter behind a port such as ``/dev/ttyUSB0``; None where there is none."""
-        name = os.path.basename(os.path.realpath(port))
-        begin = self.root / "sys/class/tty" / name / "device"
+        begin = self._tty(port) / "device"
         if not begin.exists():
             return None
-        latency = _text(begin / "latency_timer")
         place = begin.resolve()
         for folder in (place, *place.parents):
             if (folder / "idVendor").is_file():
@@ -104,9 +127,13 @@ class Machine:
                     _text(folder / "idProduct").lower(),
                     _text(folder / "serial"),
                     folder.name,
-                    int(latency) if latency.isdecimal() else None,
+                    self.latency_ms(port),
+                    _text(folder / "power/control") == "auto",
                 )
         return None
+
+    def _tty(self, port: str) -> Path:
+        return self.root / "sys/class/tty" / os.path.basename(os.path.realpath(port))
 
 
 def _text(path: Path) -> str:

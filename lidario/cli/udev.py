@@ -1,18 +1,20 @@
-"""``lidario udev``: a rule that gives a lidar's port a name of its own, and its users access to it.
+"""``lidario udev``: rules that give a lidar's port a name of its own and its users access to it.
 
-The rule is printed and never written. It finds the adapter by its serial number. Many adapters have none, or all
-have the same one (``0001``); then the rule finds it by the socket that it is plugged into.
+By them the adapter also stays awake, sends on at once what it has, and is left alone by ModemManager and brltty.
+They are printed and never written. They find the adapter by its serial number. Many adapters have none, or all have
+the same one (``0001``); then they find it by the socket that it is plugged into.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
 import click
 
 from lidario.cli.errors import ExitCode
-from lidario.cli.machine import ADAPTERS, Machine
+from lidario.cli.machine import ADAPTERS, KEEP_BRLTTY_OFF, Machine
 from lidario.cli.output import dump
 from lidario.cli.parameters import complete_source
 from lidario.cli.streams import emit, message
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
 __all__ = ["is_unique", "rule_for", "udev"]
 
 GROUP: Final = "dialout"
+FTDI: Final = 0x0403
+"""The vendor number of the adapters whose driver has a latency timer."""
 _FILE: Final = "/etc/udev/rules.d/99-lidar.rules"
 _COMMON: Final = ("", "0", "1", "0001", "0000", "00000000", "123456", "12345678")
 """Serial numbers that adapters leave the factory with, thousands of them the same."""
@@ -32,12 +36,13 @@ _SAFE: Final = re.compile(r"[\w.:+-]+", re.ASCII)
 @click.command()
 @click.argument("port", required=False, shell_complete=complete_source)
 @click.option("--name", default="lidar", show_default=True, metavar="NAME", help="Name below /dev.")
-@click.option("--json", "as_json", is_flag=True, help="The rule and the name in one object.")
+@click.option("--json", "as_json", is_flag=True, help="The rules and the name in one object.")
 def udev(port: str | None, name: str, as_json: bool) -> int:
-    """Print a udev rule for the port of a lidar; nothing is written.
+    """Print udev rules for the port of a lidar; nothing is written.
 
-    With one adapter plugged in, or PORT named, the rule is for that one. Otherwise it is for all adapters that
-    lidars are sold with, and gives access but no name.
+    With one adapter plugged in, or PORT named, they are for that one. Otherwise they are for all adapters that
+    lidars are sold with, and give access but no name. They also keep the adapter awake and fast, and ModemManager
+    and brltty off it.
     """
     if not re.fullmatch(r"[A-Za-z0-9][\w.-]{0,63}", name, re.ASCII):
         raise click.BadParameter(f"{name!r} cannot be the name of a device", param_hint="--name")
@@ -55,44 +60,63 @@ def udev(port: str | None, name: str, as_json: bool) -> int:
     emit(rule)
     if found is None:
         number = len(ports) or "no"
-        message(f"{number} adapters are plugged in: this is for all kinds")
-        message("`lidario udev PORT --name front` makes a rule for one")
-    message(f"to use it: lidario udev {port or ''} --name {name} | sudo tee {_FILE}".replace("  ", " "))
-    message("           sudo udevadm control --reload && sudo udevadm trigger")
+        message(f"{number} adapters are plugged in: these are for all kinds")
+        message("`lidario udev PORT --name front` makes rules for one")
+    message(f"to use them: lidario udev {port or ''} --name {name} | sudo tee {_FILE}".replace("  ", " "))
+    message("             sudo udevadm control --reload && sudo udevadm trigger")
     return ExitCode.OK
 
 
 def rule_for(usb: Usb, name: str) -> str:
-    """The rule for one adapter, which is then also ``/dev/NAME``."""
-    match = [_numbers(usb.vendor, usb.product)]
-    why = "# By the serial number of its adapter.\n"
+    """The rules for one adapter, which is then also ``/dev/NAME``."""
     if is_unique(usb.serial):
-        match.append(f'ATTRS{{serial}}=="{usb.serial}"')
+        why = "# By the serial number of its adapter.\n"
+        device, parent = f'ATTR{{serial}}=="{usb.serial}"', f'ATTRS{{serial}}=="{usb.serial}"'
     else:
-        match.append(f'KERNELS=="{usb.place}"')
         why = "# By the socket it is plugged into: the serial number of this adapter is not its own.\n"
-    return why + ", ".join([*match, f'SYMLINK+="{name}"', *_access()]) + "\n"
+        device, parent = f'KERNEL=="{usb.place}"', f'KERNELS=="{usb.place}"'
+    timer = usb.latency_ms is not None
+    return (
+        why + "\n".join(_rules(usb.vendor, usb.product, device, parent, f'SYMLINK+="{name}"', timer=timer)) + "\n"
+    )
 
 
 def general() -> str:
     """The rules for every adapter that lidars are sold with: access, and no name."""
-    numbers = [_numbers(f"{each.vendor:04x}", f"{each.product:04x}") for each in ADAPTERS.values()]
-    lines = [", ".join([each, *_access()]) for each in numbers]
+    lines: list[str] = []
+    for each in ADAPTERS.values():
+        lines += _rules(f"{each.vendor:04x}", f"{each.product:04x}", timer=each.vendor == FTDI)
     return "# Adapters that lidars are sold with; other devices have them, too.\n" + "\n".join(lines) + "\n"
+
+
+def _rules(
+    vendor: str, product: str, device: str = "", parent: str = "", link: str = "", *, timer: bool
+) -> Iterator[str]:
+    """The rules for adapters with these numbers, and with what `device`, or `parent` of its port, says."""
+    numbers = f'ATTR{{idVendor}}=="{vendor}", ATTR{{idProduct}}=="{product}"'
+    numbers_above = numbers.replace("ATTR{", "ATTRS{")
+    # The adapter itself: always awake, no modem, and no service for it, since brltty takes some for a braille
+    # display. ModemManager writes to every new port to find a modem there.
+    yield _rule(
+        'SUBSYSTEM=="usb"', numbers, device, 'ATTR{power/control}="on"', 'ENV{ID_MM_DEVICE_IGNORE}="1"',
+        KEEP_BRLTTY_OFF,
+    )  # fmt: skip
+    if timer:
+        # Not at the port: the timer is there when the driver has taken the adapter ("bind"), mostly not before.
+        yield _rule('SUBSYSTEM=="usb-serial"', numbers_above, parent, 'ATTR{latency_timer}="1"')
+    yield _rule(
+        'SUBSYSTEM=="tty"', numbers_above, parent, link, f'GROUP="{GROUP}"', 'MODE="0660"',
+        'ENV{ID_MM_PORT_IGNORE}="1"',
+    )  # fmt: skip
+
+
+def _rule(*parts: str) -> str:
+    return ", ".join(part for part in parts if part)
 
 
 def is_unique(serial: str) -> bool:
     """Whether the serial number of an adapter is likely to be its own, and can stand in a rule."""
     return serial not in _COMMON and _SAFE.fullmatch(serial) is not None
-
-
-def _numbers(vendor: str, product: str) -> str:
-    return f'SUBSYSTEM=="tty", ATTRS{{idVendor}}=="{vendor}", ATTRS{{idProduct}}=="{product}"'
-
-
-def _access() -> tuple[str, ...]:
-    # ModemManager writes to every new port to find a modem there.
-    return (f'GROUP="{GROUP}"', 'MODE="0660"', 'ENV{ID_MM_DEVICE_IGNORE}="1"')
 
 
 def _plugged() -> list[str]:

@@ -8,15 +8,23 @@ first, then DTR: no state on the way is that pair, and in the last one both are 
 No lidar needs RTS. The plugs of their data sheets have no pin for it (power, RX, TX, and on some a control line of
 the motor, which the vendors' USB boards join to DTR), the UART of a Raspberry Pi has no RTS and drives them, and of
 the vendors' own drivers for Windows one opens its port with RTS disabled.
+
+An FTDI adapter gathers bytes for 16 ms before it sends them on. Where its driver has low latency, it is set while
+the port is open: then it is 1 ms. It is set before the first request, since changing it can hold up a stream for a
+quarter of a second, and given back when the port is closed. A program that is killed cannot give it back: then it
+stays until the adapter is unplugged, or another program clears it. Who finds it set leaves it set.
 """
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import sys
 
 import serial
+
+from lidario.port import driver
 
 __all__ = ["FOREIGN", "Adapter"]
 
@@ -35,6 +43,9 @@ if sys.platform != "win32":
 
 class Adapter(serial.Serial):  # type: ignore[misc]
     """pyserial's port, without the wait that pyserial-asyncio makes on the event loop when it closes."""
+
+    _hurried_by = 0
+    """The process that has set low latency; 0 for none. A forked child gives nothing back."""
 
     def open(self) -> None:
         """Open exclusively, with RTS and DTR cleared; blocks.
@@ -58,6 +69,23 @@ class Adapter(serial.Serial):  # type: ignore[misc]
 
     def flush(self) -> None:
         """Do nothing: whoever closes has waited already. pyserial's own blocks until the last byte is out."""
+
+    def close(self) -> None:
+        """Close, and give back what `hurry` has set. May be called twice."""
+        if self._hurried_by == os.getpid() and self.is_open:
+            with contextlib.suppress(*FOREIGN):  # it is unplugged
+                self.set_low_latency_mode(False)
+        self._hurried_by = 0
+        super().close()
+
+    def hurry(self) -> None:
+        """Have an adapter that gathers bytes send them on at once, until the port is closed. Never raises."""
+        latency = driver.latency_ms(str(self.port), driver.ROOT)
+        if latency is None or latency <= 1:
+            return
+        with contextlib.suppress(*FOREIGN, NotImplementedError):
+            self.set_low_latency_mode(True)
+            self._hurried_by = os.getpid()
 
     def refuse_others(self) -> None:
         """Have the system refuse to open the terminal once more."""

@@ -95,6 +95,7 @@ def _open(path: str, baudrate: int) -> Adapter:
         device.open()
         if _POSIX and not shared:
             device.refuse_others()
+        device.hurry()
         device.reset_input_buffer()
     except FOREIGN as error:
         device.close()

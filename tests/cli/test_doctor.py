@@ -10,7 +10,7 @@ import pytest
 import lidario
 from lidario.cli.doctor import Finding, of_adapter, of_machine
 from lidario.cli.machine import ADAPTERS, Machine
-from lidario.cli.udev import is_unique, rule_for
+from lidario.cli.udev import general, is_unique, rule_for
 from lidario.session.discovery import KNOWN_ADAPTERS
 from tests.cli.processes import invoke, invoke_driven
 
@@ -59,16 +59,42 @@ def test_brltty_is_bad_where_it_takes_this_adapter(machine: Machine) -> None:
     found = of(of_machine(machine, [PORT.path]), "brltty")
     assert found.state == "bad"
     assert "apt remove brltty" in found.cure
+    assert "lidario udev" in found.cure
 
 
-def test_a_rule_that_is_commented_out_takes_nothing(machine: Machine) -> None:
+def test_a_rule_of_brltty_that_is_hidden_or_commented_out_takes_nothing(machine: Machine) -> None:
+    write(machine, "usr/lib/udev/rules.d/85-brltty.rules", 'ENV{PRODUCT}=="10c4/ea60/*"\n')
+    assert of(of_machine(machine, [PORT.path]), "brltty").state == "bad"
     write(machine, "etc/udev/rules.d/85-brltty.rules", '# ENV{PRODUCT}=="10c4/ea60/*"\n')
     assert of(of_machine(machine, [PORT.path]), "brltty").state == "ok"
 
 
-def test_modem_manager_is_a_hint(machine: Machine) -> None:
+@pytest.mark.parametrize("rules", ["general", "one"])
+def test_our_rules_keep_brltty_off(machine: Machine, rules: str) -> None:
+    write(machine, "usr/lib/udev/rules.d/85-brltty.rules", 'ENV{PRODUCT}=="10c4/ea60/*", ENV{BRLTTY}="x"\n')
+    usb = machine.usb(PORT.path)
+    assert usb is not None
+    ours = general() if rules == "general" else rule_for(usb, "front")
+    write(machine, "etc/udev/rules.d/99-lidar.rules", "# " + ours.replace("\n", "\n# "))
+    assert of(of_machine(machine, [PORT.path]), "brltty").state == "bad"
+    write(machine, "etc/udev/rules.d/99-lidar.rules", ours)
+    assert of(of_machine(machine, [PORT.path]), "brltty").state == "ok"
+    # One adapter's rules are not another one's.
+    write(machine, "usr/lib/udev/rules.d/85-brltty.rules", 'ENV{PRODUCT}=="403/6001/*", ENV{BRLTTY}="x"\n')
+    assert of(of_machine(machine, []), "brltty").state == ("ok" if rules == "general" else "bad")
+
+
+def test_modem_manager_is_a_hint_until_udev_says_that_it_leaves_the_port_alone(machine: Machine) -> None:
     write(machine, "proc/77/comm", "ModemManager\n")
     assert of(of_machine(machine, [PORT.path]), "ModemManager").state == "hint"
+    write(machine, "sys/class/tty/ttyUSB9/dev", "188:9\n")
+    write(machine, "run/udev/data/c188:9", "I:1\nE:ID_MM_CANDIDATE=1\n")
+    assert of(of_machine(machine, [PORT.path]), "ModemManager").state == "hint"
+    write(machine, "run/udev/data/c188:9", "I:1\nE:ID_MM_CANDIDATE=1\nE:ID_MM_PORT_IGNORE=1\n")
+    assert of(of_machine(machine, [PORT.path]), "ModemManager").state == "ok"
+    # A second adapter that is not told.
+    assert of(of_machine(machine, [PORT.path, "/dev/ttyUSB8"]), "ModemManager").state == "hint"
+    assert of(of_machine(machine, []), "ModemManager").state == "hint"
 
 
 def test_a_machine_whose_supply_falls(machine: Machine) -> None:
@@ -88,10 +114,13 @@ def test_an_adapter_is_told_with_its_speed_and_its_name(machine: Machine) -> Non
     assert of(of_adapter(machine, PORT), "name").state == "ok"
 
 
-def test_an_adapter_that_gathers_bytes(machine: Machine) -> None:
-    write(machine, "sys/class/tty/ttyUSB9/device/latency_timer", "16\n")
-    late = [each for each in of_adapter(machine, PORT) if each.state == "hint" and "16 ms" in each.text]
-    assert len(late) == 1
+def test_an_adapter_that_may_sleep(machine: Machine) -> None:
+    assert all(each.what != "power" for each in of_adapter(machine, PORT))
+    write(machine, "sys/devices/usb1/1-1.4/power/control", "auto\n")
+    found = of(of_adapter(machine, PORT), "power")
+    assert (found.state, "lidario udev" in found.cure) == ("hint", True)
+    write(machine, "sys/devices/usb1/1-1.4/power/control", "on\n")
+    assert all(each.what != "power" for each in of_adapter(machine, PORT))
 
 
 def test_a_port_of_another_kind(machine: Machine) -> None:
@@ -99,19 +128,47 @@ def test_a_port_of_another_kind(machine: Machine) -> None:
     assert (found.state, found.text) == ("hint", "built in: lidars are not sold with it")
 
 
-def test_a_rule_by_serial_number_or_by_place(machine: Machine) -> None:
+def rules_of(text: str) -> dict[str, str]:
+    """Each rule by the subsystem that it is for."""
+    lines = [line for line in text.splitlines() if not line.startswith("#")]
+    found = {line.split('"')[1]: line for line in lines}
+    assert len(found) == len(lines)
+    assert all(line.startswith('SUBSYSTEM=="') for line in lines)
+    return found
+
+
+def test_rules_by_serial_number_or_by_place(machine: Machine) -> None:
     usb = machine.usb(PORT.path)
     assert usb is not None
-    rule = rule_for(usb, "front")
-    assert 'KERNELS=="1-1.4"' in rule
-    assert 'SYMLINK+="front"' in rule
-    assert "ATTRS{serial}" not in rule
+    rules = rules_of(rule_for(usb, "front"))
+    # This adapter has no latency timer.
+    assert set(rules) == {"usb", "tty"}
+    assert 'KERNEL=="1-1.4"' in rules["usb"]
+    assert 'KERNELS=="1-1.4"' in rules["tty"]
+    assert 'SYMLINK+="front"' in rules["tty"]
+    assert "{serial}" not in rules["usb"] + rules["tty"]
     (machine.root / "sys/devices/usb1/1-1.4/serial").write_text("B12D9E\n")
     usb = machine.usb(PORT.path)
     assert usb is not None
-    rule = rule_for(usb, "front")
-    assert 'ATTRS{serial}=="B12D9E"' in rule
-    assert "KERNELS" not in rule
+    rules = rules_of(rule_for(usb, "front"))
+    assert 'ATTR{serial}=="B12D9E"' in rules["usb"]
+    assert 'ATTRS{serial}=="B12D9E"' in rules["tty"]
+    assert "KERNEL" not in rules["usb"] + rules["tty"]
+
+
+def test_rules_keep_the_adapter_awake_fast_and_alone(machine: Machine) -> None:
+    write(machine, "sys/class/tty/ttyUSB9/device/latency_timer", "16\n")
+    usb = machine.usb(PORT.path)
+    assert usb is not None
+    rules = rules_of(rule_for(usb, "front"))
+    assert all("10c4" in rule and "ea60" in rule for rule in rules.values())
+    assert 'ATTR{power/control}="on"' in rules["usb"]
+    assert 'ENV{ID_MM_DEVICE_IGNORE}="1"' in rules["usb"]
+    assert 'ENV{SYSTEMD_WANTS}=""' in rules["usb"]
+    assert rules["usb-serial"].endswith('KERNELS=="1-1.4", ATTR{latency_timer}="1"')
+    assert 'ENV{ID_MM_PORT_IGNORE}="1"' in rules["tty"]
+    assert 'GROUP="dialout"' in rules["tty"]
+    assert "SYMLINK" not in rules["usb"] + rules["usb-serial"]
 
 
 @pytest.mark.parametrize(
@@ -140,7 +197,11 @@ def test_the_rule_without_an_adapter(machine: Machine, monkeypatch: pytest.Monke
     monkeypatch.setattr("lidario.list_serial_ports", list)
     ended = invoke("udev")
     assert ended.exit_code == 0
-    assert ended.stdout.count("SUBSYSTEM==") == len(ADAPTERS)
+    assert ended.stdout.count('SUBSYSTEM=="tty"') == len(ADAPTERS)
+    assert ended.stdout.count('SUBSYSTEM=="usb"') == len(ADAPTERS)
+    # The timer is FTDI's alone.
+    assert ended.stdout.count("latency_timer") == 2
+    assert all("0403" in line for line in ended.stdout.splitlines() if "latency_timer" in line)
     assert "SYMLINK" not in ended.stdout
 
 

@@ -1,16 +1,20 @@
-"""What opening and closing a serial port do to its control lines, seen at the system calls."""
+"""What opening and closing a serial port do to its control lines and its driver, seen at the system calls."""
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
-from lidario.errors import ConnectFailed
+from lidario.errors import ConnectFailed, DeviceLost
+from lidario.port.adapter import Adapter
+from lidario.port.driver import latency_ms
 from lidario.port.serial import open_serial
-from tests.support.drivers import FakeDriver
-from tests.support.ports import another_program, terminal_pair
+from tests.support.drivers import LOW_LATENCY, SPEED_FLAG, FakeDriver
+from tests.support.ports import Sink, another_program, terminal_pair
 
 HOLD = "import os, sys; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print(flush=True); sys.stdin.read()"
 RESET = (False, True)
@@ -18,9 +22,14 @@ RESET = (False, True)
 
 
 @pytest.fixture
-def path() -> Iterator[str]:
-    with terminal_pair() as (_, _, found):
-        yield found
+def ends() -> Iterator[tuple[int, int, str]]:
+    with terminal_pair() as pair:
+        yield pair
+
+
+@pytest.fixture
+def path(ends: tuple[int, int, str]) -> str:
+    return ends[2]
 
 
 @pytest.fixture
@@ -60,3 +69,99 @@ async def test_a_port_that_another_program_holds_keeps_its_lines(
     ):
         await open_serial(path, 115200)
     assert driver.states == []
+
+
+@pytest.fixture
+def ftdi(path: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeDriver:
+    """A driver that has a latency timer, at 16 ms."""
+    return FakeDriver(path, monkeypatch, tmp_path)
+
+
+async def test_low_latency_holds_while_the_port_is_open(path: str, ftdi: FakeDriver, tmp_path: Path) -> None:
+    port = await open_serial(path, 115200)
+    assert ftdi.flags == SPEED_FLAG | LOW_LATENCY
+    assert latency_ms(path, tmp_path) == 1
+    port.set_baudrate(256000)
+    await port.close()
+    assert ftdi.flags == SPEED_FLAG
+    assert ftdi.settings == 2
+    assert latency_ms(path, tmp_path) == 16
+
+
+async def test_it_is_given_back_by_a_port_that_nobody_closed(path: str, ftdi: FakeDriver) -> None:
+    port, sink = await open_serial(path, 115200), Sink()
+    port.attach(sink)
+    port.abandon(b"")
+    assert await sink.until_lost() is None
+    assert ftdi.flags == SPEED_FLAG
+
+
+async def test_an_adapter_that_was_pulled_out_has_nothing_to_be_given(
+    ends: tuple[int, int, str], ftdi: FakeDriver
+) -> None:
+    port, sink = await open_serial(ends[2], 115200), Sink()
+    port.attach(sink)
+    ftdi.gone = True
+    for end in ends[:2]:
+        os.close(end)
+    assert isinstance(await sink.until_lost(), DeviceLost)
+    assert ftdi.settings == 1
+    await port.close()
+
+
+async def test_who_finds_it_set_leaves_it_set(path: str, ftdi: FakeDriver) -> None:
+    """So does the next program after one that was killed; unplugging ends it."""
+    ftdi.flags |= LOW_LATENCY
+    ftdi.show_latency()
+    port = await open_serial(path, 115200)
+    await port.close()
+    assert (ftdi.flags, ftdi.settings) == (SPEED_FLAG | LOW_LATENCY, 0)
+
+
+async def test_a_second_program_changes_nothing(
+    path: str, ftdi: FakeDriver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = await open_serial(path, 115200)
+    with pytest.raises(ConnectFailed, match="busy"):
+        await open_serial(path, 115200)
+    assert ftdi.flags & LOW_LATENCY
+    assert ftdi.settings == 1
+    await first.close()
+    assert ftdi.flags == SPEED_FLAG
+
+
+async def test_a_driver_without_it_is_not_asked(path: str, driver: FakeDriver) -> None:
+    port = await open_serial(path, 115200)
+    await port.close()
+    assert driver.settings == 0
+
+
+async def test_a_driver_that_refuses_is_used_as_it_is(path: str, ftdi: FakeDriver) -> None:
+    ftdi.fails = True
+    port = await open_serial(path, 115200)
+    ftdi.fails = False
+    await port.close()
+    assert (ftdi.flags, ftdi.settings) == (SPEED_FLAG, 0)
+
+
+def test_a_forked_child_gives_nothing_back(path: str, ftdi: FakeDriver, tmp_path: Path) -> None:
+    device = Adapter()
+    device.port = path
+    device.open()
+    device.hurry()
+    child = os.fork()
+    if not child:
+        device.close()
+        os._exit(0)
+    os.waitpid(child, 0)
+    # The child would have written it in the folder that both share.
+    assert latency_ms(path, tmp_path) == 1
+    device.close()
+    assert latency_ms(path, tmp_path) == 16
+
+
+@pytest.mark.parametrize("text", ["", "soon", "-1", "1.5"])
+def test_a_timer_that_makes_no_sense_is_none(path: str, ftdi: FakeDriver, tmp_path: Path, text: str) -> None:
+    (tmp_path / "sys/class/tty" / os.path.basename(path) / "device/latency_timer").write_text(text)
+    assert latency_ms(path, tmp_path) is None
+    assert latency_ms("/dev/no-such-port", tmp_path) is None

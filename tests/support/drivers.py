@@ -10,27 +10,55 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
+import struct
 import sys
 import termios
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-__all__ = ["FakeDriver"]
+__all__ = ["LOW_LATENCY", "SPEED_FLAG", "FakeDriver"]
 
+LOW_LATENCY = 0x2000
+SPEED_FLAG = 0x0010
+"""Another flag, which nobody may change."""
+
+_ASKED = (termios.TIOCMBIS, termios.TIOCMBIC, termios.TIOCGSERIAL, termios.TIOCSSERIAL, termios.TIOCGICOUNT)
 _real_ioctl, _real_open = fcntl.ioctl, os.open
 
 
 class FakeDriver:
     """The driver of the port `path`.
 
+    Args:
+        path: The name of the pseudo-terminal.
+        patch: Undoes it all at the end of the test.
+        root: A folder in whose ``sys`` the driver shows its latency timer; None for a driver that has none.
+
     Attributes:
         states: DTR and RTS, whether they are high, after each change. Every opening raises both, as Linux does.
+        flags: Those of ``struct serial_struct``, of which low latency is one.
+        settings: How often the flags were set.
+        counted: What it has counted: framing errors, overruns, parity errors, breaks, overruns of the buffer.
+        fails: Whether setting the flags fails.
+        gone: Whether the adapter was pulled out.
     """
 
-    def __init__(self, path: str, patch: pytest.MonkeyPatch) -> None:
+    def __init__(self, path: str, patch: pytest.MonkeyPatch, root: Path | None = None) -> None:
         self.states: list[tuple[bool, bool]] = []
+        self.flags = SPEED_FLAG
+        self.settings = 0
+        self.counted: tuple[int, int, int, int, int] | None = None
+        self.fails = False
+        self.gone = False
         self._path = path
+        self._timer: Path | None = None
+        if root is not None:
+            self._timer = root / "sys/class/tty" / os.path.basename(path) / "device/latency_timer"
+            self._timer.parent.mkdir(parents=True)
+            patch.setattr("lidario.port.driver.ROOT", root)
+            self.show_latency()
         patch.setattr(fcntl, "ioctl", self._ioctl)
         patch.setattr(os, "open", self._open)
 
@@ -41,12 +69,31 @@ class FakeDriver:
         return handle
 
     def _ioctl(self, handle: Any, request: int, argument: Any = 0, *rest: Any) -> Any:
+        if self.gone and request in _ASKED:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
         if request in (termios.TIOCMBIS, termios.TIOCMBIC):
             self._change(int.from_bytes(argument, sys.byteorder), request == termios.TIOCMBIS)
             return argument
         if request in (termios.TIOCMSET, termios.TIOCMGET):
             raise OSError(errno.ENOTTY, "nothing here asks for all lines")
+        if request == termios.TIOCGSERIAL and self._timer is not None:
+            argument[4] = self.flags
+            return 0
+        if request == termios.TIOCSSERIAL and self._timer is not None:
+            if self.fails:
+                raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
+            self.flags = argument[4]
+            self.settings += 1
+            self.show_latency()
+            return 0
+        if request == termios.TIOCGICOUNT and self.counted is not None:
+            return struct.pack("=11I36x", 1, 2, 3, 4, 50_000, 60, *self.counted)
         return _real_ioctl(handle, request, argument, *rest)
+
+    def show_latency(self) -> None:
+        """Write what the driver shows in ``sys``, as Linux' driver of FTDI adapters does."""
+        assert self._timer is not None
+        self._timer.write_text("1\n" if self.flags & LOW_LATENCY else "16\n", encoding="ascii")
 
     def _change(self, lines: int, high: bool) -> None:
         dtr, rts = self.states[-1]
