@@ -36,6 +36,10 @@ cartographer use, and why the default grid serves the first three of them and ``
 ``vendor`` does the same, so that a robot description made for them stays right. It changes the angles alone: the
 stamps and the sign of `time_increment` stay true, which theirs are not.
 
+**A device that sees less than a turn** has a grid of its field alone (`Scan.field_of_view`). Of what lies beside it
+nothing is known, and "no return" would say that the way is free there. Where its rotor turns counter-clockwise,
+times rise with the angles.
+
 **Where the grid begins.** At the seam (the device angle where revolutions begin) that the scan states, normally
 0, so that all scans have the same grid. Where the samples show another begin (a device that marks its own
 first packet, or corrected angles that all lie before the seam), the grid begins there. How the rotor turned, and so
@@ -249,7 +253,7 @@ def resample(
     else:
         stated = float(max_range) if 0 < max_range < math.inf else _FALLBACK_RANGE_MAX
 
-    places = _places(device_angles, rotor.begin_deg, count)
+    places = _places(device_angles, rotor, count)
     # Comparing with NaN gives False: a sample without a return is no hit.
     hit = (ranges >= nearest) & (ranges <= farthest)
     filled = np.full(count, np.nan, np.float32)
@@ -266,19 +270,23 @@ def resample(
     if intensities is not None:
         strengths[places[by_range]] = intensities[by_range]
 
-    step = 2 * math.pi / count
-    beam_ns = rotor.period_ns / count
-    # The grid covers one circle counter-clockwise from here. In [-pi, pi): 0 where nothing is turned.
-    lowest = before(math.degrees(mount_yaw + PRESET_YAW[preset]) - rotor.begin_deg, 180.0) * math.pi / 180.0
+    field, rises = abs(rotor.field_deg), rotor.field_deg < 0
+    step = math.radians(field) / count
+    beam_ns = rotor.period_ns * (field / 360.0) / count
+    # The grid covers the field counter-clockwise from here. In [-pi, pi): 0 where a circle is not turned.
+    right_deg = rotor.begin_deg if rises or field == 360.0 else rotor.begin_deg + field
+    lowest = before(math.degrees(mount_yaw + PRESET_YAW[preset]) - right_deg, 180.0) * math.pi / 180.0
     angles = (lowest + step / 2, lowest + step * (count - 0.5))
-    measured = order == "measured"
+    # A rotor that turns counter-clockwise measures in the order of rising angles: then both orders are one.
+    measured = rises or order == "measured"
+    falls = measured and not rises
     first_beam_ns = beam_ns * (0.5 if measured else count - 0.5)
     return LaserScan(
         stamp_ns=wall_stamp_ns + round(rotor.begin_ns + first_beam_ns),
         frame_id=frame_id,
-        angle_min=angles[1] if measured else angles[0],
-        angle_max=angles[0] if measured else angles[1],
-        angle_increment=-step if measured else step,
+        angle_min=angles[1] if falls else angles[0],
+        angle_max=angles[0] if falls else angles[1],
+        angle_increment=-step if falls else step,
         time_increment=(beam_ns if measured else -beam_ns) * 1e-9,
         scan_time=rotor.period_ns * 1e-9,
         range_min=nearest,
@@ -331,10 +339,14 @@ def beam_count(beams: SupportsIndex) -> int:
     return count
 
 
-def _places(device_angles: NDArray[np.floating], begin_deg: float, count: int) -> NDArray[np.intp]:
+def _places(device_angles: NDArray[np.floating], rotor: Rotor, count: int) -> NDArray[np.intp]:
     """The beam of each sample, counted in the order of measuring."""
+    begin_deg, field = rotor.begin_deg, rotor.field_deg
     if not len(device_angles):
         return np.zeros(0, np.intp)
+    if field != 360.0:
+        away = math.copysign(1.0, field) * (device_angles.astype(np.float64) - begin_deg) % 360.0
+        return np.minimum((away * (count / abs(field))).astype(np.intp), count - 1)
     inside = (device_angles.astype(np.float64) - begin_deg) % 360.0
     places = np.minimum((inside * (count / 360.0)).astype(np.intp), count - 1)
     way = turned(device_angles, begin_deg)

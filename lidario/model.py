@@ -97,6 +97,7 @@ class ScanMode:
         max_distance: Farthest distance in metres; 0 when the device does not say.
         response_type: Type byte of the stream it sends.
         typical: Whether the device recommends it.
+        details: What the device told that its packets cannot be decoded without, for recordings; mostly empty.
     """
 
     id: int
@@ -105,6 +106,7 @@ class ScanMode:
     max_distance: float
     response_type: int
     typical: bool = False
+    details: str = ""
 
     @property
     def samples_per_second(self) -> float:

@@ -17,7 +17,17 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Gaps", "Rotor", "before", "follow_rotor", "numbers_of", "times_by_angle", "times_of", "turned"]
+__all__ = [
+    "Gaps",
+    "Rotor",
+    "before",
+    "follow_rotor",
+    "numbers_of",
+    "rotor_of_field",
+    "times_by_angle",
+    "times_of",
+    "turned",
+]
 
 Gaps: TypeAlias = Sequence[tuple[int, int]]
 """Where samples are missing: how many there are before, and how many are missing there."""
@@ -46,18 +56,21 @@ _LAG_SHARE_PER_GAP = 8
 
 @dataclass(frozen=True, slots=True)
 class Rotor:
-    """How the rotor turned during a scan: clockwise, evenly.
+    """How the rotor turned during a scan: evenly.
 
     Attributes:
         begin_deg: Device angle where the revolution begins, degrees clockwise.
         begin_ns: When the rotor passed that angle, nanoseconds after the first sample of the scan; negative where
             samples at the begin are missing.
         period_ns: Time of a full revolution, nanoseconds.
+        field_deg: How much of it the device sees, from `begin_deg` on, degrees; negative where the rotor turns
+            counter-clockwise.
     """
 
     begin_deg: float
     begin_ns: float
     period_ns: float
+    field_deg: float = 360.0
 
     def beginning_at(self, begin_deg: float) -> Rotor:
         """The same rotor, with the revolution taken to begin at another angle, the nearest one before or behind."""
@@ -112,6 +125,15 @@ def follow_rotor(
     if first >= -_SEAM_TOLERANCE_DEG and last <= 360.0 + _SEAM_TOLERANCE_DEG:
         return Rotor(seam % 360.0, -first / 360.0 * period_ns, period_ns)
     return Rotor((seam + first) % 360.0, 0.0, period_ns)
+
+
+def rotor_of_field(count: int, time_increment_ns: float, begin_deg: float, field_deg: float) -> Rotor:
+    """How the rotor turned during a whole scan of a field that the device states, with so many even samples.
+
+    Each sample stands in the middle of its share of the field.
+    """
+    period_ns = 360.0 / abs(field_deg) * count * time_increment_ns
+    return Rotor(begin_deg, -time_increment_ns / 2, period_ns, field_deg)
 
 
 def numbers_of(count: int, gaps: Gaps) -> NDArray[np.int64]:

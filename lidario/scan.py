@@ -1,4 +1,4 @@
-"""One full revolution, as a user gets it: arrays, never objects per sample.
+"""One revolution, as a user gets it: arrays, never objects per sample.
 
 Angles follow the robotics convention (REP-103): radians, counter-clockwise seen from above, 0 along the device's
 forward axis. The device's own figures, clockwise degrees and millimetres, stand beside them untouched. What is
@@ -19,7 +19,7 @@ from lidario.laserscan import BeamOrder, LaserScan, NoReturn, Preset, resample
 from lidario.measured import MeasuredSamples, Return
 from lidario.plain import plain_of
 from lidario.points import Motion, Mount, Points, place
-from lidario.rotor import Gaps, Rotor, follow_rotor, times_of
+from lidario.rotor import Gaps, Rotor, follow_rotor, rotor_of_field, times_of
 from lidario.samples import mask_of, nearest_to, read_only
 
 __all__ = ["Return", "Scan", "read_only"]
@@ -61,6 +61,8 @@ class Scan(MeasuredSamples):
             elsewhere.
         reported_rpm: The speed that the device itself reported with this revolution, revolutions a minute; NaN
             where it reports none. Some do, in steps of 6, where the first packet of the revolution came intact.
+        field_of_view: How much of a revolution the device sees, from `seam` on, in degrees: 360 for most. Negative
+            where the rotor turns counter-clockwise. Of the rest nothing is known.
     """
 
     device_angles: FloatArray
@@ -78,6 +80,7 @@ class Scan(MeasuredSamples):
     max_range: float = 0.0
     seam: float = 0.0
     reported_rpm: float = math.nan
+    field_of_view: float = 360.0
     _angles: FloatArray | None = field(default=None, init=False)
     _ranges: FloatArray | None = field(default=None, init=False)
     _left_out: NDArray[np.bool_] | None = field(default=None, init=False)
@@ -248,6 +251,8 @@ class Scan(MeasuredSamples):
     def _follow_rotor(self) -> Rotor:
         if self._rotor is not None:
             return self._rotor
+        if self.field_of_view != 360.0:
+            return rotor_of_field(len(self), self.time_increment_ns, self.seam, self.field_of_view)
         return follow_rotor(
             self.device_angles, self.time_increment_ns, self.duration_ns, self.seam, self.lost_packets, self._gaps
         )
@@ -277,6 +282,9 @@ class Scan(MeasuredSamples):
         the angle) moves the grid: `angle_min` then follows the begin of the revolution, and may differ from scan
         to scan; `lidario.LaserScans` puts all scans of a stream on one grid. `mount_yaw` rotates the grid too; it
         begins in [-pi, pi).
+
+        Of a device that sees less than a turn (`field_of_view`), the grid covers what it sees, its beams are its
+        samples, and where its rotor turns counter-clockwise `time_increment` is positive in either order.
 
         Args:
             beams: Number of equal steps around the circle; None for as many as the scan has samples, which

@@ -282,6 +282,8 @@ class Family:
             all speeds.
         find_stream: Finds the measurement stream in recorded bytes, by these and by what a user says of them, whose
             model, if any, is one of `models`. None where there is no stream.
+        stream_of_mode: As `stream_of`, where more than the response type must be known: by a mode, with its
+            `ScanMode.details`. None where the type is enough.
     """
 
     name: str
@@ -296,6 +298,11 @@ class Family:
     models: Mapping[str, NamedModel] = field(default_factory=dict, hash=False)
     asked_at: tuple[int, ...] | None = None
     by_dtr: Mapping[str, float] = field(default_factory=dict, hash=False)
+    stream_of_mode: Callable[[ScanMode], tuple[StreamFormat, Decoder] | None] | None = None
+
+    def stream_in(self, mode: ScanMode) -> tuple[StreamFormat, Decoder] | None:
+        """The format and the decoder of a stream in that mode, as it was stored; None where they are not known."""
+        return self.stream_of(mode.response_type) if self.stream_of_mode is None else self.stream_of_mode(mode)
 
     def make(self, model: str | None = None) -> Device:
         """A device for a newly opened port; `model` is one of `models`, None where it was not named."""

@@ -7,7 +7,7 @@ from difflib import get_close_matches
 
 from lidario.arguments import text_of
 from lidario.errors import ConnectFailed, InvalidValue
-from lidario.families import ldrobot, rplidar, ydlidar
+from lidario.families import hokuyo, ldrobot, rplidar, ydlidar
 from lidario.families.base import Family
 from lidario.source import Source, quoted
 
@@ -20,9 +20,10 @@ __all__ = [
     "family_of_simulated",
 ]
 
-FAMILIES: tuple[Family, ...] = (rplidar.FAMILY, ydlidar.FAMILY, ldrobot.FAMILY)
+FAMILIES: tuple[Family, ...] = (rplidar.FAMILY, ydlidar.FAMILY, hokuyo.FAMILY, ldrobot.FAMILY)
 """In the order in which an unknown port is probed: the second family's device-info request means something else
-to the first, so the first is asked first. Devices of the last one mostly hear nothing: they are found by listening,
+to the first, so the first is asked first. The third speaks lines of text: what the others were sent is to it a line
+half written, which its own question ends. Devices of the last one mostly hear nothing: they are found by listening,
 and only one of its models must be woken."""
 
 

@@ -18,6 +18,8 @@ LONGEST_REVOLUTION: Final = 65536
 """Samples after which a revolution that does not end is given up, whatever is said of its times; twice what the
 fastest device takes at its slowest speed."""
 
+_BITS_A_BYTE: Final = 10
+
 
 @dataclass(frozen=True, slots=True)
 class Keepalive:
@@ -74,6 +76,14 @@ class Stream:
         most = max(math.ceil(samples / max(each, 1)) * size for size, each in sizes)
         # The last packet is there before it is seen that it is too much.
         return most + wire.longest
+
+    def speed_on(self, baudrate: int) -> int:
+        """Speed of the line in bits a second: `baudrate`, or 0 where packets are more than that could carry.
+
+        Then it means nothing, as for a device that is a USB device itself. Only packets that are whole scans tell.
+        """
+        wire, turn_s = self.format, self.format.pitch * self.sample_ns * 1e-9
+        return 0 if wire.whole and wire.shortest * _BITS_A_BYTE > baudrate * turn_s else baudrate
 
 
 class Known(NamedTuple):

@@ -193,7 +193,7 @@ def _remote(bus: Bus, key: str, status: Status, began: StreamBegan) -> Remote:
                 reason="source",
             )
         family = FAMILIES[0]  # nothing of it is used but its times
-    if status.form == "raw" and family.stream_of(began.mode.response_type) is None:
+    if status.form == "raw" and family.stream_in(began.mode) is None:
         raise ConnectFailed(
             f"zenoh:{key} sends packets of an unknown type, 0x{began.mode.response_type:02X}", reason="source"
         )

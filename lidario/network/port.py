@@ -272,7 +272,7 @@ class _RemoteLine(Line):
     def _begin(self, began: StreamBegan) -> None:
         if began == self._streams.stream.began and self._flows:
             return
-        if self._streams.stream.family.stream_of(began.mode.response_type) is None:
+        if self._streams.stream.family.stream_in(began.mode) is None:
             self.bad += 1
             return
         self._streams.begin(began)

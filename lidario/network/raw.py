@@ -20,6 +20,7 @@ from lidario.recording.read import StoredStream
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.revolution.partial import parts_of
 from lidario.revolution.together import join_runs, slices
+from lidario.revolution.whole import assembler_of
 from lidario.scan import Scan
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
@@ -156,13 +157,13 @@ class RawDecoder:
         if began == self._began:
             return
         self._end()
-        if self._family is None or self._family.stream_of(began.mode.response_type) is None:
+        if self._family is None or self._family.stream_in(began.mode) is None:
             return
         stream = self._stream = StoredStream(self._family, began).open()
         self._began = began
         self._link = Link()
         self._link.enter_stream(stream.format)
-        self._assembler = Assembler(stream, began.baudrate, self._wall_offset_ns, self.stats)
+        self._assembler = assembler_of(stream, began.baudrate, self._wall_offset_ns, self.stats)
         self._last_ns = -(1 << 63)
 
     def _end(self) -> None:

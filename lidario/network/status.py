@@ -96,6 +96,7 @@ def mode_record(mode: ScanMode) -> dict[str, object]:
         "max_distance": mode.max_distance,
         "response_type": mode.response_type,
         "typical": mode.typical,
+        **({"details": mode.details} if mode.details else {}),
     }
 
 

@@ -276,6 +276,7 @@ def mode_of(record: dict[str, object]) -> ScanMode:
         max_distance=_number(record["max_distance"], 0.0, MOST_METRES),
         response_type=_whole(record["response_type"]) & 0xFF,
         typical=record.get("typical") is True,
+        details=printable(str(record.get("details", ""))[:200]),
     )
 
 

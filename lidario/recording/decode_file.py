@@ -16,8 +16,9 @@ from lidario.recording.offline import BLOCK, OfflineDecoder, ScanArrays, arrays_
 from lidario.recording.opened import StoredFile
 from lidario.recording.raw import SEARCHED
 from lidario.recording.read import StoredStreams
-from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.together import join_runs
+from lidario.revolution.whole import assembler_of
 from lidario.scan import Scan
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
@@ -77,7 +78,7 @@ class FileDecoder:
                 stream = stored.open()
                 link = Link()
                 link.enter_stream(stream.format)
-                assembler = Assembler(stream, stored.began.baudrate, stored.began.wall_offset_ns, self.stats)
+                assembler = assembler_of(stream, stored.began.baudrate, stored.began.wall_offset_ns, self.stats)
                 offset_deg = stored.began.zero_offset_deg
             if block_deg != offset_deg:
                 offset_deg = block_deg

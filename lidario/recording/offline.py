@@ -26,7 +26,8 @@ from lidario.families.base import Family, Known, RawStream, Stream
 from lidario.families.registry import FAMILIES, families_of_model, family_named
 from lidario.measured import later
 from lidario.recording.stored_times import StoredTimes
-from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.revolution.assemble import AssemblerStats
+from lidario.revolution.whole import assembler_of
 from lidario.scan import Scan
 from lidario.wire.events import Packets
 from lidario.wire.link import Link, LinkStats
@@ -175,7 +176,7 @@ class OfflineDecoder:
         self.guess: str = found.guess
         self._link = Link(BLOCK)
         self._link.enter_stream(self.stream.format)
-        self._assembler = Assembler(self.stream)
+        self._assembler = assembler_of(self.stream)
         self._times = StoredTimes(self.stream)
         self._end_ns = self._behind_ns = 0
 

@@ -106,7 +106,7 @@ class StoredStream:
         )
 
     def _format(self) -> tuple[StreamFormat, Decoder]:
-        found = self.family.stream_of(self.began.mode.response_type)
+        found = self.family.stream_in(self.began.mode)
         if found is None:
             raise RecordingError(
                 f"the recording has packets of an unknown type, 0x{self.began.mode.response_type:02X}"

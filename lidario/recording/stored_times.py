@@ -33,7 +33,7 @@ class StoredTimes:
 
     def __init__(self, stream: Stream) -> None:
         self._wire, self._sample_ns = stream.format, stream.sample_ns
-        self._packet_ns = self._wire.samples * stream.sample_ns
+        self._packet_ns = self._wire.pitch * stream.sample_ns
         self._samples = 0.0
         self._last_ns = 0
         self._reader = StampReader(self._wire.ticks, self._packet_ns) if self._wire.ticks else None
@@ -50,15 +50,16 @@ class StoredTimes:
 
     def dated(self, packets: Packets) -> Packets:
         """The next packets, with the times at which they came."""
-        samples, arrivals, done = self._wire.samples_in(packets.blocks), list[Arrival](), 0
+        wire, arrivals, done = self._wire, list[Arrival](), 0
+        samples = packets.count * wire.pitch if wire.whole else wire.samples_in(packets.blocks)
         if packets.skipped:
             self._samples += packets.skipped * samples / len(packets.data)
         for at, missing in self._corrections(packets):
-            self._samples += (at - done) * self._wire.samples
-            samples -= (at - done) * self._wire.samples
+            self._samples += (at - done) * self._wire.pitch
+            samples -= (at - done) * self._wire.pitch
             if at > done and missing > 0:
                 arrivals.append((at, self._came()))
-            self._samples += missing * self._wire.samples
+            self._samples += missing * self._wire.pitch
             done = at
         self._samples += samples
         arrivals.append((packets.count, self._came()))
@@ -86,12 +87,12 @@ class StoredTimes:
             if begin or begin in odd:
                 self._run, self._is_in_doubt = 0, True
             self._run += end - begin
-            place += (end - begin) * self._wire.samples
+            place += (end - begin) * self._wire.pitch
             if self._run >= _BELIEVED:
                 missing = self._missing(int(stamps[end - 1]), place, ticks) if self._is_in_doubt else 0
                 if missing:
                     found.append((begin, missing))
-                    place += missing * self._wire.samples
+                    place += missing * self._wire.pitch
                 self._believed, self._is_in_doubt = (int(stamps[end - 1]), place), False
         return found
 

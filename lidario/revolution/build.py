@@ -69,7 +69,7 @@ def build_scan(
 class _Unfrozen(MeasuredSamples):
     """A `Scan` while its fields are set.
 
-    A frozen dataclass sets each of its 23 fields by a call: 2.6 us once a revolution, where plain assignments take
+    A frozen dataclass sets each of its 24 fields by a call: 2.6 us once a revolution, where plain assignments take
     0.3. Both classes have the same slots, so one can become the other.
     """
 
@@ -92,7 +92,8 @@ class _Unfrozen(MeasuredSamples):
         self.lost_packets = lost
         self.mode = stream.mode.name
         self.max_range = stream.mode.max_distance
-        self.seam = stream.zero_offset_deg % 360.0
+        self.seam = (stream.format.begin_deg + stream.zero_offset_deg) % 360.0
+        self.field_of_view = stream.format.field_deg
         self.reported_rpm = reported_rpm
         self._gaps = gaps if lost else None
         self._angles = self._ranges = self._measured = self._times_ns = self._rotor = None

@@ -30,6 +30,9 @@ __all__ = ["DeviceClock", "StampReader"]
 _ASKED: Final = 8
 """Packets whose stamps are compared: of an LD06 20 ms, in which a wrong sample time makes no difference."""
 _FEWEST: Final = 3
+_EVEN_NS: Final = 50_000_000
+_UNEVEN: Final = 0.04
+"""Time in which a rotor is even; part of a packet's time by which it may be off."""
 _BUCKET_NS: Final = 500_000_000
 _BUCKETS: Final = 40
 _APART_NS: Final = 1_000_000_000
@@ -56,6 +59,8 @@ class StampReader:
     def __init__(self, ticks: Ticks, packet_ns: float) -> None:
         self._tick_ns, self._wrap = ticks.tick_ns, ticks.wrap
         self._packet_ns = packet_ns
+        # In eight packets that are whole revolutions, the rotor is not even enough, but check values are many.
+        self._asked, self._fewest = (_ASKED, _FEWEST) if _ASKED * packet_ns < _EVEN_NS else (_FEWEST, 1)
         self._recent: list[int] = []
 
     def gaps(self, stamps: Stamps) -> list[tuple[int, float]]:
@@ -65,7 +70,7 @@ class StampReader:
         """
         before = self._recent[-1] if self._recent else int(stamps[0]) - round(self._packet_ns / self._tick_ns)
         apart = np.diff(stamps, prepend=before) % self._wrap * self._tick_ns
-        odd = (np.abs(apart - self._packet_ns) > 1.5 * self._tick_ns).nonzero()[0]
+        odd = (np.abs(apart - self._packet_ns) > max(1.5 * self._tick_ns, _UNEVEN * self._packet_ns)).nonzero()[0]
         return list(zip(odd.tolist(), apart[odd].tolist(), strict=True))
 
     def restart(self) -> None:
@@ -74,7 +79,7 @@ class StampReader:
 
     def add(self, stamps: Stamps) -> None:
         """The next packets came; they follow each other."""
-        self._recent = (self._recent + stamps[-_ASKED:].tolist())[-_ASKED:]
+        self._recent = (self._recent + stamps[-self._asked :].tolist())[-self._asked :]
 
     def measured(self, expected_ns: float) -> float | None:
         """When the last packet was measured by that clock, as near as can be to the time expected.
@@ -83,7 +88,7 @@ class StampReader:
         """
         recent, tick_ns = self._recent, self._tick_ns
         count, wrap_ns = len(recent), self._wrap * tick_ns
-        if count < _FEWEST:
+        if count < self._fewest:
             return None
         found = sorted(
             (stamp * tick_ns - expected_ns + wrap_ns / 2) % wrap_ns - wrap_ns / 2 + behind * self._packet_ns
@@ -108,7 +113,7 @@ class DeviceClock:
         wire = self._wire = stream.format
         self._reader: StampReader | None = None
         if wire.ticks is not None and stream.sample_ns and stream.timed:
-            self._reader = StampReader(wire.ticks, wire.samples * stream.sample_ns)
+            self._reader = StampReader(wire.ticks, wire.pitch * stream.sample_ns)
         # The earliest arrival of each half a second, and the line below them: one of its points, and its slope.
         self._earliest: deque[_Point] = deque(maxlen=_BUCKETS)
         self._line: tuple[_Point, float] = ((0.0, 0.0), 0.0)

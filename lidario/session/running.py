@@ -17,9 +17,10 @@ from dataclasses import dataclass
 
 from lidario.errors import LidarError
 from lidario.families.base import Stream
-from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.partial import MOST_IN_A_PART, parts_of
 from lidario.revolution.sectors import SectorAssembler
+from lidario.revolution.whole import WholeSectors, assembler_of, sector_assembler_of
 from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.session.delivery import TakePackets
@@ -128,8 +129,9 @@ class Running:
         self._publish_sector = publish_sector
         self._loop = asyncio.get_running_loop()
         self._wall_offset_ns = dialogue.wall_offset_ns
-        self._assembler = Assembler(stream, dialogue.baudrate, self._wall_offset_ns, totals.assembled)
-        self._pace = Pace(stream, dialogue.baudrate, latency, dialogue.bytes_received)
+        self._baudrate = stream.speed_on(dialogue.baudrate)
+        self._assembler = assembler_of(stream, self._baudrate, self._wall_offset_ns, totals.assembled)
+        self._pace = Pace(stream, self._baudrate, latency, dialogue.bytes_received)
         self._take_packets: TakePackets = self._take
         self._ended = False
         self._delivered = False
@@ -152,7 +154,7 @@ class Running:
             stream.format.shortest,
             stream.sample_ns,
             stream.slowest_turn_s,
-            self._dialogue.baudrate,
+            self._baudrate,
             self._wall_offset_ns,
             stream.zero_offset_deg,
         )
@@ -191,9 +193,9 @@ class Running:
 
     def divide(self, parts: frozenset[int]) -> None:
         """Publish sectors from the next revolution on, so many of each revolution; none for no more."""
-        if not isinstance(self._assembler, SectorAssembler):
+        if not isinstance(self._assembler, SectorAssembler | WholeSectors):
             # Only from now on does a stream cost what sectors cost.
-            assembler = self._assembler = SectorAssembler(self._assembler, self._publish_sector)
+            assembler = self._assembler = sector_assembler_of(self._assembler, self._publish_sector)
             pace = self._pace = SectorPace(self._pace)
 
             def take(packets: Packets) -> Iterator[None]:

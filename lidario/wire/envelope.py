@@ -53,6 +53,9 @@ class Expected:
         continuous: True when a stream is expected.
         prefix: Bytes the payload must begin with (an echo of the request), so that a late response to an
             earlier request is not taken for this one.
+        lines: True where the response is lines of text that no descriptor announces: the echo `prefix`, and all
+            up to the next empty line, `largest` bytes at most. Where it is `accepted`, a stream follows.
+        accepted: What stands between the echo and the empty line where a request for a stream is obeyed.
     """
 
     type: int
@@ -60,6 +63,8 @@ class Expected:
     largest: int = 0
     continuous: bool = False
     prefix: bytes = b""
+    lines: bool = False
+    accepted: bytes = b""
 
     def admits(self, descriptor: Descriptor) -> bool:
         """Whether `descriptor` announces this response."""

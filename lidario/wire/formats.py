@@ -99,6 +99,10 @@ class StreamFormat(ABC):
         first_seam: Heading at which revolutions begin; None when only marked packets (`BEGINS`) tell.
         self_evident: True when the check value is strong enough to need no second proof.
         ticks: How the clock counts that its packets carry (`stamps`); None where they carry none.
+        whole: Whether each packet is a whole scan: what the device sees of one revolution, which may be less than
+            360 degrees.
+        begin_deg: Where such a scan begins, degrees clockwise.
+        field_deg: How far it reaches from there, degrees; negative where the rotor turns counter-clockwise.
     """
 
     name: str
@@ -111,6 +115,9 @@ class StreamFormat(ABC):
     first_seam: int | None = 0
     self_evident: bool = False
     ticks: Ticks | None = None
+    whole: bool = False
+    begin_deg: float = 0.0
+    field_deg: float = 360.0
 
     def __init__(self) -> None:
         self._in_step = True
@@ -119,6 +126,11 @@ class StreamFormat(ABC):
     def stamps(self, packets: Packets) -> NDArray[np.int64]:  # noqa: ARG002
         """What the device's clock said at each packet; empty where packets carry no clock (`ticks`)."""
         return np.empty(0, np.int64)
+
+    @property
+    def pitch(self) -> int:
+        """Samples from the beginning of a packet to that of the next, also those that the device does not take."""
+        return self.samples
 
     @property
     def ordinary(self) -> int:

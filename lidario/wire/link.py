@@ -22,6 +22,7 @@ from lidario.wire.buffer import ReceiveBuffer
 from lidario.wire.envelope import DESCRIPTOR_MAGIC, DESCRIPTOR_SIZE, Expected, Request, parse_descriptor
 from lidario.wire.events import Arrival, Descriptor, Event, Packets, Response
 from lidario.wire.formats import StreamFormat
+from lidario.wire.lines import find_lines
 from lidario.wire.states import LinkState
 from lidario.wire.stats import LinkStats
 
@@ -191,18 +192,18 @@ class Link:
             state = self.state
         if state is _STREAMING:
             self._stream(now)
-        elif state is LinkState.DRAINING:
+        elif state is LinkState.DRAINING or (state is LinkState.IDLE and self._unasked):
             self.stats.drained_bytes += self._buffer.clear()
         elif state is LinkState.IDLE:
-            if self._unasked:
-                self.stats.drained_bytes += self._buffer.clear()
-            else:
-                self.stats.stray_bytes += self._buffer.clear()
+            self.stats.stray_bytes += self._buffer.clear()
 
     def _await_response(self, now: int) -> None:
         """Search for the one descriptor that belongs to the pending request."""
         request, buffer = self._pending, self._buffer
         if request is None or request.expects is None:
+            return
+        if request.expects.lines:
+            self._await_lines(request, request.expects, now)
             return
         while True:
             place = buffer.find(DESCRIPTOR_MAGIC)
@@ -217,10 +218,18 @@ class Link:
             if descriptor is None or not request.admits(descriptor):
                 self._stray(1)
             elif descriptor.continuous:
-                self._enter_stream(request, descriptor)
+                self._enter_stream(request, descriptor, DESCRIPTOR_SIZE)
                 return
             elif len(buffer) < DESCRIPTOR_SIZE + descriptor.size or self._respond(request.expects, descriptor, now):
                 return
+
+    def _await_lines(self, request: Request, expected: Expected, now: int) -> None:
+        stray, size, payload = find_lines(self._buffer.data, expected)
+        self._stray(stray)
+        if expected.continuous and payload == expected.accepted:
+            self._enter_stream(request, Descriptor(expected.type, 0, continuous=True), size)
+        elif payload is not None:
+            self._take_response(expected.type, payload, size, now)
 
     def _await_packets(self, wire: StreamFormat, now: int) -> None:
         """Wait until so many packets have followed each other without a byte of noise between them."""
@@ -256,20 +265,24 @@ class Link:
             self.stats.late_responses += 1
             self._stray(1)
             return False
-        size = DESCRIPTOR_SIZE + descriptor.size
+        self._take_response(descriptor.type, payload, DESCRIPTOR_SIZE + descriptor.size, now)
+        return True
+
+    def _take_response(self, response_type: int, payload: bytes, size: int, now: int) -> None:
+        """The first `size` bytes of the buffer are the response."""
         if self._abandoned:
             self.stats.late_responses += 1
         else:
             came = self._arrivals.of((0, size), self._fed - len(self._buffer), now)
-            self._events.append(Response(descriptor.type, payload, came[-1][1]))
+            self._events.append(Response(response_type, payload, came[-1][1]))
         self._buffer.skip(size)
         self.stats.response_bytes += size
         self._end_waiting()
-        return True
 
-    def _enter_stream(self, request: Request, descriptor: Descriptor) -> None:
-        self._buffer.skip(DESCRIPTOR_SIZE)
-        self.stats.response_bytes += DESCRIPTOR_SIZE
+    def _enter_stream(self, request: Request, descriptor: Descriptor, size: int) -> None:
+        """A stream was announced by the first `size` bytes of the buffer."""
+        self._buffer.skip(size)
+        self.stats.response_bytes += size
         self._stream_at = self._fed - len(self._buffer)
         if self._abandoned:
             self.stats.late_responses += 1

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 from lidario.families.base import Stream
 from lidario.model import ScanMode
-from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.revolution.assemble import AssemblerStats
+from lidario.revolution.whole import assembler_of
 from lidario.scan import Scan
 from lidario.wire.blocks import Block, join_blocks, packet_offsets
 from lidario.wire.events import Descriptor, Event, Packets
@@ -194,7 +195,7 @@ def assembled(case: Case, raw: bytes, chunks: Chunks = 64, times: Callable[[int]
         chunks: How they are cut.
         times: Arrival of the n-th byte; by default at the device's own pace.
     """
-    link, assembler = open_stream(case), Assembler(stream_of(case))
+    link, assembler = open_stream(case), assembler_of(stream_of(case))
     byte_ns = case.byte_ns
     clock = times or (lambda offset: round(offset * byte_ns))
     scans: list[Scan] = []

@@ -1,0 +1,41 @@
+"""Hokuyo URG-04LX, UST-10LX, UST-20LX and UTM-30LX: SCIP 2.0 over serial ports, USB and TCP.
+
+Sources throughout: the SCIP 2.0 specification, urg_library 1.2.7 and hokuyolx 0.9.0. Nothing was tried on a device.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from lidario.families.base import Family, Timing
+from lidario.families.hokuyo.device import FORMATS, HokuyoDevice
+from lidario.families.hokuyo.raw import find_stream, stream_of, stream_of_mode
+
+__all__ = ["FAMILY"]
+
+SIMULATED: Final = ("hokuyo-urg04lx", "hokuyo-ust10lx", "hokuyo-ust20lx", "hokuyo-utm30lx")
+"""The names of `simulated.PROFILES`, repeated here so that users of a real device do not load the simulated one."""
+
+FAMILY: Final = Family(
+    name="hokuyo",
+    title="Hokuyo",
+    # By USB any speed will do, and most are had so. A serial port begins at 19200.
+    baudrates=(115_200, 19_200),
+    timing=Timing(
+        # A scan comes every 100 ms at most.
+        quiet_s=0.12,
+        drain_s=1.0,
+        # In no document: RS sets everything back and is answered at once.
+        boot_s=3.0,
+        boot_poll_s=0.25,
+        forget_s=0.5,
+        probe_s=0.15,
+    ),
+    device=HokuyoDevice,
+    formats=FORMATS,
+    simulated=SIMULATED,
+    find_stream=find_stream,
+    stream_of=stream_of,
+    stream_of_mode=stream_of_mode,
+)
+"""The family's row of the registry."""

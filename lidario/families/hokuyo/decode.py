@@ -1,0 +1,97 @@
+"""Blocks to arrays. One block is one whole scan, so nothing lies across a seam and nothing is missing inside.
+
+The angle of step n is (n - AFRT) * 360 / ARES counter-clockwise (urg_library 1.2.7, ``urg_utils.c``); ours are
+clockwise, so they fall. A distance below DMIN is the code of an error, one beyond DMAX no return.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.families.base import Samples, SteadySamples
+from lidario.families.hokuyo.formats import DistanceFormat, characters, range_of, values
+from lidario.families.hokuyo.geometry import Geometry
+from lidario.wire.blocks import packet_offsets
+from lidario.wire.events import Packets
+
+__all__ = ["STRENGTH_SHIFT", "BlockDecoder"]
+
+STRENGTH_SHIFT: Final = 4
+"""Intensities have up to 18 bits on the wire, of which devices use about 12: 4095 becomes 255, and so does more."""
+
+
+class BlockDecoder:
+    """Decodes the blocks of one stream; obeys `Decoder`. It remembers nothing from one to the next.
+
+    Args:
+        wire: The format of the stream.
+        geometry: What the device told of its field.
+    """
+
+    def __init__(self, wire: type[DistanceFormat], geometry: Geometry) -> None:
+        self._numbers = wire.characters // 3
+        self._geometry = geometry
+
+    def tell_time(self, sample_ns: float) -> None:
+        """As `Decoder.tell_time`; nothing here depends on it."""
+
+    def fork(self) -> Self:
+        """As `Decoder.fork`."""
+        return self
+
+    def decode(
+        self,
+        packets: Packets,
+        following: bytes | None,  # noqa: ARG002
+        room: int = 0,
+        seam: int | None = None,  # noqa: ARG002
+    ) -> Samples:
+        """As `Decoder.decode`."""
+        offsets = packet_offsets(packets.blocks)
+        blocks = [packets.data[at:end] for at, end in pairwise(offsets)]
+        steps = [np.arange(first, last + 1) for first, last in map(range_of, blocks)]
+        table = values(np.concatenate([characters(each) for each in blocks]), 3).reshape(-1, self._numbers)
+        ends = np.cumsum([len(each) for each in steps]).tolist()
+        angle, distance = np.empty(room + ends[-1], np.float32), np.empty(room + ends[-1], np.float32)
+        angle[room:] = self._degrees(np.concatenate(steps))
+        of, far = self._geometry, table[:, 0]
+        distance[room:] = np.where((of.nearest <= far) & (far <= of.farthest), far, 0)
+        strength = None
+        if self._numbers > 1:
+            strength = np.empty(len(angle), np.uint8)
+            strength[room:] = np.minimum(table[:, 1] >> STRENGTH_SHIFT, 255)
+        return Samples(
+            angle_deg=angle,
+            distance_mm=distance,
+            intensity=strength,
+            before_seam=ends[-1],
+            ends=ends,
+            lost=0,
+            unbroken=len(blocks),
+            revolution_packets=1.0,
+            revolution_samples=float(of.turn),
+            reported_rpm=math.nan,
+        )
+
+    def decode_steady(
+        self,
+        packets: Packets,  # noqa: ARG002
+        following: bytes,  # noqa: ARG002
+        ends: Sequence[int],  # noqa: ARG002
+        room: int = 0,  # noqa: ARG002
+        seam: int | None = None,  # noqa: ARG002
+    ) -> SteadySamples | None:
+        """As `Decoder.decode_steady`: never, for a scan needs no other."""
+        return None
+
+    def _degrees(self, steps: NDArray[np.int_]) -> NDArray[np.float32]:
+        angles = ((self._geometry.front - steps) * 360.0 / self._geometry.turn % 360.0).astype(np.float32)
+        # Just below 360 degrees, single precision rounds up to 360.
+        angles[angles >= 360.0] = 0.0
+        return angles

@@ -1,0 +1,179 @@
+"""The block of lines that is one whole scan.
+
+::
+
+    MD0044072501000   echo of the request: first and last step, steps joined, scans left out, scans still to come
+    99b               status: data follow
+    ooe4g             time in ms, 24 bits, and a check character
+    0F]0FT...M        distances, three characters each; 64 characters a line, and a check character behind them
+    (an empty line)
+
+``ME`` has an intensity of three characters behind each distance. A character holds six bits, the most significant
+first, plus 30 hexadecimal. A value may lie across the end of a line (SCIP 2.0 specification). How long a block is,
+follows from its echo. A block with a status other than 99 has no data; ``0M`` comes while the speed is not stable.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.families.hokuyo.commands import check_of
+from lidario.families.hokuyo.geometry import MOST_STEP, Geometry
+from lidario.wire.blocks import Block, join_blocks, packet_offsets
+from lidario.wire.events import Packets
+from lidario.wire.formats import BEGINS, NO_PACKET, Headings, StreamFormat, Stretch, Ticks
+
+__all__ = ["HEAD", "DistanceFormat", "StrengthFormat", "characters", "range_of", "values"]
+
+ECHO: Final = 16
+"""Bytes of the echo, with its line feed."""
+HEAD: Final = ECHO + 4 + 6
+"""With the status and the time."""
+LINE: Final = 64
+"""Characters of a full line."""
+_RECORD: Final = ECHO + 4 + 1
+_DATA: Final = b"99b\n"
+
+
+class DistanceFormat(StreamFormat):
+    """Blocks of ``MD``: distances alone.
+
+    Args:
+        geometry: What the device told of its field; None for blocks of any field.
+    """
+
+    name = "MD"
+    response_type = 0x4D
+    word: bytes = b"MD"
+    characters: int = 3
+    full_turn = 360
+    first_seam = None
+    self_evident = True
+    ticks: Ticks | None = Ticks(1_000_000, 1 << 24)
+    whole = True
+
+    def __init__(self, geometry: Geometry | None = None) -> None:
+        super().__init__()
+        field = b"\\d{8}" if geometry is None else b"%04d%04d" % (geometry.first, geometry.last)
+        # Short, for a longer one could be missed where bytes end in its midst.
+        self.header: re.Pattern[bytes] = re.compile(self.word)
+        self._head: re.Pattern[bytes] = re.compile(self.word + field + rb"01\d{3}\n[0-9][0-9A-Z].\n")
+        self._turn = 1 if geometry is None else geometry.turn
+        if geometry is None:
+            self.samples = 1
+            self.shortest, self.longest = self._size(1), self._size(MOST_STEP + 1)
+        else:
+            self.samples = geometry.steps
+            self.shortest = self.longest = self._size(geometry.steps)
+            step = 360 / geometry.turn
+            # Half a step around each sample belongs to it.
+            self.begin_deg = ((geometry.front - geometry.first + 0.5) * step) % 360
+            self.field_deg = -geometry.steps * step
+
+    @property
+    def pitch(self) -> int:
+        """As `StreamFormat.pitch`: a turn, with what lies behind the device."""
+        return self._turn
+
+    def _size(self, steps: int) -> int:
+        """Bytes of a block of so many steps."""
+        count = steps * self.characters
+        return HEAD + count + 2 * -(-count // LINE) + 1
+
+    def measure(self, data: bytearray, at: int) -> int:
+        """As `StreamFormat.measure`: the echo tells it."""
+        if len(data) - at < ECHO + 4:
+            return 0 if self.word.startswith(data[at : at + 2]) else NO_PACKET
+        found = self._head.match(data, at)
+        if found is None or not data.startswith(_DATA, at + ECHO):
+            return NO_PACKET
+        first, last = range_of(data, at)
+        return self._size(last - first + 1) if first <= last else NO_PACKET
+
+    def intact(self, data: bytearray, at: int, size: int) -> bool:
+        """As `StreamFormat.intact`: every line has its check character."""
+        end = at + size - 1
+        time = data[at + ECHO + 4 : at + HEAD]
+        if data[end] != 0x0A or time[5] != 0x0A or time[4] != check_of(time[:4]):
+            return False
+        full = (end - at - HEAD) // (LINE + 2)
+        rows = np.frombuffer(data, np.uint8, full * (LINE + 2), at + HEAD).reshape(full, LINE + 2)
+        sums = (np.add.reduce(rows[:, :LINE], axis=1, dtype=np.int64) & 0x3F) + 0x30
+        last = data[at + HEAD + rows.size : end]
+        return bool(
+            np.all(sums == rows[:, LINE])
+            and np.all(rows[:, LINE + 1] == 0x0A)
+            and (not last or (last[-1] == 0x0A and last[-2] == check_of(last[:-2])))
+        )
+
+    def headings(self, packets: Packets) -> Headings:
+        """As `StreamFormat.headings`: each is the beginning of a scan."""
+        return [BEGINS] * packets.count
+
+    def stamps(self, packets: Packets) -> NDArray[np.int64]:
+        """As `StreamFormat.stamps`, in milliseconds."""
+        begins = packet_offsets(packets.blocks)[:-1]
+        times = b"".join([packets.data[at + ECHO + 4 : at + HEAD - 2] for at in begins])
+        return values(np.frombuffer(times, np.uint8), 4)
+
+    def samples_in(self, blocks: Iterable[Block]) -> int:
+        """As `StreamFormat.samples_in`."""
+        return sum(
+            (size - HEAD - 1 - 2 * -(-(size - HEAD - 1) // (LINE + 2))) // self.characters * packets
+            for size, packets in blocks
+        )
+
+    def other_record(self, data: bytearray, at: int) -> int:
+        """As `StreamFormat.other_record`: a block without data."""
+        if len(data) - at < _RECORD:
+            return 0 if self.word.startswith(data[at : at + 2]) else NO_PACKET
+        status = data[at + ECHO : at + ECHO + 3]
+        if self._head.match(data, at) is None or status == _DATA[:3] or check_of(status[:2]) != status[2]:
+            return NO_PACKET
+        return _RECORD if data[at + _RECORD - 1] == 0x0A else NO_PACKET
+
+    def run(self, data: bytearray, at: int) -> Stretch:
+        """As `StreamFormat.run`; blocks may have different sizes."""
+        blocks: list[Block] = []
+        while len(data) - at >= self.shortest:
+            size = self.measure(data, at)
+            if not 0 < size <= len(data) - at or not self.intact(data, at, size):
+                break
+            join_blocks(blocks, (Block(size, 1),))
+            at += size
+        return Stretch(tuple(blocks), at, at)
+
+
+class StrengthFormat(DistanceFormat):
+    """Blocks of ``ME``: distances and intensities."""
+
+    name = "ME"
+    response_type = 0x45
+    word = b"ME"
+    characters = 6
+
+
+def range_of(data: bytes | bytearray, at: int = 0) -> tuple[int, int]:
+    """The first and the last step of the block at `at`."""
+    return int(data[at + 2 : at + 6]), int(data[at + 6 : at + 10])
+
+
+def characters(block: bytes) -> NDArray[np.uint8]:
+    """The characters of a block's values, without what ends the lines."""
+    body = np.frombuffer(block, np.uint8)[HEAD:-1]
+    full = len(body) // (LINE + 2) * (LINE + 2)
+    lines = body[:full].reshape(-1, LINE + 2)[:, :LINE].ravel()
+    return lines if full == len(body) else np.concatenate((lines, body[full:-2]))
+
+
+def values(text: NDArray[np.uint8], width: int) -> NDArray[np.int64]:
+    """Numbers of so many characters each."""
+    # Characters that none may be are kept within six bits: check characters do not exclude them.
+    digits = (text.astype(np.int64) - 0x30 & 0x3F).reshape(-1, width)
+    found: NDArray[np.int64] = digits @ (1 << 6 * np.arange(width - 1, -1, -1, dtype=np.int64))
+    return found

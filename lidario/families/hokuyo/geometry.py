@@ -1,0 +1,77 @@
+"""What the device tells of its field in response to ``PP``, which packets do not repeat.
+
+Names are those of the SCIP 2.0 specification. What a device claims is bounded before it decides any size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final, NamedTuple
+
+__all__ = ["MOST_STEP", "Geometry", "geometry_of"]
+
+MOST_STEP: Final = 9999
+"""The last step that four digits of a request can name."""
+_LIMITS: Final = {
+    "AMIN": (0, MOST_STEP),
+    "AMAX": (0, MOST_STEP),
+    "AFRT": (0, MOST_STEP),
+    "ARES": (4, 16_384),
+    "DMIN": (0, 0x3FFFF),
+    "DMAX": (1, 0x3FFFF),
+    "SCAN": (60, 60_000),
+}
+
+
+class Geometry(NamedTuple):
+    """Where the device looks. A step is a direction; steps count counter-clockwise.
+
+    Attributes:
+        first: The first step that it measures (AMIN).
+        last: The last one (AMAX).
+        front: The step straight ahead (AFRT).
+        turn: Steps of 360 degrees (ARES).
+        nearest: Shortest distance, mm (DMIN); numbers below it are codes of errors.
+        farthest: Longest distance, mm (DMAX).
+        rpm: Revolutions a minute (SCAN).
+    """
+
+    first: int
+    last: int
+    front: int
+    turn: int
+    nearest: int
+    farthest: int
+    rpm: int
+
+    @property
+    def steps(self) -> int:
+        """Samples of a whole scan."""
+        return self.last - self.first + 1
+
+    @property
+    def sample_us(self) -> float:
+        """Microseconds from step to step."""
+        return 60e6 / (self.rpm * self.turn)
+
+    @property
+    def text(self) -> str:
+        """All of it, as `geometry_of` reads it again."""
+        return ";".join(f"{name}:{value}" for name, value in zip(_LIMITS, self._row(), strict=True))
+
+    def _row(self) -> tuple[int, ...]:
+        return self.first, self.last, self.front, self.turn, self.nearest, self.farthest, self.rpm
+
+
+def geometry_of(told: Mapping[str, str]) -> Geometry | None:
+    """What the lines of a response tell, by their names; None where something is missing or cannot be."""
+    values: list[int] = []
+    for name, (least, most) in _LIMITS.items():
+        word = told.get(name, "")
+        if not (word.isascii() and word.isdigit() and len(word) <= 6 and least <= int(word) <= most):
+            return None
+        values.append(int(word))
+    first, last, front, turn, nearest, farthest, rpm = values
+    if not (first <= last < first + turn and nearest < farthest):
+        return None
+    return Geometry(first, last, front, turn, nearest, farthest, rpm)

@@ -1,0 +1,62 @@
+"""Recorded bytes of this family: a stream begins with its first block.
+
+Where the bytes hold the response to ``PP``, it tells the field. Else the first and the last step do: each kind of
+model has its own.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from lidario.families.base import Decoder, Known, RawStream, raw_stream
+from lidario.families.hokuyo.commands import read_lines
+from lidario.families.hokuyo.decode import BlockDecoder
+from lidario.families.hokuyo.device import FORMATS
+from lidario.families.hokuyo.formats import range_of
+from lidario.families.hokuyo.geometry import Geometry, geometry_of
+from lidario.model import ScanMode
+from lidario.wire.formats import StreamFormat
+
+__all__ = ["find_stream", "stream_of", "stream_of_mode"]
+
+_USUAL: Final = {
+    (44, 725): ("URG-04LX", Geometry(44, 725, 384, 1024, 20, 5600, 600)),
+    (0, 1080): ("UST-10LX, UST-20LX or UTM-30LX", Geometry(0, 1080, 540, 1440, 20, 60_000, 2400)),
+}
+_BLOCK: Final = re.compile(rb"(M[DE])\d{8}01\d{3}\n99b\n")
+_FIELD: Final = re.compile(rb"PP\n(00P\n(?:[^\n]{1,80}\n){1,40})\n")
+
+
+def find_stream(data: memoryview, known: Known) -> RawStream | None:
+    """As `Family.find_stream`."""
+    found = _BLOCK.search(data)
+    if found is None:
+        return None
+    begin, told = found.start(), _FIELD.search(data)
+    lines = None if told is None else read_lines(told[1].rstrip(b"\n"))
+    title, geometry = "", None if lines is None else geometry_of(lines.lines)
+    if geometry is None:
+        title, geometry = _USUAL.get(range_of(bytes(data[begin : begin + 16])), ("", None))
+    if geometry is None:
+        return None
+    kind = next(each for each in FORMATS if each.word == found[1])
+    guess = "" if not title else f"taken for a {title}, by its first and last step: nothing else tells its field"
+    sample_us = known.sample_us or geometry.sample_us
+    return raw_stream(
+        begin, kind(geometry), BlockDecoder(kind, geometry), sample_us, title and f"Hokuyo {title}", guess
+    )
+
+
+def stream_of(response_type: int) -> tuple[StreamFormat, Decoder] | None:
+    """As `Family.stream_of`: with the commonest field, where none is known."""
+    _, geometry = _USUAL[44, 725]
+    kind = next((each for each in FORMATS if each.response_type == response_type), None)
+    return None if kind is None else (kind(geometry), BlockDecoder(kind, geometry))
+
+
+def stream_of_mode(mode: ScanMode) -> tuple[StreamFormat, Decoder] | None:
+    """As `Family.stream_of_mode`: the mode tells the field."""
+    kind = next((each for each in FORMATS if each.response_type == mode.response_type), None)
+    geometry = geometry_of(dict(part.partition(":")[::2] for part in mode.details.split(";")))
+    return None if kind is None or geometry is None else (kind(geometry), BlockDecoder(kind, geometry))

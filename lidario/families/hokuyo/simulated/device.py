@@ -1,0 +1,292 @@
+"""The device side: it listens to lines of text, and measures only when it is told to.
+
+The motor of a real device turns as long as it has power, and nothing can be asked of it. So ``motor_on`` tells of
+the laser, which ``BM`` and a request to measure switch on, and ``QT`` and ``RS`` off; `Chassis.spin_up_s` is how
+long the first scan waits for it. A scan begins every turn, and is sent when its last step was measured. Its clock
+is that of its first step.
+
+Made up, for no document at hand tells it: an empty line has no response; a word that is not known, and a wrong
+number of parameters, has status 0E; parameters that cannot be have 05; steps that are joined tell the nearest
+distance; a device whose laser failed refuses with 01, and says so in ``II``; ``RS`` is obeyed without a response.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from lidario.families.hokuyo.simulated.packers import pack_block, pack_lines, pack_status
+from lidario.families.hokuyo.simulated.profiles import BAUDRATE, PROFILES, USB, Profile, texts_of
+from lidario.sim.chassis import Chassis, Maker, maker
+from lidario.sim.line import TransmitQueue
+from lidario.sim.world import WorldLike
+
+__all__ = ["PROFILES", "Profile", "SimulatedHokuyo", "describe", "make_simulated"]
+
+_LONGEST_LINE = 80
+_AHEAD = 4  # scans that are built together
+_NAMES = {
+    "VV": "get_info", "PP": "get_parameters", "II": "get_health", "BM": "laser_on", "QT": "stop", "RS": "reset",
+    "MD": "start", "ME": "start_intensity", "GD": "get_scan", "GE": "get_scan_intensity", "TM": "clock",
+    "SS": "set_speed", "HS": "sensitivity", "CR": "motor_speed",
+}  # fmt: skip
+_MEASURE = re.compile(r"(M[DE])(\d{4})(\d{4})(\d{2})(\d)(\d{2})", re.ASCII)
+_ONCE = re.compile(r"(G[DE])(\d{4})(\d{4})(\d{2})", re.ASCII)
+
+
+@dataclass(slots=True)
+class _Stream:
+    """What is measured, until it is told to stop."""
+
+    echo: str
+    word: str
+    first: int
+    last: int
+    cluster: int
+    every: int
+    left: int | None
+    origin: int
+    scans: int = 0
+
+
+class SimulatedHokuyo(Chassis[_Stream]):
+    """One simulated device; obeys `lidario.sim.device.SimulatedDevice`.
+
+    Args:
+        profile: What it is.
+        world: What it sees; the furnished room by default.
+        serial: Its serial number; drawn from the seed by default.
+        seed: Decides noise, serial number and clock.
+
+    Attributes:
+        profile: What it is; this and more as in `Chassis`.
+    """
+
+    def __init__(
+        self,
+        profile: Profile,
+        *,
+        world: WorldLike | None = None,
+        serial: bytes | str | None = None,
+        seed: int = 0,
+    ) -> None:
+        super().__init__(BAUDRATE, world, seed, profile.model)
+        self.profile = profile
+        self._queue = TransmitQueue(profile.line)
+        number = f"H{self._random.integers(10**7):07}"
+        self._serial = number if serial is None else serial if isinstance(serial, str) else serial.decode("ascii")
+        if not re.fullmatch(r"[A-Za-z0-9-]{1,20}", self._serial, re.ASCII):
+            raise ValueError("a serial number is 1 to 20 letters and digits")
+        self._clock_ns = int(self._random.integers(1 << 24)) * 1_000_000
+        self.spin_up_s = 0.05
+        self._period = 60_000_000_000 // profile.rpm
+        self._step_ns = 60e9 / profile.rpm / profile.turn
+        self._begun = b""
+        self._adjusting = False
+
+    # --------------------------------------------------------------------------------------------------- the line
+
+    def receive(self, data: bytes, now: int) -> None:
+        """Take bytes; a line is obeyed at its end."""
+        self._advance(now)
+        *lines, rest = (self._begun + data).replace(b"\r", b"\n").split(b"\n")
+        self._begun = rest[-_LONGEST_LINE - 1 :]
+        for line in lines:
+            if line:
+                self._consider(line, now)
+
+    def wakeup(self, now: int) -> int | None:
+        """When the next scan or response will have left."""
+        at = self._queue.wakeup(now)
+        if at is None and self._stream is not None:
+            at = max(now, self._ready(self._stream))
+        return at
+
+    def begin_streaming(self, now: int) -> None:
+        """Be in the middle of a scan, as for a program that was killed."""
+        self._now = now
+        self._spin_at_once(self.profile.rpm, now)
+        first, last = self.profile.span
+        self._obey("MD", f"MD{first:04}{last:04}01000", now)
+        assert self._stream is not None
+        self._stream.origin = now - self._period * 5 // 4
+        self._queue.take(now)
+        self._advance(now)
+
+    def protection_stop(self, error_code: int) -> None:
+        """Fail: the laser goes off, and nothing is measured any more."""
+        self._fault(error_code)
+        self._laser_off(self._now)
+
+    # ----------------------------------------------------------------------------------------------- its requests
+
+    def _consider(self, line: bytes, now: int) -> None:
+        text = line.decode("latin-1")
+        name, why = _NAMES.get(text[:2], "unknown"), ""
+        if now < self._deaf_until:
+            self._log.add(now, name, line + b"\n", self._deaf_why)
+            return
+        if not text.isascii() or len(text) > _LONGEST_LINE or text[:2] not in _NAMES:
+            why = "unknown to this device"
+        elif self._adjusting and text not in ("TM1", "TM2", "QT", "RS"):
+            why = "while its clock is adjusted"
+        if why:
+            self._respond(pack_status(line, b"0E"), now, name)
+        else:
+            why = self._obey(text[:2], text, now)
+        self._log.add(now, name, line + b"\n", why)
+
+    def _obey(self, word: str, text: str, now: int) -> str:
+        """Do what is asked, and respond; why not, in the words of the log."""
+        echo, tell = text.encode("ascii"), self._texts(now).get(text)
+        if tell is not None:
+            lines = pack_lines(echo, tell, counts_semicolon=self.profile.counts_semicolon)
+            self._respond(self._garbled(lines), now, text)
+            return ""
+        if word in ("MD", "ME", "GD", "GE"):
+            return self._measure(text, now)
+        acts: dict[str, Callable[[], str]] = {
+            "QT": lambda: self._laser_off(now),
+            "RS": lambda: self._reset(now),
+            "BM": lambda: self._laser_on(now),
+            "TM0": lambda: self._adjust(begins=True),
+            "TM1": lambda: "00",
+            "TM2": lambda: self._adjust(begins=False),
+            "HS0": lambda: "00",
+            "HS1": lambda: "00",
+            "CR00": lambda: "00",
+        }
+        act = acts.get(text)
+        status = "0F" if word == "SS" else "0E" if act is None else act()
+        if word == "RS":
+            return ""
+        self._respond(pack_status(echo, status.encode()), now, text)
+        return "" if status in ("00", "02") else f"refused with status {status}"
+
+    def _texts(self, now: int) -> dict[str, list[str]]:
+        laser, clock = "ON" if self.motor_on else "OFF", self._clock(now)
+        state = f"malfunction {self.health[1]}" if self.health[0] else "Sensor works well."
+        return texts_of(self.profile, self._serial, laser, "Measuring" if self.scanning else "Idle", clock, state)
+
+    def _measure(self, text: str, now: int) -> str:
+        found = _MEASURE.fullmatch(text) or _ONCE.fullmatch(text)
+        word, status = text[:2], "00"
+        if found is None or (word[1] == "E" and not self.profile.intensity):
+            status = "0E"
+        elif self.health[0]:
+            status = "01"
+        elif not self.profile.span[0] <= int(found[2]) <= int(found[3]) <= self.profile.span[1]:
+            status = "05"
+        elif word[0] == "G" and not self.motor_on:
+            status = "10"
+        if status != "00" or found is None:
+            self._respond(pack_status(text.encode(), status.encode()), now, text)
+            return f"refused with status {status}"
+        self._end_stream(now)
+        if word[0] == "M":
+            self._laser_on(now)
+            self._respond(pack_status(text.encode(), b"00"), now, text)
+        origin = max(self._response_at(now), self._motor.stable_at or 0)
+        first, last, cluster = int(found[2]), int(found[3]), max(int(found[4]), 1)
+        if word[0] == "G":
+            stream = _Stream(text, word, first, last, cluster, 1, 1, origin)
+            self._respond(self._block(stream, origin, 0).replace(b"\n99b\n", b"\n00P\n", 1), origin, text)
+        else:
+            count = int(found[6])
+            self._stream = _Stream(text, word, first, last, cluster, int(found[5]) + 1, count or None, origin)
+        return ""
+
+    def _laser_on(self, now: int) -> str:
+        if self.health[0]:
+            return "01"
+        if self.motor_on:
+            return "02"
+        self._motor.set_rpm(self.profile.rpm, now)
+        return "00"
+
+    def _laser_off(self, now: int) -> str:
+        self._end_stream(now)
+        self._motor.set_rpm(0.0, now)
+        return "00"
+
+    def _adjust(self, *, begins: bool) -> str:
+        if begins == self._adjusting:
+            return "02"
+        if begins and self._stream is not None:
+            return "0A"
+        self._adjusting = begins
+        return "00"
+
+    def _reset(self, now: int) -> str:
+        self._end_stream(now)
+        self._restart(now, now + round(self.boot_s * 1e9))
+        return "00"
+
+    def _respond(self, response: bytes, now: int, request: str) -> None:
+        self._respond_with(response, self._response_at(now), request)
+
+    # --------------------------------------------------------------------------------------------------- its scans
+
+    def _clock(self, now: int) -> int:
+        return (now + self._clock_ns) // 1_000_000 % (1 << 24)
+
+    def _ready(self, stream: _Stream) -> int:
+        """When the next scan that is not built yet will have been measured."""
+        begins = stream.origin + stream.scans * stream.every * self._period
+        return begins + round((stream.last - stream.first + 1) * self._step_ns)
+
+    def _advance(self, now: int) -> None:
+        self._now = now = max(self._now, now)
+        while (stream := self._stream) is not None and self._ready(stream) <= now:
+            count = _AHEAD if stream.left is None else min(stream.left, _AHEAD)
+            ready, blocks = self._ready(stream), []
+            for _ in range(count):
+                left = 0 if stream.left is None else stream.left - 1
+                begins = stream.origin + stream.scans * stream.every * self._period
+                blocks.append(self._block(stream, begins, left))
+                stream.left = None if stream.left is None else left
+                stream.scans += 1
+            self._queue.push(b"".join(blocks), ready, size=len(blocks[0]), period=stream.every * self._period)
+            if stream.left == 0:
+                self._stream = None
+
+    def _block(self, stream: _Stream, begins: int, left: int) -> bytes:
+        of = self.profile
+        steps = np.arange(stream.first, stream.last + 1)
+        times = begins + (steps - stream.first).astype(np.float64) * self._step_ns
+        mm = self._world.ranges_mm((of.front - steps).astype(np.float64) * (360.0 / of.turn), times * 1e-9)
+        mm = np.where((mm < of.reach_mm[0]) | (mm > of.reach_mm[1]), of.nothing, np.rint(mm))
+        strength = np.where((mm >= of.reach_mm[0]) & (mm <= of.reach_mm[1]), np.clip(4000 - mm / 10, 200, 4000), 0)
+        values = self._joined(mm, stream.cluster)
+        if stream.word[1] == "E":
+            values = np.stack((values, self._joined(strength, stream.cluster)), axis=1).ravel()
+        echo = stream.echo if stream.word[0] == "G" else f"{stream.echo[:-2]}{left:02}"
+        return pack_block(echo.encode(), self._clock(begins), values)
+
+    @staticmethod
+    def _joined(numbers: npt.NDArray[np.float64], cluster: int) -> npt.NDArray[np.int64]:
+        whole = numbers.astype(np.int64)
+        return whole if cluster == 1 else np.minimum.reduceat(whole, np.arange(0, len(whole), cluster))
+
+    def _restart(self, now: int, up: int) -> None:
+        self._forget(now)
+        self._begun, self._adjusting = b"", False
+        self._recover()
+        self._motor.set_rpm(0.0, now)
+        self._deaf_until, self._deaf_why = up, "still booting"
+
+
+make_simulated: Maker[SimulatedHokuyo] = maker(SimulatedHokuyo, PROFILES)
+"""Builds a simulated device by the name of its profile, such as ``"hokuyo-ust10lx"``."""
+
+
+def describe(model: str) -> str:
+    """What a model is, in a few words."""
+    of = PROFILES[model]
+    line = "USB" if of.line == USB else "TCP"
+    degrees = (of.span[1] - of.span[0]) * 360 / of.turn
+    return f"{line}, {of.rpm // 60} scans/s of {of.span[1] - of.span[0] + 1} steps, {degrees:.0f} degrees"

@@ -1,0 +1,51 @@
+"""Lines as the device writes them, from the SCIP 2.0 specification alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["pack_block", "pack_lines", "pack_status", "sealed"]
+
+_LINE = 64
+
+
+def sealed(text: bytes) -> bytes:
+    """A line with its check character and its end."""
+    return text + bytes((sum(text) % 64 + 48,)) + b"\n"
+
+
+def pack_status(echo: bytes, status: bytes) -> bytes:
+    """A response that is a status alone."""
+    return echo + b"\n" + sealed(status) + b"\n"
+
+
+def pack_lines(echo: bytes, lines: Sequence[str], *, counts_semicolon: bool) -> bytes:
+    """A response of lines such as ``MODL:URG-04LX``; the ``;`` behind each belongs to its sum or does not."""
+    written = b""
+    for line in lines:
+        text = line.encode("ascii")
+        written += sealed(text + b";") if counts_semicolon else text + b";" + sealed(text)[-2:]
+    return echo + b"\n" + sealed(b"00") + written + b"\n"
+
+
+def pack_block(echo: bytes, milliseconds: int, numbers: npt.NDArray[np.int64], *, width: int = 3) -> bytes:
+    """One scan.
+
+    Args:
+        echo: The request, with the scans that are still to come at its end.
+        milliseconds: The clock of the device.
+        numbers: What was measured, in the order of the wire.
+        width: Characters of each.
+    """
+    text = _encoded(numbers, width)
+    lines = [sealed(text[at : at + _LINE]) for at in range(0, len(text), _LINE)]
+    clock = _encoded(np.array([milliseconds]), 4)
+    return echo + b"\n" + sealed(b"99") + sealed(clock) + b"".join(lines) + b"\n"
+
+
+def _encoded(numbers: npt.NDArray[np.int64], width: int) -> bytes:
+    digits = [numbers // 64 ** (width - 1 - place) % 64 + 48 for place in range(width)]
+    return bytes(np.stack(digits, axis=1).astype(np.uint8).ravel())

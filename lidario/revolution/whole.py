@@ -1,0 +1,177 @@
+"""From packets that are whole scans to scans: each is delivered when it came, without waiting for the next.
+
+There is no seam to look for, and nothing is missing inside of a scan. What may be missing are whole ones, since one
+byte that is damaged costs all of them. The device's clock in the packets, or else the time between them, tells how
+many. What lies beside the field of the device was never measured, and so is neither missing nor lost.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from typing import Final
+
+import numpy as np
+
+from lidario.families.base import Stream
+from lidario.measured import later
+from lidario.revolution.assemble import Assembler
+from lidario.revolution.build import DatedRevolution, turned_by
+from lidario.revolution.partial import SampleArrays, part_of
+from lidario.revolution.sectors import SectorAssembler
+from lidario.revolution.stats import AssemblerStats
+from lidario.revolution.timing import earliest_ns
+from lidario.scan import Scan
+from lidario.sector import Sector
+from lidario.wire.blocks import packet_offsets
+from lidario.wire.events import Packets
+
+__all__ = ["WholeAssembler", "WholeSectors", "assembler_of", "sector_assembler_of", "sectors_of"]
+
+_LEAP_NS: Final = 60_000_000_000
+_MOST_UNSEEN: Final = 1_000_000
+"""Scans that may be missing at most: times come from the device, a peer or a file."""
+
+
+class WholeAssembler(Assembler):
+    """Builds the scans of one stream whose packets are whole scans; as `Assembler`."""
+
+    def __init__(
+        self, stream: Stream, baudrate: int = 0, wall_offset_ns: int = 0, stats: AssemblerStats | None = None
+    ) -> None:
+        super().__init__(stream, baudrate, wall_offset_ns, stats)
+        self._last_ns: int | None = None
+
+    def ends(self, event: Packets) -> Iterator[list[Scan]]:
+        """As `Assembler.ends`."""
+        event, _ = self.incoming.take(event)
+        if not event.data:
+            return
+        offsets, done = packet_offsets(event.blocks), 0
+        self.stats.unfinished_packets += event.count
+        try:
+            for number, came_ns in enumerate(self._came(event)):
+                part = part_of(event, number, number + 1, offsets, self._stream.format, self._stream.sample_ns)
+                done += 1
+                scan = self._scan_of(part, came_ns)
+                self.stats.finish(1, delivered=True)
+                self._told(scan)
+                yield [scan]
+        finally:
+            self.stats.finish(event.count - done, delivered=False)
+
+    def _told(self, scan: Scan) -> None:
+        """A scan is about to be delivered."""
+
+    def _came(self, event: Packets) -> list[float]:
+        """When each packet would have come if it were not delayed: by the device's clock, where it has one."""
+        wire, count, turn_ns = self._stream.format, event.count, self._turn_ns
+        if wire.ticks is not None:
+            tick_ns, wrap = wire.ticks
+            apart = np.diff(wire.stamps(event)) % wrap * float(tick_ns)
+            # A clock that leaps was set back, as where the device was restarted.
+            apart[apart > _LEAP_NS] = turn_ns
+            behind = np.cumsum(np.append(apart, 0.0)[::-1])[::-1]
+            return [event.received_ns - each for each in behind.tolist()]
+        found: list[float] = []
+        for end, at_ns in event.arrivals:
+            found += [at_ns - (end - 1 - number) * turn_ns for number in range(len(found), min(end, count))]
+        return found
+
+    @property
+    def _turn_ns(self) -> float:
+        return self._stream.format.pitch * self._stream.sample_ns
+
+    def _scan_of(self, packet: Packets, came_ns: float) -> Scan:
+        stream = self._stream
+        samples = stream.decoder.decode(packet, None)
+        count, sample_ns, turn_ns = len(samples.distance_mm), stream.sample_ns, self._turn_ns
+        wire_ns = len(packet.data) * self._byte_ns
+        start_ns = earliest_ns([came_ns - (count - 1) * sample_ns], sample_ns, wire_ns)
+        interval_ns = turn_ns or math.nan
+        if self._last_ns is not None and turn_ns:
+            start_ns = max(start_ns, self._last_ns)
+            unseen = min(max(round((start_ns - self._last_ns) / turn_ns) - 1, 0), _MOST_UNSEEN)
+            interval_ns = (start_ns - self._last_ns) / (unseen + 1)
+            self.stats.missed_scans += unseen
+            self.stats.lost_packets += unseen
+        self._last_ns = start_ns
+        arrays = SampleArrays(
+            turned_by(samples.angle_deg, stream.zero_offset_deg), samples.distance_mm, samples.intensity
+        )
+        made = DatedRevolution(arrays, start_ns, count * sample_ns, interval_ns, samples.reported_rpm)
+        scan = self._deliver(made, sample_ns, 0)
+        if self._next_offset_deg is not None:
+            self.set_zero_offset(self._next_offset_deg)
+        return scan
+
+
+class WholeSectors(WholeAssembler):
+    """As `WholeAssembler`, and hands out the sectors of each scan before it.
+
+    Args:
+        other: An assembler of that stream, which is not used any more. This one goes on where it stands.
+        publish: Called with how many sectors of its size a revolution has, and the sector.
+    """
+
+    def __init__(self, other: Assembler, publish: Callable[[int, Sector], None]) -> None:
+        vars(self).update(vars(other))
+        self._publish_sector = publish
+        self._parts: tuple[int, ...] = ()
+
+    def divide(self, parts: Iterable[int]) -> None:
+        """As `SectorAssembler.divide`."""
+        self._parts = tuple(sorted(parts))
+
+    @property
+    def next_ns(self) -> float:
+        """As `SectorAssembler.next_ns`: all come with the scan."""
+        return math.nan
+
+    def _told(self, scan: Scan) -> None:
+        for count in self._parts:
+            for sector in sectors_of(scan, count):
+                self._publish_sector(count, sector)
+
+
+def sectors_of(scan: Scan, count: int) -> list[Sector]:
+    """A whole scan as so many sectors of a turn; those beside the field of the device hold no samples."""
+    step = abs(scan.field_of_view) / len(scan) if len(scan) else 360.0
+    turn_ns = 360.0 / step * scan.time_increment_ns
+    found: list[Sector] = []
+    for index in range(count):
+        # Sample i covers the directions from i steps to i + 1.
+        begin, end = (min(math.ceil(360.0 / count * at / step - 0.5), len(scan)) for at in (index, index + 1))
+        begins_ns = begin * scan.time_increment_ns if begin < len(scan) else round(turn_ns * index / count)
+        sector = Sector(
+            device_angles=scan.device_angles[begin:end],
+            device_distances=scan.device_distances[begin:end],
+            intensities=None if scan.intensities is None else scan.intensities[begin:end],
+            stamp_ns=scan.stamp_ns,
+            wall_stamp_ns=scan.wall_stamp_ns,
+            time_increment_ns=scan.time_increment_ns,
+            duration_ns=(end - begin) * scan.time_increment_ns,
+            rpm=scan.rpm,
+            seq=scan.seq,
+            index=index,
+            degrees=360.0 / count,
+            dropped_before=0,
+            lost_packets=0,
+            mode=scan.mode,
+            max_range=scan.max_range,
+        )
+        found.append(later(sector, begins_ns))
+    return found
+
+
+def assembler_of(
+    stream: Stream, baudrate: int = 0, wall_offset_ns: int = 0, stats: AssemblerStats | None = None
+) -> Assembler:
+    """What builds the scans of a stream; the arguments are those of `Assembler`."""
+    made = WholeAssembler if stream.format.whole else Assembler
+    return made(stream, baudrate, wall_offset_ns, stats)
+
+
+def sector_assembler_of(other: Assembler, publish: Callable[[int, Sector], None]) -> SectorAssembler | WholeSectors:
+    """What builds them and their sectors; the arguments are those of `SectorAssembler`."""
+    return WholeSectors(other, publish) if isinstance(other, WholeAssembler) else SectorAssembler(other, publish)

@@ -1,0 +1,153 @@
+"""Blocks in bytes: found in pieces of any size, refused where one character is wrong, and bounded."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lidario.families.hokuyo.commands import check_of, measure, read_lines
+from lidario.families.hokuyo.formats import DistanceFormat, StrengthFormat
+from lidario.families.hokuyo.geometry import Geometry, geometry_of
+from lidario.wire.events import Descriptor, Packets, Response
+from lidario.wire.formats import BEGINS, NO_PACKET
+from lidario.wire.link import Link
+from lidario.wire.states import LinkState
+from tests.families.hokuyo.about import CASES, GEOMETRY, LAYOUTS
+from tests.reference import golden, hokuyo
+from tests.support.contents import any_packets
+from tests.support.streams import in_one_run
+
+RAW = golden.load("hokuyo_urg04lx_10hz").raw
+BLOCKS = hokuyo.split(RAW)
+TOLD = {name: text for name, _, text in (each.partition(":") for each in GEOMETRY.text.split(";"))}
+
+
+def parsed(wire: DistanceFormat, raw: bytes, sizes: list[int]) -> tuple[list[bytes], int, int]:
+    """The blocks that a link finds, and how many bytes it skips and takes for records."""
+    link = Link()
+    link.enter_stream(wire)
+    found, at, turn = b"", 0, 0
+    while at < len(raw):
+        size = sizes[turn % len(sizes)]
+        link.receive_data(raw[at : at + size], at)
+        found += b"".join(event.data for event in link.events_received() if isinstance(event, Packets))
+        at, turn = at + size, turn + 1
+    return hokuyo.split(found) if found else [], link.stats.skipped_bytes, link.stats.record_bytes
+
+
+def test_the_response_and_the_stream_behind_it_are_parsed_in_pieces() -> None:
+    for size in (1, 7, 64, 4096, len(RAW)):
+        link = Link()
+        link.send_request(measure("MD", 44, 725, DistanceFormat(GEOMETRY)))
+        assert link.data_to_send() == b"MD0044072501000\n"
+        events = []
+        for at in range(0, len(RAW), size):
+            link.receive_data(RAW[at : at + size], at)
+            events += link.events_received()
+        assert events[0] == Descriptor(0x4D, 0, continuous=True)
+        assert sum(event.count for event in events[1:] if isinstance(event, Packets)) == len(BLOCKS) == 20
+        assert (link.stats.skipped_bytes, link.stats.stray_bytes, link.buffered) == (0, 0, 0)
+        assert link.stats.response_bytes == len(RAW) - sum(map(len, BLOCKS))
+
+
+def test_a_refused_stream_does_not_begin() -> None:
+    link = Link()
+    link.send_request(measure("ME", 44, 725, StrengthFormat(GEOMETRY)))
+    link.receive_data(b"ME0044072501000\n0Ee\n\n", 1)
+    assert link.events_received() == [Response(0x45, b"0Ee", 1)]
+    assert link.state is LinkState.IDLE
+
+
+@pytest.mark.parametrize("place", [0, 5, 17, 18, 21, 25, 26, 100, 91, 92, 2100, 2134, 2135, 2136])
+def test_a_wrong_character_costs_its_block_and_no_other(place: int) -> None:
+    block = bytearray(BLOCKS[4])
+    block[place] ^= 1
+    for wire in (DistanceFormat(GEOMETRY), DistanceFormat()):
+        found, skipped, _ = parsed(wire, b"".join([*BLOCKS[:4], bytes(block), *BLOCKS[5:]]), [97])
+        assert found == BLOCKS[:4] + BLOCKS[5:]
+        assert skipped == len(block)
+
+
+@given(cut=st.integers(0, 2137), rest=st.integers(0, 2137), sizes=st.lists(st.integers(1, 3000), min_size=1))
+def test_what_is_cut_out_or_doubled_costs_what_it_touches(cut: int, rest: int, sizes: list[int]) -> None:
+    raw = b"".join([*BLOCKS[:3], BLOCKS[3][:cut], BLOCKS[4][rest:], *BLOCKS[5:8]])
+    found, skipped, _ = parsed(DistanceFormat(GEOMETRY), raw, sizes)
+    whole = [*BLOCKS[:3], *([BLOCKS[3]] if cut == 2137 else []), *([BLOCKS[4]] if rest == 0 else []), *BLOCKS[5:8]]
+    spliced = BLOCKS[3][:cut] + BLOCKS[4][rest:]
+    if cut == rest and spliced not in (BLOCKS[3], BLOCKS[4]):
+        return  # two halves of which every line may be right
+    assert found == whole
+    assert skipped == len(raw) - sum(map(len, found))
+
+
+def test_a_block_without_data_is_a_record() -> None:
+    unstable = b"MD0044072501000\n0M" + bytes((check_of(b"0M"),)) + b"\n\n"
+    for size in (1, 50, 9999):
+        found, skipped, records = parsed(DistanceFormat(GEOMETRY), BLOCKS[0] + unstable + BLOCKS[1], [size])
+        assert (found, skipped, records) == (BLOCKS[:2], 0, len(unstable))
+
+
+def test_blocks_of_another_range_are_not_of_this_stream() -> None:
+    other = any_packets(CASES[0], 1, 2, wild=False)[0].replace(b"MD0044", b"MD0045")
+    assert DistanceFormat(GEOMETRY).measure(bytearray(other), 0) == NO_PACKET
+    assert StrengthFormat(GEOMETRY).measure(bytearray(BLOCKS[0]), 0) == NO_PACKET
+
+
+@pytest.mark.parametrize("case", [*CASES, *LAYOUTS], ids=lambda case: case.name)
+def test_sizes_samples_headings_and_stamps(case: object) -> None:
+    assert isinstance(case, type(CASES[0]))
+    packets = any_packets(case, 7, 3, wild=False)
+    for wire in (case.make_format(), type(case.make_format())()):
+        assert wire.measure(bytearray(packets[0]), 0) == len(packets[0])
+        run = in_one_run(wire, b"".join(packets))
+        assert wire.samples_in(run.blocks) == 3 * GEOMETRY.steps
+        assert wire.headings(run) == [BEGINS] * 3
+        np.testing.assert_array_equal(wire.stamps(run), [hokuyo.milliseconds(each) for each in packets])
+
+
+def test_no_claimed_size_is_beyond_the_longest() -> None:
+    for kind in (DistanceFormat, StrengthFormat):
+        wire = kind()
+        begin = kind.word + b"0000999901000\n99b\n"
+        assert wire.measure(bytearray(begin), 0) == wire.longest
+        assert wire.measure(bytearray(begin.replace(b"00009999", b"99990000")), 0) == NO_PACKET
+
+
+def test_the_semicolon_may_belong_to_the_sum_or_not() -> None:
+    inside = b"00P\nARES:1024;" + bytes((check_of(b"ARES:1024;"),))
+    outside = b"00P\nARES:1024;" + bytes((check_of(b"ARES:1024"),))
+    for payload in (inside, outside):
+        told = read_lines(payload)
+        assert told is not None
+        assert (told.status, told.lines) == ("00", {"ARES": "1024"})
+    assert read_lines(inside.replace(b"1024", b"1025")) is None
+    assert read_lines(b"00Q") is None
+
+
+def test_what_text_holds_is_bounded_and_printable() -> None:
+    line = b"SERI:\x1b[31m" + b"x" * 500
+    told = read_lines(b"00P\n" + line + bytes((check_of(line),)))
+    assert told is not None
+    assert len(told.lines["SERI"]) <= 80
+    assert told.lines["SERI"].isprintable()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"ARES": "0"}, {"ARES": "99999999"}, {"ARES": "-4"}, {"ARES": ""}, {"ARES": "\u0661\u0660"}, {"AMAX": "43"},
+        {"AMIN": "0", "AMAX": "1024"}, {"DMAX": "20"}, {"SCAN": "0"}, {"SCAN": "999999"},
+    ],
+)  # fmt: skip
+def test_a_field_that_cannot_be_is_refused(change: dict[str, str]) -> None:
+    assert geometry_of(TOLD) == GEOMETRY
+    assert geometry_of(TOLD | change) is None
+    assert geometry_of({name: text for name, text in TOLD.items() if name not in change}) is None
+
+
+def test_the_field_is_half_a_step_wider_than_its_samples() -> None:
+    wire = DistanceFormat(Geometry(0, 1080, 540, 1440, 20, 30_000, 2400))
+    assert (wire.begin_deg, wire.field_deg) == (135.125, -270.25)
+    assert (wire.samples, wire.pitch) == (1081, 1440)
