@@ -20,11 +20,11 @@ __all__ = [
     "family_of_simulated",
 ]
 
-FAMILIES: tuple[Family, ...] = (rplidar.FAMILY, ydlidar.FAMILY, hokuyo.FAMILY, ldrobot.FAMILY)
+FAMILIES: tuple[Family, ...] = (rplidar.FAMILY, ydlidar.FAMILY, ldrobot.FAMILY, hokuyo.FAMILY)
 """In the order in which an unknown port is probed: the second family's device-info request means something else
-to the first, so the first is asked first. The third speaks lines of text: what the others were sent is to it a line
-half written, which its own question ends. Devices of the last one mostly hear nothing: they are found by listening,
-and only one of its models must be woken."""
+to the first, so the first is asked first. Devices of the third mostly hear nothing: they are found by listening,
+and only one of its models must be woken. The last one speaks lines of text: what the others were sent is to it a
+line half written, which its own question ends."""
 
 
 def family_named(name: str) -> Family:

@@ -17,6 +17,7 @@ from tests.support.families import ABOUT
 __all__ = [
     "EVERY_FAMILY",
     "FAMILIES",
+    "OBEDIENT",
     "Rig",
     "both_families",
     "change_info",
@@ -24,6 +25,7 @@ __all__ = [
     "left_still",
     "make_rig",
     "names",
+    "obedient_families",
     "take",
 ]
 
@@ -48,10 +50,12 @@ class Rig:
 
 
 MAKERS = {name: about.MAKER for name, about in ABOUT.items()}
-FAMILIES = tuple(name for name, maker in MAKERS.items() if maker.obeys)
+FAMILIES = tuple(name for name, maker in MAKERS.items() if maker.obeys and maker.tuned)
 """Those whose devices obey requests, and so are asked, stopped and reset in most tests of sessions."""
 EVERY_FAMILY = tuple(MAKERS)
+OBEDIENT = tuple(name for name, maker in MAKERS.items() if maker.obeys)
 both_families = pytest.mark.parametrize("family", FAMILIES)
+obedient_families = pytest.mark.parametrize("family", OBEDIENT)
 
 
 def make_rig(family: str, model: str | None = None, **options: Any) -> Rig:

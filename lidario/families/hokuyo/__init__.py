@@ -19,8 +19,9 @@ SIMULATED: Final = ("hokuyo-urg04lx", "hokuyo-ust10lx", "hokuyo-ust20lx", "hokuy
 FAMILY: Final = Family(
     name="hokuyo",
     title="Hokuyo",
-    # By USB any speed will do, and most are had so. A serial port begins at 19200.
-    baudrates=(115_200, 19_200),
+    # By USB and TCP any speed will do. A serial port begins at 19200, which would cost every
+    # search for other devices; ``?baud=19200`` names it.
+    baudrates=(115_200,),
     timing=Timing(
         # A scan comes every 100 ms at most.
         quiet_s=0.12,

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from lidario.errors import RemoteProtocolError, Unsupported
+from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.base import Device, Script, Stream, told
 from lidario.families.hokuyo.commands import FILL, RESET, STOP, ask, measure, read_lines, refusal
 from lidario.families.hokuyo.decode import BlockDecoder
@@ -23,7 +23,7 @@ __all__ = ["FORMATS", "HokuyoDevice", "mode_for"]
 FORMATS: Final = (DistanceFormat, StrengthFormat)
 SPIN_UP_S: Final = 2.0
 """The rotor turns already; the laser is switched on by the request. A model by Ethernet boots for 10 s."""
-_NAMES: Final = {DistanceFormat: "Distance", StrengthFormat: "Intensity"}
+_NAMES: Final = {DistanceFormat: "Standard", StrengthFormat: "Intensity"}
 _DISTANCE_ALONE: Final = "URG-04LX"
 """How the models begin that do not know ``ME``."""
 _WELL: Final = re.compile(r"\b(well|stable|no error)\b", re.IGNORECASE)
@@ -120,6 +120,9 @@ class HokuyoDevice(Device):
         answered = yield request
         if answered != bytes((wire.response_type,)):
             refused = read_lines(answered)
+            if not (yield from self.health()).ok:
+                # As one that says nothing: the session asks what is wrong, and restarts it.
+                raise ResponseTimeout(request.name, request.timeout)
             raise refusal(request.name, "" if refused is None else refused.status)
         return Stream(
             format=wire,

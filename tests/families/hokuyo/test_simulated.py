@@ -96,7 +96,7 @@ def test_a_single_scan_needs_the_laser() -> None:
 @pytest.mark.parametrize(
     ("text", "status"),
     [
-        ("XX\n", "0E"), ("MD\n", "0E"), ("MD00440725010000\n", "0E"), ("MD0043072501000\n", "05"),
+        ("XX\n", "0E"), ("MD\n", "0H"), ("MD00440725010000\n", "0D"), ("MD0043072501000\n", "05"),
         ("MD0044072601000\n", "05"), ("MD0400030001000\n", "05"), ("ME0044072501000\n", "0E"),
         ("\xa5\x50VV\n", "0E"), ("SS999999\n", "0F"),
     ],
@@ -111,7 +111,7 @@ def test_what_it_does_not_know_is_refused_and_logged(text: str, status: str) -> 
 def test_half_a_line_waits_and_an_empty_one_ends_it() -> None:
     host = Dialogue()
     assert host.say("MD0044") == ""
-    assert host.say("\n").startswith("MD0044\n0E")
+    assert host.say("\n").startswith("MD0044\n0H")
     assert host.say("\n\n") == ""
     assert host.fields("VV")["VEND"]
 
@@ -120,6 +120,8 @@ def test_while_its_clock_is_adjusted_it_obeys_nothing_else() -> None:
     host = Dialogue()
     assert host.say("TM0\n") == "TM0\n00P\n\n"
     assert host.say("VV\n") == "VV\n0Ee\n\n"
+    echo, status, clock = host.say("TM1\n").removesuffix("\n\n").split("\n")
+    assert (echo, status, clock) == ("TM1", "00P", hokuyo.sealed(clock[:4]))
     assert host.say("TM2\n") == "TM2\n00P\n\n"
     assert host.fields("VV")["VEND"]
 

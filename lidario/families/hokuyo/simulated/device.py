@@ -5,9 +5,9 @@ the laser, which ``BM`` and a request to measure switch on, and ``QT`` and ``RS`
 long the first scan waits for it. A scan begins every turn, and is sent when its last step was measured. Its clock
 is that of its first step.
 
-Made up, for no document at hand tells it: an empty line has no response; a word that is not known, and a wrong
-number of parameters, has status 0E; parameters that cannot be have 05; steps that are joined tell the nearest
-distance; a device whose laser failed refuses with 01, and says so in ``II``; ``RS`` is obeyed without a response.
+Statuses and the states of ``%ST``: hokuyolx 0.9.0. Made up, for no document at hand tells it: an empty line has no
+response; steps that cannot be have status 05; steps that are joined tell the nearest distance; a device whose laser
+failed refuses with 01, and says so in ``II``; ``RS`` is obeyed without a response.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from lidario.families.hokuyo.simulated.packers import pack_block, pack_lines, pack_status
+from lidario.families.hokuyo.simulated.packers import pack_block, pack_clock, pack_lines, pack_status, sealed
 from lidario.families.hokuyo.simulated.profiles import BAUDRATE, PROFILES, USB, Profile, texts_of
 from lidario.sim.chassis import Chassis, Maker, maker
 from lidario.sim.line import TransmitQueue
@@ -28,11 +28,10 @@ from lidario.sim.world import WorldLike
 __all__ = ["PROFILES", "Profile", "SimulatedHokuyo", "describe", "make_simulated"]
 
 _LONGEST_LINE = 80
-_AHEAD = 4  # scans that are built together
 _NAMES = {
     "VV": "get_info", "PP": "get_parameters", "II": "get_health", "BM": "laser_on", "QT": "stop", "RS": "reset",
     "MD": "start", "ME": "start_intensity", "GD": "get_scan", "GE": "get_scan_intensity", "TM": "clock",
-    "SS": "set_speed", "HS": "sensitivity", "CR": "motor_speed",
+    "SS": "set_speed", "%S": "get_laser_state", "HS": "sensitivity", "CR": "motor_speed",
 }  # fmt: skip
 _MEASURE = re.compile(r"(M[DE])(\d{4})(\d{4})(\d{2})(\d)(\d{2})", re.ASCII)
 _ONCE = re.compile(r"(G[DE])(\d{4})(\d{4})(\d{2})", re.ASCII)
@@ -149,12 +148,16 @@ class SimulatedHokuyo(Chassis[_Stream]):
             return ""
         if word in ("MD", "ME", "GD", "GE"):
             return self._measure(text, now)
+        told = {"%ST": sealed(self._state().encode()), "TM1": pack_clock(self._clock(now))}.get(text)
+        if told is not None and (word != "TM" or self._adjusting):
+            self._respond(echo + b"\n" + sealed(b"00") + told + b"\n", now, text)
+            return ""
         acts: dict[str, Callable[[], str]] = {
             "QT": lambda: self._laser_off(now),
             "RS": lambda: self._reset(now),
             "BM": lambda: self._laser_on(now),
             "TM0": lambda: self._adjust(begins=True),
-            "TM1": lambda: "00",
+            "TM1": lambda: "04",
             "TM2": lambda: self._adjust(begins=False),
             "HS0": lambda: "00",
             "HS1": lambda: "00",
@@ -165,7 +168,7 @@ class SimulatedHokuyo(Chassis[_Stream]):
         if word == "RS":
             return ""
         self._respond(pack_status(echo, status.encode()), now, text)
-        return "" if status in ("00", "02") else f"refused with status {status}"
+        return "" if status in ("00", "02", "03") else f"refused with status {status}"
 
     def _texts(self, now: int) -> dict[str, list[str]]:
         laser, clock = "ON" if self.motor_on else "OFF", self._clock(now)
@@ -175,8 +178,10 @@ class SimulatedHokuyo(Chassis[_Stream]):
     def _measure(self, text: str, now: int) -> str:
         found = _MEASURE.fullmatch(text) or _ONCE.fullmatch(text)
         word, status = text[:2], "00"
-        if found is None or (word[1] == "E" and not self.profile.intensity):
+        if word[1] == "E" and not self.profile.intensity:
             status = "0E"
+        elif found is None:
+            status = "0D" if len(text) > (15 if word[0] == "M" else 12) else "0H"
         elif self.health[0]:
             status = "01"
         elif not self.profile.span[0] <= int(found[2]) <= int(found[3]) <= self.profile.span[1]:
@@ -185,7 +190,7 @@ class SimulatedHokuyo(Chassis[_Stream]):
             status = "10"
         if status != "00" or found is None:
             self._respond(pack_status(text.encode(), status.encode()), now, text)
-            return f"refused with status {status}"
+            return "unknown to this device" if status == "0E" else f"refused with status {status}"
         self._end_stream(now)
         if word[0] == "M":
             self._laser_on(now)
@@ -199,6 +204,11 @@ class SimulatedHokuyo(Chassis[_Stream]):
             count = int(found[6])
             self._stream = _Stream(text, word, first, last, cluster, int(found[5]) + 1, count or None, origin)
         return ""
+
+    def _state(self) -> str:
+        if self.health[0]:
+            return "900"
+        return "002" if self._adjusting else "004" if self.scanning else "003" if self.motor_on else "000"
 
     def _laser_on(self, now: int) -> str:
         if self.health[0]:
@@ -215,9 +225,9 @@ class SimulatedHokuyo(Chassis[_Stream]):
 
     def _adjust(self, *, begins: bool) -> str:
         if begins == self._adjusting:
-            return "02"
-        if begins and self._stream is not None:
-            return "0A"
+            return "02" if begins else "03"
+        if begins and self.motor_on:
+            return "10"
         self._adjusting = begins
         return "00"
 
@@ -242,17 +252,13 @@ class SimulatedHokuyo(Chassis[_Stream]):
     def _advance(self, now: int) -> None:
         self._now = now = max(self._now, now)
         while (stream := self._stream) is not None and self._ready(stream) <= now:
-            count = _AHEAD if stream.left is None else min(stream.left, _AHEAD)
-            ready, blocks = self._ready(stream), []
-            for _ in range(count):
-                left = 0 if stream.left is None else stream.left - 1
-                begins = stream.origin + stream.scans * stream.every * self._period
-                blocks.append(self._block(stream, begins, left))
-                stream.left = None if stream.left is None else left
-                stream.scans += 1
-            self._queue.push(b"".join(blocks), ready, size=len(blocks[0]), period=stream.every * self._period)
-            if stream.left == 0:
-                self._stream = None
+            left = 0 if stream.left is None else stream.left - 1
+            begins = stream.origin + stream.scans * stream.every * self._period
+            self._queue.push(self._block(stream, begins, left), self._ready(stream))
+            stream.scans += 1
+            if stream.left is not None:
+                stream.left = left
+                self._stream = stream if left else None
 
     def _block(self, stream: _Stream, begins: int, left: int) -> bytes:
         of = self.profile
@@ -277,7 +283,7 @@ class SimulatedHokuyo(Chassis[_Stream]):
         self._begun, self._adjusting = b"", False
         self._recover()
         self._motor.set_rpm(0.0, now)
-        self._deaf_until, self._deaf_why = up, "still booting"
+        self._deaf_until, self._deaf_why = up, "still booting after reset"
 
 
 make_simulated: Maker[SimulatedHokuyo] = maker(SimulatedHokuyo, PROFILES)

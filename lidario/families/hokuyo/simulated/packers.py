@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["pack_block", "pack_lines", "pack_status", "sealed"]
+__all__ = ["encoded", "pack_block", "pack_clock", "pack_lines", "pack_status", "sealed"]
 
 _LINE = 64
 
@@ -40,12 +40,17 @@ def pack_block(echo: bytes, milliseconds: int, numbers: npt.NDArray[np.int64], *
         numbers: What was measured, in the order of the wire.
         width: Characters of each.
     """
-    text = _encoded(numbers, width)
+    text = encoded(numbers, width)
     lines = [sealed(text[at : at + _LINE]) for at in range(0, len(text), _LINE)]
-    clock = _encoded(np.array([milliseconds]), 4)
-    return echo + b"\n" + sealed(b"99") + sealed(clock) + b"".join(lines) + b"\n"
+    return echo + b"\n" + sealed(b"99") + pack_clock(milliseconds) + b"".join(lines) + b"\n"
 
 
-def _encoded(numbers: npt.NDArray[np.int64], width: int) -> bytes:
+def pack_clock(milliseconds: int) -> bytes:
+    """The line that tells the clock."""
+    return sealed(encoded(np.array([milliseconds]), 4))
+
+
+def encoded(numbers: npt.NDArray[np.int64], width: int) -> bytes:
+    """Numbers as so many characters each, of six bits, the most significant first."""
     digits = [numbers // 64 ** (width - 1 - place) % 64 + 48 for place in range(width)]
     return bytes(np.stack(digits, axis=1).astype(np.uint8).ravel())

@@ -49,10 +49,10 @@ PROFILES = {
     for profile in (
         Profile(
             "hokuyo-urg04lx", 1, "URG-04LX", turn=1024, span=(44, 725), front=384, reach_mm=(20, 5600), rpm=600,
-            intensity=False, nothing=0,
+            intensity=False, nothing=0, counts_semicolon=True,
         ),
-        Profile("hokuyo-ust10lx", 2, "UST-10LX", line=ETHERNET, counts_semicolon=True),
-        Profile("hokuyo-ust20lx", 3, "UST-20LX", line=ETHERNET, reach_mm=(20, 60_000), counts_semicolon=True),
+        Profile("hokuyo-ust10lx", 2, "UST-10LX", line=ETHERNET),
+        Profile("hokuyo-ust20lx", 3, "UST-20LX", line=ETHERNET, reach_mm=(20, 60_000)),
         Profile("hokuyo-utm30lx", 4, "UTM-30LX", reach_mm=(23, 60_000), nothing=1),
     )
 }  # fmt: skip

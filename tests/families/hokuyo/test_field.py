@@ -1,0 +1,181 @@
+"""A field of 240 or 270 degrees, from session to message: nothing is said of what the device does not see."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lidario
+from lidario import LaserScan, Scan
+from lidario.laserscan import resample
+from lidario.rotor import Rotor
+from tests.support.devices import make_rig, take
+from tests.support.loop import driven
+
+FIELDS = {"hokuyo-urg04lx": (-340, 341, 1024), "hokuyo-ust10lx": (-540, 540, 1440)}
+"""First and last step, counted from ahead, and steps of 360 degrees."""
+every_field = pytest.mark.parametrize("model", FIELDS)
+
+
+async def scans_of(model: str, count: int = 4) -> list[Scan]:
+    async with make_rig("hokuyo", model).open() as lidar:
+        return await take(lidar, count)
+
+
+@every_field
+@driven
+async def test_the_message_covers_the_field_and_no_more(model: str) -> None:
+    first, last, turn = FIELDS[model]
+    for scan in await scans_of(model):
+        message = scan.to_laserscan()
+        assert message.angle_min == pytest.approx(first * math.tau / turn)
+        assert message.angle_max == pytest.approx(last * math.tau / turn)
+        assert message.angle_increment == pytest.approx(math.tau / turn)
+        assert len(message.ranges) == len(scan) == last - first + 1
+        # Each beam is a sample, in the order of measuring: that of the angles.
+        np.testing.assert_array_equal(message.ranges, np.where(scan.valid, scan.ranges, np.inf).astype(np.float32))
+        assert message.time_increment == pytest.approx(scan.time_increment_ns * 1e-9, rel=1e-4)
+        assert message.stamp_ns == pytest.approx(scan.wall_stamp_ns, abs=2)
+        assert message.scan_time == pytest.approx(60 / scan.rpm, rel=0.03)
+        for order in ("measured", "counter-clockwise"):
+            assert scan.to_laserscan(order=order).time_increment > 0
+
+
+@every_field
+@driven
+async def test_a_grid_of_any_size_has_the_times_and_angles_of_its_samples(model: str) -> None:
+    scan = (await scans_of(model))[-1]
+    for beams in (90, 683, 2000):
+        message = scan.to_laserscan(beams, no_return="zero", mount_yaw=0.3)
+        angles = message.angle_min + np.arange(beams) * message.angle_increment
+        times = message.stamp_ns + np.arange(beams) * message.time_increment * 1e9
+        for number in np.flatnonzero(message.ranges > 0)[::7]:
+            near = np.argmin(np.abs(scan.ranges - message.ranges[number]))
+            away = (scan.angles[near] + 0.3 - angles[number] + math.pi) % math.tau - math.pi
+            if (
+                scan.ranges[near] == message.ranges[number]
+                and np.count_nonzero(scan.ranges == scan.ranges[near]) == 1
+            ):
+                assert abs(away) <= message.angle_increment
+                late_ns = times[number] - (scan.wall_stamp_ns + scan.times_ns[near] - scan.stamp_ns)
+                assert abs(late_ns) <= 1e9 * message.time_increment + scan.time_increment_ns
+
+
+@every_field
+@driven
+async def test_a_selection_and_a_sorted_scan_keep_the_field(model: str) -> None:
+    scan = (await scans_of(model))[-1]
+    whole, front = scan.to_laserscan(500), scan.select(between=(-0.5, 0.5)).to_laserscan(500)
+    assert (front.angle_min, front.angle_max, front.time_increment) == (
+        whole.angle_min,
+        whole.angle_max,
+        whole.time_increment,
+    )
+    assert abs(front.stamp_ns - whole.stamp_ns) <= 2
+    angles = whole.angle_min + np.arange(500) * whole.angle_increment
+    assert np.isnan(front.ranges[np.abs(angles) > 0.52]).all()
+    np.testing.assert_array_equal(front.ranges[np.abs(angles) < 0.48], whole.ranges[np.abs(angles) < 0.48])
+    assert scan.sorted().to_laserscan().to_cdr() == scan.to_laserscan().to_cdr()
+    again = LaserScan.from_cdr(whole.to_cdr())
+    assert again is not None
+    assert again.angle_min == pytest.approx(whole.angle_min)
+
+
+@every_field
+@driven
+async def test_nothing_is_said_of_what_lies_behind(model: str) -> None:
+    scan = (await scans_of(model))[-1]
+    assert scan.nearest(between=(2.7, -2.7)) is None
+    assert scan.at(math.pi) is None
+    ahead = scan.nearest(between=(-0.3, 0.3))
+    assert ahead is not None
+    assert ahead.range == pytest.approx(np.nanmin(scan.ranges[np.abs(scan.angles) <= 0.3]))
+    assert len(scan.points()) == int(scan.valid.sum())
+    assert (scan.lost_packets, scan.dropped_before) == (0, 0)
+
+
+def test_a_field_that_is_turned_clockwise_falls_in_time() -> None:
+    """No device of today does so."""
+    degrees = np.arange(45.5, 225.5)
+    message = resample(degrees, degrees / 100, None, Rotor(45.0, 0.0, 100e6, 180.0), 0)
+    assert math.degrees(message.angle_min) % 360 == pytest.approx(360 - 224.5)
+    assert message.time_increment == pytest.approx(-100e-3 / 360)
+    np.testing.assert_allclose(message.ranges, degrees[::-1] / 100, rtol=1e-6)
+    assert message.stamp_ns == pytest.approx(100e6 * 179.5 / 360, abs=1)
+
+
+@driven
+async def test_sectors_come_with_the_scan_and_beside_the_field_they_are_empty() -> None:
+    rig = make_rig("hokuyo")
+    async with rig.open() as lidar:
+        found = []
+        async with lidar.sectors(45.0) as stream:
+            async for sector in stream:
+                found.append(sector)
+                if len(found) == 24:
+                    break
+    numbers = [(sector.seq, sector.index) for sector in found]
+    begin = numbers[0][0]
+    assert numbers == [(begin + number // 8, number % 8) for number in range(24)]
+    assert [len(sector) > 0 for sector in found[8:16]] == [True] * 6 + [False] * 2
+    assert sum(map(len, found[8:16])) == 682
+    assert not rig.device.scanning
+
+
+@driven
+async def test_no_return_beyond_a_code_of_an_error() -> None:
+    """Below DMIN the device sends codes, beyond DMAX what it saw nothing at."""
+    for model in FIELDS:
+        scan = (await scans_of(model, 1))[0]
+        assert np.nanmin(scan.ranges) >= 0.02
+        assert np.nanmax(scan.ranges) <= scan.max_range
+
+
+async def test_a_recording_has_what_its_packets_do_not_tell(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    live: list[Scan] = []
+    async with (
+        lidario.open_lidar("sim://hokuyo-ust10lx") as lidar,
+        lidar.record(path),
+        lidar.scans("Intensity") as stream,
+    ):
+        async for scan in stream:
+            live.append(scan)
+            if len(live) == 8:
+                break
+    for again in (list(lidario.decode_file(path)), await _played(path, len(live))):
+        assert len(again) >= 8
+        for one, other in zip(live, again, strict=False):
+            np.testing.assert_array_equal(one.device_angles, other.device_angles)
+            np.testing.assert_array_equal(one.device_distances, other.device_distances)
+            np.testing.assert_array_equal(one.intensities, other.intensities)
+            assert (one.field_of_view, one.seam, one.max_range) == (
+                other.field_of_view,
+                other.seam,
+                other.max_range,
+            )
+            np.testing.assert_array_equal(one.to_laserscan().ranges, other.to_laserscan().ranges)
+
+
+async def _played(path: Path, count: int) -> list[Scan]:
+    async with lidario.open_lidar(f"{path}?rate=1") as lidar:
+        assert lidar.info.model == "Hokuyo UST-10LX"
+        found: list[Scan] = []
+        async with lidar.scans() as stream:
+            async for scan in stream:
+                found.append(scan)
+                if len(found) == count:
+                    break
+        return found
+
+
+def test_bytes_alone_tell_the_field_by_the_response_or_by_its_steps() -> None:
+    raw = Path(__file__).parents[2] / "data" / "hokuyo_urg04lx_10hz.npz"
+    with np.load(raw) as arrays:
+        data, distances = arrays["raw"].tobytes(), arrays["distance_mm"]
+    scans = list(lidario.decode(data))
+    assert len(scans) == 20
+    np.testing.assert_array_equal(np.concatenate([scan.device_distances for scan in scans]), distances)

@@ -1,0 +1,62 @@
+"""A client that is not ours reads the simulated device over TCP: hokuyolx, by another author."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hokuyolx import HokuyoLX
+
+import lidario
+from lidario.sim.serve import TcpServer
+
+CORNERS = ((3.0, -2.0), (3.0, 2.0), (-2.0, 2.0), (-2.0, -2.0))
+BOX = list(pairwise((*CORNERS, CORNERS[0])))
+"""Walls without noise, so that each scan is the same."""
+
+
+async def ours(address: tuple[str, int]) -> list[lidario.Scan]:
+    """One scan of each mode, by this project."""
+    host, port = address
+    async with lidario.open_lidar(f"tcp://{host}:{port}", family="hokuyo") as lidar:
+        assert lidar.info.model == "Hokuyo UST-10LX"
+        return [await lidar.scan(mode) for mode in ("Standard", "Intensity")]
+
+
+@pytest.mark.parametrize("model", ["hokuyo-ust10lx", "hokuyo-utm30lx"])
+def test_hokuyolx_reads_what_the_device_measures(model: str) -> None:
+    device = lidario.simulate(model, world=BOX)
+    with TcpServer(device) as server:
+        laser = HokuyoLX(addr=server.address, tsync=False, convert_time=False)
+        try:
+            assert laser.sensor_parameters()["AFRT"] == 540
+            assert "PROT" in laser.version()
+            assert laser.laser_state()[0] in (0, 3)
+            singles = [laser.get_dist()[1], laser.get_intens()[1][:, 0]]
+            runs = [scan for scan, _, _ in laser.iter_dist(3)] + [scan[:, 0] for scan, _, _ in laser.iter_intens(3)]
+            degrees = np.degrees(laser.get_angles())
+        finally:
+            laser.close()
+    assert len(runs) == 6
+    assert degrees[[0, 540, 1080]].tolist() == pytest.approx([-135, 0, 135])
+    # The box, by hand: ahead 3 m, left and right 2 m.
+    for scan in (*singles, *runs):
+        assert scan[[540, 180, 900]].tolist() == pytest.approx([3000, 2000, 2000], abs=1)
+    assert not device.scanning
+
+
+async def test_we_read_the_same_box_over_tcp() -> None:
+    device = lidario.simulate("hokuyo-ust10lx", world=BOX)
+    with TcpServer(device) as server:
+        plain, strong = await ours(server.address)
+    for scan in (plain, strong):
+        for angle, metres in ((0.0, 3.0), (math.pi / 2, 2.0), (-math.pi / 2, 2.0)):
+            seen = scan.at(angle)
+            assert seen is not None
+            assert seen.range == pytest.approx(metres, abs=0.001)
+    assert plain.intensities is None
+    assert strong.intensities is not None
+    assert strong.intensities.max() > 200
+    assert (device.scanning, device.motor_on) == (False, False)
