@@ -18,6 +18,7 @@ from lidario.loading import load
 from lidario.version import __version__
 
 if TYPE_CHECKING:
+    from lidario.beams import BeamOrder, NoReturn, Preset
     from lidario.blocking import SyncLidar, SyncScanStream, open_sync
     from lidario.blocking_changes import SyncLineChanges
     from lidario.blocking_recording import SyncRecording
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
         StreamFailed,
         Unsupported,
     )
-    from lidario.laserscan import BeamOrder, LaserScan, NoReturn, Preset
+    from lidario.laserscan import LaserScan
     from lidario.laserscans import LaserScans
     from lidario.measured import Return
     from lidario.model import DeviceInfo, Health, HealthStatus, NetworkAddress, SampleRate, ScanMode, Stats
@@ -148,7 +149,8 @@ _HOMES = {
     "recording.record": ("Recording",),
     "recording.summary": ("RecordingSummary", "summarize"),
     "session.discovery": ("Found", "PortInfo", "list_lidars", "list_serial_ports"),
-    "laserscan": ("BeamOrder", "LaserScan", "NoReturn", "Preset"),
+    "beams": ("BeamOrder", "NoReturn", "Preset"),
+    "laserscan": ("LaserScan",),
     "laserscans": ("LaserScans",),
     "model": ("DeviceInfo", "Health", "HealthStatus", "NetworkAddress", "SampleRate", "ScanMode", "Stats"),
     "blocking_sectors": ("SyncSectorStream",),

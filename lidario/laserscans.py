@@ -15,7 +15,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final, SupportsIndex
 
-from lidario.laserscan import BeamOrder, LaserScan, NoReturn, Preset, beam_count, check_options
+from lidario.beams import BeamOrder, NoReturn, Preset, beam_count, check_options
+from lidario.laserscan import LaserScan
 
 if TYPE_CHECKING:
     from lidario.rotor import Rotor
@@ -133,6 +134,7 @@ def _rotor_of(scan: Scan) -> Rotor:
 
 
 def _samples_of_turn(scan: Scan) -> int:
-    """How many samples a full revolution had, those counted that are missing."""
-    period_ns, sample_ns = _rotor_of(scan).period_ns, scan.time_increment_ns
-    return max(1, round(period_ns / sample_ns)) if sample_ns > 0 else len(scan)
+    """How many samples a full revolution had, or what of it the device sees; those counted that are missing."""
+    rotor, sample_ns = _rotor_of(scan), scan.time_increment_ns
+    seen_ns = rotor.period_ns * abs(rotor.field_deg) / 360.0
+    return max(1, round(seen_ns / sample_ns)) if sample_ns > 0 else len(scan)

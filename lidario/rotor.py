@@ -10,6 +10,7 @@ move those of returns by several degrees, and the others by none.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
@@ -74,7 +75,7 @@ class Rotor:
 
     def beginning_at(self, begin_deg: float) -> Rotor:
         """The same rotor, with the revolution taken to begin at another angle, the nearest one before or behind."""
-        later_deg = before(begin_deg - self.begin_deg, 180.0)
+        later_deg = math.copysign(1.0, self.field_deg) * before(begin_deg - self.begin_deg, 180.0)
         begin_ns = self.begin_ns + later_deg / 360.0 * self.period_ns
         return replace(self, begin_deg=begin_deg % 360.0, begin_ns=begin_ns)
 

@@ -2,7 +2,7 @@
 
 Angles follow the robotics convention (REP-103): radians, counter-clockwise seen from above, 0 along the device's
 forward axis. The device's own figures, clockwise degrees and millimetres, stand beside them untouched. What is
-computed from the arrays is in `lidario.samples`, `lidario.points` and `lidario.laserscan`.
+computed from the arrays is in `lidario.samples`, `lidario.points` and `lidario.beams`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lidario.arguments import finite, nanoseconds
-from lidario.laserscan import BeamOrder, LaserScan, NoReturn, Preset, resample
+from lidario.beams import BeamOrder, NoReturn, Preset, resample
+from lidario.laserscan import LaserScan
 from lidario.measured import MeasuredSamples, Return
 from lidario.plain import plain_of
 from lidario.points import Motion, Mount, Points, place
@@ -276,7 +277,7 @@ class Scan(MeasuredSamples):
         ``stamp + i * time_increment`` is the time at which beam ``i`` was measured, for every ``i``, also with
         lost packets. The grid covers the circle from 0 to 2 pi, each beam in the middle of its step. In the
         default order `time_increment` is negative: the device turns clockwise, so the first beam of a
-        counter-clockwise grid is the one measured last. `lidario.laserscan` explains the choice.
+        counter-clockwise grid is the one measured last. `lidario.beams` explains the choice.
 
         A revolution that does not begin at `seam` (a device that marks its own first packet; formats that correct
         the angle) moves the grid: `angle_min` then follows the begin of the revolution, and may differ from scan

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from lidario.laserscan import BeamOrder
+from lidario.beams import BeamOrder
 from lidario.rotor import follow_rotor
 from tests.support.sweep import EVERY_MS, ORDERS, check, sweep
 

@@ -21,6 +21,7 @@ VENDORS = sorted(path.name for path in (PACKAGE / "families").iterdir() if (path
 LAYERS = (
     {
         "arguments",
+        "beams",
         "cdr",
         "entered",
         "errors",

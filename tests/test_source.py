@@ -83,7 +83,7 @@ def test_what_is_no_source_says_why(text: str, says: str) -> None:
         ("sim://rplidar-s2?fault=gremlins", "gremlins"),
         ("sim://rplidar-s2?via=pigeon", "memory"),
         ("sim://rplidar-s2?serial=xyz", "hex"),
-        ("serial:///dev/null?family=hokuyo", "hokuyo"),
+        ("serial:///dev/null?family=velodyne", "velodyne"),
     ],
 )
 async def test_what_is_wrong_with_a_source_is_said_when_it_is_opened(text: str, says: str) -> None:
@@ -182,7 +182,7 @@ def test_any_text_is_a_source_or_is_refused(text: str) -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("serial:///dev/null?family=hokuyo", "'hokuyo'(.|\n)*rplidar, ydlidar"),
+        ("serial:///dev/null?family=velodyne", "'velodyne'(.|\n)*rplidar, ydlidar"),
         ("tcp://host:80?family=", "''(.|\n)*rplidar, ydlidar"),
         ("sim://", "name a model(.|\n)*rplidar-s2(.|\n)*ydlidar-4ros"),
         ("sim://rplidar-s9", "'rplidar-s9'.*rplidar-s2"),
@@ -218,8 +218,8 @@ def test_models_are_listed_by_family() -> None:
 
 
 def test_a_family_given_beside_the_source_must_be_known_too() -> None:
-    with pytest.raises(ConnectFailed, match="hokuyo") as caught:
-        open_lidar("auto", family="hokuyo")
+    with pytest.raises(ConnectFailed, match="velodyne") as caught:
+        open_lidar("auto", family="velodyne")
     assert caught.value.reason == "source"
 
 

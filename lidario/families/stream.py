@@ -124,16 +124,18 @@ def raw_stream(
     title: str = "",
     guess: str = "",
     response_type: int | None = None,
+    details: str = "",
 ) -> RawStream:
     """A recorded stream of which nothing is known but its format, the time of a sample, and perhaps the model.
 
-    `response_type` is that of `Family.stream_of`, where it is not the one of the format.
+    `response_type` is that of `Family.stream_of`, where it is not the one of the format, and `details` what
+    `Family.stream_of_mode` must know.
     """
     stream = Stream(
         format=wire,
         decoder=decoder,
         # The device's own name of the mode is not among the bytes.
-        mode=ScanMode(0, wire.name, sample_us, 0.0, response_type or wire.response_type),
+        mode=ScanMode(0, wire.name, sample_us, 0.0, response_type or wire.response_type, details=details),
         sample_ns=sample_us * 1e3,
         spin_up_s=0.0,
         slowest_turn_s=LONGEST_REVOLUTION * sample_us * 1e-6,

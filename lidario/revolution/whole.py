@@ -66,7 +66,7 @@ class WholeAssembler(Assembler):
     def _came(self, event: Packets) -> list[float]:
         """When each packet would have come if it were not delayed: by the device's clock, where it has one."""
         wire, count, turn_ns = self._stream.format, event.count, self._turn_ns
-        if wire.ticks is not None:
+        if wire.ticks is not None and self._stream.timed:
             tick_ns, wrap = wire.ticks
             apart = np.diff(wire.stamps(event)) % wrap * float(tick_ns)
             # A clock that leaps was set back, as where the device was restarted.

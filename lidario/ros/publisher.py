@@ -14,8 +14,9 @@ from dataclasses import replace
 from typing import Literal
 
 from lidario.arguments import shown, text_of, yes_or_no
+from lidario.beams import PRESET_YAW, BeamOrder, NoReturn, Preset
 from lidario.errors import InvalidValue
-from lidario.laserscan import PRESET_YAW, BeamOrder, LaserScan, NoReturn, Preset
+from lidario.laserscan import LaserScan
 from lidario.laserscans import LaserScans
 from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.status import Status

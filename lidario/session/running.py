@@ -140,6 +140,9 @@ class Running:
         self._began = self._last_packet = self._last_scan = self._loop.time()
         self._scans = 0
         self._silence_s = SILENCE_S if dialogue.baudrate else NETWORK_SILENCE_S
+        if stream.format.whole:
+            # A damaged byte costs a packet that is a whole revolution.
+            self._silence_s = max(self._silence_s, stream.slowest_turn_s)
         # Bytes that had come when the last part of a silence began.
         self._received = 0
         self._watch_due = self._began

@@ -19,10 +19,10 @@ from lidario.errors import LocalProtocolError
 from lidario.wire.arrived import ArrivedBytes, NoiseSearch
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.buffer import ReceiveBuffer
-from lidario.wire.envelope import DESCRIPTOR_MAGIC, DESCRIPTOR_SIZE, Expected, Request, parse_descriptor
+from lidario.wire.envelope import DESCRIPTOR_SIZE, Expected, Request
 from lidario.wire.events import Arrival, Descriptor, Event, Packets, Response
 from lidario.wire.formats import StreamFormat
-from lidario.wire.lines import find_lines
+from lidario.wire.responses import find_descriptor, find_lines
 from lidario.wire.states import LinkState
 from lidario.wire.stats import LinkStats
 
@@ -206,21 +206,14 @@ class Link:
             self._await_lines(request, request.expects, now)
             return
         while True:
-            place = buffer.find(DESCRIPTOR_MAGIC)
-            if place < 0:
-                # The last byte may be the first of the two.
-                self._stray(len(buffer) - buffer.data.endswith(DESCRIPTOR_MAGIC[:1]))
+            stray, descriptor = find_descriptor(buffer.data, request.admits)
+            self._stray(stray)
+            if descriptor is None:
                 return
-            self._stray(place)
-            if len(buffer) < DESCRIPTOR_SIZE:
-                return
-            descriptor = parse_descriptor(buffer.peek(DESCRIPTOR_SIZE))
-            if descriptor is None or not request.admits(descriptor):
-                self._stray(1)
-            elif descriptor.continuous:
+            if descriptor.continuous:
                 self._enter_stream(request, descriptor, DESCRIPTOR_SIZE)
                 return
-            elif len(buffer) < DESCRIPTOR_SIZE + descriptor.size or self._respond(request.expects, descriptor, now):
+            if len(buffer) < DESCRIPTOR_SIZE + descriptor.size or self._respond(request.expects, descriptor, now):
                 return
 
     def _await_lines(self, request: Request, expected: Expected, now: int) -> None:
@@ -302,7 +295,6 @@ class Link:
     def _drain(self) -> None:
         self._end_waiting()
         self.stats.drained_bytes += self._buffer.clear()
-        self._format = None
         self._noise = 0
         self.state = LinkState.DRAINING
 

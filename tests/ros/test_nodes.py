@@ -16,7 +16,7 @@ import pytest
 from zenoh import ext
 
 import lidario
-from lidario.laserscan import BeamOrder, Preset
+from lidario.beams import BeamOrder, Preset
 from lidario.network.bus import Bus
 from lidario.ros import Publisher
 from lidario.ros.names import LASERSCAN, TF_MESSAGE, Node

@@ -6,7 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from lidario.laserscan import BeamOrder, LaserScan
+from lidario.beams import BeamOrder
+from lidario.laserscan import LaserScan
 from lidario.scan import Scan
 from tests.test_model import scan
 

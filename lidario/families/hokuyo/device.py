@@ -21,8 +21,10 @@ from lidario.wire.envelope import Request
 __all__ = ["FORMATS", "HokuyoDevice", "mode_for"]
 
 FORMATS: Final = (DistanceFormat, StrengthFormat)
-SPIN_UP_S: Final = 2.0
-"""The rotor turns already; the laser is switched on by the request. A model by Ethernet boots for 10 s."""
+SPIN_UP_S: Final = 4.0
+"""The rotor turns already; the laser is switched on by the request, and no document says how long that takes."""
+PATIENCE_S: Final = 1.0
+"""A damaged byte costs a whole scan of some thousand, so on a poor line dozens of them may be missing in turn."""
 _NAMES: Final = {DistanceFormat: "Standard", StrengthFormat: "Intensity"}
 _DISTANCE_ALONE: Final = "URG-04LX"
 """How the models begin that do not know ``ME``."""
@@ -130,7 +132,7 @@ class HokuyoDevice(Device):
             mode=mode,
             sample_ns=geometry.sample_us * 1e3,
             spin_up_s=SPIN_UP_S,
-            slowest_turn_s=90.0 / geometry.rpm,
+            slowest_turn_s=max(PATIENCE_S, 90.0 / geometry.rpm),
         )
 
     def sample_rate(self) -> Script[SampleRate]:

@@ -42,9 +42,14 @@ def find_stream(data: memoryview, known: Known) -> RawStream | None:
         return None
     kind = next(each for each in FORMATS if each.word == found[1])
     guess = "" if not title else f"taken for a {title}, by its first and last step: nothing else tells its field"
-    sample_us = known.sample_us or geometry.sample_us
     return raw_stream(
-        begin, kind(geometry), BlockDecoder(kind, geometry), sample_us, title and f"Hokuyo {title}", guess
+        begin,
+        kind(geometry),
+        BlockDecoder(kind, geometry),
+        known.sample_us or geometry.sample_us,
+        title and f"Hokuyo {title}",
+        guess,
+        details=geometry.text,
     )
 
 
@@ -58,5 +63,6 @@ def stream_of(response_type: int) -> tuple[StreamFormat, Decoder] | None:
 def stream_of_mode(mode: ScanMode) -> tuple[StreamFormat, Decoder] | None:
     """As `Family.stream_of_mode`: the mode tells the field."""
     kind = next((each for each in FORMATS if each.response_type == mode.response_type), None)
-    geometry = geometry_of(dict(part.partition(":")[::2] for part in mode.details.split(";")))
+    told = (part.partition(":") for part in mode.details.split(";"))
+    geometry = geometry_of({name: value for name, _, value in told})
     return None if kind is None or geometry is None else (kind(geometry), BlockDecoder(kind, geometry))

@@ -10,7 +10,7 @@ import pytest
 
 import lidario
 from lidario import LaserScan, Scan
-from lidario.laserscan import resample
+from lidario.beams import resample
 from lidario.rotor import Rotor
 from tests.support.devices import make_rig, take
 from tests.support.loop import driven

@@ -1,0 +1,241 @@
+"""A scan on the even grid of angles that the ROS message ``sensor_msgs/LaserScan`` describes, with right times.
+
+Scanners do not measure at equal steps, and the number of samples varies from revolution to revolution; readers
+of the message need equal steps. Therefore resampling is a step of its own, done on request. Each sample goes to
+the beam whose share of the circle contains it. The nearest return wins where several samples meet in one beam.
+A beam whose samples all came back without a return says ``no_return``. A beam without any sample is NaN, because
+nothing is known about it. Samples that filters took out count as absent, and ``filtered`` says what a beam becomes
+that has only such ones.
+
+**The choice of the grid.** The message promises that beam ``i`` was measured at ``stamp + i * time_increment``.
+This is one straight line in time over the whole grid, so the grid must begin and end where the revolution
+begins and ends. The devices turn clockwise, from device angle 0 to 360 degrees. A counter-clockwise grid that
+begins at -pi starts in the middle of the revolution: its first half has the times of the first half of the
+revolution, backwards, and its second half the times of the second half, backwards. No straight line fits both,
+so about half of the beams are wrong by half a revolution. A grid from 0 to 2 pi fits.
+
+Two orders of the same beams are offered:
+
+* ``"counter-clockwise"`` (the default): `angle_increment` is positive, as most readers expect. ``ranges[0]`` is
+  the beam measured last, so the stamp is the time of that beam and `time_increment` is negative. The definition
+  of the message allows this: it defines a time for each beam, not a direction. Readers that correct for motion
+  by interpolating between the poses at the first and at the last beam (laser_geometry) work with either sign.
+  The stamp is the latest time of the message, so when the pose for the stamp is known, all others are known too.
+  Readers that use only the stamp, and need a positive step of the angle (slam_toolbox), work too.
+* ``"measured"``: the order of measuring. `time_increment` is positive and `angle_increment` is negative. This is
+  for readers that expect time to rise along the message (cartographer).
+
+Each beam stands in the middle of its share of the circle. With beams on the ends of the grid, the first and the
+last share would be one and the same, and would contain samples from both ends of the revolution.
+
+**Who reads what.** docs/ros2.md tells, reader by reader, which fields laser_geometry, slam_toolbox, nav2 and
+cartographer use, and why the default grid serves the first three of them and ``"measured"`` the last.
+
+**Where the angle 0 is.** Ours is the device's forward axis: an angle is minus the device's clockwise one, plus
+`mount_yaw`. The vendors' ROS 2 drivers publish pi minus the device's angle, so their 0 is behind. The preset
+``vendor`` does the same, so that a robot description made for them stays right. It changes the angles alone: the
+stamps and the sign of `time_increment` stay true, which theirs are not.
+
+**A device that sees less than a turn** has a grid of its field alone (`Scan.field_of_view`). Of what lies beside it
+nothing is known, and "no return" would say that the way is free there. Where its rotor turns counter-clockwise,
+times rise with the angles.
+
+**Where the grid begins.** At the seam (the device angle where revolutions begin) that the scan states, normally
+0, so that all scans have the same grid. Where the samples show another begin (a device that marks its own
+first packet, or corrected angles that all lie before the seam), the grid begins there. How the rotor turned, and so
+when it stood at each beam, is found by `lidario.rotor`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, Literal, SupportsIndex
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.arguments import finite, number, shown, text_of, whole
+from lidario.errors import InvalidValue
+from lidario.laserscan import LaserScan
+from lidario.rotor import Rotor, before, turned
+
+__all__ = ["PRESET_YAW", "BeamOrder", "NoReturn", "Preset", "beam_count", "check_options", "resample"]
+
+BeamOrder = Literal["counter-clockwise", "measured"]
+NoReturn = Literal["inf", "nan", "zero"]
+Preset = Literal["rep103", "vendor"]
+"""Where the angle 0 of a LaserScan is: ``rep103`` ahead, ``vendor`` behind, as in the vendors' ROS 2 drivers."""
+PRESET_YAW: Final = {"rep103": 0.0, "vendor": math.pi}
+"""Angle of the device's forward axis by each preset, radians."""
+_ORDERS = ("counter-clockwise", "measured")
+_NO_RETURN = {"inf": math.inf, "nan": math.nan, "zero": 0.0}
+
+_FALLBACK_RANGE_MAX = 40.0
+"""Metres: `LaserScan.range_max` where neither the caller nor the device says one. Beyond all models supported."""
+
+_MOST_BEAMS = 1_000_000
+"""Hundreds of times as many as any scan has samples; more than that is a mistake, and would take all memory."""
+
+_EDGE_DEG = 15.0
+"""Samples at most this far beyond an end of the grid belong to the beam at that end.
+
+Only corrected angles go that far, by 13 degrees, and only for close returns: there the correction moves a point
+by a few centimetres whatever its angle is.
+"""
+
+
+def resample(
+    device_angles: NDArray[np.floating],
+    ranges: NDArray[np.floating],
+    intensities: NDArray[np.generic] | None,
+    rotor: Rotor,
+    wall_stamp_ns: int,
+    *,
+    beams: SupportsIndex | None = None,
+    order: BeamOrder = "counter-clockwise",
+    frame_id: str = "laser",
+    range_min: float = 0.05,
+    range_max: float | None = None,
+    max_range: float = 0.0,
+    no_return: NoReturn = "inf",
+    filtered: NoReturn = "nan",
+    left_out: NDArray[np.bool_] | None = None,
+    mount_yaw: float = 0.0,
+    preset: Preset = "rep103",
+) -> LaserScan:
+    """Put samples on a grid of equal steps; the arguments not listed are those of `Scan.to_laserscan`.
+
+    Args:
+        device_angles: Degrees clockwise, shape (n,), in the order of measuring.
+        ranges: Metres, shape (n,); NaN where there was no return.
+        intensities: Shape (n,), or None.
+        rotor: How the rotor turned during the scan.
+        wall_stamp_ns: Time of the first sample, in nanoseconds since the Unix epoch.
+        beams: Number of beams; None for as many as there are samples.
+        order: Order of the beams.
+        frame_id: Name of the coordinate frame.
+        range_min: Metres; nearer returns count as none.
+        range_max: Metres; farther returns count as none. None keeps all of them.
+        max_range: Metres; what the message states as `range_max` when that is None; 0 or NaN when not known.
+        no_return: What a beam without a return becomes.
+        filtered: What a beam becomes that has no other samples than those that filters took out.
+        left_out: Which samples those are, shape (n,); None for none.
+        mount_yaw: Angle of the device's forward axis in the frame, radians counter-clockwise.
+        preset: Where the angle 0 is.
+
+    Raises:
+        InvalidValue: `beams` is no whole number above 0, `order`, `no_return`, `filtered` or `preset` is not one
+            of the words, `frame_id` is no text, `mount_yaw` is not finite, or `range_min` and `range_max` are not a
+            range.
+    """
+    count = beam_count(len(device_angles) if beams is None else beams)
+    check_options(order, frame_id, range_min, range_max, no_return, mount_yaw, preset, filtered)
+    mount_yaw, nearest = float(mount_yaw), float(range_min)
+    farthest = math.inf if range_max is None else number(range_max, "range_max")
+    if range_max is not None:
+        stated = farthest
+    else:
+        stated = float(max_range) if 0 < max_range < math.inf else _FALLBACK_RANGE_MAX
+
+    places = _places(device_angles, rotor, count)
+    # Comparing with NaN gives False: a sample without a return is no hit.
+    hit = (ranges >= nearest) & (ranges <= farthest)
+    filled = np.full(count, np.nan, np.float32)
+    missed = ~hit
+    if left_out is not None:
+        # First, so that every other sample of the beam says more.
+        filled[places[left_out]] = _NO_RETURN[filtered]
+        missed &= ~left_out
+    filled[places[missed]] = _NO_RETURN[no_return]
+    # From far to near, so that the nearest return is written last.
+    by_range = np.flatnonzero(hit)[np.argsort(ranges[hit], kind="stable")[::-1]]
+    filled[places[by_range]] = ranges[by_range]
+    strengths = np.zeros(0 if intensities is None else count, np.float32)
+    if intensities is not None:
+        strengths[places[by_range]] = intensities[by_range]
+
+    field, rises = abs(rotor.field_deg), rotor.field_deg < 0
+    step = math.radians(field) / count
+    beam_ns = rotor.period_ns * (field / 360.0) / count
+    # The grid covers the field counter-clockwise from here. In [-pi, pi): 0 where a circle is not turned.
+    right_deg = rotor.begin_deg if rises or field == 360.0 else rotor.begin_deg + field
+    lowest = before(math.degrees(mount_yaw + PRESET_YAW[preset]) - right_deg, 180.0) * math.pi / 180.0
+    angles = (lowest + step / 2, lowest + step * (count - 0.5))
+    # A rotor that turns counter-clockwise measures in the order of rising angles: then both orders are one.
+    measured = rises or order == "measured"
+    falls = measured and not rises
+    first_beam_ns = beam_ns * (0.5 if measured else count - 0.5)
+    return LaserScan(
+        stamp_ns=wall_stamp_ns + round(rotor.begin_ns + first_beam_ns),
+        frame_id=frame_id,
+        angle_min=angles[1] if falls else angles[0],
+        angle_max=angles[0] if falls else angles[1],
+        angle_increment=-step if falls else step,
+        time_increment=(beam_ns if measured else -beam_ns) * 1e-9,
+        scan_time=rotor.period_ns * 1e-9,
+        range_min=nearest,
+        range_max=stated,
+        ranges=filled if measured else filled[::-1].copy(),
+        intensities=strengths if measured else strengths[::-1].copy(),
+    )
+
+
+def check_options(
+    order: object,
+    frame_id: object,
+    range_min: object,
+    range_max: object,
+    no_return: object,
+    mount_yaw: object,
+    preset: object,
+    filtered: object = "nan",
+) -> None:
+    """Whether these arguments of `resample` can be right; to be asked before the first scan comes.
+
+    Raises:
+        InvalidValue: As `resample`.
+    """
+    for name, word, words in (
+        ("order", order, _ORDERS),
+        ("no_return", no_return, _NO_RETURN),
+        ("filtered", filtered, _NO_RETURN),
+        ("preset", preset, PRESET_YAW),
+    ):
+        if not isinstance(word, str) or word not in words:
+            raise InvalidValue(f"{name} must be one of {', '.join(words)}, not {shown(word)}")
+    text_of(frame_id, "frame_id")
+    finite(mount_yaw, "mount_yaw")
+    nearest = finite(range_min, "range_min")
+    farthest = math.inf if range_max is None else number(range_max, "range_max")
+    if not 0 <= nearest <= farthest:
+        raise InvalidValue(f"range_min must be between 0 and range_max: {nearest} to {farthest}")
+
+
+def beam_count(beams: SupportsIndex) -> int:
+    """The number of beams, if a grid may have so many.
+
+    Raises:
+        InvalidValue: It is no whole number from 1 to 1000000.
+    """
+    count = whole(beams, "beams")
+    if not 1 <= count <= _MOST_BEAMS:
+        raise InvalidValue(f"a grid has 1 to {_MOST_BEAMS} beams, not {shown(count)}")
+    return count
+
+
+def _places(device_angles: NDArray[np.floating], rotor: Rotor, count: int) -> NDArray[np.intp]:
+    """The beam of each sample, counted in the order of measuring."""
+    begin_deg, field = rotor.begin_deg, rotor.field_deg
+    if not len(device_angles):
+        return np.zeros(0, np.intp)
+    if field != 360.0:
+        away = math.copysign(1.0, field) * (device_angles.astype(np.float64) - begin_deg) % 360.0
+        return np.minimum((away * (count / abs(field))).astype(np.intp), count - 1)
+    inside = (device_angles.astype(np.float64) - begin_deg) % 360.0
+    places = np.minimum((inside * (count / 360.0)).astype(np.intp), count - 1)
+    way = turned(device_angles, begin_deg)
+    if way[-1] > way[0]:
+        # Beyond an end of the grid the angle alone would give the beam at the other end, a revolution off in time.
+        places[(way < 0.0) & (way >= -_EDGE_DEG)] = 0
+        places[(way >= 360.0) & (way < 360.0 + _EDGE_DEG)] = count - 1
+    return places
