@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,6 +12,8 @@ __all__ = ["Traffic", "traffic"]
 
 BITS_A_BYTE: Final = 10
 """On a serial line: a start bit, eight data bits, a stop bit."""
+_MOST_LOAD: Final = 1.1
+"""A full line, and the unevenness of what is read of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +29,8 @@ class Traffic:
         discarded_bytes: Bytes that were thrown away because this program was too slow.
         late_reads: Reads that came so late that bytes may have been lost before them.
         bytes_a_second: Bytes received a second.
-        load: Share of what the line can carry, 0 to 1; None where the line has no speed.
+        load: Share of what the line can carry, 0 to 1. None where the line has no speed, or carries more than that
+            speed allows: a lidar that is a USB device itself has none, whatever the port is set to.
     """
 
     packets: int
@@ -48,6 +52,7 @@ class Traffic:
 def traffic(before: Stats, after: Stats, seconds: float, baudrate: int) -> Traffic:
     """What came between two snapshots that were taken so many seconds apart; `baudrate` 0 is no speed."""
     rate = (after.bytes_received - before.bytes_received) / max(seconds, 1e-9)
+    load = rate * BITS_A_BYTE / baudrate if baudrate else math.inf
     return Traffic(
         packets=after.packets - before.packets,
         lost_packets=after.lost_packets - before.lost_packets,
@@ -57,5 +62,5 @@ def traffic(before: Stats, after: Stats, seconds: float, baudrate: int) -> Traff
         discarded_bytes=after.discarded_bytes - before.discarded_bytes,
         late_reads=after.late_reads - before.late_reads,
         bytes_a_second=rate,
-        load=rate * BITS_A_BYTE / baudrate if baudrate else None,
+        load=load if load <= _MOST_LOAD else None,
     )
