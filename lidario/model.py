@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from enum import Enum
 
-__all__ = ["DeviceInfo", "Health", "HealthStatus", "NetworkAddress", "SampleRate", "ScanMode", "Stats"]
+__all__ = [
+    "DeviceInfo",
+    "Health",
+    "HealthStatus",
+    "LineErrors",
+    "NetworkAddress",
+    "SampleRate",
+    "ScanMode",
+    "Stats",
+]
 
 
 class HealthStatus(Enum):
@@ -115,6 +124,41 @@ class ScanMode:
 
 
 @dataclass(frozen=True, slots=True)
+class LineErrors:
+    """What a driver has counted as wrong.
+
+    Attributes:
+        framing: Bytes that did not end where a byte must end.
+        parity: Bytes whose parity was wrong; lidars send none.
+        overruns: Times received bytes were lost because nobody took them in time.
+        breaks: Times the line was low for longer than a byte lasts.
+    """
+
+    framing: int = 0
+    parity: int = 0
+    overruns: int = 0
+    breaks: int = 0
+
+    def __add__(self, other: LineErrors) -> LineErrors:
+        """The sums, such as of two lines."""
+        return LineErrors(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
+
+    def __sub__(self, before: LineErrors) -> LineErrors:
+        """What was counted since `before`."""
+        return LineErrors(*(a - b for a, b in zip(astuple(self), astuple(before), strict=True)))
+
+    def meaning(self) -> str:
+        """What was counted, and what it is mostly a sign of; empty where nothing was counted."""
+        names = ((self.framing, "framing error"), (self.parity, "parity error"), (self.breaks, "break"))
+        told = [f"{count} {name}{'s' if count > 1 else ''}" for count, name in names if count]
+        parts = [", ".join(told) + ": the baud rate is wrong or the cable is bad"] if told else []
+        if self.overruns:
+            plural = "s" if self.overruns > 1 else ""
+            parts.append(f"{self.overruns} overrun{plural}: this computer is too slow for the line")
+        return "; ".join(parts)
+
+
+@dataclass(frozen=True, slots=True)
 class Stats:
     """Counters of one session since it was opened; a snapshot.
 
@@ -144,6 +188,12 @@ class Stats:
         discarded_bytes: Bytes that were received and discarded unparsed, because the program was too slow.
         late_reads: Reads that found the system's buffer full, because this computer was too busy: what is missing
             then was lost here, and not on the line.
+        framing_errors: Bytes that did not end where a byte must end, as the driver of the serial port has counted
+            them: the baud rate is wrong or the cable is bad. Not every driver counts, so that a zero says little;
+            see `docs/troubleshooting.md`. The same holds for the next three.
+        parity_errors: Bytes of the wrong parity; lidars send none.
+        overruns: Times bytes were lost because nobody took them in time: this computer is too slow for the line.
+        breaks: Times the line was low for longer than a byte lasts: the baud rate is wrong, or a wire is loose.
         buffered: Bytes received that belong to nothing complete yet.
         late_responses: Responses to an earlier request, discarded.
         scans: Full revolutions.
@@ -177,6 +227,10 @@ class Stats:
     drained_bytes: int = 0
     discarded_bytes: int = 0
     late_reads: int = 0
+    framing_errors: int = 0
+    parity_errors: int = 0
+    overruns: int = 0
+    breaks: int = 0
     buffered: int = 0
     late_responses: int = 0
     scans: int = 0
@@ -188,3 +242,8 @@ class Stats:
     restarts: int = 0
     protection_stops: int = 0
     reconnects: int = 0
+
+    @property
+    def line_trouble(self) -> str:
+        """What the driver has counted, with what it is mostly a sign of; empty where it has counted nothing."""
+        return LineErrors(self.framing_errors, self.parity_errors, self.overruns, self.breaks).meaning()

@@ -169,7 +169,7 @@ async def _of_device(machine: Machine, source: str, port: PortInfo | None) -> tu
             is_fine = lidar.health.status.value == "ok"
             text = f"ok{note}" if is_fine else f"{lidar.health.status.value}, code {lidar.health.code}{note}"
             found.append(Finding("health", "ok" if is_fine else "hint", text, port=source))
-        found.append(await _of_scans(source))
+        found += await _of_scans(source)
     except LidarError as error:
         found.append(_failed(source, error))
         return found, exit_code(error)
@@ -201,7 +201,7 @@ def _of_latency(before: int | None, during: int | None, source: str) -> list[Fin
     return [Finding("latency", "ok", text, port=source)]
 
 
-async def _of_scans(source: str) -> Finding:
+async def _of_scans(source: str) -> list[Finding]:
     from lidario.cli.stats import Measured, measure, percent, verdict
 
     measured = Measured()
@@ -211,8 +211,12 @@ async def _of_scans(source: str) -> Finding:
     samples = sum(measured.samples) // max(len(measured.samples), 1)
     text = f"{rate}{samples} samples a scan, {percent(measured.no_return)} without a return"
     if word == "good":
-        return Finding("scans", "ok", text, port=source)
-    return Finding("scans", "bad" if word == "damaged" else "hint", f"{word}: {text}", reason, source)
+        found = [Finding("scans", "ok", text, port=source)]
+    else:
+        found = [Finding("scans", "bad" if word == "damaged" else "hint", f"{word}: {text}", reason, source)]
+    if measured.line is not None and measured.line.trouble:
+        found.append(Finding("driver", "hint", f"counted {measured.line.trouble}", port=source))
+    return found
 
 
 def _failed(source: str, error: LidarError) -> Finding:

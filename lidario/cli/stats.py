@@ -173,10 +173,14 @@ def verdict(measured: Measured) -> tuple[str, str]:
             f"{percent(line.damaged)} of the packets lost while this computer was busy: {line.late_reads} times "
             "it read when the buffer was full. Close other programs, or use a mode with fewer samples"
         )
+    if line.overruns and not line.framing_errors and (line.missed_scans or line.damaged > TOLERABLE_DAMAGE):
+        return "slow", f"{percent(line.damaged)} of the packets lost, with {line.trouble}. Close other programs"
     if line.missed_scans or line.damaged > TOLERABLE_DAMAGE:
         missed = f" and {line.missed_scans} revolutions lost" if line.missed_scans else ""
         cure = "Check the cable, the plug, and the power supply (5 V, 1.5 A)"
-        if measured.simulated:
+        if line.trouble:
+            cure = f"The driver counted {line.trouble}"
+        elif measured.simulated:
             cure = "Its simulated faults do that, or this computer is too busy; a real one has a cable to check"
         return "damaged", f"{percent(line.damaged)} of the packets damaged{missed}. {cure}"
     if line.discarded_bytes:
@@ -212,6 +216,7 @@ def _table(measured: Measured) -> Table:
     assert line is not None
     word, reason = verdict(measured)
     load = f", {percent(line.load)} of the line" if line.load is not None else ""
+    trouble = [("driver", f"counted {line.trouble}")] if line.trouble else []
     return facts(
         [
             ("lidar", f"{introduced(measured.model, measured.serial)}, mode {measured.mode}"),
@@ -227,6 +232,7 @@ def _table(measured: Measured) -> Table:
                 f"{line.lost_packets} of {line.packets + line.lost_packets} packets ({percent(line.damaged)})",
             ),
             ("lost", f"{line.missed_scans} revolutions on the line, {line.dropped_scans} scans in this program"),
+            *trouble,
             ("link", f"{line.bytes_a_second / 1000:.1f} kB/s{load}"),
             ("CPU", f"{percent(measured.cpu)} of a core"),
             ("verdict", f"{word}: {reason}"),
@@ -254,6 +260,10 @@ def _record(measured: Measured) -> dict[str, object]:
         "missed_scans": line.missed_scans,
         "dropped_scans": line.dropped_scans,
         "skipped_bytes": line.skipped_bytes,
+        "framing_errors": line.framing_errors,
+        "parity_errors": line.parity_errors,
+        "overruns": line.overruns,
+        "breaks": line.breaks,
         "bytes_per_second": round(line.bytes_a_second, 1),
         "link_load": None if line.load is None else round(line.load, 4),
         "cpu": round(measured.cpu, 4),

@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from lidario.errors import DeviceLost
+from lidario.model import LineErrors
 
 __all__ = ["Line", "Receiver", "Schedule", "Tap"]
 
@@ -122,3 +123,8 @@ class Line(ABC):
     def full_reads(self) -> int:
         """As `Port.full_reads`."""
         return 0
+
+    @property
+    def errors(self) -> LineErrors:
+        """As `Port.errors`."""
+        return LineErrors()

@@ -27,6 +27,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from lidario.errors import DeviceLost
+from lidario.model import LineErrors
 from lidario.port.guarded import Guarded, Stops
 from lidario.port.line import Line, Receiver, Schedule
 
@@ -108,6 +109,11 @@ class Port(Guarded, asyncio.Protocol):
     def full_reads(self) -> int:
         """Reads that found the system's buffer full: this computer came so late that bytes may be lost."""
         return 0 if self._line is None else self._line.full_reads
+
+    @property
+    def errors(self) -> LineErrors:
+        """What the driver of a serial port has counted as wrong since it was opened; zeros where it does not."""
+        return LineErrors() if self._line is None else self._line.errors
 
     def attach(self, receiver: Receiver | None, stops: Stops | None = None) -> None:
         """Set the receiver of what arrives from now on, or None; and what leaves the device still, for a guard.

@@ -25,9 +25,11 @@ import time
 import serial_asyncio
 
 from lidario.errors import ConnectFailed
+from lidario.model import LineErrors
 from lidario.port.adapter import FOREIGN, Adapter
 from lidario.port.background import run_in_thread
 from lidario.port.diagnose import busy, held, is_pseudo_terminal, why_not_opened
+from lidario.port.driver import count_errors
 from lidario.port.left import POLL_S, WAIT_S, guard_is_left
 from lidario.port.line import Line, Schedule
 from lidario.port.polled import NO_HANDLE, Polled
@@ -114,7 +116,9 @@ class _SerialLine(Line):
         self._closing = False
         self._ended = False
         self._drained_by = 0.0
+        self._errors = LineErrors()
         self._timer: asyncio.TimerHandle | None = None
+        self._errors_before = self._errors = self._count()
         self._transport = serial_asyncio.SerialTransport(loop, _Events(self), device)
         self._polled: Polled | None = None
         if _POSIX:
@@ -170,6 +174,18 @@ class _SerialLine(Line):
     @property
     def full_reads(self) -> int:
         return self._reader.full_reads
+
+    @property
+    def errors(self) -> LineErrors:
+        # What a line that is gone has counted last is what it had counted.
+        self._errors = self._count() if self._device.is_open else self._errors
+        return self._errors - self._errors_before
+
+    def _count(self) -> LineErrors:
+        try:
+            return count_errors(self._device.fileno())
+        except FOREIGN:
+            return self._errors
 
     def write(self, data: bytes) -> None:
         self._reader.wrote(data)
@@ -269,6 +285,7 @@ class _SerialLine(Line):
     def lost(self, error: Exception | None) -> None:
         """The transport has ended: hand over what was held, close the port, and report it."""
         self._reader.hand_over()
+        self._errors = self._count()
         with contextlib.suppress(*FOREIGN):
             self._device.close()
         self._closing = True

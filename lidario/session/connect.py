@@ -136,7 +136,7 @@ async def connect(
             with anyio.CancelScope(shield=True):
                 await port.wait_closed()
     asked_at = [each.baudrate for each in tries if each.baudrate]
-    raise received.nothing_responds(source, [each.family for each in tries], asked_at)
+    raise received.nothing_responds(source, [each.family for each in tries], asked_at, port.errors)
 
 
 async def _opened(

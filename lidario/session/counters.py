@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lidario.model import Stats
+from lidario.model import LineErrors, Stats
 from lidario.session.dialogue import Dialogue
 from lidario.session.running import Totals
 from lidario.wire.stats import LinkStats
@@ -16,12 +16,14 @@ class Counters:
     def __init__(self) -> None:
         # What was counted on the lines that were lost.
         self._link = LinkStats()
+        self._errors = LineErrors()
         self._keepalives = 0
         self._protection_stops = 0
 
     def line_lost(self, dialogue: Dialogue) -> None:
         """Add what was counted on a line that is not used any more."""
         self._link += dialogue.stats
+        self._errors += dialogue.errors
         # What was incomplete when the line was lost will never be complete.
         self._link.skipped_bytes += dialogue.buffered
         self._keepalives += dialogue.repeated
@@ -37,6 +39,7 @@ class Counters:
             reconnects: Times the session has come back.
         """
         link, assembled = self._link + dialogue.stats, totals.assembled
+        errors = self._errors + dialogue.errors
         return Stats(
             bytes_received=link.bytes_received,
             packets=link.packets,
@@ -55,6 +58,10 @@ class Counters:
             drained_bytes=link.drained_bytes,
             discarded_bytes=link.discarded_bytes,
             late_reads=link.late_reads,
+            framing_errors=errors.framing,
+            parity_errors=errors.parity,
+            overruns=errors.overruns,
+            breaks=errors.breaks,
             buffered=dialogue.buffered,
             late_responses=link.late_responses,
             scans=assembled.scans,

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from lidario.model import LineErrors
 from lidario.port.line import Schedule, Tap
 from lidario.port.port import Port
 from lidario.recording.chronicle import Chronicle
@@ -26,6 +27,7 @@ class DeviceLine:
     def __init__(self, port: Port) -> None:
         self.chronicle: Chronicle = Chronicle()
         self._port = port
+        self._errors_before = port.errors
         self._link = Link()
         self._delivery = Delivery(self._link.stats)
 
@@ -38,6 +40,11 @@ class DeviceLine:
     def buffered(self) -> int:
         """Bytes received that belong to nothing complete yet."""
         return self._link.buffered
+
+    @property
+    def errors(self) -> LineErrors:
+        """As `Port.errors`, without what was counted before at other speeds."""
+        return self._port.errors - self._errors_before
 
     @property
     def baudrate(self) -> int:

@@ -107,7 +107,10 @@ class Failures:
         Where noise arrives, no response would be understood: the stream ends.
         """
         if failure.noise:
-            self._fail(StreamFailed(f"{failure.what}; only noise arrives: is the baud rate right?"))
+            why = "; only noise arrives: is the baud rate right?"
+            if counted := self._dialogue.errors.meaning():
+                why = f"; only noise arrives, with {counted}"
+            self._fail(StreamFailed(failure.what + why))
             return False
         self._control.failure = failure
         self._inquiry.doubt()

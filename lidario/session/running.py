@@ -245,6 +245,7 @@ class Running:
         self._broken_before = self._totals.assembled.broken_scans
         self._lost_before = self._totals.assembled.lost_packets
         self._late_before = self._dialogue.stats.late_reads
+        self._errors_before = self._dialogue.errors
 
     def _watch(self) -> None:
         began = self._last_packet == self._began
@@ -277,15 +278,13 @@ class Running:
         """What to look for where packets come and no revolution does."""
         counted = self._totals.assembled
         lost = counted.lost_packets - self._lost_before
-        if (
-            counted.broken_scans > self._broken_before
-            and lost
-            and self._dialogue.stats.late_reads > self._late_before
-        ):
+        if counted.broken_scans == self._broken_before or not lost:
+            return "is the rotor blocked?"
+        if self._dialogue.stats.late_reads > self._late_before:
             return f"{lost} packets of it are lost: this computer was too busy to read them"
-        if counted.broken_scans > self._broken_before and lost:
-            return f"{lost} packets of it are damaged or missing. Check the cable, the plug and the power supply"
-        return "is the rotor blocked?"
+        if errors := (self._dialogue.errors - self._errors_before).meaning():
+            return f"{lost} packets of it are damaged or missing, with {errors}"
+        return f"{lost} packets of it are damaged or missing. Check the cable, the plug and the power supply"
 
     def _watch_in(self, seconds: float) -> None:
         self._watch_due = self._loop.time() + seconds

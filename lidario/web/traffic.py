@@ -28,6 +28,10 @@ class Traffic:
         skipped_bytes: Bytes of a stream that belong to no packet.
         discarded_bytes: Bytes that were thrown away because this program was too slow.
         late_reads: Reads that came so late that bytes may have been lost before them.
+        framing_errors: As `lidario.Stats.framing_errors`.
+        parity_errors: As `lidario.Stats.parity_errors`.
+        overruns: As `lidario.Stats.overruns`.
+        breaks: As `lidario.Stats.breaks`.
         bytes_a_second: Bytes received a second.
         load: Share of what the line can carry, 0 to 1. None where the line has no speed, or carries more than that
             speed allows: a lidar that is a USB device itself has none, whatever the port is set to.
@@ -40,6 +44,10 @@ class Traffic:
     skipped_bytes: int
     discarded_bytes: int
     late_reads: int
+    framing_errors: int
+    parity_errors: int
+    overruns: int
+    breaks: int
     bytes_a_second: float
     load: float | None
 
@@ -47,6 +55,16 @@ class Traffic:
     def damaged(self) -> float:
         """Share of the packets that were damaged or lost, 0 to 1."""
         return self.lost_packets / max(self.packets + self.lost_packets, 1)
+
+    @property
+    def trouble(self) -> str:
+        """As `lidario.Stats.line_trouble`."""
+        return Stats(
+            framing_errors=self.framing_errors,
+            parity_errors=self.parity_errors,
+            overruns=self.overruns,
+            breaks=self.breaks,
+        ).line_trouble
 
 
 def traffic(before: Stats, after: Stats, seconds: float, baudrate: int) -> Traffic:
@@ -61,6 +79,10 @@ def traffic(before: Stats, after: Stats, seconds: float, baudrate: int) -> Traff
         skipped_bytes=after.skipped_bytes - before.skipped_bytes,
         discarded_bytes=after.discarded_bytes - before.discarded_bytes,
         late_reads=after.late_reads - before.late_reads,
+        framing_errors=after.framing_errors - before.framing_errors,
+        parity_errors=after.parity_errors - before.parity_errors,
+        overruns=after.overruns - before.overruns,
+        breaks=after.breaks - before.breaks,
         bytes_a_second=rate,
         load=load if load <= _MOST_LOAD else None,
     )

@@ -20,7 +20,8 @@ S2 = "sim://rplidar-s2?via=memory&world=circle"
 def line(**changes: float) -> Traffic:
     usual = {
         "packets": 800, "lost_packets": 0, "missed_scans": 0, "dropped_scans": 0, "skipped_bytes": 0,
-        "discarded_bytes": 0, "late_reads": 0, "bytes_a_second": 67_000.0, "load": 0.67,
+        "discarded_bytes": 0, "late_reads": 0, "framing_errors": 0, "parity_errors": 0, "overruns": 0, "breaks": 0,
+        "bytes_a_second": 67_000.0, "load": 0.67,
     }  # fmt: skip
     return Traffic(**{**usual, **changes})  # type: ignore[arg-type]
 
@@ -82,6 +83,9 @@ def test_a_sensor_that_sees_nothing() -> None:
         # Late reads that cost nothing are none; and what they cost was not lost on the line.
         (measured(late_reads=3), "good"),
         (measured(late_reads=1, lost_packets=8), "slow"),
+        (measured(overruns=2), "good"),
+        (measured(overruns=2, lost_packets=8), "slow"),
+        (measured(overruns=2, framing_errors=1, lost_packets=8), "damaged"),
         (measured(load=0.97), "full"),
         (measured([0.09, 0.11] * 5), "uneven"),
         (measured(returns=0), "blind"),
@@ -94,6 +98,17 @@ def test_the_verdict_is_one_word_and_a_reason(what: Measured, word: str) -> None
     told, reason = verdict(what)
     assert told == word
     assert reason
+
+
+def test_what_the_driver_counted_is_the_cause() -> None:
+    bad_cable = verdict(measured(lost_packets=80, framing_errors=7, breaks=1))[1]
+    assert bad_cable.endswith(
+        "The driver counted 7 framing errors, 1 break: the baud rate is wrong or the cable is bad"
+    )
+    slow = verdict(measured(lost_packets=80, overruns=7))[1]
+    assert slow == (
+        "9.1 % of the packets lost, with 7 overruns: this computer is too slow for the line. Close other programs"
+    )
 
 
 def test_a_simulated_lidar_has_no_cable() -> None:

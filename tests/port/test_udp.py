@@ -13,6 +13,7 @@ import pytest
 
 from lidario import ConnectFailed, DeviceLost, open_lidar
 from lidario.families.registry import FAMILIES
+from lidario.model import LineErrors
 from lidario.port.udp import open_udp
 from lidario.session.silence import ReceivedInSilence
 from lidario.sim.rooms import make_world
@@ -133,7 +134,7 @@ def test_garbage_of_a_network_is_not_explained_by_a_speed(kind: str, words: str)
     heard.see("in", bytes(range(1, 200)), 0)
     source = as_source("udp://127.0.0.1:8089" if kind == "udp" else "/dev/ttyUSB0")
     assert f"199 bytes of garbage came back, as {words}. Is the" in str(
-        heard.nothing_responds(source, FAMILIES, ())
+        heard.nothing_responds(source, FAMILIES, (), LineErrors())
     )
 
 

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import pytest
 
 from lidario import ScanStream, StreamFailed
+from lidario.model import LineErrors
 from lidario.port.port import Port
 from lidario.revolution.seam import Seam
 from lidario.session.log import Trouble
@@ -97,6 +98,33 @@ async def test_damage_that_keeps_revolutions_from_completing_is_named(family: st
     assert "no full revolution" in why
     assert re.search(r"\b[1-9]\d* packets of it are damaged or missing", why)
     assert left_still(rig)
+
+
+@both_families
+@driven
+async def test_damage_is_told_with_what_the_driver_counted_at_that_time(
+    family: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    counted, more = LineErrors(), LineErrors()
+
+    def count(port: Port) -> LineErrors:
+        nonlocal counted
+        counted += more
+        return counted
+
+    monkeypatch.setattr(Port, "errors", property(count))
+    rig = make_rig(family)
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        counted = LineErrors(overruns=40)
+        await anext(stream)
+        mix_revolutions(rig)
+        more = LineErrors(framing=4)
+        why = await failure_of(stream)
+    assert re.search(
+        r"are damaged or missing, with \d+ framing errors: the baud rate is wrong or the cable is bad", why
+    )
+    assert "overrun" not in why
 
 
 async def read_through_damage(rig: Rig, stream: ScanStream) -> None:

@@ -7,10 +7,10 @@ So it shows what lidario asks of a driver, in which order; not what a real adapt
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import fcntl
 import os
-import struct
 import sys
 import termios
 from pathlib import Path
@@ -28,6 +28,16 @@ _ASKED = (termios.TIOCMBIS, termios.TIOCMBIC, termios.TIOCGSERIAL, termios.TIOCS
 _real_ioctl, _real_open = fcntl.ioctl, os.open
 
 
+class _Counters(ctypes.Structure):
+    """``struct serial_icounter_struct`` of ``linux/serial.h``."""
+
+    _fields_ = (
+        *((name, ctypes.c_int) for name in ("cts", "dsr", "rng", "dcd", "rx", "tx", "frame", "overrun", "parity")),
+        *((name, ctypes.c_int) for name in ("brk", "buf_overrun")),
+        ("reserved", ctypes.c_int * 9),
+    )
+
+
 class FakeDriver:
     """The driver of the port `path`.
 
@@ -40,7 +50,7 @@ class FakeDriver:
         states: DTR and RTS, whether they are high, after each change. Every opening raises both, as Linux does.
         flags: Those of ``struct serial_struct``, of which low latency is one.
         settings: How often the flags were set.
-        counted: What it has counted: framing errors, overruns, parity errors, breaks, overruns of the buffer.
+        counted: What it has counted, by the kernel's names; None for a driver that counts nothing.
         fails: Whether setting the flags fails.
         gone: Whether the adapter was pulled out.
     """
@@ -49,7 +59,7 @@ class FakeDriver:
         self.states: list[tuple[bool, bool]] = []
         self.flags = SPEED_FLAG
         self.settings = 0
-        self.counted: tuple[int, int, int, int, int] | None = None
+        self.counted: dict[str, int] | None = None
         self.fails = False
         self.gone = False
         self._path = path
@@ -87,7 +97,7 @@ class FakeDriver:
             self.show_latency()
             return 0
         if request == termios.TIOCGICOUNT and self.counted is not None:
-            return struct.pack("=11I36x", 1, 2, 3, 4, 50_000, 60, *self.counted)
+            return bytes(_Counters(cts=1, dsr=2, rng=3, dcd=4, rx=50_000, tx=60, **self.counted))
         return _real_ioctl(handle, request, argument, *rest)
 
     def show_latency(self) -> None:

@@ -1,0 +1,80 @@
+"""What the driver of a serial port has counted, from the system call to the port."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import pytest
+
+from lidario.model import LineErrors
+from lidario.port.serial import open_serial
+from tests.support.drivers import FakeDriver
+from tests.support.ports import Sink, terminal_pair
+
+
+@pytest.fixture
+def ends() -> Iterator[tuple[int, int, str]]:
+    with terminal_pair() as pair:
+        yield pair
+
+
+@pytest.fixture
+def driver(ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch) -> FakeDriver:
+    return FakeDriver(ends[2], monkeypatch)
+
+
+async def test_what_was_counted_since_the_opening(ends: tuple[int, int, str], driver: FakeDriver) -> None:
+    driver.counted = {"frame": 100, "overrun": 20, "parity": 30, "brk": 40, "buf_overrun": 50}
+    port = await open_serial(ends[2], 115200)
+    assert port.errors == LineErrors()
+    driver.counted = {"frame": 101, "overrun": 22, "parity": 33, "brk": 44, "buf_overrun": 55}
+    # What the adapter and what the system could not keep is lost alike.
+    assert port.errors == LineErrors(framing=1, overruns=2 + 5, parity=3, breaks=4)
+    driver.counted["frame"] += 9
+    await port.close()
+    # The last ones count, too.
+    assert port.errors == LineErrors(framing=10, overruns=7, parity=3, breaks=4)
+    driver.counted["frame"] += 1000
+    assert port.errors.framing == 10
+
+
+async def test_of_an_adapter_that_was_pulled_out_the_last_counts_are_known(
+    ends: tuple[int, int, str], driver: FakeDriver
+) -> None:
+    driver.counted = {"frame": 0}
+    port, sink = await open_serial(ends[2], 115200), Sink()
+    port.attach(sink)
+    driver.counted = {"frame": 6}
+    assert port.errors.framing == 6
+    driver.gone = True
+    assert port.errors.framing == 6
+    for end in ends[:2]:
+        os.close(end)
+    await sink.until_lost()
+    assert port.errors.framing == 6
+    await port.close()
+
+
+async def test_a_driver_that_cannot_count_counts_nothing(ends: tuple[int, int, str]) -> None:
+    port = await open_serial(ends[2], 115200)
+    assert port.errors == LineErrors()
+    await port.close()
+
+
+@pytest.mark.parametrize(
+    ("errors", "meaning"),
+    [
+        (LineErrors(), ""),
+        (LineErrors(framing=1), "1 framing error: the baud rate is wrong or the cable is bad"),
+        (LineErrors(breaks=2), "2 breaks: the baud rate is wrong or the cable is bad"),
+        (LineErrors(overruns=1), "1 overrun: this computer is too slow for the line"),
+        (
+            LineErrors(framing=12, parity=2, overruns=3, breaks=1),
+            "12 framing errors, 2 parity errors, 1 break: the baud rate is wrong or the cable is bad; "
+            "3 overruns: this computer is too slow for the line",
+        ),
+    ],
+)
+def test_what_it_means(errors: LineErrors, meaning: str) -> None:
+    assert errors.meaning() == meaning

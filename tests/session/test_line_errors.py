@@ -1,0 +1,123 @@
+"""What the driver of a serial port has counted, in the counters of a session and in what its errors say."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import pytest
+
+from lidario import StreamFailed
+from lidario.families.registry import FAMILIES
+from lidario.model import LineErrors
+from lidario.port.port import Port
+from lidario.session.silence import ReceivedInSilence
+from lidario.source import as_source
+from tests.cli.processes import invoke_driven
+from tests.support.cable import cable_to
+from tests.support.coming_back import next_after, now
+from tests.support.devices import both_families, make_rig
+from tests.support.loop import driven
+
+
+class Counted:
+    """What every port has counted, of which a memory has no driver."""
+
+    def __init__(self, patch: pytest.MonkeyPatch, *, each_time: int = 0) -> None:
+        self.errors = LineErrors(framing=900, overruns=90, breaks=9)
+        self._each_time = each_time
+        self._last: WeakKeyDictionary[Port, LineErrors] = WeakKeyDictionary()
+        patch.setattr(Port, "errors", property(self._of))
+
+    def _of(self, port: Port) -> LineErrors:
+        self.errors += LineErrors(framing=self._each_time)
+        if port.is_open or port not in self._last:
+            self._last[port] = self.errors
+        return self._last[port]
+
+
+@pytest.fixture
+def counted(monkeypatch: pytest.MonkeyPatch) -> Counted:
+    return Counted(monkeypatch)
+
+
+@both_families
+@driven
+async def test_they_are_in_stats_from_the_beginning_of_the_session(family: str, counted: Counted) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        # What came before, at other speeds, says nothing of this one.
+        assert lidar.stats.line_trouble == ""
+        counted.errors += LineErrors(framing=5, parity=4, overruns=3, breaks=2)
+        stats = lidar.stats
+        assert (stats.framing_errors, stats.parity_errors, stats.overruns, stats.breaks) == (5, 4, 3, 2)
+        assert stats.line_trouble.startswith("5 framing errors, 4 parity errors, 2 breaks: the baud rate")
+        assert (await lidar.scan()).seq == 0
+
+
+@driven
+async def test_they_are_summed_over_all_lines(counted: Counted) -> None:
+    rig = make_rig("rplidar")
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True) as lidar, lidar.scans() as stream:
+            await anext(stream)
+            counted.errors += LineErrors(framing=5)
+            # A scan asks, too: the driver of an adapter that is gone tells nothing.
+            await anext(stream)
+            cable.pull()
+            await asyncio.sleep(3.0)
+            assert lidar.stats.framing_errors == 5
+            # Of a line that is gone nothing is counted any more, and a new one begins with what it finds.
+            counted.errors += LineErrors(framing=100)
+            cable.plug()
+            await next_after(stream, now())
+            assert (lidar.stats.reconnects, lidar.stats.framing_errors) == (1, 5)
+            counted.errors += LineErrors(framing=2)
+            assert lidar.stats.framing_errors == 7
+
+
+@pytest.mark.parametrize(
+    ("errors", "says"),
+    [
+        (LineErrors(), "; only noise arrives: is the baud rate right?"),
+        (LineErrors(framing=7), "; only noise arrives, with 7 framing errors: the baud rate is wrong or the cable"),
+        (LineErrors(overruns=7), "; only noise arrives, with 7 overruns: this computer is too slow"),
+    ],
+)
+@both_families
+@driven
+async def test_noise_is_told_with_them(family: str, counted: Counted, errors: LineErrors, says: str) -> None:
+    rig = make_rig(family)
+    random = np.random.default_rng(3)
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        clean = rig.device.transmit
+        rig.device.transmit = lambda now: random.bytes(len(clean(now)))
+        counted.errors += errors
+        with pytest.raises(StreamFailed) as failed:
+            while True:
+                await anext(stream)
+        rig.device.transmit = clean
+    assert says in str(failed.value)
+
+
+@pytest.mark.parametrize("speeds", [(115200,), (115200, 115200), (115200, 256000)])
+def test_what_comes_back_at_the_one_speed_that_was_named(speeds: tuple[int, ...]) -> None:
+    heard = ReceivedInSilence()
+    heard.see("in", bytes(range(1, 200)), 0)
+    told = str(heard.nothing_responds(as_source("/dev/ttyUSB0"), FAMILIES, speeds, LineErrors(framing=3)))
+    assert ("came back, with 3 framing errors: the baud rate" in told) == (len(set(speeds)) == 1)
+    assert ("came back, as at a wrong baud rate" in told) == (len(set(speeds)) > 1)
+
+
+def test_the_doctor_and_the_measuring_tell_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    Counted(monkeypatch, each_time=1)
+    told = json.loads(invoke_driven("doctor", "sim://rplidar-s2?via=memory", "--json").stdout)
+    (found,) = [each for each in told if each["what"] == "driver"]
+    assert found["state"] == "hint"
+    assert "framing errors: the baud rate is wrong or the cable is bad" in found["text"]
+    told = json.loads(invoke_driven("stats", "sim://rplidar-s2?via=memory", "-t", "1s", "--json").stdout)
+    assert told["framing_errors"] > 0
+    assert (told["overruns"], told["parity_errors"], told["breaks"]) == (0, 0, 0)
