@@ -45,6 +45,7 @@ NEEDS = {
     "test_completion_in_zsh.py": "zsh",
     "test_completion_in_fish.py": "fish",
     "test_tls.py": "openssl",
+    "test_umockdev.py": "umockdev",
 }
 """Test modules that are not run where a program is not installed; the summary says so."""
 NEEDS_PACKAGE = {
@@ -99,8 +100,10 @@ def _why_not_here(path: Path) -> str:
 
 
 def is_installed(program: str) -> bool:
-    """Whether tests can use the program; a browser may have one of several names."""
-    return (find_browser() if program == "chromium" else shutil.which(program)) is not None
+    """Whether tests can use the program; a browser may have one of several names, and umockdev has another one."""
+    if program == "chromium":
+        return find_browser() is not None
+    return shutil.which("umockdev-run" if program == "umockdev" else program) is not None
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -1,0 +1,135 @@
+"""The command on a machine whose adapters umockdev makes up: the folders of ``/sys`` as Linux has them, links too.
+
+umockdev puts itself between the command and the system, so that all read ``/sys`` and ``/dev`` where they are on a
+user's machine, pyserial's list of ports too. It has no control lines and no drivers: `tests.support.drivers` is for
+those. A port that is opened is no terminal here.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+USB = "/devices/pci0000:00/0000:00:14.0/usb1"
+FTDI = f"""\
+P: {USB}/1-2/1-2:1.0/ttyUSB0/tty/ttyUSB0
+N: ttyUSB0
+E: DEVNAME=/dev/ttyUSB0
+E: MAJOR=188
+E: MINOR=0
+E: SUBSYSTEM=tty
+A: dev=188:0\\n
+L: device=../../../ttyUSB0
+
+P: {USB}/1-2/1-2:1.0/ttyUSB0
+E: DRIVER=ftdi_sio
+E: SUBSYSTEM=usb-serial
+A: latency_timer=16\\n
+
+P: {USB}/1-2/1-2:1.0
+E: DEVTYPE=usb_interface
+E: DRIVER=ftdi_sio
+E: SUBSYSTEM=usb
+A: bInterfaceNumber=00\\n
+
+P: {USB}/1-2
+E: DEVTYPE=usb_device
+E: DRIVER=usb
+E: SUBSYSTEM=usb
+E: PRODUCT=403/6001/600
+A: idVendor=0403\\n
+A: idProduct=6001\\n
+A: serial=AH06W0EQ\\n
+A: product=FT232R USB UART\\n
+A: bNumInterfaces= 1\\n
+A: power/control=auto\\n
+"""
+CP2102 = f"""\
+P: {USB}/1-4/1-4.1/1-4.1:1.0/ttyUSB1/tty/ttyUSB1
+N: ttyUSB1
+E: DEVNAME=/dev/ttyUSB1
+E: MAJOR=188
+E: MINOR=1
+E: SUBSYSTEM=tty
+A: dev=188:1\\n
+L: device=../../../ttyUSB1
+
+P: {USB}/1-4/1-4.1/1-4.1:1.0/ttyUSB1
+E: DRIVER=cp210x
+E: SUBSYSTEM=usb-serial
+A: port_number=0\\n
+
+P: {USB}/1-4/1-4.1/1-4.1:1.0
+E: DEVTYPE=usb_interface
+E: DRIVER=cp210x
+E: SUBSYSTEM=usb
+A: bInterfaceNumber=00\\n
+
+P: {USB}/1-4/1-4.1
+E: DEVTYPE=usb_device
+E: DRIVER=usb
+E: SUBSYSTEM=usb
+E: PRODUCT=10c4/ea60/100
+A: idVendor=10c4\\n
+A: idProduct=ea60\\n
+A: serial=0001\\n
+A: product=CP2102 USB to UART Bridge Controller\\n
+A: bNumInterfaces= 1\\n
+A: power/control=on\\n
+"""
+PATIENCE_S = 120
+
+
+def told(folder: Path, devices: str, *arguments: str) -> str:
+    """What the command prints on a machine with these devices."""
+    described = folder / "devices.umockdev"
+    described.write_text(devices, encoding="utf-8")
+    command = ["umockdev-run", "--device", str(described), "--", sys.executable, "-m", "lidario", *arguments]
+    ended = subprocess.run(command, capture_output=True, encoding="utf-8", timeout=PATIENCE_S, check=False)
+    assert "Traceback" not in ended.stderr
+    return ended.stdout
+
+
+def test_the_rules_for_an_adapter_with_a_timer_and_a_number_of_its_own(tmp_path: Path) -> None:
+    rules = told(tmp_path, FTDI, "udev", "--name", "front").splitlines()[1:]
+    its = '{idVendor}=="0403", ATTR{idProduct}=="6001", ATTR{serial}=="AH06W0EQ", '
+    above = its.replace("ATTR{", "ATTRS{")
+    quiet = 'ATTR{power/control}="on", ENV{ID_MM_DEVICE_IGNORE}="1", ENV{SYSTEMD_WANTS}=""'
+    access = 'SYMLINK+="front", GROUP="dialout", MODE="0660", ENV{ID_MM_PORT_IGNORE}="1"'
+    assert rules == [
+        f'SUBSYSTEM=="usb", ATTR{its}{quiet}',
+        f'SUBSYSTEM=="usb-serial", ATTRS{above}ATTR{{latency_timer}}="1"',
+        f'SUBSYSTEM=="tty", ATTRS{above}{access}',
+    ]
+
+
+def test_the_rules_for_one_of_two_with_neither(tmp_path: Path) -> None:
+    rules = told(tmp_path, f"{FTDI}\n{CP2102}", "udev", "/dev/ttyUSB1")
+    assert "latency_timer" not in rules
+    assert "AH06W0EQ" not in rules
+    assert rules.count('KERNEL=="1-4.1"') == 1
+    assert rules.count('KERNELS=="1-4.1"') == 1
+
+
+@pytest.mark.parametrize("verb", ["doctor", "devices"])
+def test_what_is_plugged_in_is_found(tmp_path: Path, verb: str) -> None:
+    found = json.loads(told(tmp_path, f"{FTDI}\n{CP2102}", verb, "--json"))
+    if verb == "devices":
+        assert [(each["port"], each["adapter"]) for each in found] == [
+            ("/dev/ttyUSB0", "FT232"), ("/dev/ttyUSB1", "CP2102"),
+        ]  # fmt: skip
+        return
+    by_port = {
+        (each["port"], each["what"]): each["state"] for each in found if each["port"] and each["what"] != "port"
+    }
+    assert by_port == {
+        ("/dev/ttyUSB0", "adapter"): "ok",
+        ("/dev/ttyUSB0", "power"): "hint",
+        ("/dev/ttyUSB0", "name"): "ok",
+        ("/dev/ttyUSB1", "adapter"): "ok",
+        ("/dev/ttyUSB1", "name"): "hint",
+    }
