@@ -30,12 +30,13 @@ def count_errors(handle: int) -> LineErrors:
     Raises:
         OSError: The driver cannot tell, or the port is gone.
     """
-    try:
-        import fcntl  # not on Windows
-        import termios
+    if os.name != "posix":
+        return LineErrors()
+    import fcntl  # not on Windows
+    import termios
 
-        request = termios.TIOCGICOUNT
-    except (ImportError, AttributeError):  # only Linux has it
+    request = getattr(termios, "TIOCGICOUNT", None)
+    if request is None:  # only Linux has it
         return LineErrors()
     counted = fcntl.ioctl(handle, request, bytes(_COUNTED.size))
     framing, overruns, parity, breaks, overflows = _COUNTED.unpack(counted)[6:]

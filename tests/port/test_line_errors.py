@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from lidario.model import LineErrors
+from lidario.port.driver import count_errors
 from lidario.port.serial import open_serial
 from tests.support.drivers import FakeDriver
 from tests.support.ports import Sink, terminal_pair
@@ -60,6 +61,18 @@ async def test_a_driver_that_cannot_count_counts_nothing(ends: tuple[int, int, s
     port = await open_serial(ends[2], 115200)
     assert port.errors == LineErrors()
     await port.close()
+
+
+def test_other_systems_count_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        patch.delattr("termios.TIOCGICOUNT")
+        assert count_errors(-1) == LineErrors()
+    with monkeypatch.context() as patch:
+        patch.setattr("os.name", "nt")
+        windows = count_errors(-1)
+    assert windows == LineErrors()
+    with pytest.raises(ValueError, match="file descriptor"):
+        count_errors(-1)
 
 
 @pytest.mark.parametrize(
