@@ -11,8 +11,8 @@ the vendors' own drivers for Windows one opens its port with RTS disabled.
 
 An FTDI adapter gathers bytes for 16 ms before it sends them on. Where its driver has low latency, it is set while
 the port is open: then it is 1 ms. It is set before the first request, since changing it can hold up a stream for a
-quarter of a second, and given back when the port is closed. A program that is killed cannot give it back: then it
-stays until the adapter is unplugged, or another program clears it. Who finds it set leaves it set.
+quarter of a second, and given back when the port is closed. For a program that is killed its guard gives it back
+(`lidario.port.guard`); without one it stays until the adapter is unplugged. Who finds it set leaves it set.
 """
 
 from __future__ import annotations
@@ -86,6 +86,11 @@ class Adapter(serial.Serial):  # type: ignore[misc]
         with contextlib.suppress(*FOREIGN, NotImplementedError):
             self.set_low_latency_mode(True)
             self._hurried_by = os.getpid()
+
+    @property
+    def is_hurried(self) -> bool:
+        """Whether `hurry` has set low latency."""
+        return self._hurried_by != 0
 
     def refuse_others(self) -> None:
         """Have the system refuse to open the terminal once more."""

@@ -47,6 +47,7 @@ MARGIN_S = 0.005
 """Added to the pause that the stop requests demand: an adapter may deliver one late and the next one on time."""
 _SCRIPT = str(Path(__file__).with_name("guard_process.py"))
 _FAREWELL = b"farewell\n"
+_HURRIED = b"hurried\n"
 _STATES = {None: "-", False: "0", True: "1"}
 _SIZE_OF_PID = 16
 
@@ -121,10 +122,16 @@ class Guard:
         self._loop = loop
         loop.add_reader(self._channel.fileno(), self._readable)
 
-    def take(self, handle: int) -> None:
-        """Pass it the line. It does nothing before it was told what stops the device."""
+    def take(self, handle: int, *, hurried: bool = False) -> None:
+        """Pass it the line. It writes nothing before it was told what stops the device.
+
+        Args:
+            handle: The descriptor.
+            hurried: Whether low latency was set, which it is to give back.
+        """
+        message = (_HURRIED if hurried else b"") + _message(([], [], 0.0, 0.0))
         with suppress(OSError):
-            socket.send_fds(self._channel, [_message(([], [], 0.0, 0.0))], [handle])
+            socket.send_fds(self._channel, [message], [handle])
 
     def tell(self, requests: Sequence[Request], last: Sequence[Request], listens_at: float) -> None:
         """Say what stops the device from now on. To be called before anything is written that changes it.

@@ -17,6 +17,11 @@ import termios
 import time
 
 FAREWELL = b"farewell"
+HURRIED = b"hurried"
+LOW_LATENCY = 0x2000
+"""Of the flags in ``struct serial_struct``; lidario.port.adapter says what it is for."""
+_FLAGS = slice(16, 20)
+"""Their place in it: the fifth of its numbers."""
 LEAST = 5
 """How often the stop requests are written at least. A device does not hear what comes within 10 ms of a STOP, be it
 the program's last one or ours, nor while it responds, which takes a few milliseconds. And bytes may be damaged."""
@@ -56,31 +61,40 @@ def main() -> None:
         pass  # only Linux has it
     channel = _socket.socket(fileno=0)
     channel.send(b"%d\n" % os.getpid())
-    order, handle = last_order(channel)
+    order, handle, hurried = last_order(channel)
     if handle >= 0:
         if order is not None:
             leave_still(handle, order)
+            if hurried:
+                clear_low_latency(handle)
         # Before the socket, whose end tells the program that the line is free.
         os.close(handle)
     os._exit(0)
 
 
-def last_order(channel: _socket.socket) -> tuple[Order | None, int]:
-    """Wait for the end of the socket: what was said last, None after a farewell, and the descriptor of the line."""
-    held, last, handle = b"", b"", -1
+def last_order(channel: _socket.socket) -> tuple[Order | None, int, bool]:
+    """Wait for the end of the socket.
+
+    Returns what was said last, None after a farewell; the descriptor of the line; and whether low latency was set.
+    """
+    held, last, handle, hurried = b"", b"", -1, False
     while True:
         try:
             data, passed, _, _ = channel.recvmsg(4096, _socket.CMSG_SPACE(4))
         except ConnectionResetError:  # it has not even read our pid
             data, passed = b"", []
         if not data:
-            return order_in(last), handle
+            return order_in(last), handle, hurried
         for _, _, numbers in passed:
             handle = int.from_bytes(numbers[:4], sys.byteorder)
         *told, held = (held + data).split(b"\n")
-        last = told[-1] if told else last
+        for line in told:
+            if line == HURRIED:
+                hurried = True
+            else:
+                last = line
         if last == FAREWELL:
-            return None, handle
+            return None, handle, hurried
 
 
 def order_in(line: bytes) -> Order | None:
@@ -145,6 +159,18 @@ def set_dtr(handle: int, asserted: bool) -> None:
         termios.tcsetattr(handle, termios.TCSANOW, settings)
     change = termios.TIOCMBIS if asserted else termios.TIOCMBIC
     fcntl.ioctl(handle, change, termios.TIOCM_DTR.to_bytes(4, sys.byteorder))
+
+
+def clear_low_latency(handle: int) -> None:
+    """Have an FTDI adapter gather bytes again, as it did before the program was started."""
+    settings = bytearray(128)
+    try:
+        fcntl.ioctl(handle, termios.TIOCGSERIAL, settings)
+        flags = int.from_bytes(settings[_FLAGS], sys.byteorder) & ~LOW_LATENCY
+        settings[_FLAGS] = flags.to_bytes(4, sys.byteorder)
+        fcntl.ioctl(handle, termios.TIOCSSERIAL, settings)
+    except (OSError, termios.error):
+        pass  # it is dead
 
 
 def drain(handle: int) -> None:

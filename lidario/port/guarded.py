@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
 from lidario.port.guard import Guard, start_guard
+from lidario.port.line import Line
 from lidario.port.tapped import Tapped
 from lidario.wire.envelope import Request
 
@@ -40,11 +41,11 @@ class Guarded(Tapped):
         if self._handle() is None:
             return
         guard = await start_guard(self.name)
-        handle = self._handle()
-        if handle is None:
+        line, handle = self._open_line(), self._handle()
+        if line is None or handle is None:
             guard.dismiss_at_once()
             return
-        guard.take(handle)
+        guard.take(handle, hurried=line.is_hurried)
         self._guard = guard
         self.tell_guard()
 
@@ -68,4 +69,9 @@ class Guarded(Tapped):
 
     def _handle(self) -> int | None:
         """The descriptor of the open line; None where there is none."""
+        line = self._open_line()
+        return None if line is None else line.descriptor()
+
+    def _open_line(self) -> Line | None:
+        """The line; None where it is closed."""
         return None

@@ -91,6 +91,11 @@ class Line(ABC):
         """The file descriptor by which another process can write too; None where there is none."""
         return None
 
+    @property
+    def is_hurried(self) -> bool:
+        """Whether low latency was set, and is to be given back."""
+        return False
+
     def set_baudrate(self, baudrate: int) -> None:  # noqa: B027 - most lines have no speed
         """Change the speed. Raises ConnectFailed where the adapter cannot do it."""
 

@@ -338,8 +338,8 @@ class Port(Guarded, asyncio.Protocol):
         except Exception:
             _log.warning("ending what serves %s failed", self.name, exc_info=True)
 
-    def _handle(self) -> int | None:
-        return self._line.descriptor() if self._line is not None and self.is_open else None
+    def _open_line(self) -> Line | None:
+        return self._line if self.is_open else None
 
     def _settle(self) -> None:
         if self._close_timer is not None:

@@ -136,6 +136,10 @@ class _SerialLine(Line):
     def descriptor(self) -> int | None:
         return self._device.fileno() if _POSIX else None
 
+    @property
+    def is_hurried(self) -> bool:
+        return self._device.is_hurried
+
     def set_baudrate(self, baudrate: int) -> None:
         try:
             self._device.baudrate = baudrate

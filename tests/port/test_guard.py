@@ -6,8 +6,10 @@ import asyncio
 import logging
 import os
 import signal
+import socket
 import sys
 import termios
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,7 @@ from lidario.port.serial import open_serial
 from lidario.wire.envelope import Request
 from tests.cli.processes import served
 from tests.support.children import requests, until
+from tests.support.drivers import LOW_LATENCY, SPEED_FLAG, FakeDriver
 from tests.support.guards import guards_of, is_left_still, kilobytes, own_guards, switches
 from tests.support.ports import PATIENCE_S, terminal_pair, written
 
@@ -175,6 +178,53 @@ def test_a_port_that_a_guard_has_is_held_by_its_program() -> None:
 
         asyncio.run(main())
         assert guards_of(os.getpid()) == []
+
+
+@pytest.mark.parametrize("hurried", [False, True])
+async def test_low_latency_is_given_back_where_the_program_had_set_it(
+    hurried: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """What the port tells the process, and what that does by it; the process has the real driver, of no adapter."""
+    with terminal_pair() as (_, _, path):
+        driver = FakeDriver(path, monkeypatch, tmp_path)
+        if not hurried:
+            driver.flags |= LOW_LATENCY
+            driver.show_latency()
+        taken: list[bool] = []
+        take = Guard.take
+
+        def seen(self: Guard, handle: int, *, hurried: bool = False) -> None:
+            taken.append(hurried)
+            take(self, handle, hurried=hurried)
+
+        monkeypatch.setattr(Guard, "take", seen)
+        port = await open_serial(path, 115200)
+        await port.guard()
+        assert taken == [hurried]
+        assert driver.flags == SPEED_FLAG | LOW_LATENCY
+        handle = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        guard_process.clear_low_latency(handle)
+        assert driver.flags == SPEED_FLAG
+        driver.gone = True
+        guard_process.clear_low_latency(handle)
+        os.close(handle)
+        driver.gone = False
+        await port.close()
+
+
+@pytest.mark.parametrize("hurried", [b"", b"hurried\n"])
+@pytest.mark.parametrize("ending", [b"", b"farewell\n"])
+@pytest.mark.parametrize("piece", [1, 7, 4096])
+def test_what_the_process_understands(hurried: bytes, ending: bytes, piece: int) -> None:
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        message = hurried + b"0.015 0.0 1 -aa 1bb\n" + ending
+        for begin in range(0, len(message), piece):
+            ours.send(message[begin : begin + piece])
+        ours.close()
+        order, handle, gives_back = guard_process.last_order(theirs)
+    assert order == (None if ending else ([(b"\xbb", True)], [(b"\xaa", None)], 0.015, 0.0))
+    assert (handle, gives_back) == (-1, bool(hurried))
 
 
 # ------------------------------------------------------------------------------------------- what it writes

@@ -21,6 +21,8 @@ import pytest
 __all__ = ["LOW_LATENCY", "SPEED_FLAG", "FakeDriver"]
 
 LOW_LATENCY = 0x2000
+FLAGS_AT = 4
+"""Their place in ``struct serial_struct``, behind the type, line, port and interrupt."""
 SPEED_FLAG = 0x0010
 """Another flag, which nobody may change."""
 
@@ -87,12 +89,12 @@ class FakeDriver:
         if request in (termios.TIOCMSET, termios.TIOCMGET):
             raise OSError(errno.ENOTTY, "nothing here asks for all lines")
         if request == termios.TIOCGSERIAL and self._timer is not None:
-            argument[4] = self.flags
+            memoryview(argument).cast("B").cast("i")[FLAGS_AT] = self.flags
             return 0
         if request == termios.TIOCSSERIAL and self._timer is not None:
             if self.fails:
                 raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
-            self.flags = argument[4]
+            self.flags = memoryview(argument).cast("B").cast("i")[FLAGS_AT]
             self.settings += 1
             self.show_latency()
             return 0
