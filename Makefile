@@ -17,7 +17,7 @@ SEED ?= 7
 HOURS ?= 24
 FUZZ_S ?= 600
 
-.PHONY: demo test check docs bench faults soak fuzz floods clean
+.PHONY: demo test check docs bench faults soak fuzz floods package release clean
 .DEFAULT_GOAL := demo
 
 # What the command needs is a fifth of what the tests and checks need.
@@ -39,13 +39,14 @@ demo: $(RUNS)  ## live scans of a simulated lidar, as bytes through a real pseud
 test: $(READY)  ## the tests, three on every core; the longest ones shortened
 	$(BIN)/python -m pytest -n $(WORKERS)
 
-check: $(READY)  ## lint, format, types, and all tests at full length under coverage
+check: $(READY)  ## lint, format, types, workflows, and all tests at full length under coverage
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/mypy examples
 	$(PYRIGHT)
 	$(PYRIGHT) --verifytypes lidario --ignoreexternal
+	$(BIN)/zizmor --offline --quiet --pedantic .
 	$(BIN)/python -m pytest -n $(CHECK_WORKERS) --exhaustive --cov --cov-report=term-missing:skip-covered
 
 docs: $(READY)  ## the documentation, in .site/; any warning is an error
@@ -66,5 +67,11 @@ fuzz: $(READY)  ## ten minutes of any bytes for each target; see SECURITY.md
 floods: $(READY)  ## peers that send as fast as they can, from every source; four minutes
 	$(BIN)/python -m benchmarks.floods
 
+package:  ## the wheel and the sdist in dist/, each tried in an empty environment; half a minute
+	PYTHON="$(PYTHON)" .ci/package
+
+release:  ## `make release VERSION=1.2.3`: the version, the date in CHANGELOG.md, one commit, one tag; pushes nothing
+	.ci/release "$(VERSION)"
+
 clean:
-	rm -rf $(VENV) .fuzz .coverage* .mypy_cache .site .pytest_cache .ruff_cache .hypothesis benchmarks/.peers
+	rm -rf build dist $(VENV) .fuzz .coverage* .mypy_cache .site .pytest_cache .ruff_cache .hypothesis benchmarks/.peers

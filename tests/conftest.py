@@ -46,6 +46,7 @@ NEEDS = {
     "test_completion_in_fish.py": "fish",
     "test_tls.py": "openssl",
     "test_umockdev.py": "umockdev",
+    "test_release.py": "git",
 }
 """Test modules that are not run where a program is not installed; the summary says so."""
 NEEDS_PACKAGE = {
