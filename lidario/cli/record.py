@@ -47,6 +47,7 @@ class _Told:
 @click.option("--force", is_flag=True, help="Replace a file that is there already.")
 @click.option("--sync/--no-sync", default=True, show_default=True,
               help="Have the disk write once a second: a power cut costs no more than that.")  # fmt: skip
+@click.option("--reconnect", is_flag=True, help="Go on when the lidar was unplugged or restarted, and is back.")
 @guard_option
 def record(
     source: str,
@@ -57,6 +58,7 @@ def record(
     scans: bool,
     force: bool,
     sync: bool,
+    reconnect: bool,
     guard: bool,
     **of_scans: Any,
 ) -> int:
@@ -75,7 +77,7 @@ def record(
     told = _Told()
     messages = laserscans_of(of_scans) if scans else False
     try:
-        run(lambda: _record(told, source, path, seconds, count, mode, messages, force, sync, guard))
+        run(lambda: _record(told, source, path, seconds, count, mode, messages, force, sync, reconnect, guard))
     except Stopped:
         if seconds is not None or count is not None:
             raise
@@ -97,12 +99,13 @@ async def _record(
     scans: LaserScans | bool,
     force: bool,
     sync: bool,
+    reconnect: bool,
     guard: bool,
 ) -> None:
     from lidario import open_lidar
 
     with progress(f"opening {source} …") as show:
-        async with open_lidar(source, guard=guard) as lidar:
+        async with open_lidar(source, guard=guard, reconnect=reconnect) as lidar:
             recording = lidar.record(path, scans=scans, overwrite=force, sync=sync)
             async with recording, lidar.scans(mode) as stream:
                 told.recording, told.began = recording, time.monotonic()

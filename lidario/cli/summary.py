@@ -53,4 +53,6 @@ def _facts(summary: RecordingSummary) -> Table:
         ("noise", f"{summary.skipped_bytes} bytes that belong to no packet"),
         ("gaps", f"{summary.missed_scans} revolutions missing, {summary.streams - 1} interruptions"),
     ]
+    if summary.losses:
+        rows.append(("away", f"{summary.losses} times, {summary.away_s:.1f} s: the line to the lidar was lost"))
     return facts(rows)

@@ -63,6 +63,7 @@ class RemoteStreams:
         self.size: int = 0
         self.duration_ns: int = 0
         self.timed: bool = True
+        self.away_ns: tuple[int, ...] = ()
         for event in about.events:
             self.learn(event)
 

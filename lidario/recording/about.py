@@ -35,6 +35,8 @@ class About:
         clock_offset_ns: What is added to the monotonic clock to get the time stamps of the file.
         received_before: Bytes received since the port was opened, before the first one of the file.
         lidario: Version that wrote it.
+        recording: Digits that all files of one recording have in common; empty in those of older versions.
+        began_ns: When the file was begun, on the clock of the file; 0 where that is not told.
         events: What the device had responded by then, and the stream that ran, if one did.
     """
 
@@ -45,6 +47,8 @@ class About:
     clock_offset_ns: int = 0
     received_before: int = 0
     lidario: str = ""
+    recording: str = ""
+    began_ns: int = 0
     events: tuple[StreamEvent, ...] = field(default=())
 
     def as_texts(self) -> dict[str, str]:
@@ -65,6 +69,8 @@ class About:
             "baudrate": str(self.baudrate),
             "clock_offset_ns": str(self.clock_offset_ns),
             "received_before": str(self.received_before),
+            "recording": self.recording,
+            "began_ns": str(self.began_ns),
             "events": "\n".join(text_of(event) for event in self.events),
         }
         # The name of a port or a file may hold bytes that are no text.
@@ -102,5 +108,7 @@ class About:
             clock_offset_ns=number("clock_offset_ns"),
             received_before=max(0, number("received_before")),
             lidario=text("lidario"),
+            recording=text("recording"),
+            began_ns=max(0, number("began_ns")),
             events=tuple(event for event in events if event is not None),
         )

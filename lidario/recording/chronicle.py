@@ -4,7 +4,8 @@ The session keeps one `Chronicle` from its first request on. So a recording that
 device responded when it was opened. A recording writes down all that is known when it begins, and then each thing
 that is added. With that a replay plays exactly the bytes that a live stream was made of.
 
-Places in the stream are counted in received bytes since the port was opened (`Link.fed`).
+Places in the stream are counted in received bytes since the port was opened (`Link.fed`). A recording that goes on
+over another line goes on counting, too.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 from lidario.arguments import printable
 from lidario.model import ScanMode
@@ -21,6 +22,7 @@ __all__ = [
     "MOST_NS",
     "MOST_RESPONSES",
     "Chronicle",
+    "LineChanged",
     "Placed",
     "Responded",
     "StreamBegan",
@@ -28,6 +30,7 @@ __all__ = [
     "StreamEvent",
     "ZeroOffsetSet",
     "event_of",
+    "moved",
     "text_of",
 ]
 
@@ -58,6 +61,7 @@ class StreamBegan:
         baudrate: Speed of the line in bits a second; 0 where bytes take no time.
         wall_offset_ns: What was added to the monotonic clock to get the wall clock.
         zero_offset_deg: Degrees that were added to every device angle.
+        continues: Whether it goes on where the one before had failed: what passed since then is counted as missed.
     """
 
     at: int
@@ -69,6 +73,7 @@ class StreamBegan:
     baudrate: int
     wall_offset_ns: int
     zero_offset_deg: float
+    continues: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +131,20 @@ class Placed:
     running: StreamBegan | None = None
 
 
-StreamEvent = StreamBegan | StreamEnded | ZeroOffsetSet | Responded | Placed
+@dataclass(frozen=True, slots=True)
+class LineChanged:
+    """Only in files: the line to the device was lost, and the session came back over another one.
+
+    Attributes:
+        at: Place of the next received byte, the first of the new line.
+        away_ns: Time since the last byte before that.
+    """
+
+    at: int
+    away_ns: int
+
+
+StreamEvent = StreamBegan | StreamEnded | ZeroOffsetSet | Responded | Placed | LineChanged
 
 
 class Chronicle:
@@ -172,6 +190,8 @@ class Chronicle:
         baudrate: int,
         wall_offset_ns: int,
         zero_offset_deg: float,
+        *,
+        continues: bool = False,
     ) -> None:
         """A stream is delivered from now on; the arguments are those of `StreamBegan`."""
         self.running = StreamBegan(
@@ -184,6 +204,7 @@ class Chronicle:
             baudrate,
             wall_offset_ns,
             zero_offset_deg,
+            continues,
         )
         self._tell(self.running)
 
@@ -206,8 +227,20 @@ class Chronicle:
 
 _KINDS = {
     StreamBegan: "began", StreamEnded: "ended", ZeroOffsetSet: "zero offset", Responded: "responded",
-    Placed: "placed",
+    Placed: "placed", LineChanged: "line changed",
 }  # fmt: skip
+
+
+_Event = TypeVar("_Event", bound=StreamEvent)
+
+
+def moved(event: _Event, by: int, least: int = 0) -> _Event:
+    """The event, whose place is so many bytes farther, and not before `least`."""
+    if isinstance(event, Responded):
+        return event
+    if isinstance(event, Placed) and event.running is not None:
+        event = replace(event, running=moved(event.running, by, least))
+    return replace(event, at=max(event.at + by, least))
 
 
 def text_of(event: StreamEvent) -> str:
@@ -242,6 +275,8 @@ def _event_of(record: dict[str, Any]) -> StreamEvent | None:
     if kind == "placed":
         running = None if record["running"] is None else _event_of(record["running"])
         return Placed(_whole(record["at"]), running if isinstance(running, StreamBegan) else None)
+    if kind == "line changed":
+        return LineChanged(_whole(record["at"]), _whole(record["away_ns"]))
     if kind == "zero offset":
         return ZeroOffsetSet(_whole(record["at"]), _offset(record), record.get("behind") is True)
     if kind == "responded":
@@ -259,6 +294,7 @@ def _event_of(record: dict[str, Any]) -> StreamEvent | None:
             baudrate=_whole(record["baudrate"], MOST_BAUD),
             wall_offset_ns=_signed(record["wall_offset_ns"]),
             zero_offset_deg=_offset(record),
+            continues=record.get("continues") is True,
         )
     return None
 

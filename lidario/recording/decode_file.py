@@ -68,6 +68,7 @@ class FileDecoder:
 
     def _timed(self) -> Iterator[Scan]:
         number, link, assembler, offset_deg = -1, Link(), None, 0.0
+        last: Scan | None = None
         for begun, data, arrivals, block_deg, behind in self._blocks():
             if begun != number or assembler is None:
                 if assembler is not None:
@@ -76,6 +77,8 @@ class FileDecoder:
                 number = begun
                 stored = self.recording.streams[number]
                 stream = stored.open()
+                if stored.began.continues and last is not None:
+                    self.stats.leave_off(last)
                 link = Link()
                 link.enter_stream(stream.format)
                 assembler = assembler_of(stream, stored.began.baudrate, stored.began.wall_offset_ns, self.stats)
@@ -87,7 +90,8 @@ class FileDecoder:
             link.receive_data(data, last_ns, arrivals)
             for event in join_runs(list(link.events_received())):
                 if isinstance(event, Packets):
-                    yield from assembler.add(event)
+                    for last in assembler.add(event):
+                        yield last
                     if note := assembler.incoming.time.take_note():
                         _log.warning("%s: %s", self.recording.path, note)
         if assembler is not None:

@@ -45,8 +45,8 @@ LOOP_GAP_NS = 1_000_000_000
 class Audience(Protocol):
     """The session, as far as a replay needs it."""
 
-    def restart(self) -> None:
-        """The stream was interrupted here: start it again."""
+    def restart(self, *, failed: bool) -> None:
+        """The stream was interrupted here, or had `failed`: start it again."""
         ...
 
     def set_zero_offset(self, degrees: float, *, behind: bool) -> None:
@@ -280,7 +280,7 @@ class _ReplayLine(Line):
         if ended and (not self._again or piece is None or not self._brings_scans(self._audience)):
             self._audience.finish()
         else:
-            self._audience.restart()
+            self._audience.restart(failed=not ended and self.stream.began.continues)
 
     def _brings_scans(self, audience: Audience) -> bool:
         """Whether to begin anew: who reads a recording without a full revolution would wait for ever."""

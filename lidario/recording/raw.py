@@ -52,6 +52,7 @@ class RawRecording:
         self.damage: str = ""
         self.duration_ns: int = 0
         self.timed: bool = False
+        self.away_ns: tuple[int, ...] = ()
         with StoredFile(path) as file:
             self.size: int = file.size
             head = file.read(SEARCHED)

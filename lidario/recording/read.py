@@ -25,6 +25,7 @@ from lidario.recording.about import NAME, About
 from lidario.recording.chronicle import (
     MOST_NS,
     MOST_RESPONSES,
+    LineChanged,
     Responded,
     StreamBegan,
     StreamEnded,
@@ -126,6 +127,7 @@ class StoredStreams(Protocol):
         size: Bytes of the file.
         duration_ns: Time from the first byte of the first stream to the last byte.
         timed: Whether it is known when each byte was read.
+        away_ns: How long the device was away, each time that it was lost and the recording went on.
     """
 
     path: Path
@@ -136,6 +138,7 @@ class StoredStreams(Protocol):
     size: int
     duration_ns: int
     timed: bool
+    away_ns: tuple[int, ...]
 
     def pieces(self) -> Iterator[Piece]:
         """What was received in the streams, in order. Each call begins anew."""
@@ -168,6 +171,7 @@ class McapRecording:
         self.damage: str = ""
         self.duration_ns: int = 0
         self.timed: bool = True
+        self.away_ns: tuple[int, ...] = ()
         self.chunks: int = 0
         self.size: int = 0
         self._events: list[StreamEvent] = []
@@ -185,6 +189,8 @@ class McapRecording:
                 self._events += record.events
             elif isinstance(record, Damage):
                 told[record.why] += 1
+            elif isinstance(record, LineChanged):
+                self.away_ns = (*self.away_ns, record.away_ns)
             else:
                 self._events.append(record)
         self.damage = "; ".join(f"{why} ({times} times)" if times > 1 else why for why, times in told.items())

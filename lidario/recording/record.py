@@ -192,11 +192,6 @@ class Recording(Entered):
         self._entries.append((now, size, write))
         return True
 
-    def fail(self, error: CannotRecord) -> None:
-        """End the recording, since the session cannot go on with it. What was recorded is written."""
-        self._session.end_recording(self)
-        self._fail(error)
-
     def _end(self) -> None:
         self._session.end_recording(self)
         self._over = True

@@ -35,6 +35,8 @@ class RecordingSummary:
         lost_packets: Packets that were damaged or lost.
         skipped_bytes: Bytes that belong to no packet.
         missed_scans: Revolutions that are missing between the scans.
+        losses: Times the line to the lidar was lost, and the recording went on when it was back.
+        away_s: Seconds that it was away, all together.
     """
 
     path: str
@@ -55,6 +57,8 @@ class RecordingSummary:
     lost_packets: int
     skipped_bytes: int
     missed_scans: int
+    losses: int
+    away_s: float
 
 
 def summarize(
@@ -95,4 +99,6 @@ def summarize(
         lost_packets=decoder.stats.lost_packets,
         skipped_bytes=decoder.skipped_bytes,
         missed_scans=decoder.stats.missed_scans,
+        losses=len(recording.away_ns),
+        away_s=sum(recording.away_ns) * 1e-9,
     )

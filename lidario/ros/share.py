@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final, cast
 
 from lidario.arguments import yes_or_no
-from lidario.errors import LidarError, Unsupported
+from lidario.errors import Unsupported
 from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.keys import check_key
 from lidario.network.messages import Entry, encode_raw_message, encode_scan
@@ -151,11 +151,6 @@ class _RawFeed:
     async def close(self) -> None:
         """The session is over."""
         self.end()
-
-    def fail(self, error: LidarError) -> None:  # noqa: ARG002
-        """The line was lost, and another one takes its place: begin again on that one."""
-        self._session.end_recording(cast("Any", self))
-        asyncio.get_running_loop().call_soon(self.begin)
 
     def see_chunk(self, direction: str, data: bytes, now: int) -> None:
         """As `Tap`."""

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import secrets
 from typing import TYPE_CHECKING
 
-from lidario.errors import CannotRecord
 from lidario.recording.about import About
-from lidario.recording.chronicle import StreamEvent, text_of
+from lidario.recording.chronicle import LineChanged, StreamEvent, moved, text_of
 from lidario.session.dialogue import Dialogue
 from lidario.session.scanner import Scanner
 from lidario.version import __version__
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from lidario.model import DeviceInfo, Health
     from lidario.recording.record import Recording
 
 __all__ = ["RecordedSession"]
+
+_ID_BYTES = 8
 
 
 class RecordedSession:
@@ -43,7 +46,7 @@ class RecordedSession:
         self._scanner = scanner
         self._source = source
         self._told = told
-        self._running: dict[Recording, Callable[[StreamEvent], None]] = {}
+        self._running: dict[Recording, _Watcher] = {}
 
     def begin_recording(self, recording: Recording) -> About:
         """As `Recorded`."""
@@ -59,35 +62,65 @@ class RecordedSession:
             clock_offset_ns=dialogue.wall_offset_ns,
             received_before=dialogue.bytes_fed,
             lidario=__version__,
+            recording=secrets.token_hex(_ID_BYTES),
+            began_ns=max(0, dialogue.now() + dialogue.wall_offset_ns),
             events=(*chronicle.responses.values(), *((chronicle.running,) if chronicle.running else ())),
         )
-
-        def see(event: StreamEvent) -> None:
-            recording.see_event(text_of(event), dialogue.now())
-
-        self._running[recording] = see
-        chronicle.watch(see)
-        dialogue.add_tap(recording.see_chunk)
+        watcher = self._running[recording] = _Watcher(recording, dialogue)
+        chronicle.watch(watcher.see)
+        dialogue.add_tap(watcher.see_chunk)
         self._scanner.watch(recording.see_scan)
         return about
 
     def end_recording(self, recording: Recording) -> None:
         """As `Recorded`."""
-        see = self._running.pop(recording, None)
-        if see is not None:
-            self._dialogue.chronicle.unwatch(see)
-            self._dialogue.remove_tap(recording.see_chunk)
+        watcher = self._running.pop(recording, None)
+        if watcher is not None:
+            self._dialogue.chronicle.unwatch(watcher.see)
+            self._dialogue.remove_tap(watcher.see_chunk)
             self._scanner.unwatch(recording.see_scan)
 
     def adopt(self, dialogue: Dialogue) -> None:
-        """The session goes on over another line. Recordings of the lost one end, since a file holds one line."""
-        for recording in tuple(self._running):
-            recording.fail(
-                CannotRecord(f"the line to the lidar was lost; {recording.path} holds what came before that")
-            )
-        self._dialogue = dialogue
+        """The session goes on over another line, which has the taps of the lost one, and so do its recordings."""
+        old, self._dialogue = self._dialogue, dialogue
+        for watcher in self._running.values():
+            old.chronicle.unwatch(watcher.see)
+            watcher.change_line(dialogue)
+            dialogue.chronicle.watch(watcher.see)
 
     async def close(self) -> None:
         """End every recording of the session, and return when the files are complete."""
         for recording in tuple(self._running):
             await recording.close()
+
+
+class _Watcher:
+    """Hands to one recording what happens, with the places of its file."""
+
+    def __init__(self, recording: Recording, dialogue: Dialogue) -> None:
+        self._recording = recording
+        self._dialogue = dialogue
+        # What is added to the places of this line; and where the file is, which counts what it was given.
+        self._shift = 0
+        self._place = dialogue.bytes_fed
+        self._last_ns = dialogue.now()
+
+    def see(self, event: StreamEvent) -> None:
+        """Something was added to the chronicle."""
+        self._recording.see_event(text_of(moved(event, self._shift)), self._dialogue.now())
+
+    def see_chunk(self, direction: str, data: bytes, now: int) -> None:
+        """As `Tap`."""
+        if direction == "in":
+            self._place += len(data)
+            self._last_ns = now
+        self._recording.see_chunk(direction, data, now)
+
+    def change_line(self, dialogue: Dialogue) -> None:
+        """The session goes on over that line, whose first bytes were not seen here."""
+        self._dialogue = dialogue
+        self._shift = self._place - dialogue.bytes_fed
+        away_ns = max(0, dialogue.now() - self._last_ns)
+        self.see(LineChanged(dialogue.bytes_fed, away_ns))
+        for response in dialogue.chronicle.responses.values():
+            self.see(response)

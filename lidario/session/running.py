@@ -160,6 +160,7 @@ class Running:
             self._baudrate,
             self._wall_offset_ns,
             stream.zero_offset_deg,
+            continues=self._totals.assembled.left_off is not None,
         )
         self._delivered = True
         self._dialogue.deliver_to(self._take_packets)

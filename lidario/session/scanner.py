@@ -176,9 +176,11 @@ class Scanner:
         """As `Audience`."""
         self.hub.on_taken(callback)
 
-    def restart(self) -> None:
+    def restart(self, *, failed: bool = False) -> None:
         """As `Audience`."""
         if self.state is State.RUNNING and not self._control.starting:
+            if failed:
+                self._control.leave_off()
             self._control.pause()
             self._resume()
 
