@@ -27,10 +27,9 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Concatenate, Final, ParamSpec, Self, TypeVar, cast
 
 from lidario.blocking_changes import SyncLineChanges
-from lidario.blocking_recording import SyncRecording
+from lidario.blocking_recording import SyncRecorder
 from lidario.blocking_sectors import SyncSectorStream
 from lidario.errors import LidarError, SessionClosed
-from lidario.laserscans import LaserScans
 from lidario.model import DeviceInfo, Health, ScanMode, Stats
 from lidario.port.line import Tap
 from lidario.scan import Scan
@@ -74,7 +73,7 @@ def _as(told: object) -> Callable[[Callable[[SyncLidar], T]], Callable[[SyncLida
     return tell
 
 
-class SyncLidar:
+class SyncLidar(SyncRecorder):
     """One open device, for programs without ``await``; made by `open_sync`, and best used in ``with``.
 
     It has the methods of `Lidar`, which wait for their result. Threads may share it. Ctrl-C during any of them
@@ -216,18 +215,6 @@ class SyncLidar:
         """Take `tap` out again. Harmless when it is not in."""
         with suppress(SessionClosed):
             self._there(lambda: self._lidar.untap(tap))
-
-    def record(
-        self,
-        path: str | os.PathLike[str],
-        *,
-        scans: bool | LaserScans = False,
-        overwrite: bool = False,
-        sync: bool = True,
-    ) -> SyncRecording:
-        """As `Lidar.record`, for use in ``with``."""
-        made = self._there(lambda: self._lidar.record(path, scans=scans, overwrite=overwrite, sync=sync))
-        return SyncRecording(self._thread, made)
 
     def _there(self, call: Callable[[], T]) -> T:
         """What a call returns that is made in the session's own thread."""

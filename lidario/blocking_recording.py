@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import suppress
 from types import TracebackType
+from typing import TYPE_CHECKING
 
 from lidario.errors import SessionClosed
+from lidario.laserscans import LaserScans
 from lidario.recording.record import Recording
 from lidario.session.loop_thread import LoopThread
 
-__all__ = ["SyncRecording"]
+if TYPE_CHECKING:
+    from lidario.session.lidar import Lidar
+
+__all__ = ["SyncRecorder", "SyncRecording"]
 
 
 class SyncRecording:
@@ -33,3 +39,36 @@ class SyncRecording:
         # A session that was closed in the block has ended its recordings.
         with suppress(SessionClosed):
             self._thread.call(self.recording.close)
+
+
+class SyncRecorder:
+    """What of `SyncLidar` makes recordings."""
+
+    _lidar: Lidar
+    _thread: LoopThread
+
+    def record(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        scans: bool | LaserScans = False,
+        overwrite: bool = False,
+        sync: bool = True,
+        split_s: float | None = None,
+        split_bytes: int | None = None,
+        keep_bytes: int | None = None,
+    ) -> SyncRecording:
+        """As `Lidar.record`, for use in ``with``."""
+
+        async def made() -> Recording:
+            return self._lidar.record(
+                path,
+                scans=scans,
+                overwrite=overwrite,
+                sync=sync,
+                split_s=split_s,
+                split_bytes=split_bytes,
+                keep_bytes=keep_bytes,
+            )
+
+        return SyncRecording(self._thread, self._thread.call(made))

@@ -265,6 +265,10 @@ async def test_no_foreign_exception_leaves_a_session(family: str) -> None:
             "record(path)": lambda value: recorded(path=value),
             "record(scans)": lambda value: recorded(scans=value),
             "record(overwrite)": lambda value: recorded(overwrite=value),
+            "record(sync)": lambda value: recorded(sync=value),
+            "record(split_s)": lambda value: recorded(split_s=value),
+            "record(split_bytes)": lambda value: recorded(split_bytes=value),
+            "record(keep_bytes)": lambda value: recorded(split_s=60, keep_bytes=value),
             "tap": tapped,
         }
         for name, call in calls.items():

@@ -60,7 +60,7 @@ def export(
     only_with("an OUT that ends with .mcap", LASERSCAN_OPTIONS, Path(out).suffix == ".mcap")
     laserscans_of(dict(of_scans))
     known = (family, model, sample_us)
-    tasks = [(file, out.replace("{}", Path(file).stem), known, of_scans, force) for file in files]
+    tasks = [(file, out.replace("{}", _name_of(file)), known, of_scans, force) for file in files]
     if len({target for _, target, *_ in tasks}) < len(tasks):
         raise click.BadParameter("two of the files have the same name", param_hint="FILE...")
     with progress(f"exporting {len(tasks)} file{'s' if len(tasks) > 1 else ''} …"):
@@ -70,6 +70,11 @@ def export(
     if failures:
         raise failures[0]
     return ExitCode.OK
+
+
+def _name_of(file: str) -> str:
+    """What stands for the name of a file; of a pattern, what all the names have in common."""
+    return Path(file).stem.replace("*", "").strip("-_") or "all"
 
 
 _Known = tuple[str | None, str | None, float | None]

@@ -13,6 +13,8 @@ __all__ = [
     "Duration",
     "FiniteRange",
     "Place",
+    "Size",
+    "TimeOrSize",
     "WholeRange",
     "complete_file",
     "complete_source",
@@ -21,6 +23,8 @@ __all__ = [
 ]
 
 _UNITS: Final = {"ms": 1e-3, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0}
+_SIZE: Final = re.compile(r"([0-9]{1,9}(?:\.[0-9]{1,9})?)\s*([KMGT]B)", re.ASCII | re.IGNORECASE)
+_MULTIPLES: Final = {"KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 _MODE_DIGITS: Final = 9
 _DURATION: Final = re.compile(r"([0-9]{1,9}(?:\.[0-9]*)?|\.[0-9]+)\s*(ms|s|min|m|h)?", re.ASCII)
 
@@ -39,6 +43,42 @@ class Duration(click.ParamType[float]):
         if not 0 < seconds < 1e9:
             self.fail(f"{value!r} is not a duration above 0, such as 10s, 500ms or 2m", param, ctx)
         return seconds
+
+
+class Size(click.ParamType[int]):
+    """A click type that gives bytes: ``500MB``, ``1.5GB``; a thousand thousand bytes are one MB."""
+
+    name = "size"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """As `click.ParamType.convert`."""
+        found = _size_in(str(value))
+        if found is None:
+            self.fail(f"{value!r} is not a size, such as 500MB or 20GB", param, ctx)
+        return found
+
+
+class TimeOrSize(click.ParamType["tuple[float | None, int | None]"]):
+    """A click type that gives seconds or bytes, and None for the other: ``10min``, ``1GB``."""
+
+    name = "time or size"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float | None, int | None]:
+        """As `click.ParamType.convert`."""
+        size = _size_in(str(value))
+        match = _DURATION.fullmatch(str(value).strip())
+        if size is not None:
+            return None, size
+        if match is None or match[2] is None:
+            self.fail(f"{value!r} is neither a time nor a size, such as 10min or 1GB", param, ctx)
+        return float(match[1]) * _UNITS[match[2]], None
+
+
+def _size_in(text: str) -> int | None:
+    match = _SIZE.fullmatch(text.strip())
+    return None if match is None else round(float(match[1]) * _MULTIPLES[match[2].upper()])
 
 
 class Place(click.ParamType["tuple[float, float, float]"]):

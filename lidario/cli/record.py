@@ -17,7 +17,15 @@ import click
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.laserscans import LASERSCAN_OPTIONS, laserscan_options, laserscans_of, only_with
 from lidario.cli.output import progress
-from lidario.cli.parameters import Duration, WholeRange, complete_source, guard_option, mode_option
+from lidario.cli.parameters import (
+    Duration,
+    Size,
+    TimeOrSize,
+    WholeRange,
+    complete_source,
+    guard_option,
+    mode_option,
+)
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
@@ -48,6 +56,9 @@ class _Told:
 @click.option("--sync/--no-sync", default=True, show_default=True,
               help="Have the disk write once a second: a power cut costs no more than that.")  # fmt: skip
 @click.option("--reconnect", is_flag=True, help="Go on when the lidar was unplugged or restarted, and is back.")
+@click.option("--split", type=TimeOrSize(), metavar="TIME|SIZE",
+              help="Begin another file after so much, named by its time: 10min, 1GB.")  # fmt: skip
+@click.option("--keep", type=Size(), metavar="SIZE", help="Remove the oldest files of that name above this: 20GB.")
 @guard_option
 def record(
     source: str,
@@ -59,6 +70,8 @@ def record(
     force: bool,
     sync: bool,
     reconnect: bool,
+    split: tuple[float | None, int | None] | None,
+    keep: int | None,
     guard: bool,
     **of_scans: Any,
 ) -> int:
@@ -74,10 +87,18 @@ def record(
     if not path.casefold().endswith(".mcap"):
         # By its name a recording is told from a serial port.
         raise click.BadParameter(f"{path!r} does not end in .mcap", param_hint="-o")
-    told = _Told()
+    if keep is not None and split is None:
+        raise click.BadParameter(
+            "whole files are removed: --split says when the next one begins", param_hint="--keep"
+        )
+    told, parts = _Told(), (*(split or (None, None)), keep)
     messages = laserscans_of(of_scans) if scans else False
     try:
-        run(lambda: _record(told, source, path, seconds, count, mode, messages, force, sync, reconnect, guard))
+        run(
+            lambda: _record(
+                told, source, path, seconds, count, mode, messages, force, sync, reconnect, parts, guard
+            )
+        )
     except Stopped:
         if seconds is not None or count is not None:
             raise
@@ -85,7 +106,7 @@ def record(
         _sum_up(told)
     if told.recording is not None and told.recording.error is not None:
         raise told.recording.error
-    emit(f"{path}\n")
+    emit(f"{path if told.recording is None else told.recording.source}\n")
     return ExitCode.OK
 
 
@@ -100,13 +121,22 @@ async def _record(
     force: bool,
     sync: bool,
     reconnect: bool,
+    parts: tuple[float | None, int | None, int | None],
     guard: bool,
 ) -> None:
     from lidario import open_lidar
 
     with progress(f"opening {source} …") as show:
         async with open_lidar(source, guard=guard, reconnect=reconnect) as lidar:
-            recording = lidar.record(path, scans=scans, overwrite=force, sync=sync)
+            recording = lidar.record(
+                path,
+                scans=scans,
+                overwrite=force,
+                sync=sync,
+                split_s=parts[0],
+                split_bytes=parts[1],
+                keep_bytes=parts[2],
+            )
             async with recording, lidar.scans(mode) as stream:
                 told.recording, told.began = recording, time.monotonic()
                 showing = asyncio.create_task(_show(show, told))
@@ -136,7 +166,8 @@ def _so_far(told: _Told) -> str:
     assert recording is not None
     elapsed = time.monotonic() - told.began
     scans = f"{recording.scans} scan{'s' if recording.scans != 1 else ''}"
-    return f"{recording.path}: {elapsed:.0f} s, {scans}, {recording.size / 1e6:.1f} MB"
+    files = f", {recording.files} files" if recording.files > 1 else ""
+    return f"{recording.source}: {elapsed:.0f} s, {scans}, {recording.size / 1e6:.1f} MB{files}"
 
 
 def _sum_up(told: _Told) -> None:

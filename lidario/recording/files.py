@@ -6,9 +6,11 @@ import logging
 from pathlib import Path
 from typing import NamedTuple
 
+from lidario.errors import RecordingError
 from lidario.families.base import Known
 from lidario.recording.raw import RawRecording
 from lidario.recording.read import McapRecording, StoredStreams, is_mcap
+from lidario.recording.sequence import files_of
 from lidario.source import Source, parse_source
 
 __all__ = ["FileSource", "Known", "file_source", "open_stored", "open_stored_source"]
@@ -45,15 +47,23 @@ def _file_source(source: Source) -> FileSource:
 
 
 def open_stored(path: Path, known: Known = Known()) -> StoredStreams:  # noqa: B008 - it cannot be changed
-    """Read what a file holds; `known` is for bare bytes, MCAP states it itself. A model that is guessed is logged.
+    """Read what a file holds, or all files that a pattern names, as one recording.
+
+    `known` is for bare bytes, MCAP states it itself. A model that is guessed is logged.
 
     Raises:
         RecordingError: Nothing can be read of it.
         InvalidValue: The time of a sample is no number that can be right.
         ConnectFailed: There is no such family or model (reason ``source``).
     """
-    if is_mcap(path):
-        return McapRecording(path)
+    paths = files_of(path)
+    if any(is_mcap(each) for each in paths):
+        return McapRecording(path, paths)
+    if len(paths) > 1:
+        raise RecordingError(
+            f"{path} names {len(paths)} files of bare bytes, which tell no times: name one of them"
+        )
+    path = paths[0]
     recording = RawRecording(path, known)
     if recording.guess:
         _log.warning("%s: %s", path, recording.guess)

@@ -11,8 +11,17 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
+from lidario.errors import RecordingError
 from lidario.recording.about import About
-from lidario.recording.chronicle import Placed, StreamBegan, StreamEnded, StreamEvent, ZeroOffsetSet
+from lidario.recording.chronicle import (
+    Placed,
+    Responded,
+    StreamBegan,
+    StreamEnded,
+    StreamEvent,
+    ZeroOffsetSet,
+    moved,
+)
 from lidario.recording.mcap_records import Damage, Message
 from lidario.recording.ros_messages import parse_raw
 
@@ -22,6 +31,9 @@ MOST_BACK_NS = 60 * 10**9
 MOST_AHEAD_NS = 366 * 86_400 * 10**9
 """How far the time of a chunk of bytes may be from that of the one before. A chunk that waited for the loop is
 seconds late, and a lidar may rest for months; what jumps farther is no time."""
+OVERLAP_NS = 2 * 10**8
+"""Clocks of two recordings may differ by so much, where one begins as soon as the other has ended."""
+SAME_TIME = "recordings of the same time are not read one after the other: name one of them"
 
 
 class StoredChunk(NamedTuple):
@@ -44,6 +56,7 @@ class Reached:
     """How far a file was gone through.
 
     Attributes:
+        about: The beginning of the first file; None before that.
         place: Place of the next received byte.
         is_known: Whether place and stream are known: behind a chunk that is missing they are not, until the next
             one tells them.
@@ -51,18 +64,55 @@ class Reached:
     """
 
     def __init__(self) -> None:
+        self.about: About | None = None
         self.place: int = 0
         self.is_known: bool = True
         self.jumped: bool = False
         self._running: StreamBegan | None = None
         self._last_ns: int | None = None
         self._shift_ns = 0
+        # Of the recording that is read: its digits, what is added to its places, the least of them, and its clock
+        # minus that of the first one; and whether no chunk of it was seen.
+        self._recording = ""
+        self._done: set[str] = set()
+        self._shift = self._least = 0
+        self._clock_ns = 0
+        self._is_new = False
 
     def begin(self, about: About) -> None:
-        """The beginning of the file was read."""
+        """The beginning of the first file was read."""
+        self.about = about
+        self._recording = about.recording
         self.place = about.received_before
         for event in about.events:
             self._follow(event)
+
+    def repeats(self, about: About) -> bool:
+        """Whether the file that begins so holds what was read before: a copy, or another name of the same file."""
+        place = about.received_before + self._shift
+        return bool(self._recording) and about.recording == self._recording and place < self.place
+
+    def go_on(self, about: About) -> Iterator[StreamEvent | Damage]:
+        """The beginning of the next file was read: it goes on, or it is of another recording, which begins here."""
+        responses = [event for event in about.events if isinstance(event, Responded)]
+        running = next((event for event in about.events if isinstance(event, StreamBegan)), None)
+        if self._recording and about.recording == self._recording:
+            yield from self.event(Placed(about.received_before, running))
+            yield from responses
+            return
+        if self._running is not None:
+            yield StreamEnded(self.place)
+        assert self.about is not None
+        if about.recording in self._done:
+            raise RecordingError(SAME_TIME)
+        self._done |= {self._recording} - {""}
+        self._running, self._recording, self.is_known, self._is_new = None, about.recording, True, True
+        self._shift, self._least = self.place - about.received_before, self.place
+        self._clock_ns = about.clock_offset_ns - self.about.clock_offset_ns
+        yield from responses
+        if running is not None:
+            # What passed between two recordings is no failure of the lidar.
+            yield from self.event(replace(running, continues=False))
 
     def chunk(self, message: Message) -> StoredChunk | None:
         """Bytes of the file, where they can be placed; their time follows that of the bytes before."""
@@ -75,6 +125,9 @@ class Reached:
             self.jumped = True
             self._shift_ns += last_ns - at_ns
             at_ns = last_ns
+        if self._is_new and message.at_ns < last_ns - OVERLAP_NS:
+            raise RecordingError(SAME_TIME)
+        self._is_new = False
         self._last_ns = at_ns
         sent, data = raw
         place = self.place
@@ -86,6 +139,7 @@ class Reached:
 
     def event(self, event: StreamEvent) -> Iterator[StreamEvent | Damage]:
         """An event of the file; where one tells what stands there, the events that are missing before it."""
+        event = self._here(event)
         if not isinstance(event, Placed):
             self._follow(event)
             yield event
@@ -100,6 +154,18 @@ class Reached:
                 self._follow(missing)
                 yield missing
         self.place, self.is_known = event.at, True
+
+    def _here(self, event: StreamEvent) -> StreamEvent:
+        """An event of the recording that is read, with the places and the clock of the first one."""
+        if not self._shift and not self._clock_ns:
+            return event
+        event = moved(event, self._shift, self._least)
+        if isinstance(event, Placed) and event.running is not None:
+            return replace(event, running=self._on_clock(event.running))
+        return self._on_clock(event) if isinstance(event, StreamBegan) else event
+
+    def _on_clock(self, began: StreamBegan) -> StreamBegan:
+        return replace(began, wall_offset_ns=began.wall_offset_ns - self._clock_ns)
 
     def _missing(self, told: Placed) -> Iterator[StreamEvent]:
         before, now = self._running, told.running

@@ -13,7 +13,7 @@ says.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -21,7 +21,7 @@ from typing import NamedTuple, Protocol
 from lidario.errors import ConnectFailed, RecordingError
 from lidario.families.base import Decoder, Family, Stream
 from lidario.families.registry import family_named
-from lidario.recording.about import NAME, About
+from lidario.recording.about import About
 from lidario.recording.chronicle import (
     MOST_NS,
     MOST_RESPONSES,
@@ -31,14 +31,13 @@ from lidario.recording.chronicle import (
     StreamEnded,
     StreamEvent,
     ZeroOffsetSet,
-    event_of,
     text_of,
 )
-from lidario.recording.mcap_records import MAGIC, Channel, Damage, Message, Metadata, read_records
+from lidario.recording.mcap_records import MAGIC, Damage
 from lidario.recording.opened import StoredFile
-from lidario.recording.reached import Reached, StoredChunk
-from lidario.recording.ros_messages import parse_text
-from lidario.recording.write import EVENTS_TOPIC, RAW_TOPIC, FileWriter
+from lidario.recording.reached import StoredChunk
+from lidario.recording.sequence import RecordedFiles
+from lidario.recording.write import FileWriter
 from lidario.wire.formats import StreamFormat
 
 __all__ = ["LONGEST_PAUSE_NS", "McapRecording", "Piece", "StoredStream", "StoredStreams", "is_mcap"]
@@ -159,26 +158,31 @@ class McapRecording:
     """A recording that `Lidar.record` made; implements `StoredStreams`.
 
     Args:
-        path: The file.
+        path: The file, or a pattern.
+        paths: The files that the pattern names.
+
+    Attributes:
+        paths: Them, in the order of their times.
 
     Raises:
         RecordingError: It is none, or no stream can be read of it; the text says why.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, paths: Sequence[Path] = ()) -> None:
         self.path: Path = path
+        self._files = RecordedFiles(path, paths or (path,))
+        self.paths: tuple[Path, ...] = self._files.paths
         self.responses: dict[bytes, Responded] = {}
         self.damage: str = ""
         self.duration_ns: int = 0
         self.timed: bool = True
         self.away_ns: tuple[int, ...] = ()
         self.chunks: int = 0
-        self.size: int = 0
         self._events: list[StreamEvent] = []
         about: About | None = None
         first = last = None
         told: Counter[str] = Counter()
-        for record in self._records():
+        for record in self._files.records():
             if isinstance(record, StoredChunk):
                 if first is None and any(isinstance(each, StreamBegan) for each in self._events):
                     first = record.at_ns
@@ -198,6 +202,7 @@ class McapRecording:
             why = self.damage or "it says nothing of a lidar"
             raise RecordingError(f"{path} is not a recording of lidario: {why}")
         self.about: About = about
+        self.size: int = self._files.size
         if first is not None and last is not None:
             self.duration_ns = max(0, last - first)
         try:
@@ -218,7 +223,7 @@ class McapRecording:
         offsets, offset_deg = _offsets(self.streams[0])
         behind = False
         first, last = _bounds(self.streams[0])
-        for record in self._records():
+        for record in self._files.records():
             if not isinstance(record, StoredChunk) or record.sent:
                 continue
             at_ns, begin, _, data = record
@@ -248,7 +253,7 @@ class McapRecording:
     def copy_to(self, writer: FileWriter) -> Iterator[int]:
         """Add every chunk and event to `writer`, while it is iterated over; gives the time of each."""
         at_ns = 0
-        for record in self._records():
+        for record in self._files.records():
             if isinstance(record, StoredChunk):
                 at_ns = min(max(record.at_ns, 0), MOST_NS)
                 if not record.sent:
@@ -257,45 +262,6 @@ class McapRecording:
                 yield at_ns
             elif isinstance(record, StreamEvent):
                 writer.add_event(at_ns, text_of(record))
-
-    def _records(self) -> Iterator[About | StoredChunk | StreamEvent | Damage]:
-        """What matters of the file: its beginning, the raw chunks, the chronicle, and what of it is damaged."""
-        topics: dict[int, str] = {}
-        told = False
-        reached = Reached()
-        with StoredFile(self.path, self.size) as file:
-            self.size = file.size
-            if file.read(len(MAGIC)) != MAGIC:
-                yield Damage("it does not begin as an MCAP file")
-                return
-            for record in read_records(file):
-                if isinstance(record, Message):
-                    topic = topics.get(record.channel)
-                    if topic == RAW_TOPIC:
-                        chunk = reached.chunk(record)
-                        if reached.jumped:
-                            reached.jumped = False
-                            yield Damage(
-                                "its times jump, and what follows is shown without the jump", missing=False
-                            )
-                        if chunk is not None:
-                            yield chunk
-                    elif topic == EVENTS_TOPIC:
-                        event = event_of(parse_text(record.data) or "")
-                        if event is not None:
-                            yield from reached.event(event)
-                elif isinstance(record, Channel):
-                    topics.pop(record.number, None)
-                    if record.topic in (RAW_TOPIC, EVENTS_TOPIC):
-                        topics[record.number] = record.topic
-                elif isinstance(record, Damage):
-                    reached.is_known = reached.is_known and not record.missing
-                    yield record
-                elif isinstance(record, Metadata) and record.name == NAME and not told:
-                    told = True
-                    about = About.of(record.texts)
-                    reached.begin(about)
-                    yield about
 
     def _find_streams(self, family: Family) -> Iterator[StoredStream]:
         began: StreamBegan | None = None

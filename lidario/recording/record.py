@@ -25,6 +25,7 @@ from lidario.errors import CannotRecord, LocalProtocolError
 from lidario.laserscans import LaserScans
 from lidario.port.start import start_thread
 from lidario.recording.about import About
+from lidario.recording.parts import Parts, Split, pattern_of
 from lidario.recording.write import FileWriter
 from lidario.scan import Scan
 
@@ -69,7 +70,7 @@ class Recording(Entered):
     """A recording under way; made by `Lidar.record`, and used as an asynchronous context manager.
 
     Attributes:
-        path: The file.
+        path: The file; where the recording is split, the one that is written.
         error: Why the recording ended before it was closed, or None. The session goes on without it.
         chunks: Chunks of bytes recorded so far, in both directions.
         scans: Full revolutions that were decoded meanwhile.
@@ -78,9 +79,18 @@ class Recording(Entered):
     _instead = "a recording is made asynchronously: write `async with lidar.record(path):`"
 
     def __init__(
-        self, path: Path, session: Recorded, *, scans: LaserScans | None, overwrite: bool, sync: bool
+        self,
+        path: Path,
+        session: Recorded,
+        *,
+        scans: LaserScans | None,
+        overwrite: bool,
+        sync: bool,
+        split: Split = Split(),  # noqa: B008 - it cannot be changed
     ) -> None:
         self.path: Path = path
+        self._base = path
+        self._split = split
         self.error: CannotRecord | None = None
         self.chunks: int = 0
         self.scans: int = 0
@@ -98,15 +108,25 @@ class Recording(Entered):
         self._ending = threading.Event()
         self._open = threading.Event()
         self._thread: threading.Thread | None = None
-        self._writer: FileWriter | None = None
+        self._parts: Parts | None = None
 
     def __repr__(self) -> str:
         return f"<Recording {self.path}: {self.size} bytes>"
 
     @property
     def size(self) -> int:
-        """Bytes of the file so far; it grows once a second."""
-        return 0 if self._writer is None else self._writer.size
+        """Bytes written so far, of all files; it grows once a second."""
+        return 0 if self._parts is None else self._parts.size
+
+    @property
+    def files(self) -> int:
+        """How many files were begun."""
+        return 0 if self._parts is None else self._parts.count
+
+    @property
+    def source(self) -> str:
+        """What ``open_lidar`` and ``decode_file`` take to read all of it: the file, or a pattern of its files."""
+        return pattern_of(self._base) if self._split else str(self._base)
 
     @property
     def lost_bytes(self) -> int:
@@ -210,12 +230,13 @@ class Recording(Entered):
         """The thread."""
         assert self._about is not None
         try:
-            self._writer = FileWriter(self.path, self._about, overwrite=self._overwrite, sync=self._sync)
+            self._parts = Parts(self._base, self._about, self._split, overwrite=self._overwrite, sync=self._sync)
+            self.path = self._parts.writer.path
             self._open.set()
-            self._write(self._writer)
+            self._write(self._parts)
             if self._messages is not None:
-                self._writer.add_scans(self._messages.rest())
-            self._writer.close()
+                self._parts.writer.add_scans(self._messages.rest())
+            self._parts.writer.close()
         except CannotRecord as error:
             self._fail(error)
         except Exception as error:
@@ -223,12 +244,13 @@ class Recording(Entered):
             failure.__cause__ = error
             self._fail(failure)
         finally:
-            if self._writer is not None:
-                self._writer.abandon()
+            if self._parts is not None:
+                self._parts.writer.abandon()
             while self._entries:
                 self._lost_there += self._entries.popleft()[1] - _ITEM_BYTES
 
-    def _write(self, writer: FileWriter) -> None:
+    def _write(self, parts: Parts) -> None:
+        writer = parts.writer
         first_ns: int | None = None
         flushed = time.monotonic()
         while True:
@@ -237,13 +259,15 @@ class Recording(Entered):
             while self._entries:
                 now, size, write = self._entries.popleft()
                 if first_ns is not None and now - first_ns >= CHUNK_NS:
-                    writer.flush()
+                    parts.flush()
                     first_ns, flushed = None, time.monotonic()
-                first_ns = now if first_ns is None else first_ns
+                if first_ns is None:
+                    writer, first_ns = parts.writer_at(now + self._offset_ns), now
+                    self.path = writer.path
                 write(writer, now + self._offset_ns)
                 self._taken += size
             if first_ns is not None and (ending or time.monotonic() - flushed >= CHUNK_NS * 1e-9):
-                writer.flush()
+                parts.flush()
                 first_ns, flushed = None, time.monotonic()
             if ending:
                 return

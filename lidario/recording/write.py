@@ -24,6 +24,7 @@ from lidario.laserscan import LaserScan
 from lidario.recording.about import NAME, About
 from lidario.recording.chronicle import (
     Placed,
+    Responded,
     StreamBegan,
     StreamEnded,
     StreamEvent,
@@ -114,6 +115,8 @@ class FileWriter:
         )
         self._channels: dict[str, int] = {}
         self._numbers: dict[str, int] = {}
+        self._about = about
+        self._responses: dict[bytes, Responded] = {}
         self._place = about.received_before
         self._running: StreamBegan | None = None
         self._pending: int = 0
@@ -139,6 +142,16 @@ class FileWriter:
     def count_of_scans(self) -> int:
         """Scans added so far."""
         return self._numbers.get(SCAN_TOPIC, 0)
+
+    def about_now(self, began_ns: int) -> About:
+        """What stands at the beginning of the file that goes on where this one ends."""
+        running = () if self._running is None else (self._running,)
+        return replace(
+            self._about,
+            received_before=self._place,
+            began_ns=began_ns,
+            events=(*self._responses.values(), *running),
+        )
 
     def add_chunk(self, at_ns: int, sent: bool, data: bytes) -> None:
         """Add a chunk of bytes; `at_ns` is nanoseconds since the Unix epoch, here and below."""
@@ -206,6 +219,8 @@ class FileWriter:
             self._running = None
         elif isinstance(event, ZeroOffsetSet) and self._running is not None:
             self._running = replace(self._running, zero_offset_deg=event.zero_offset_deg)
+        elif isinstance(event, Responded):
+            self._responses[event.request] = event
 
     def _add(self, topic: str, at_ns: int, message: bytes) -> None:
         if not self._pending:

@@ -24,6 +24,7 @@ from lidario.errors import LocalProtocolError, SessionClosed
 from lidario.laserscans import LaserScans
 from lidario.model import Health, ScanMode, Stats
 from lidario.port.line import Tap
+from lidario.recording.parts import Split
 from lidario.recording.record import Recording
 from lidario.session.connection import Connection
 from lidario.session.counters import Counters
@@ -178,6 +179,9 @@ class Lidar(Streams, AsyncOnly):
         scans: bool | LaserScans = False,
         overwrite: bool = False,
         sync: bool = True,
+        split_s: float | None = None,
+        split_bytes: int | None = None,
+        keep_bytes: int | None = None,
     ) -> Recording:
         """Record every byte in both directions to an MCAP file, for use in ``async with``.
 
@@ -190,11 +194,17 @@ class Lidar(Streams, AsyncOnly):
                 with a `LaserScans` of its own. All messages of a file are on one grid.
             overwrite: Whether a file that is there already may be replaced.
             sync: Whether the disk is told once a second to write, so that a power cut costs little more than that.
+            split_s: Seconds after which the recording goes on in another file, at least 1; None for one file. Names
+                are made of `path` and the time in UTC, as ``run-20260131T235959Z.mcap``. `Recording.source` names
+                all of them, for ``open_lidar``.
+            split_bytes: The same after so many bytes, at least 100000; whichever is reached first.
+            keep_bytes: Most bytes of all files of these names, also of earlier recordings: the oldest are removed,
+                never the one that is written. None to keep all; at least two files.
 
         Raises:
             CannotRecord: When the block is entered: the file cannot be made, ``mcap`` is not installed, or whole
                 scans arrive from another machine and `scans` is not set, so that nothing would be kept.
-            InvalidValue: `path` cannot be the name of a file.
+            InvalidValue: `path` cannot be the name of a file, or a figure cannot be.
         """
         self._check_open()
         if isinstance(scans, LaserScans):
@@ -207,6 +217,7 @@ class Lidar(Streams, AsyncOnly):
             scans=messages,
             overwrite=yes_or_no(overwrite, "overwrite"),
             sync=yes_or_no(sync, "sync"),
+            split=Split(split_s, split_bytes, keep_bytes),
         )
 
     async def close(self) -> None:

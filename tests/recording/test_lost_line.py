@@ -12,7 +12,7 @@ from lidario.recording.decode_file import FileDecoder
 from lidario.recording.read import McapRecording
 from lidario.scan import Scan
 from tests.support.loop import run_driven
-from tests.support.recorded import assert_same_scans
+from tests.support.recorded import assert_same_scans, thread_takes_no_time
 
 MODELS = ["rplidar-s2", "rplidar-a1", "ydlidar-4ros", "ldrobot-ld06"]
 SCANS = 80
@@ -29,7 +29,8 @@ def record(path: Path, source: str) -> tuple[list[Scan], lidario.Stats]:
             assert not recording.lost_bytes
             return scans, lidar.stats
 
-    return run_driven(main)
+    with thread_takes_no_time():
+        return run_driven(main)
 
 
 def replayed(path: Path) -> list[Scan]:
@@ -67,7 +68,7 @@ def test_what_was_away_is_told(tmp_path: Path) -> None:
     gaps = [b.stamp_ns - a.stamp_ns - a.duration_ns for a, b in pairwise(scans)]
     # All that lies between two scans, but for the parts of revolutions and the spinning up at the edges of a gap.
     longest = sorted(gaps)[-stats.reconnects :]
-    assert all(0 <= gap - away < 1.5e9 for gap, away in zip(longest, sorted(recording.away_ns), strict=True))
+    assert all(0 <= gap - away < 2.5e9 for gap, away in zip(longest, sorted(recording.away_ns), strict=True))
     summary = lidario.summarize(tmp_path / "a.mcap")
     assert summary.losses == stats.reconnects
     assert summary.away_s == pytest.approx(sum(recording.away_ns) * 1e-9)

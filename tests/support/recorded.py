@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from lidario.model import DeviceInfo, Health, ScanMode
 from lidario.scan import Scan
@@ -14,7 +16,15 @@ from lidario.session.lidar import Lidar
 from lidario.session.opening import open_lidar
 from tests.support.loop import run_driven
 
-__all__ = ["Live", "assert_same_scans", "record", "same_scan"]
+__all__ = ["Live", "assert_same_scans", "record", "same_scan", "thread_takes_no_time"]
+
+
+@contextmanager
+def thread_takes_no_time() -> Iterator[None]:
+    """Where a fault comes at a given moment: a driven clock stands nearly still while the thread opens its file."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("lidario.recording.record._POLL_S", 1e-6)
+        yield
 
 
 @dataclass

@@ -1,0 +1,171 @@
+"""The files of one recording: a single one, or parts that are named by time, of which the oldest may go.
+
+Each part begins with what the device had said by then, with the stream that runs and with the place of its first
+byte. So it is a recording by itself, and lacks only what its first and its last revolution have in its neighbours.
+Read together (`lidario.recording.read`) the parts hold the same bytes as one file would, none twice.
+
+Nothing here knows an event loop; `lidario.recording.record` calls it from a thread.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import re
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from lidario.arguments import finite, shown, whole
+from lidario.errors import InvalidValue
+from lidario.recording.about import About
+from lidario.recording.write import FileWriter
+
+__all__ = ["Parts", "Split", "pattern_of"]
+
+_log = logging.getLogger("lidario")
+
+LEAST_S = 1.0
+LEAST_BYTES = 100_000
+"""A part holds a second at least, so that the times in two names differ."""
+MOST_S = 1e9
+_NS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Split:
+    """When a recording goes on in another file, and how much of it is kept.
+
+    Attributes:
+        seconds: Time in a file; None for any.
+        size: Bytes of a file, about: the second in which they are reached is in it. None for any.
+        keep: Bytes of all files together; the oldest go. None to keep all.
+
+    Raises:
+        InvalidValue: A figure that cannot be.
+    """
+
+    seconds: float | None = None
+    size: int | None = None
+    keep: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.seconds is not None and not LEAST_S <= finite(self.seconds, "split_s") <= MOST_S:
+            raise InvalidValue(f"split_s is {LEAST_S:g} or more seconds, not {shown(self.seconds)}")
+        if self.size is not None and whole(self.size, "split_bytes") < LEAST_BYTES:
+            raise InvalidValue(f"split_bytes is {LEAST_BYTES} or more, not {shown(self.size)}")
+        if self.keep is None:
+            return
+        least = 2 * (self.size or LEAST_BYTES)
+        if whole(self.keep, "keep_bytes") < least:
+            raise InvalidValue(f"keep_bytes is {least} or more, two files, not {shown(self.keep)}")
+        if not self:
+            raise InvalidValue(
+                "keep_bytes removes whole files: split_s or split_bytes says when the next one begins"
+            )
+
+    def __bool__(self) -> bool:
+        return self.seconds is not None or self.size is not None
+
+    def is_due(self, seconds: float, size: int) -> bool:
+        """Whether a file that holds so much is to be the last one no more."""
+        if seconds < LEAST_S:
+            return False
+        by_time = self.seconds is not None and seconds >= self.seconds
+        return by_time or (self.size is not None and size >= self.size)
+
+
+class Parts:
+    """Writes a recording to its file or files.
+
+    Args:
+        path: Of the one file; or what the names of the parts are made of, as ``run-20260131T235959Z.mcap``.
+        about: What stands at the beginning.
+        split: When the next part begins.
+        overwrite: Whether a file that is there already may be replaced; names of parts are always new.
+        sync: As for `FileWriter`.
+
+    Attributes:
+        writer: The file that is written.
+        count: How many there were.
+
+    Raises:
+        CannotRecord: It cannot be written. So do the methods.
+    """
+
+    def __init__(self, path: Path, about: About, split: Split, *, overwrite: bool, sync: bool) -> None:
+        self.count: int = 1
+        self._base = path
+        self._split = split
+        self._sync = sync
+        self._closed_size = 0
+        # Of the first chunk in the file: a lidar that takes its time to begin leaves no empty file.
+        self._began_ns: int | None = None
+        # The files of this name that are complete, also those of another program that ran before.
+        self._complete = _sizes_of(path) if split.keep is not None else {}
+        self.writer: FileWriter = FileWriter(
+            _free(path, about.began_ns) if split else path, about, overwrite=overwrite and not split, sync=sync
+        )
+
+    @property
+    def size(self) -> int:
+        """Bytes written so far, also those that are not kept any more."""
+        return self._closed_size + self.writer.size
+
+    def writer_at(self, at_ns: int) -> FileWriter:
+        """The file to which goes what comes from that time of the file's clock on; no chunk is begun in it."""
+        if self._began_ns is None:
+            self._began_ns = at_ns
+        elif self._split.is_due((at_ns - self._began_ns) / _NS, self.writer.size):
+            former = self.writer
+            former.close()
+            self._closed_size += former.size
+            self._complete[former.path] = former.size
+            self._began_ns = at_ns
+            self.writer = FileWriter(_free(self._base, at_ns), former.about_now(at_ns), sync=self._sync)
+            self.count += 1
+        return self.writer
+
+    def flush(self) -> None:
+        """End the chunk and hand it to the operating system; let files go where there are too many."""
+        self.writer.flush()
+        keep = self._split.keep
+        while keep is not None and self._complete and sum(self._complete.values()) + self.writer.size > keep:
+            oldest = min(self._complete)
+            del self._complete[oldest]
+            try:
+                oldest.unlink()
+            except FileNotFoundError:
+                pass
+            except OSError as error:
+                _log.warning("%s is too old to keep, and cannot be removed: %s", oldest, error.strerror or error)
+
+
+def pattern_of(path: Path) -> str:
+    """What names all the parts of a recording, as a source."""
+    return str(path.with_name(f"{path.stem}-*{path.suffix}"))
+
+
+def _named(path: Path, at_ns: int) -> Path:
+    # Of UTC: local time goes back once a year.
+    at = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=at_ns // _NS)
+    return path.with_name(f"{path.stem}-{at:%Y%m%dT%H%M%SZ}{path.suffix}")
+
+
+def _free(path: Path, at_ns: int) -> Path:
+    """The name of the part that begins then, or seconds later: a clock that was set back may have used it."""
+    while os.path.lexists(name := _named(path, at_ns)):
+        at_ns += _NS
+    return name
+
+
+def _sizes_of(path: Path) -> dict[Path, int]:
+    """The parts that are there, and their sizes."""
+    name = re.compile(rf"{re.escape(path.stem)}-\d{{8}}T\d{{6}}Z{re.escape(path.suffix)}", re.ASCII)
+    found: dict[Path, int] = {}
+    with contextlib.suppress(OSError), os.scandir(path.parent) as entries:
+        for entry in entries:
+            if name.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
+                found[path.parent / entry.name] = entry.stat().st_size
+    return found

@@ -1,0 +1,140 @@
+"""What matters of the files of a recording, one file after the other, as if they were one.
+
+A pattern may name the parts of one recording (`lidario.recording.parts`), and several recordings of one lidar.
+Files are read in the order of the times at which they begin. Where the next one is a part of the same recording,
+its bytes follow those of the one before: the stream goes on, with nothing lost or doubled. The next recording
+begins another stream.
+"""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from lidario.errors import RecordingError
+from lidario.recording.about import NAME, About
+from lidario.recording.chronicle import StreamEvent, event_of
+from lidario.recording.mcap_records import MAGIC, Channel, Damage, Message, Metadata, read_records
+from lidario.recording.opened import StoredFile
+from lidario.recording.reached import Reached, StoredChunk
+from lidario.recording.ros_messages import parse_text
+from lidario.recording.write import EVENTS_TOPIC, RAW_TOPIC
+
+__all__ = ["RecordedFiles", "files_of"]
+
+
+def files_of(path: Path) -> tuple[Path, ...]:
+    """The files that a path names: itself, or, where no file has that name, those that fit it as a pattern.
+
+    Raises:
+        RecordingError: None fits it.
+    """
+    if not glob.has_magic(str(path)) or os.path.lexists(path):
+        return (path,)
+    found = tuple(Path(each) for each in sorted(glob.glob(str(path))))
+    if not found:
+        raise RecordingError(f"{path}: no file has a name that fits this pattern")
+    return found
+
+
+class RecordedFiles:
+    """Files that are read as one recording; all of them may be gone through several times.
+
+    Args:
+        path: What names them, for messages.
+        paths: The files, at least one.
+
+    Attributes:
+        path: As above.
+        paths: The files, in the order of their times.
+        size: Their bytes.
+
+    Raises:
+        RecordingError: Several files are of several lidars, or one of them cannot be read.
+    """
+
+    def __init__(self, path: Path, paths: Sequence[Path]) -> None:
+        self.path: Path = path
+        self.paths: tuple[Path, ...] = tuple(paths)
+        self.size: int = 0
+        self._sizes: dict[Path, int] = {}
+        if len(paths) > 1:
+            beginnings = [(*self._beginning(each), each) for each in paths]
+            devices = {(about.info.family, about.info.model, about.info.serial) for about, *_ in beginnings}
+            if len(devices) > 1:
+                names = "; ".join(sorted(" ".join(each) for each in devices)[:3])
+                raise RecordingError(f"{path} names recordings of several lidars: {names}. Name those of one")
+            self.paths = tuple(each for *_, each in sorted(beginnings, key=lambda known: known[1:]))
+
+    def records(self) -> Iterator[About | StoredChunk | StreamEvent | Damage]:
+        """The beginning, the raw chunks, the chronicle, and what of the files is damaged."""
+        reached = Reached()
+        for path in self.paths:
+            several = len(self.paths) > 1
+            for record in self._records_of(path, reached):
+                yield (
+                    record._replace(why=f"{path.name}: {record.why}")
+                    if several and isinstance(record, Damage)
+                    else record
+                )
+        self.size = sum(self._sizes.values())
+
+    def _records_of(self, path: Path, reached: Reached) -> Iterator[About | StoredChunk | StreamEvent | Damage]:
+        topics: dict[int, str] = {}
+        told = False
+        with StoredFile(path, self._sizes.get(path, 0)) as file:
+            self._sizes[path] = file.size
+            if file.read(len(MAGIC)) != MAGIC:
+                yield Damage("it does not begin as an MCAP file")
+                return
+            for record in read_records(file):
+                if isinstance(record, Message):
+                    topic = topics.get(record.channel)
+                    if topic == RAW_TOPIC:
+                        chunk = reached.chunk(record)
+                        if reached.jumped:
+                            reached.jumped = False
+                            yield Damage(
+                                "its times jump, and what follows is shown without the jump", missing=False
+                            )
+                        if chunk is not None:
+                            yield chunk
+                    elif topic == EVENTS_TOPIC:
+                        event = event_of(parse_text(record.data) or "")
+                        if event is not None:
+                            yield from reached.event(event)
+                elif isinstance(record, Channel):
+                    topics.pop(record.number, None)
+                    if record.topic in (RAW_TOPIC, EVENTS_TOPIC):
+                        topics[record.number] = record.topic
+                elif isinstance(record, Damage):
+                    reached.is_known = reached.is_known and not record.missing
+                    yield record
+                elif isinstance(record, Metadata) and record.name == NAME and not told:
+                    told = True
+                    about = About.of(record.texts)
+                    if reached.about is None:
+                        reached.begin(about)
+                        yield about
+                    elif reached.repeats(about):
+                        yield Damage("it holds what another file holds, and was left out", missing=False)
+                        return
+                    else:
+                        yield from reached.go_on(about)
+
+    def _beginning(self, path: Path) -> tuple[About, int]:
+        """What stands at the beginning of a file, and when it was begun, on the clock of files."""
+        about = About.of({})
+        with StoredFile(path) as file:
+            if file.read(len(MAGIC)) == MAGIC:
+                for record in read_records(file):
+                    if isinstance(record, Metadata) and record.name == NAME:
+                        about = About.of(record.texts)
+                        if about.began_ns:
+                            break
+                    elif isinstance(record, Message):
+                        # Older versions did not tell.
+                        return about, record.at_ns
+        return about, about.began_ns
