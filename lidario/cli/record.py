@@ -91,7 +91,8 @@ def record(
         raise click.BadParameter(
             "whole files are removed: --split says when the next one begins", param_hint="--keep"
         )
-    told, parts = _Told(), (*(split or (None, None)), keep)
+    told, (split_s, split_bytes) = _Told(), split or (None, None)
+    parts = split_s, split_bytes, keep
     messages = laserscans_of(of_scans) if scans else False
     try:
         run(

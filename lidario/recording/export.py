@@ -21,6 +21,7 @@ from typing import IO, Any
 import numpy as np
 
 from lidario.errors import CannotRecord
+from lidario.laserscan import LaserScan
 from lidario.laserscans import LaserScans
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.opened import not_a_file
@@ -129,9 +130,10 @@ def export_mcap(
     with write_whole(path, overwrite=overwrite) as part:
         writer = FileWriter(part, recording.about, overwrite=True)
         try:
+            scans = _Scans(writer, decoder, messages or LaserScans())
             if isinstance(recording, McapRecording):
-                _flush_each_second(writer, recording.copy_to(writer))
-            _flush_each_second(writer, _added(writer, decoder, messages or LaserScans()))
+                _flush_each_second(writer, recording.copy_to(writer, scans.add_until))
+            _flush_each_second(writer, scans.add_rest())
             count = writer.count_of_scans
         except BaseException:
             writer.abandon()
@@ -140,12 +142,34 @@ def export_mcap(
     return count
 
 
-def _added(writer: FileWriter, scans: Iterable[Scan], messages: LaserScans) -> Iterator[int]:
-    """Add the scans; tells the time of each."""
+class _Scans:
+    """Adds the scans of a recording to a file, each before the first chunk that is later."""
+
+    def __init__(self, writer: FileWriter, scans: Iterable[Scan], messages: LaserScans) -> None:
+        self._writer = writer
+        self._ready = _made(scans, messages)
+        self._next = next(self._ready, None)
+
+    def add_until(self, at_ns: int) -> None:
+        """Add all that were measured until then."""
+        while self._next is not None and self._next[1].stamp_ns <= at_ns:
+            self._add(self._next)
+
+    def add_rest(self) -> Iterator[int]:
+        """Add those that are left, while it is iterated over; gives the time of each."""
+        while self._next is not None:
+            yield self._add(self._next)
+
+    def _add(self, made: tuple[Scan, LaserScan]) -> int:
+        self._writer.add_scans((made,))
+        self._next = next(self._ready, None)
+        return made[1].stamp_ns
+
+
+def _made(scans: Iterable[Scan], messages: LaserScans) -> Iterator[tuple[Scan, LaserScan]]:
     for scan in scans:
-        writer.add_scans(messages.take(scan))
-        yield scan.wall_stamp_ns
-    writer.add_scans(messages.rest())
+        yield from messages.take(scan)
+    yield from messages.rest()
 
 
 def _flush_each_second(writer: FileWriter, times: Iterator[int]) -> None:

@@ -13,7 +13,7 @@ says.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -250,12 +250,18 @@ class McapRecording:
                     offsets, offset_deg = _offsets(self.streams[number])
                     first, last = _bounds(self.streams[number])
 
-    def copy_to(self, writer: FileWriter) -> Iterator[int]:
-        """Add every chunk and event to `writer`, while it is iterated over; gives the time of each."""
+    def copy_to(self, writer: FileWriter, before: Callable[[int], None]) -> Iterator[int]:
+        """Add every chunk and event to `writer`, while it is iterated over; gives the time of each.
+
+        Args:
+            writer: Where to.
+            before: Called with the time of each before it is added.
+        """
         at_ns = 0
         for record in self._files.records():
             if isinstance(record, StoredChunk):
                 at_ns = min(max(record.at_ns, 0), MOST_NS)
+                before(at_ns)
                 if not record.sent:
                     writer.go_on_at(at_ns, record.place)
                 writer.add_chunk(at_ns, record.sent, record.data)
