@@ -77,7 +77,9 @@ def test_a_full_disk_leaves_the_picture_before(tmp_path: Path, monkeypatch: pyte
     assert os.listdir(tmp_path) == ["scan.svg"]
 
 
-@pytest.mark.parametrize("arguments", [("info", S2), ("doctor",), ("stats", S2, "-t", "0.3s"), ("devices",)])
+@pytest.mark.parametrize(
+    "arguments", [("info", S2), ("doctor",), ("stats", S2, "-t", "0.3s"), ("devices", "--json")]
+)
 def test_a_full_disk_behind_stdout_is_said(arguments: tuple[str, ...]) -> None:
     with open("/dev/full", "w") as full:
         ended = subprocess.run(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
 import os
 import re
 import signal
@@ -96,7 +97,7 @@ def test_the_table_has_every_call() -> None:
     public = {
         name
         for name in dir(Lidar)
-        if not name.startswith("_") and asyncio.iscoroutinefunction(getattr(Lidar, name))
+        if not name.startswith("_") and inspect.iscoroutinefunction(getattr(Lidar, name))
     }
     assert public | {"open_lidar", "anext", "aclose"} == set(BOUNDS)
 

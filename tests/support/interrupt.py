@@ -3,6 +3,9 @@
 CPython looks for a signal where a Python function begins and where a C function has returned. So it never raises
 KeyboardInterrupt between the last line of a ``with lock:`` and the release of the lock, as a line tracer does. Code
 that takes no lock is tested at every line; code that takes one, at every call.
+
+Nor does it raise between the taking of the lock and the block, but for Python 3.14 up to 3.14.8 at least. There the
+lock stays taken, and no code in Python can prevent it (https://github.com/python/cpython/issues/148874).
 """
 
 from __future__ import annotations
@@ -80,6 +83,8 @@ def interrupted_at_call(number: int, function: Callable[[], object]) -> str:
     def profile(frame: FrameType, event: str, called: Any) -> None:
         nonlocal left, place
         if event not in ("call", "c_return") or frame.f_code.co_filename.endswith(NOT_OURS):
+            return
+        if event == "c_return" and called.__name__ == "__enter__":
             return
         left -= 1
         if left < 0:
