@@ -63,10 +63,9 @@ def open_stored(path: Path, known: Known = Known()) -> StoredStreams:  # noqa: B
         raise RecordingError(
             f"{path} names {len(paths)} files of bare bytes, which tell no times: name one of them"
         )
-    path = paths[0]
-    recording = RawRecording(path, known)
+    recording = RawRecording(next(iter(paths)), known)
     if recording.guess:
-        _log.warning("%s: %s", path, recording.guess)
+        _log.warning("%s: %s", recording.path, recording.guess)
     return recording
 
 
