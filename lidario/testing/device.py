@@ -187,6 +187,16 @@ class SimulatedLidar:
         self._begin(now)
         return self._line.wakeup(now)
 
+    def set_dtr(self, asserted: bool, now: int) -> None:
+        """The host sets the control line DTR, by which some models switch their motor."""
+        self._begin(now)
+        self._line.set_dtr(asserted, now)
+
+    def set_host_baudrate(self, baudrate: int, now: int) -> None:
+        """The host sets the speed of its port; few devices notice."""
+        self._begin(now)
+        self._line.set_baudrate(baudrate, now)
+
     def unplugged(self, now: int) -> bool:
         """Whether its cable is out at `now`, nanoseconds."""
         return self._faults is not None and self._faults.unplugged(now)

@@ -232,6 +232,15 @@ def test_a_world_by_name_cannot_be_replaced_by_walls() -> None:
 # --------------------------------------------------------------------------------------------------- made scans
 
 
+@pytest.mark.parametrize("model", ["rplidar-a1", "ydlidar-x4"])
+async def test_a_motor_that_dtr_switches_stands_at_the_end(model: str) -> None:
+    lidar = SimulatedLidar(model)
+    async with lidario.open_lidar(lidar) as session:
+        await session.scan()
+        assert not lidar.is_still
+    assert lidar.is_still
+
+
 def test_a_made_scan_is_in_the_order_of_measuring() -> None:
     angles = np.linspace(-np.pi, np.pi, 360, endpoint=False)
     scan = make_scan(angles, 2.0 + angles / 10, intensities=40, rpm=300)
