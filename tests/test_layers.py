@@ -47,6 +47,7 @@ LAYERS = (
     {"network"},
     {"session"},
     {"blocking", "blocking_changes", "blocking_recording", "blocking_sectors", "ros"},
+    {"conformance"},
     {"loading"},
     {"__init__"},
     {"web", "testing"},
@@ -225,7 +226,14 @@ def test_the_command_uses_the_names_a_user_would() -> None:
     for path in sorted((PACKAGE / "cli").glob("*.py")):
         for name in ours(path):
             public = name == "lidario" or name.startswith(
-                ("lidario.cli", "lidario.ros", "lidario.sim", "lidario.web", "lidario.recording")
+                (
+                    "lidario.cli",
+                    "lidario.conformance",
+                    "lidario.ros",
+                    "lidario.sim",
+                    "lidario.web",
+                    "lidario.recording",
+                )
             )
             assert public or name in ("lidario.families.registry", "lidario.families"), f"{named(path)}: {name}"
 
@@ -239,7 +247,8 @@ def test_the_page_uses_the_names_a_user_would() -> None:
 def test_what_users_test_with_uses_the_names_a_user_would() -> None:
     for path in sorted((PACKAGE / "testing").glob("*.py")):
         for name in ours(path):
-            public = name == "lidario" or name.startswith(("lidario.testing", "lidario.sim.", "lidario.arguments"))
+            rooms = ("lidario.testing", "lidario.sim.", "lidario.arguments", "lidario.conformance")
+            public = name == "lidario" or name.startswith(rooms)
             assert public, f"{named(path)}: {name}"
 
 

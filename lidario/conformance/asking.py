@@ -1,0 +1,150 @@
+"""Rules about questions: what a device at rest responds, and how soon."""
+
+from __future__ import annotations
+
+import asyncio
+
+from lidario.conformance.bench import Bench
+from lidario.conformance.rule import Broken, Need, NotTried, Origin, Rule, known
+from lidario.model import HealthStatus
+
+__all__ = ["ASKING"]
+
+LISTEN_S = 0.5
+"""How long a device at rest is listened to."""
+SETTLE_S = 0.1
+"""What was sent before it was stopped may come so late: an adapter or a network holds it back."""
+QUESTIONS = 5
+
+
+@known(
+    "It says what it is, each response within the time of its request.",
+    Origin.MANUAL,
+    "the times of requests and responses; where the manual tells none, those of the vendor's SDK",
+    Need.ANSWERS,
+)
+async def identity_in_time(bench: Bench) -> str:
+    """Ask what it is."""
+    info, times = await bench.ask(bench.connection.device.identify())
+    return f"{info.model}; {_longest(times)}"
+
+
+@known(
+    "It says how it is, each response within the time of its request, and reports no error.",
+    Origin.MANUAL,
+    "health request",
+    Need.ANSWERS,
+)
+async def health_in_time(bench: Bench) -> str:
+    """Ask how it is."""
+    # This also sets a control line, where the device is dark without.
+    await bench.ask(bench.connection.device.identify())
+    health, times = await bench.ask(bench.connection.device.health())
+    if health.status is not HealthStatus.OK:
+        raise Broken(f"health is {health.status.value}, code {health.code}. {health.note}".strip())
+    return _longest(times)
+
+
+@known(
+    "It says the same of itself however often it is asked.",
+    Origin.MANUAL,
+    "device information request",
+    Need.ANSWERS,
+)
+async def identity_is_one(bench: Bench) -> str:
+    """Ask several times, without a pause."""
+    for _ in range(QUESTIONS):
+        info, _times = await bench.ask(bench.connection.device.identify())
+        if info != bench.lidar.info:
+            raise Broken(f"it was a {bench.lidar.info.model}, and now says {info}")
+    return f"{QUESTIONS} times"
+
+
+@known(
+    "A request right behind the response before is answered, as soon as the first one.",
+    Origin.MANUAL,
+    "one request at a time",
+    Need.ANSWERS,
+)
+async def questions_in_a_row(bench: Bench) -> str:
+    """Ask one question many times without a pause; each must take about as long."""
+    request = bench.question()
+    assert request is not None
+    # This also sets a control line, where the device is dark without.
+    await bench.ask(bench.connection.device.identify())
+    times = [await bench.ask_once(request) for _ in range(2 * QUESTIONS)]
+    return f"{len(times)} questions, {max(times) * 1e3:.0f} ms at most"
+
+
+@known(
+    "A device that was not started sends nothing.",
+    Origin.MANUAL,
+    "states: idle",
+    Need.STOPS,
+)
+async def silent_at_rest(bench: Bench) -> str:
+    """Listen to a device at rest."""
+    await bench.rest()
+    await asyncio.sleep(SETTLE_S)
+    before = bench.received
+    await asyncio.sleep(LISTEN_S)
+    if bench.received > before:
+        raise Broken(f"{bench.received - before} bytes came within {LISTEN_S} s")
+    return f"nothing within {LISTEN_S} s"
+
+
+@known(
+    "It lists at least one scan mode, each once, one of them as the typical one, and lists the same again.",
+    Origin.MANUAL,
+    "scan modes",
+)
+async def modes_are_listed(bench: Bench) -> str:
+    """Ask for the modes twice."""
+    modes, _times = await bench.ask(bench.connection.device.modes())
+    again, _times = await bench.ask(bench.connection.device.modes())
+    if modes != again:
+        raise Broken(f"first it lists {len(modes)} modes, then {len(again)}, and they are not the same")
+    names = [mode.name for mode in modes]
+    if len(set(names)) < len(names):
+        raise Broken(f"a mode is listed twice: {', '.join(names)}")
+    typical = [mode.name for mode in modes if mode.typical]
+    if len(typical) != 1:
+        raise Broken(f"{len(typical)} modes are typical")
+    return ", ".join(names)
+
+
+@known(
+    "The scan frequency that it tells lies between the slowest and the fastest one.",
+    Origin.MANUAL,
+    "scan frequency, or motor speed",
+    Need.SPEED,
+)
+async def speed_within_range(bench: Bench) -> str:
+    """Ask for the range, and for what is set."""
+    device = bench.connection.device
+    (slowest, fastest), _times = await bench.ask(device.scan_frequency_range())
+    if not 0 < slowest < fastest:
+        raise Broken(f"the range is from {slowest:g} to {fastest:g} Hz")
+    hertz, _times = await bench.ask(device.scan_frequency())
+    if not hertz:
+        raise NotTried("it tells no scan frequency before it was started")
+    if not slowest <= hertz <= fastest:
+        raise Broken(f"{hertz:g} Hz is not between {slowest:g} and {fastest:g} Hz")
+    return f"{hertz:g} Hz, from {slowest:g} to {fastest:g} Hz"
+
+
+def _longest(times: dict[str, float]) -> str:
+    name = max(times, key=lambda each: times[each])
+    return f"{times[name] * 1e3:.0f} ms at most, {name}"
+
+
+ASKING: tuple[Rule, ...] = (
+    identity_in_time,
+    health_in_time,
+    identity_is_one,
+    questions_in_a_row,
+    silent_at_rest,
+    modes_are_listed,
+    speed_within_range,
+)
+"""All of them, in the order in which they are tried."""

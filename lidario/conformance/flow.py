@@ -1,0 +1,146 @@
+"""What a device sends in one scan mode: its packets, and the scans that the session makes of them."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.conformance.rule import Broken
+from lidario.errors import LidarError, Unsupported
+from lidario.families.stream import Stream
+from lidario.model import ScanMode, Stats
+from lidario.scan import Scan
+from lidario.session.stream import ScanStream
+from lidario.wire.events import Packets
+from lidario.wire.formats import HEADING_MASK
+from lidario.wire.stats import LinkStats
+
+if TYPE_CHECKING:
+    from lidario.conformance.bench import Bench
+
+__all__ = ["FLOW_S", "Flow", "Watch", "collect", "steady"]
+
+FLOW_S = 1.0
+"""How long packets are collected. A USB adapter dates them by 16 ms late at most, which is 1.6 % of it."""
+STEADY_S = 5.0
+"""How long a rotor may change its speed behind its first packets."""
+LIKE, ALIKE = 0.01, 2
+"""So many neighbours whose speeds differ by less than that share: then the rotor has its speed."""
+SCANS = 8
+"""Revolutions of each mode; the slowest rotor takes 0.5 s for one."""
+
+
+class Flow:
+    """The packets of one stream, as the line brought them.
+
+    Args:
+        mode: The scan mode.
+        began: When its start was asked for, seconds of the event loop's clock.
+        stats: The counters of the line.
+
+    Attributes:
+        mode: The scan mode.
+        began: When its start was asked for, seconds of the event loop's clock.
+        stream: What is known of it, once it was announced.
+        announced_s: Seconds until the device had responded to the start.
+        first_s: Seconds until the first packet.
+        first: Set with the first packet.
+        packets: What has come.
+    """
+
+    def __init__(self, mode: ScanMode, began: float, stats: LinkStats) -> None:
+        self._stats = stats
+        self.mode: ScanMode = mode
+        self.began: float = began
+        self.stream: Stream | None = None
+        self.announced_s: float = 0.0
+        self.first_s: float = 0.0
+        self.first: asyncio.Event = asyncio.Event()
+        self.packets: list[Packets] = []
+
+    def take(self, packets: Packets) -> tuple[None, ...]:
+        """Take packets. No scan is made of them, and the counters tell that."""
+        self._stats.unread_packets += packets.count
+        self.packets.append(packets)
+        self.first.set()
+        return ()
+
+    def sample_us(self) -> float:
+        """Microseconds a sample, by the times at which the packets came."""
+        assert self.stream is not None
+        behind = self.packets[1:]
+        samples = sum(self.stream.format.samples_in(each.blocks) for each in behind)
+        took = self.packets[-1].received_ns - self.packets[0].received_ns
+        return took * 1e-3 / samples if samples else 0.0
+
+    def steps(self) -> NDArray[np.float64]:
+        """Turns from the beginning of each packet to that of the next one, in [0, 1): clockwise ones are short."""
+        assert self.stream is not None
+        wire = self.stream.format
+        made = [np.asarray(wire.headings(each), np.int64) & HEADING_MASK for each in self.packets]
+        steps: NDArray[np.float64] = np.diff(np.concatenate(made)) % wire.full_turn / wire.full_turn
+        return steps
+
+
+@dataclass(slots=True)
+class Watch:
+    """One scan mode, looked at.
+
+    Attributes:
+        mode: The mode.
+        error: Why there is nothing to see, if so.
+        unknown: Whether that is because its format is not known here.
+        flow: Its packets.
+        scans: Scans of it, in a row.
+        before: The counters before these scans.
+        after: The counters behind them.
+    """
+
+    mode: ScanMode
+    error: str = ""
+    unknown: bool = False
+    flow: Flow | None = None
+    scans: list[Scan] = field(default_factory=list)
+    before: Stats = field(default_factory=Stats)
+    after: Stats = field(default_factory=Stats)
+
+
+async def steady(scans: ScanStream) -> Scan:
+    """The first scan of a stream whose speed is that of those before, or the one that comes after `STEADY_S`."""
+    loop = asyncio.get_running_loop()
+    until, before, alike = loop.time() + STEADY_S, await anext(scans), 0
+    while True:
+        scan = await anext(scans)
+        # NaN of a first scan is like nothing.
+        alike = alike + 1 if abs(scan.rpm / before.rpm - 1) < LIKE else 0
+        if alike == ALIKE or loop.time() > until:
+            return scan
+        before = scan
+
+
+async def collect(bench: Bench, mode: ScanMode) -> Watch:
+    """Look at one mode: at its packets for a second, then at some scans."""
+    watch = Watch(mode)
+    try:
+        watch.flow = await bench.flow(mode)
+        await asyncio.sleep(FLOW_S)
+        await bench.quieten()
+        # By its name: firmware that lists no modes leaves several with one number.
+        async with bench.lidar.scans(mode.name, depth=SCANS) as scans:
+            await steady(scans)
+            # Not earlier: who begins to listen to a device that only talks meets half a packet.
+            watch.before = bench.lidar.stats
+            async for scan in scans:
+                watch.scans.append(scan)
+                if len(watch.scans) == SCANS:
+                    break
+            watch.after = bench.lidar.stats
+    except Unsupported as error:
+        watch.error, watch.unknown = str(error), True
+    except (Broken, LidarError) as error:
+        watch.error = f"{type(error).__name__}: {error}" if isinstance(error, LidarError) else str(error)
+    return watch

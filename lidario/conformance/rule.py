@@ -1,0 +1,100 @@
+"""What a rule is, and what comes of trying it: plain records."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from lidario.conformance.bench import Bench
+
+__all__ = ["Broken", "Need", "NotTried", "Origin", "Outcome", "Rule", "Verdict", "known"]
+
+
+class Broken(Exception):
+    """A rule is not kept; the text says by how much."""
+
+
+class NotTried(Exception):
+    """A rule cannot be tried on this device; the text says why."""
+
+
+class Origin(Enum):
+    """Who says that a rule holds."""
+
+    MANUAL = "manual"
+    PROMISE = "promise"
+
+
+class Outcome(Enum):
+    """What came of trying a rule."""
+
+    HELD = "held"
+    BROKEN = "not held"
+    NOT_TRIED = "not tried"
+
+
+class Need(Enum):
+    """What a device must be able to do for a rule; the value says what is missing where it cannot."""
+
+    ANSWERS = "it only talks: it answers no question"
+    STOPS = "it cannot be stopped from here"
+    RESETS = "it cannot be restarted from here"
+    SPEED = "its speed cannot be set from here"
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """Something that must hold of every device that can do what it needs.
+
+    Attributes:
+        name: Short name, as in a test's name.
+        sentence: What must hold, in one sentence.
+        origin: Whether a manual says so, or lidario promises it.
+        known_from: Which part of the manual, or which page of ours.
+        check: Tries it; returns what was measured. Raises `Broken` or `NotTried`.
+        needs: What the device must be able to do.
+        limit_s: Longest time that trying it may take, seconds of the event loop's clock.
+    """
+
+    name: str
+    sentence: str
+    origin: Origin
+    known_from: str
+    check: Callable[[Bench], Awaitable[str]]
+    needs: tuple[Need, ...] = ()
+    limit_s: float = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What came of trying one rule on one device.
+
+    Attributes:
+        rule: The rule.
+        outcome: Whether it held.
+        text: What was measured; by how much it was not held; or why it was not tried.
+        seconds: How long that took, seconds of the event loop's clock.
+    """
+
+    rule: Rule
+    outcome: Outcome
+    text: str
+    seconds: float
+
+    def __str__(self) -> str:
+        return f"{self.rule.name}: {self.outcome.value}: {self.text}"
+
+
+def known(
+    sentence: str, origin: Origin, known_from: str, *needs: Need, limit_s: float = 20.0
+) -> Callable[[Callable[[Bench], Awaitable[str]]], Rule]:
+    """Decorate a check to make a `Rule` of it, whose name is that of the function with hyphens."""
+
+    def made(check: Callable[[Bench], Awaitable[str]]) -> Rule:
+        name = check.__name__.replace("_", "-")
+        return Rule(name, sentence, origin, known_from, check, needs, limit_s)
+
+    return made

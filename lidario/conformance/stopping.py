@@ -1,0 +1,218 @@
+"""Rules about the end of a stream: STOP, RESET, and what the session promises of them."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import suppress
+
+from lidario.conformance.bench import Bench
+from lidario.conformance.rule import Broken, Need, Origin, Rule, known
+from lidario.errors import ResponseTimeout
+
+__all__ = ["STOPPING"]
+
+HELD_BACK_S = 0.06
+"""How late bytes may come that were sent in time: a USB adapter holds them for 16 ms, a network for some more."""
+LISTEN_S = 0.5
+FLOW_S = 0.2
+"""How long packets flow before the stop."""
+RESTARTS = 3
+QUESTIONS = 5
+
+
+@known(
+    "STOP ends the stream, within the pause that the manual demands behind it.",
+    Origin.MANUAL,
+    "STOP",
+    Need.STOPS,
+)
+async def stop_ends_stream(bench: Bench) -> str:
+    """Write STOP once, in the midst of a stream."""
+    stop = bench.stop_requests()
+    await bench.flow(await bench.typical())
+    await asyncio.sleep(FLOW_S)
+    took = await bench.silence_after(*stop, listen_s=LISTEN_S)
+    limit = max(request.settle for request in stop) + HELD_BACK_S
+    if took > limit:
+        raise Broken(f"{took * 1e3:.0f} ms behind STOP bytes still came, not {limit * 1e3:.0f} ms at most")
+    return f"last bytes {took * 1e3:.0f} ms behind STOP"
+
+
+@known(
+    "A request is answered right behind the pause that the manual demands behind STOP.",
+    Origin.MANUAL,
+    "STOP",
+    Need.STOPS,
+    Need.ANSWERS,
+)
+async def request_after_stop(bench: Bench) -> str:
+    """Write STOP in the midst of a stream, and a question as soon as the device must listen."""
+    stop, question = bench.connection.device.stop(), bench.question()
+    assert question is not None
+    await bench.flow(await bench.typical())
+    await asyncio.sleep(FLOW_S)
+    bench.connection.dialogue.deliver_to(None)
+    bench.connection.dialogue.write((stop,))
+    began = bench.now()
+    try:
+        await bench.ask_once(question)
+    except ResponseTimeout:
+        raise Broken(f"no response to {question.name} {stop.settle * 1e3:.0f} ms behind STOP") from None
+    return f"asked {stop.settle * 1e3:.0f} ms behind STOP, answered {(bench.now() - began) * 1e3:.0f} ms behind it"
+
+
+@known(
+    "STOP to a device at rest does no harm: the next request is answered.",
+    Origin.MANUAL,
+    "STOP; states: idle",
+    Need.STOPS,
+    Need.ANSWERS,
+)
+async def stop_at_rest(bench: Bench) -> str:
+    """Write STOP to a device at rest, then ask."""
+    await bench.rest()
+    bench.connection.dialogue.write((bench.connection.device.stop(),))
+    _info, times = await bench.ask(bench.connection.device.identify())
+    return f"answered in {max(times.values()) * 1e3:.0f} ms"
+
+
+@known(
+    "A program that stops while it asks leaves the device still, and the next question is answered.",
+    Origin.PROMISE,
+    "what you can rely on: the motor stopped at the end",
+    Need.STOPS,
+    Need.ANSWERS,
+)
+async def stop_while_asking(bench: Bench) -> str:
+    """Stop the session while a question interrupts its stream."""
+    async with bench.lidar.scans(depth=1) as scans:
+        await anext(scans)
+        asking = asyncio.ensure_future(bench.lidar.get_health())
+        try:
+            await asyncio.sleep(0.001)
+            began = bench.now()
+            await bench.lidar.stop()
+        finally:
+            asking.cancel()
+            with suppress(Exception, asyncio.CancelledError):
+                await asking
+    took, before = bench.now() - began, bench.received
+    await asyncio.sleep(LISTEN_S)
+    if bench.received > before:
+        raise Broken(f"{bench.received - before} bytes came behind the stop")
+    await bench.lidar.get_info()
+    return f"still after {took:.2f} s"
+
+
+@known(
+    "A question in the midst of a stream is answered, and the stream goes on by itself.",
+    Origin.PROMISE,
+    "what you can rely on: several tasks at once",
+    Need.STOPS,
+    Need.ANSWERS,
+)
+async def question_in_stream(bench: Bench) -> str:
+    """Ask while scans come."""
+    longest = 0.0
+    async with bench.lidar.scans(depth=1) as scans:
+        for _ in range(2):
+            await anext(scans)
+            began = bench.now()
+            await bench.lidar.get_info()
+            await anext(scans)
+            longest = max(longest, bench.now() - began)
+    return f"{longest:.2f} s without a scan"
+
+
+@known(
+    "A stream starts again each time after it was stopped.",
+    Origin.MANUAL,
+    "scan requests, STOP",
+    Need.STOPS,
+    limit_s=40.0,
+)
+async def starts_again(bench: Bench) -> str:
+    """Start and stop some times without a pause."""
+    slowest = 0.0
+    for _ in range(RESTARTS):
+        began = bench.now()
+        await bench.lidar.scan()
+        slowest = max(slowest, bench.now() - began)
+        await bench.lidar.stop()
+    return f"{RESTARTS} times, a scan after {slowest:.2f} s at most"
+
+
+@known(
+    "After RESET it answers within the time that it may take to boot, and is the same device.",
+    Origin.MANUAL,
+    "RESET",
+    Need.RESETS,
+    Need.ANSWERS,
+    limit_s=30.0,
+)
+async def reset_boots(bench: Bench) -> str:
+    """Restart a device at rest."""
+    before = bench.lidar.info
+    began = bench.now()
+    try:
+        await bench.lidar.reset()
+    except ResponseTimeout as error:
+        limit = bench.connection.family.timing.boot_s
+        raise Broken(f"no response within {limit:g} s: {error}") from None
+    took = bench.now() - began
+    after = await bench.lidar.get_info()
+    if after != before:
+        raise Broken(f"it was {before}, and came back as {after}")
+    return f"answered {took:.2f} s behind RESET"
+
+
+@known(
+    "A device that is restarted in the midst of a stream boots, and its stream goes on by itself.",
+    Origin.PROMISE,
+    "what you can rely on: several tasks at once",
+    Need.RESETS,
+    Need.ANSWERS,
+    limit_s=30.0,
+)
+async def reset_in_stream(bench: Bench) -> str:
+    """Restart a device while scans come."""
+    async with bench.lidar.scans(depth=1) as scans:
+        await anext(scans)
+        began = bench.now()
+        await bench.lidar.reset()
+        await anext(scans)
+        return f"{bench.now() - began:.2f} s without a scan"
+
+
+@known(
+    "The stop requests leave laser and motor off: no byte comes, and a simulated motor is off.",
+    Origin.PROMISE,
+    "what you can rely on: the motor stopped at the end",
+    Need.STOPS,
+)
+async def stands_at_the_end(bench: Bench) -> str:
+    """Stop, and listen."""
+    await bench.lidar.scan()
+    await bench.rest()
+    before = bench.received
+    await asyncio.sleep(LISTEN_S)
+    if bench.received > before:
+        raise Broken(f"{bench.received - before} bytes came within {LISTEN_S} s")
+    simulated = bench.simulated
+    if simulated is not None and (simulated.motor_on or simulated.scanning):
+        raise Broken("the motor goes on")
+    return f"nothing came within {LISTEN_S} s"
+
+
+STOPPING: tuple[Rule, ...] = (
+    stop_ends_stream,
+    request_after_stop,
+    stop_at_rest,
+    stop_while_asking,
+    question_in_stream,
+    starts_again,
+    reset_boots,
+    reset_in_stream,
+    stands_at_the_end,
+)
+"""All of them, in the order in which they are tried."""

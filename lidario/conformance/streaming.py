@@ -1,0 +1,275 @@
+"""Rules about streams: what a device sends in each scan mode, and what the session makes of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+
+from lidario.conformance.bench import Bench
+from lidario.conformance.flow import Flow, Watch
+from lidario.conformance.rule import Broken, NotTried, Origin, Rule, known
+
+__all__ = ["STREAMING"]
+
+MODES_S = 90.0
+"""Six modes, each with 5 s for the rotor to start and 9 s for its packets and scans."""
+SAMPLE_TIME_SHARE = 0.04
+"""By how much the time of a sample may differ from what is told: 1.6 % by a USB adapter that holds bytes for 16 ms,
+and crystals and resonators of cheap boards 1 %."""
+BACKWARD_SHARE = 0.05
+"""Share of packets that may begin before the one before: an angle may be noisy."""
+ALIKE_SHARE = 0.1
+STEADY_SHARE = 0.05
+REPORTED_SHARE = 0.05
+WIDEST_GAP_DEG = 15.0
+"""Of models that triangulate, the angle depends on the distance, by some 8 degrees for what is near."""
+FAR_SHARE = 1.05
+"""Devices report echoes from a little beyond the range of the data sheet."""
+
+
+@known(
+    "Each scan mode that it lists starts, and brings packets and full revolutions in the time its rotor needs.",
+    Origin.MANUAL,
+    "scan requests, start of the motor",
+    limit_s=MODES_S,
+)
+async def modes_start(bench: Bench) -> str:
+    """Start every mode; what is seen is kept for the rules that follow."""
+    watches = await bench.watches()
+    failed = [f"mode {each.mode.name}: {each.error}" for each in watches if each.error and not each.unknown]
+    if failed:
+        raise Broken("; ".join(failed))
+    seen = [f"{each.mode.name} {each.flow.first_s:.2f} s" for each in watches if each.flow is not None]
+    if not seen:
+        raise NotTried("; ".join(each.error for each in watches))
+    return "first packets after " + ", ".join(seen)
+
+
+@known(
+    "A sample takes the time that the device tells.",
+    Origin.MANUAL,
+    "scan modes: time of a sample; where it is not told, the data sheet's rate",
+    limit_s=MODES_S,
+)
+async def sample_time(bench: Bench) -> str:
+    """Compare with the times at which packets came."""
+
+    def off(flow: Flow) -> tuple[bool, str]:
+        told, measured = flow.mode.sample_us, flow.sample_us()
+        if not told:
+            return True, "not told"
+        share = measured / told - 1
+        return abs(share) <= SAMPLE_TIME_SHARE, f"told {told:.2f} us, measured {measured:.2f} us ({share:+.1%})"
+
+    return await _each_flow(bench, off)
+
+
+@known(
+    "Angles increase clockwise from packet to packet, as the model says.",
+    Origin.MANUAL,
+    "packets: start angle; direction of rotation",
+    limit_s=MODES_S,
+)
+async def turns_clockwise(bench: Bench) -> str:
+    """Compare the beginnings of neighbouring packets: a mirrored device goes backward."""
+
+    def forward(flow: Flow) -> tuple[bool, str]:
+        steps = flow.steps()
+        backward = float(np.mean(steps > 0.5)) if len(steps) else math.nan
+        return backward <= BACKWARD_SHARE, f"{backward:.0%} of {len(steps)} packets begin before the one before"
+
+    return await _each_flow(bench, forward)
+
+
+@known(
+    "On a line without faults every byte of a stream belongs to an intact packet, and none is missing.",
+    Origin.MANUAL,
+    "packets: check values; and what you can rely on: losses counted",
+    limit_s=MODES_S,
+)
+async def packets_are_whole(bench: Bench) -> str:
+    """Compare the counters before and behind some scans."""
+
+    def whole(watch: Watch) -> tuple[bool, str]:
+        names = ("skipped_bytes", "lost_packets", "doubled_packets", "broken_scans", "discarded_bytes")
+        counts = {name: getattr(watch.after, name) - getattr(watch.before, name) for name in names}
+        bad = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
+        return not bad, bad or f"{watch.after.packets - watch.before.packets} packets"
+
+    return await _each_watch(bench, whole)
+
+
+@known(
+    "Revolutions follow each other: none is missing, and their time stamps meet.",
+    Origin.PROMISE,
+    "what you can rely on: losses counted",
+    limit_s=MODES_S,
+)
+async def revolutions_follow(bench: Bench) -> str:
+    """Compare numbers and times of neighbouring scans."""
+
+    def follow(watch: Watch) -> tuple[bool, str]:
+        for one, two in pairwise(watch.scans):
+            if two.seq != one.seq + 1:
+                return False, f"revolution {two.seq} comes behind {one.seq}"
+            late = (two.stamp_ns - one.stamp_ns) / one.duration_ns
+            if not 0.9 <= late <= 1.1:
+                return False, f"revolution {two.seq} begins {late:.2f} turns behind the one before"
+        return True, f"{len(watch.scans)} in a row"
+
+    return await _each_watch(bench, follow)
+
+
+@known(
+    "Revolutions have about as many samples each, and as many as speed and time of a sample say.",
+    Origin.PROMISE,
+    "full revolutions",
+    limit_s=MODES_S,
+)
+async def revolutions_are_full(bench: Bench) -> str:
+    """Count the samples."""
+
+    def alike(watch: Watch) -> tuple[bool, str]:
+        counts = [len(scan) for scan in watch.scans]
+        usual = float(np.median(counts))
+        worst = max(abs(count - usual) for count in counts) / usual
+        text = f"{min(counts)} to {max(counts)} samples"
+        flow = watch.flow
+        assert flow is not None
+        due = 60e6 / (float(np.median([scan.rpm for scan in watch.scans])) * flow.sample_us())
+        if abs(usual / due - 1) > ALIKE_SHARE:
+            return False, f"{text}, and {due:.0f} were taken in the time of a revolution"
+        return worst <= ALIKE_SHARE, text
+
+    return await _each_watch(bench, alike)
+
+
+@known(
+    "The samples of a revolution go round the whole circle.",
+    Origin.PROMISE,
+    "full revolutions",
+    limit_s=MODES_S,
+)
+async def circle_is_whole(bench: Bench) -> str:
+    """Look for the widest gap between neighbouring angles."""
+
+    def covered(watch: Watch) -> tuple[bool, str]:
+        widest = 0.0
+        for scan in watch.scans:
+            angles = np.sort(scan.device_angles.astype(np.float64))
+            widest = max(widest, float(np.diff(angles, append=angles[0] + 360.0).max()))
+        return widest <= WIDEST_GAP_DEG, f"widest gap {widest:.1f} degrees"
+
+    return await _each_watch(bench, covered)
+
+
+@known(
+    "Distances lie within the range of the scan mode, and something is seen at all.",
+    Origin.MANUAL,
+    "scan modes: farthest distance; the data sheet's range",
+    limit_s=MODES_S,
+)
+async def ranges_are_possible(bench: Bench) -> str:
+    """Look at the farthest return."""
+
+    def possible(watch: Watch) -> tuple[bool, str]:
+        far = max((float(np.nanmax(scan.ranges, initial=0.0)) for scan in watch.scans), default=0.0)
+        if not far:
+            return False, "no return at all"
+        limit = watch.mode.max_distance
+        text = f"farthest {far:.2f} m"
+        return not limit or far <= limit * FAR_SHARE, text + (f" of {limit:g} m" if limit else "")
+
+    return await _each_watch(bench, possible)
+
+
+@known(
+    "The rotor turns steadily.",
+    Origin.MANUAL,
+    "data sheet: scan frequency; a revolution lasts as long as its neighbours, within 5 %",
+    limit_s=MODES_S,
+)
+async def rotor_is_steady(bench: Bench) -> str:
+    """Compare the speeds of neighbouring revolutions."""
+
+    def steady(watch: Watch) -> tuple[bool, str]:
+        speeds = [scan.rpm for scan in watch.scans if scan.rpm == scan.rpm]
+        worst = max((abs(two / one - 1) for one, two in pairwise(speeds)), default=0.0)
+        return worst <= STEADY_SHARE, f"{np.median(speeds) / 60:.2f} Hz, neighbours within {worst:.1%}"
+
+    return await _each_watch(bench, steady)
+
+
+@known(
+    "The speed that stands in the packets is the one measured.",
+    Origin.MANUAL,
+    "packets: scan frequency, or speed",
+    limit_s=MODES_S,
+)
+async def reported_speed(bench: Bench) -> str:
+    """Compare the speed in the packets with the measured one."""
+
+    def agrees(watch: Watch) -> tuple[bool, str]:
+        pairs = [(scan.reported_rpm, scan.rpm) for scan in watch.scans if scan.reported_rpm == scan.reported_rpm]
+        if not pairs:
+            raise NotTried("its packets tell no speed")
+        told, measured = np.median(np.array(pairs), axis=0)
+        share = told / measured - 1
+        return abs(share) <= REPORTED_SHARE, f"told {told:.0f} rpm, measured {measured:.0f} rpm ({share:+.1%})"
+
+    return await _each_watch(bench, agrees)
+
+
+async def _seen(bench: Bench) -> list[Watch]:
+    """The modes that brought scans.
+
+    Raises:
+        NotTried: None has.
+    """
+    seen = [each for each in await bench.watches() if not each.error]
+    if not seen:
+        raise NotTried("no mode brought scans")
+    return seen
+
+
+async def _each_watch(bench: Bench, check: Callable[[Watch], tuple[bool, str]]) -> str:
+    """Check every mode that brought scans; what was measured, of each mode.
+
+    Raises:
+        Broken: Some do not pass.
+    """
+    found = [(each.mode.name, *check(each)) for each in await _seen(bench)]
+    bad = [f"mode {name}: {text}" for name, held, text in found if not held]
+    if bad:
+        raise Broken("; ".join(bad))
+    return "; ".join(f"{name} {text}" if len(found) > 1 else text for name, _, text in found)
+
+
+async def _each_flow(bench: Bench, check: Callable[[Flow], tuple[bool, str]]) -> str:
+    """As `_each_watch`, over the packets; also of modes that brought packets, but no scans."""
+    flows = [each.flow for each in await bench.watches() if each.flow is not None and len(each.flow.packets) > 1]
+    if not flows:
+        raise NotTried("no mode brought packets")
+    found = [(flow.mode.name, *check(flow)) for flow in flows]
+    bad = [f"mode {name}: {text}" for name, held, text in found if not held]
+    if bad:
+        raise Broken("; ".join(bad))
+    return "; ".join(f"{name} {text}" if len(found) > 1 else text for name, _, text in found)
+
+
+STREAMING: tuple[Rule, ...] = (
+    modes_start,
+    sample_time,
+    turns_clockwise,
+    packets_are_whole,
+    revolutions_follow,
+    revolutions_are_full,
+    circle_is_whole,
+    ranges_are_possible,
+    rotor_is_steady,
+    reported_speed,
+)
+"""All of them, in the order in which they are tried."""
