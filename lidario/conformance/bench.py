@@ -211,7 +211,7 @@ class Bench:
             async with asyncio.timeout(limit):
                 await flow.first.wait()
         except TimeoutError:
-            raise Broken(f"mode {mode.name}: no packet within {limit:g} s") from None
+            raise Broken(f"no packet within {limit:g} s") from None
         flow.first_s = self.now() - flow.began
         return flow
 

@@ -143,4 +143,6 @@ async def collect(bench: Bench, mode: ScanMode) -> Watch:
         watch.error, watch.unknown = str(error), True
     except (Broken, LidarError) as error:
         watch.error = f"{type(error).__name__}: {error}" if isinstance(error, LidarError) else str(error)
+        # It may be streaming all the same, and the next mode is to be started.
+        await bench.rest()
     return watch

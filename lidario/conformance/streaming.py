@@ -197,6 +197,8 @@ async def rotor_is_steady(bench: Bench) -> str:
 
     def steady(watch: Watch) -> tuple[bool, str]:
         speeds = [scan.rpm for scan in watch.scans if scan.rpm == scan.rpm]
+        if not speeds:
+            return False, "no speed could be measured"
         worst = max((abs(two / one - 1) for one, two in pairwise(speeds)), default=0.0)
         return worst <= STEADY_SHARE, f"{np.median(speeds) / 60:.2f} Hz, neighbours within {worst:.1%}"
 
