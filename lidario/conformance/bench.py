@@ -117,7 +117,7 @@ class Bench:
         return Verdict(rule, outcome, text, seconds)
 
     async def _try(self, rule: Rule) -> tuple[Outcome, str]:
-        if not self.lidar.is_connected:
+        if self._is_lost():
             return Outcome.NOT_TRIED, "the line to the device is lost"
         missing = [need.value for need in rule.needs if not self._can(need)]
         if missing:
@@ -125,7 +125,11 @@ class Bench:
         limit = asyncio.timeout(rule.limit_s)
         try:
             async with limit:
-                return Outcome.HELD, await rule.check(self)
+                text = await rule.check(self)
+            # On a dead line it is quiet, too.
+            if self._is_lost():
+                return Outcome.BROKEN, "the line to the device was lost meanwhile"
+            return Outcome.HELD, text
         except Broken as error:
             return Outcome.BROKEN, str(error)
         except (NotTried, Unsupported) as error:
@@ -136,6 +140,9 @@ class Bench:
             if not limit.expired():
                 raise
             return Outcome.BROKEN, f"nothing was decided within {rule.limit_s:g} s"
+
+    def _is_lost(self) -> bool:
+        return not self.lidar.is_connected
 
     def _can(self, need: Need) -> bool:
         device = self.connection.device

@@ -60,6 +60,13 @@ class Clock:
         self._ahead = now - self._usual_time()
         self._frozen = now if pace != 1.0 else None
 
+    def skip(self, seconds: float) -> None:
+        """As if the program had slept for so long, without a turn of the loop."""
+        if self._frozen is None:
+            self._ahead += seconds
+        else:
+            self._frozen += seconds
+
     def _select(self, timeout: float | None = None) -> Any:
         if self._frozen is None or timeout is None or timeout <= 0.0:
             return self._usual_select(timeout)

@@ -15,17 +15,20 @@ import pytest
 if TYPE_CHECKING:
     from lidario.testing import RecordedLidar, SimulatedLidar
 
-__all__ = ["lidar_recording", "lidar_source", "pytest_addoption", "pytest_configure", "simulated_lidar"]
+__all__ = ["OPTION", "lidar_recording", "lidar_source", "pytest_addoption", "pytest_configure", "simulated_lidar"]
 
-_OPTION = "--lidar-source"
+OPTION = "--lidar-source"
+"""Also ``--lidar-device``: what conformance is tried on is a device."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the option that gives tests another lidar than the simulated one."""
     parser.getgroup("lidario").addoption(
-        _OPTION,
+        OPTION,
+        "--lidar-device",
         metavar="SOURCE",
-        help="what the fixture lidar_source is: /dev/ttyUSB0, run.mcap, ...; a simulated lidar by default",
+        help="what the fixture lidar_source is, and what lidario.testing.conformance tries: /dev/ttyUSB0, ...; a "
+        "simulated lidar by default",
     )
 
 
@@ -65,7 +68,7 @@ def lidar_source(request: pytest.FixtureRequest) -> SimulatedLidar | str:
             async with lidario.open_lidar(lidar_source) as lidar:
                 assert (await lidar.scan()).nearest() is not None
     """
-    given: str | None = request.config.getoption(_OPTION)
+    given: str | None = request.config.getoption(OPTION)
     if given is not None:
         return given
     made: SimulatedLidar = request.getfixturevalue("simulated_lidar")
