@@ -72,8 +72,12 @@ class Flow:
     def sample_us(self) -> float:
         """Microseconds a sample, by the times at which the packets came."""
         assert self.stream is not None
-        behind = self.packets[1:]
-        samples = sum(self.stream.format.samples_in(each.blocks) for each in behind)
+        wire, behind = self.stream.format, self.packets[1:]
+        if wire.whole:
+            # The rotor turns on where the device sees nothing.
+            samples = sum(each.count for each in behind) * wire.pitch
+        else:
+            samples = sum(wire.samples_in(each.blocks) for each in behind)
         took = self.packets[-1].received_ns - self.packets[0].received_ns
         return took * 1e-3 / samples if samples else 0.0
 

@@ -11,6 +11,7 @@ import numpy as np
 from lidario.conformance.bench import Bench
 from lidario.conformance.flow import Flow, Watch
 from lidario.conformance.rule import Broken, NotTried, Origin, Rule, known
+from lidario.scan import Scan
 
 __all__ = ["STREAMING"]
 
@@ -115,7 +116,7 @@ async def revolutions_follow(bench: Bench) -> str:
         for one, two in pairwise(watch.scans):
             if two.seq != one.seq + 1:
                 return False, f"revolution {two.seq} comes behind {one.seq}"
-            late = (two.stamp_ns - one.stamp_ns) / one.duration_ns
+            late = (two.stamp_ns - one.stamp_ns) / one.duration_ns * _seen_of(one)
             if not 0.9 <= late <= 1.1:
                 return False, f"revolution {two.seq} begins {late:.2f} turns behind the one before"
         return True, f"{len(watch.scans)} in a row"
@@ -140,6 +141,7 @@ async def revolutions_are_full(bench: Bench) -> str:
         flow = watch.flow
         assert flow is not None
         due = 60e6 / (float(np.median([scan.rpm for scan in watch.scans])) * flow.sample_us())
+        due *= _seen_of(watch.scans[0])
         if abs(usual / due - 1) > ALIKE_SHARE:
             return False, f"{text}, and {due:.0f} were taken in the time of a revolution"
         return worst <= ALIKE_SHARE, text
@@ -148,7 +150,7 @@ async def revolutions_are_full(bench: Bench) -> str:
 
 
 @known(
-    "The samples of a revolution go round the whole circle.",
+    "The samples of a revolution go round the whole circle, or what of it the device sees.",
     Origin.PROMISE,
     "full revolutions",
     limit_s=MODES_S,
@@ -157,11 +159,12 @@ async def circle_is_whole(bench: Bench) -> str:
     """Look for the widest gap between neighbouring angles."""
 
     def covered(watch: Watch) -> tuple[bool, str]:
-        widest = 0.0
+        widest = blind = 0.0
         for scan in watch.scans:
+            blind = 360.0 * (1.0 - _seen_of(scan))
             angles = np.sort(scan.device_angles.astype(np.float64))
             widest = max(widest, float(np.diff(angles, append=angles[0] + 360.0).max()))
-        return widest <= WIDEST_GAP_DEG, f"widest gap {widest:.1f} degrees"
+        return widest <= blind + WIDEST_GAP_DEG, f"widest gap {widest:.1f} degrees"
 
     return await _each_watch(bench, covered)
 
@@ -223,6 +226,11 @@ async def reported_speed(bench: Bench) -> str:
         return abs(share) <= REPORTED_SHARE, f"told {told:.0f} rpm, measured {measured:.0f} rpm ({share:+.1%})"
 
     return await _each_watch(bench, agrees)
+
+
+def _seen_of(scan: Scan) -> float:
+    """Share of a revolution that the device sees, 0 to 1."""
+    return abs(scan.field_of_view) / 360.0
 
 
 async def _seen(bench: Bench) -> list[Watch]:
