@@ -19,7 +19,7 @@ before on the same adapter, its family and speed come first (`lidario.session.re
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import count, pairwise, zip_longest
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -54,6 +54,8 @@ class _Try(NamedTuple):
     is_guess: bool = False
 
 
+RESPONSE_BYTES = 64
+"""Most bytes of a response that says what a device is. More of them are noise, or a stream."""
 QUICK_S = 0.05
 """How long the first round waits for a response: a healthy device needs a few milliseconds, an adapter up to 16."""
 
@@ -243,7 +245,28 @@ async def _ask_in_turns(
 
 
 async def _find_by_dtr(port: Port, tries: list[_Try]) -> Connection | None:
-    """One of the models that are dark while DTR is cleared, each asked once; None when none responds."""
+    """One of the models that are dark while DTR is cleared; None when none responds.
+
+    Each is asked once, and once more where as much as a response came back: it may have been damaged.
+    """
+    came = ReceivedInSilence()
+    port.add_tap(came.see)
+    try:
+        for guess, patience_s in _dark_ones(tries):
+            before = came.total
+            connection = await _try(port, guess, quick=False, patience_s=patience_s)
+            if connection is None and 0 < came.total - before <= RESPONSE_BYTES:
+                connection = await _try(port, guess, quick=False, patience_s=patience_s)
+            if connection is not None:
+                return connection
+    finally:
+        port.remove_tap(came.see)
+    port.set_dtr(False)
+    return None
+
+
+def _dark_ones(tries: list[_Try]) -> Iterator[tuple[_Try, float]]:
+    """Whom to ask while DTR is asserted, and how long each may take to respond."""
     speeds = {each.baudrate for each in tries}
     asked: set[tuple[Family, int, float]] = set()
     for family in dict.fromkeys(each.family for each in tries):
@@ -254,12 +277,7 @@ async def _find_by_dtr(port: Port, tries: list[_Try]) -> Connection | None:
             if question in asked or baudrate not in speeds:
                 continue
             asked.add(question)
-            guess = _Try(family, baudrate, name, is_guess=True)
-            connection = await _try(port, guess, quick=False, patience_s=patience_s)
-            if connection is not None:
-                return connection
-    port.set_dtr(False)
-    return None
+            yield _Try(family, baudrate, name, is_guess=True), patience_s
 
 
 async def _try_known(

@@ -18,8 +18,9 @@ from lidario.session import remembered
 from lidario.session.connect import _find_by_dtr, _Try, connect
 from lidario.session.discovery import PortInfo
 from lidario.source import parse_source
+from lidario.testing import SimulatedLidar
 from tests.support.devices import make_rig
-from tests.support.loop import driven
+from tests.support.loop import driven, run_driven
 from tests.support.speeds import serial_in_memory
 
 ONE_OF_EACH: dict[str, tuple[float, int]] = {
@@ -211,3 +212,28 @@ def test_one_that_responds_while_others_are_looked_for_by_dtr_is_what_it_says() 
         await connection.dialogue.close()
 
     main()
+
+
+def test_one_whose_response_is_damaged_while_dtr_is_asserted_is_asked_once_more() -> None:
+    """It is dark before, so the question that was damaged is the only one that it was asked."""
+    damaged = 0
+
+    async def main() -> None:
+        nonlocal damaged
+        device = SimulatedLidar("ydlidar-x4")
+        send = device._device.transmit
+
+        def transmit(now: int) -> bytes:
+            nonlocal damaged
+            data = send(now)
+            if data and not damaged:
+                damaged = len(data)
+                return data[:-1]
+            return data
+
+        device._device.transmit = transmit  # type: ignore[method-assign]
+        async with open_lidar(device) as lidar:
+            assert lidar.info.model.startswith("YDLIDAR X4")
+
+    run_driven(main)
+    assert damaged
