@@ -31,7 +31,8 @@ TROUBLE = {
     "drop": {"fault": "drop:0.05%"},
 }
 SOUND = 0.98
-"""Share of the returns of a message: not every format has a check sum, and what was flipped is anywhere."""
+"""Share of the returns of a message, and on a damaged line of all: not every format has a check sum, and what is
+read behind a byte that was lost, until the packets are found again, is anywhere."""
 BEAMS = 1.0
 """By so many a return may be beside its direction: half a beam on the grid, half a beam where that begins."""
 
@@ -78,12 +79,15 @@ async def test_slam_toolbox_takes_all_and_finds_the_walls(
     assert slam.refused == 0, f"{slam.refused} of {len(messages)} have another number of beams than the first one"
     if model in UNITS_ARE_A_GUESS:
         return
-    for number, (message, points) in enumerate(zip(messages, taken, strict=True)):
+    near: dict[str, list[Any]] = {"slam_toolbox": [], "laser_geometry": []}
+    for message, points in zip(messages, taken, strict=True):
         for reader, found in (("slam_toolbox", points), ("laser_geometry", laser_geometry(message))):
             assert found is not None
-            near = from_walls(found) < BEAMS * abs(message.angle_increment) * LONGEST_M + 0.03
-            worst = from_walls(found).max()
-            assert near.mean() > SOUND, f"{reader}: {near.mean():.1%} of message {number}, up to {worst:.2f} m off"
+            near[reader].append(from_walls(found) < BEAMS * abs(message.angle_increment) * LONGEST_M + 0.03)
+    for reader, each in near.items():
+        parts = [np.concatenate(each)] if trouble in ("flip", "drop") else each
+        worst = min(float(part.mean()) for part in parts)
+        assert worst > SOUND, f"{reader}: {worst:.1%} of the returns are where walls are"
     assert is_all_around(np.concatenate([each for each in taken if each is not None])) or trouble in (
         "flip",
         "drop",
