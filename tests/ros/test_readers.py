@@ -17,6 +17,7 @@ from lidario.network.bus import Bus
 from lidario.network.status import Status
 from lidario.ros import Publisher, Share
 from tests.support.network import BOUND_S, Rig, until
+from tests.support.recorded import assert_same_scans
 from tests.support.router import Router
 from tests.test_model import FOUR
 
@@ -38,6 +39,31 @@ async def test_a_session_comes_back_when_the_robot_does(router: Router) -> None:
             assert (await anext(scans)).wall_stamp_ns > first.wall_stamp_ns
             while not remote.stats.reconnects:
                 await anext(scans)
+
+
+async def test_a_recording_goes_on_when_the_robot_is_back(router: Router, tmp_path: Path) -> None:
+    taken = list[lidario.Scan]()
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        lidar = await rig.open()
+        source = f"zenoh:kept/scan?router={router.address}"
+        async with Share(lidar, "kept/scan", raw=True, router=router.address) as share:
+            rig.run(share)
+            await until(lambda: rig.sent)
+            remote = await stack.enter_async_context(lidario.open_lidar(source, reconnect=True))
+            recording = await stack.enter_async_context(remote.record(tmp_path / "run.mcap", split_s=1.0))
+            scans = await stack.enter_async_context(remote.scans(depth=64))
+            taken += [await anext(scans) for _ in range(12)]
+        await until(lambda: not remote.is_connected)
+        await stack.enter_async_context(Share(lidar, "kept/scan", raw=True, router=router.address))
+        async with asyncio.timeout(BOUND_S):
+            while not remote.stats.reconnects or len(taken) < 30:
+                taken.append(await anext(scans))
+        await recording.close()
+        assert recording.error is None
+        assert recording.files > 1
+    assert lidario.summarize(recording.source).losses == 1
+    assert_same_scans(taken, list(lidario.decode_file(recording.source)))
 
 
 async def test_a_reader_may_come_before_the_first_scan(router: Router) -> None:
