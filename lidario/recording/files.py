@@ -59,7 +59,7 @@ def open_stored(path: Path, known: Known = Known()) -> StoredStreams:  # noqa: B
     paths = files_of(path)
     if any(is_mcap(each) for each in paths):
         return McapRecording(path, paths)
-    if len(paths) > 1:
+    if len(paths) != 1:
         raise RecordingError(
             f"{path} names {len(paths)} files of bare bytes, which tell no times: name one of them"
         )
