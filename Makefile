@@ -17,7 +17,7 @@ SEED ?= 7
 HOURS ?= 24
 FUZZ_S ?= 600
 
-.PHONY: demo test check docs bench faults soak fuzz floods package release clean
+.PHONY: demo test check docs bench faults soak fuzz floods package arm64 s390x release clean
 .DEFAULT_GOAL := demo
 
 # What the command needs is a fifth of what the tests and checks need.
@@ -70,8 +70,11 @@ floods: $(READY)  ## peers that send as fast as they can, from every source; fou
 package:  ## the wheel and the sdist in dist/, each tried in an empty environment; half a minute
 	PYTHON="$(PYTHON)" .ci/package
 
+arm64 s390x: $(READY)  ## decoding as on a Raspberry Pi, and on a big-endian machine, under qemu; see CONTRIBUTING.md
+	.ci/emulate $@
+
 release:  ## `make release VERSION=1.2.3`: the version, the date in CHANGELOG.md, one commit, one tag; pushes nothing
 	.ci/release "$(VERSION)"
 
 clean:
-	rm -rf build dist $(VENV) .fuzz .coverage* .mypy_cache .site .pytest_cache .ruff_cache .hypothesis benchmarks/.peers
+	rm -rf build dist .emulated $(VENV) .fuzz .coverage* .mypy_cache .site .pytest_cache .ruff_cache .hypothesis benchmarks/.peers

@@ -46,7 +46,8 @@ def test_every_room_is_in_the_table() -> None:
 
 
 def test_every_target_is_one_of_make() -> None:
-    targets = set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    lines = re.findall(r"^(\w[\w ]*):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    targets = {name for line in lines for name in line.split()}
     named = {word.split()[1] for word in CODE if word.startswith("make ")}
     assert {"test", "check"} <= named <= targets
 
