@@ -48,17 +48,16 @@ class WholeAssembler(Assembler):
         if not event.data:
             return
         offsets, done = packet_offsets(event.blocks), 0
-        self.stats.unfinished_packets += event.count
         try:
             for number, came_ns in enumerate(self._came(event)):
                 part = part_of(event, number, number + 1, offsets, self._stream.format, self._stream.sample_ns)
                 done += 1
                 scan = self._scan_of(part, came_ns)
-                self.stats.finish(1, delivered=True)
+                self.stats.scan_packets += 1
                 self._told(scan)
                 yield [scan]
         finally:
-            self.stats.finish(event.count - done, delivered=False)
+            self.stats.discarded_packets += event.count - done
 
     def _told(self, scan: Scan) -> None:
         """A scan is about to be delivered."""

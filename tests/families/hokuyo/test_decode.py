@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
+
 import numpy as np
 import pytest
 
@@ -145,3 +147,15 @@ def test_sectors_hold_each_sample_once_and_none_beside_the_field(parts: int) -> 
     empty = sectors[-1] if parts > 3 else None
     if empty is not None:
         assert (len(empty), empty.nearest(), empty.is_last, len(empty.xy())) == (0, None, True, 0)
+
+
+def test_a_stream_that_ends_between_two_scans_of_one_read_counts_each_packet_once() -> None:
+    assembler = WholeAssembler(stream())
+    ready = assembler.ends(in_one_run(CASE.make_format(), b"".join(CASE.packets[:4])))
+    assert len(next(ready)) == 1
+    # The reader of the first scan has ended the stream.
+    assembler.end()
+    assert isinstance(ready, Generator)
+    ready.close()
+    counted = assembler.stats
+    assert (counted.scan_packets, counted.discarded_packets, counted.unfinished_packets) == (1, 3, 0)
