@@ -24,6 +24,7 @@ __all__ = [
     "before",
     "follow_rotor",
     "numbers_of",
+    "rotor_of",
     "rotor_of_field",
     "times_by_angle",
     "times_of",
@@ -128,6 +129,31 @@ def follow_rotor(
     return Rotor((seam + first) % 360.0, 0.0, period_ns)
 
 
+def rotor_of(
+    device_angles: NDArray[np.floating],
+    time_increment_ns: float,
+    duration_ns: float,
+    seam: float,
+    lost_packets: int,
+    gaps: Gaps | None,
+    *,
+    field_deg: float,
+) -> Rotor:
+    """As `follow_rotor`, of a device that sees `field_deg` of a turn, negative where its angles fall."""
+    if abs(field_deg) != 360.0:
+        return rotor_of_field(len(device_angles), time_increment_ns, seam, field_deg)
+    if field_deg > 0:
+        return follow_rotor(device_angles, time_increment_ns, duration_ns, seam, lost_packets, gaps)
+    angles = _mirrored(device_angles)
+    found = follow_rotor(angles, time_increment_ns, duration_ns, -seam, lost_packets, gaps)
+    return Rotor(-found.begin_deg % 360.0, found.begin_ns, found.period_ns, field_deg)
+
+
+def _mirrored(device_angles: NDArray[np.floating]) -> NDArray[np.floating]:
+    mirrored: NDArray[np.floating] = -device_angles % 360.0
+    return mirrored
+
+
 def rotor_of_field(count: int, time_increment_ns: float, begin_deg: float, field_deg: float) -> Rotor:
     """How the rotor turned during a whole scan of a field that the device states, with so many even samples.
 
@@ -156,6 +182,9 @@ def times_of(
         rotor: How the rotor turned during the scan.
         gaps: Where samples are missing; None where that is not known. Then the angles tell the times.
     """
+    if rotor.field_deg < 0:
+        device_angles = _mirrored(device_angles)
+        rotor = Rotor(-rotor.begin_deg % 360.0, rotor.begin_ns, rotor.period_ns)
     if gaps is not None and rotor.period_ns:
         numbers = numbers_of(len(device_angles), gaps)
         if _agree(_travelled(device_angles), numbers, 360.0 * time_increment_ns / rotor.period_ns):

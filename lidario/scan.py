@@ -20,7 +20,7 @@ from lidario.laserscan import LaserScan
 from lidario.measured import MeasuredSamples, Return
 from lidario.plain import plain_of
 from lidario.points import Motion, Mount, Points, place
-from lidario.rotor import Gaps, Rotor, follow_rotor, rotor_of_field, times_of
+from lidario.rotor import Gaps, Rotor, rotor_of, times_of
 from lidario.samples import mask_of, nearest_to, read_only
 
 __all__ = ["Return", "Scan", "read_only"]
@@ -252,11 +252,10 @@ class Scan(MeasuredSamples):
     def _follow_rotor(self) -> Rotor:
         if self._rotor is not None:
             return self._rotor
-        if self.field_of_view != 360.0:
-            return rotor_of_field(len(self), self.time_increment_ns, self.seam, self.field_of_view)
-        return follow_rotor(
-            self.device_angles, self.time_increment_ns, self.duration_ns, self.seam, self.lost_packets, self._gaps
-        )
+        return rotor_of(
+            self.device_angles, self.time_increment_ns, self.duration_ns, self.seam, self.lost_packets, self._gaps,
+            field_deg=self.field_of_view,
+        )  # fmt: skip
 
     def to_laserscan(
         self,

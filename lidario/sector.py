@@ -31,7 +31,8 @@ class Sector(MeasuredSamples):
     """A part of one revolution, its samples in the order they were measured. All arrays are read-only, shape (n,).
 
     Sector ``index`` holds what was measured while the rotor turned from ``index * degrees`` to
-    ``(index + 1) * degrees``, clockwise from the angle where the revolution began. Formats that correct angles by
+    ``(index + 1) * degrees``, clockwise from the angle where the revolution began, or the other way where the rotor
+    turns so. Formats that correct angles by
     the distance may show samples a few degrees outside. The sectors of a revolution together hold the samples of
     its `Scan`, each exactly once.
 
@@ -56,6 +57,7 @@ class Sector(MeasuredSamples):
         lost_packets: Packets that were damaged or lost on the wire since the sector before, of this revolution.
         mode: Name of the scan mode.
         max_range: As `Scan.max_range`.
+        field_of_view: As `Scan.field_of_view`.
     """
 
     device_angles: FloatArray
@@ -73,6 +75,7 @@ class Sector(MeasuredSamples):
     lost_packets: int
     mode: str
     max_range: float = 0.0
+    field_of_view: float = 360.0
     _angles: FloatArray | None = field(default=None, init=False)
     _ranges: FloatArray | None = field(default=None, init=False)
     _left_out: NDArray[np.bool_] | None = field(default=None, init=False)
@@ -101,7 +104,7 @@ class Sector(MeasuredSamples):
         """
         if self._times_ns is None:
             if self.lost_packets and not math.isnan(self.rpm):
-                rotor = Rotor(float(self.device_angles[0]), 0.0, 60e9 / self.rpm)
+                rotor = Rotor(float(self.device_angles[0]), 0.0, 60e9 / self.rpm, self.field_of_view)
                 offsets = times_of(self.device_angles, self.time_increment_ns, rotor, self._gaps)
             else:
                 offsets = np.arange(len(self), dtype=np.int64) * self.time_increment_ns

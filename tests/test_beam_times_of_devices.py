@@ -16,7 +16,7 @@ from lidario.laserscan import LaserScan
 from lidario.scan import Scan
 from lidario.sim.faults import Faults
 from lidario.sim.world import World
-from tests.support.cases import CASES, Case, most_or_all
+from tests.support.cases import EVEN, Case, most_or_all
 from tests.support.devices import FAMILIES, make_rig, take
 from tests.support.kept import arrivals
 from tests.support.loop import driven
@@ -33,19 +33,19 @@ def lose(case: Case, every: int) -> tuple[bytes, list[int]]:
     return b"".join(case.packets[n] for n in left), left
 
 
-@most_or_all(CASES)
+@most_or_all(EVEN)
 def test_golden_samples_meet_the_times_of_their_beams(case: Case) -> None:
     beams_meet_their_times(case, 0)
 
 
 @pytest.mark.exhaustive("every", sample=[9], full=[9, 40])
-@most_or_all(CASES)
+@most_or_all(EVEN)
 def test_so_do_those_around_lost_packets(case: Case, every: int) -> None:
     beams_meet_their_times(case, every)
 
 
 @pytest.mark.exhaustive("every", sample=[9], full=[9, 40])
-@most_or_all(CASES)
+@most_or_all(EVEN)
 def test_samples_around_lost_packets_have_their_own_times(case: Case, every: int) -> None:
     """Within a sample, whatever corrections have moved their angles by."""
     raw, left = lose(case, every)

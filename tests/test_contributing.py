@@ -15,7 +15,7 @@ MADE = (ROOT / ".gitignore").read_text(encoding="utf-8").split()
 PATHS = sorted(
     {word for word in CODE if re.fullmatch(r"[\w./]+/[\w./]*", word) and word.split("/")[0] + "/" not in MADE}
 )
-FAMILY_FILES = ("formats.py", "decode.py", "device.py", "raw.py", "simulated/", "__init__.py")
+FAMILY_FILES = ("formats.py", "decode.py", "device.py", "simulated/", "__init__.py")
 FAMILIES = [path.parent for path in sorted((ROOT / "lidario" / "families").glob("*/device.py"))]
 
 

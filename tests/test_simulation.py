@@ -136,10 +136,10 @@ def test_what_cannot_be_right_is_refused(arguments: dict[str, Any], says: str) -
 def test_a_mistake_in_a_world_leaves_through_the_device(model: str) -> None:
     """It is not turned into silence: whoever serves the device gets the exception."""
     device = lidario.simulate(model, world=Breaking(), spin_up=0)
-    # Each begins to scan by its own request, and takes the others for noise.
-    device.receive(bytes.fromhex("A520" if device.baudrate == 1_000_000 else "A560"), 0)
-    device.receive(b"\nMD0044072501000\n", 0)
     with pytest.raises(ZeroDivisionError, match="the user's world"):
+        # Each begins to scan by its own request, or by itself, and takes the others for noise.
+        device.receive(bytes.fromhex("A520" if device.baudrate == 1_000_000 else "A560"), 0)
+        device.receive(b"\nMD0044072501000\n", 0)
         device.transmit(1_000_000_000)
 
 

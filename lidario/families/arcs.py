@@ -47,7 +47,13 @@ class ArcDecoder(ABC):
     Args:
         full_turn: 360 degrees in the unit of the headings.
         turning: Follows the rotor.
+
+    Attributes:
+        by_angle: Whether the device measures at angles, and not at times: then the speed that its packets tell says
+            how long a sample takes.
     """
+
+    by_angle: bool = False
 
     def __init__(self, full_turn: int, turning: Turning) -> None:
         self._full_turn = full_turn
@@ -72,6 +78,7 @@ class ArcDecoder(ABC):
         decoded = self._samples(packets, heads, arcs, ends, room)
         self._remember(heads, decoded.last)
         count, turn = len(heads.first), self._full_turn / arcs.step if arcs.step else 0.0
+        rpm = self._reported_rpm(heads, 0, count)
         return Samples(
             angle_deg=decoded.angle,
             distance_mm=decoded.distance,
@@ -84,9 +91,10 @@ class ArcDecoder(ABC):
             revolution_packets=self._revolution_packets(heads, turn, 0, count) if turn else 0.0,
             revolution_samples=turn,
             certain=arcs.certain,
-            reported_rpm=self._reported_rpm(heads, 0, count),
+            reported_rpm=rpm,
             gaps=[] if arcs.skipped is None else [(ends[at], int(arcs.skipped[at])) for at in gaps],
             first=arcs.first,
+            sample_ns=60e9 / (rpm * turn) if self.by_angle and turn and rpm > 0 else 0.0,
         )
 
     def decode_steady(

@@ -115,6 +115,7 @@ class Device(ABC):
         sends_bytes: Whether its stream consists of bytes that can be decoded again; else of whole scans.
         is_guess: Whether its model was not named by a user, but is one that is looked for: what the device says of
             itself counts more.
+        rests_s: Seconds between two signs of life, of one that may be well and yet silent for longer than others.
         fill: Bytes that complete any request that was half written, and begin none. Default: none are needed.
     """
 
@@ -123,6 +124,7 @@ class Device(ABC):
     by_network: bool = False
     sends_bytes: bool = True
     is_guess: bool = False
+    rests_s: float = 0.0
     fill: Request = Request("FILL", b"")
 
     @abstractmethod

@@ -7,7 +7,7 @@ from difflib import get_close_matches
 
 from lidario.arguments import text_of
 from lidario.errors import ConnectFailed, InvalidValue
-from lidario.families import hokuyo, ldrobot, rplidar, ydlidar
+from lidario.families import hokuyo, ldrobot, neato, rplidar, ydlidar
 from lidario.families.base import Family
 from lidario.source import Source, quoted
 
@@ -20,11 +20,17 @@ __all__ = [
     "family_of_simulated",
 ]
 
-FAMILIES: tuple[Family, ...] = (rplidar.FAMILY, ydlidar.FAMILY, ldrobot.FAMILY, hokuyo.FAMILY)
+FAMILIES: tuple[Family, ...] = (
+    rplidar.FAMILY,
+    ydlidar.FAMILY,
+    ldrobot.FAMILY,
+    neato.FAMILY,
+    hokuyo.FAMILY,
+)
 """In the order in which an unknown port is probed: the second family's device-info request means something else
-to the first, so the first is asked first. Devices of the third mostly hear nothing: they are found by listening,
-and only one of its models must be woken. The last one speaks lines of text: what the others were sent is to it a
-line half written, which its own question ends."""
+to the first, so the first is asked first. Devices of the next two mostly hear nothing: they are found by
+listening, and only one of their models must be woken. The last one speaks lines of text: what the others were sent
+is to it a line half written, which its own question ends."""
 
 
 def family_named(name: str) -> Family:

@@ -39,6 +39,8 @@ class Samples:
             packets are missing, neither the angles nor `lost` can be relied on.
         first: Whether that rests on the first packets of a stream alone, so that those behind them may tell that
             the angles are wrong.
+        sample_ns: How long each of them took, nanoseconds, where the device measures at angles and tells its speed;
+            0 where that is the same at any speed.
     """
 
     angle_deg: NDArray[np.float32]
@@ -55,6 +57,7 @@ class Samples:
     reported_rpm: float = math.nan
     gaps: Sequence[tuple[int, int]] = ()
     first: bool = False
+    sample_ns: float = 0.0
 
     @property
     def skipped_behind(self) -> int:

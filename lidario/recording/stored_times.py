@@ -54,6 +54,12 @@ class StoredTimes:
         samples = packets.count * wire.pitch if wire.whole else wire.samples_in(packets.blocks)
         if packets.skipped:
             self._samples += packets.skipped * samples / len(packets.data)
+        told_ns = wire.told_sample_ns(packets)
+        if told_ns is not None:
+            for number, sample_ns in enumerate(told_ns.tolist(), 1):
+                self._samples += wire.pitch * sample_ns / self._sample_ns
+                arrivals.append((number, self._came()))
+            return Packets(packets.data, packets.blocks, tuple(arrivals), packets.skipped)
         for at, missing in self._corrections(packets):
             self._samples += (at - done) * self._wire.pitch
             samples -= (at - done) * self._wire.pitch

@@ -284,7 +284,7 @@ class Assembler:
         """Fill in the times, as if nothing were missing."""
         packets = ended.packets
         packet_bytes = self._stream.format.shortest if packets is None else len(packets.data) / packets.count
-        ended.sample_ns, ended.told = self._stream.sample_ns, self._stream.sample_ns > 0
+        ended.sample_ns, ended.told = ended.by_speed_ns or self._stream.sample_ns, self._stream.sample_ns > 0
         ended.start_ns = first_sample_ns(ended, packet_bytes=packet_bytes, byte_ns=self._byte_ns)
         ended.elapsed_ns = ended.partial.last_ns - ended.start_ns
         if not ended.told:

@@ -241,13 +241,14 @@ def sum_of(pieces: Sequence[Samples]) -> Samples:
     turns = sum(len(piece.ends) / piece.revolution_packets for piece in pieces)
     sample_turns = sum(piece.ends[-1] / piece.revolution_samples for piece in pieces)
     told = [(len(piece.ends), piece.reported_rpm) for piece in pieces if not math.isnan(piece.reported_rpm)]
+    rpm = sum(count * rpm for count, rpm in told) / sum(count for count, _ in told) if told else math.nan
+    turn = ends[-1] / sample_turns
     return replace(
         last,
         ends=ends,
         unbroken=packets,
         revolution_packets=packets / turns,
-        revolution_samples=ends[-1] / sample_turns,
-        reported_rpm=sum(count * rpm for count, rpm in told) / sum(count for count, _ in told)
-        if told
-        else math.nan,
+        revolution_samples=turn,
+        reported_rpm=rpm,
+        sample_ns=60e9 / (rpm * turn) if last.sample_ns and rpm > 0 else 0.0,
     )

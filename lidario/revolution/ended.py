@@ -52,6 +52,11 @@ class EndedRevolution:
         return len(self.arrays.angle)
 
     @property
+    def by_speed_ns(self) -> float:
+        """What each of its samples took, by the speed that its packets tell; 0 where they do not."""
+        return 0.0 if self.samples is None else self.samples.sample_ns
+
+    @property
     def turn_ns(self) -> float:
         """What a whole one takes, by the step of its angle; infinite where that is not sure."""
         samples = self.samples

@@ -37,7 +37,7 @@ class Incoming:
 
     def measure(self, samples: Samples, packets: Packets) -> None:
         """These packets were decoded to those samples."""
-        if samples.certain:
+        if samples.certain and not samples.sample_ns:
             measured = samples.ends[-1] + sum([skipped for _, skipped in samples.gaps])
             self.time.add(measured, packets.arrivals[-1][1])
         else:

@@ -69,7 +69,7 @@ class SectorAssembler(Assembler):
         self._publish_sector = publish
         self._parts: tuple[int, ...] = ()
         self._divided: DividedRevolution | None = None
-        self._usual_samples = 0.0
+        self._usual_samples = self._by_speed_ns = 0.0
         self._told: int | None = None
         self._ending: tuple[DividedRevolution, int] | None = None
 
@@ -170,7 +170,7 @@ class SectorAssembler(Assembler):
     def _take(self, here: DividedRevolution, packets: Packets, samples: Samples, next_away: int) -> None:
         here.take(packets, samples, next_away, self._stream.format)
         if samples.certain and samples.revolution_samples:
-            self._usual_samples = samples.revolution_samples
+            self._usual_samples, self._by_speed_ns = samples.revolution_samples, samples.sample_ns
 
     # ------------------------------------------------------------------------------------------------ sectors
 
@@ -215,12 +215,13 @@ class SectorAssembler(Assembler):
             lost_packets=lost,
             mode=mode.name,
             max_range=mode.max_distance,
+            field_of_view=self._stream.format.field_deg,
         )
         self._publish_sector(count, with_gaps(sector, gaps) if lost else sector)
 
     @property
     def _sample_time_ns(self) -> float:
-        return self._stream.sample_ns or self.incoming.time.measured_ns
+        return self._by_speed_ns or self._stream.sample_ns or self.incoming.time.measured_ns
 
     def _start_ns(self, here: DividedRevolution) -> int:
         """When the first sample was measured, as far as the packets so far tell."""

@@ -151,7 +151,8 @@ class Inquiry:
 
     async def _health(self) -> Health | None:
         """Its health, or a warning if it says at least what it is; None if it does not respond at all."""
-        self._dialogue.hurry_until(self._loop.time() + (ASK_S if self._dialogue.baudrate else NETWORK_ASK_S))
+        ask_s = max(ASK_S if self._dialogue.baudrate else NETWORK_ASK_S, self._device.rests_s)
+        self._dialogue.hurry_until(self._loop.time() + ask_s)
         try:
             self.take_note(await self._dialogue.run(self._device.health()))
         except ResponseTimeout:

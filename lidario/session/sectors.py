@@ -55,7 +55,7 @@ def parts_of(degrees: float) -> int:
 def sectors_of(scan: Scan, parts: int) -> Iterator[Sector]:
     """A scan that came whole, from another machine, in so many parts; the first one tells its lost packets."""
     count = len(scan)
-    away = (scan.device_angles.astype(np.float64) - scan.seam) % 360.0
+    away = math.copysign(1.0, scan.field_of_view) * (scan.device_angles.astype(np.float64) - scan.seam) % 360.0
     index = np.minimum((away * (parts / 360.0)).astype(np.intp), parts - 1)
     # Corrected angles may stand before the seam, or fall back over the end of a sector.
     index[: count // 4][index[: count // 4] > parts // 2] = 0
@@ -82,6 +82,7 @@ def sectors_of(scan: Scan, parts: int) -> Iterator[Sector]:
             lost_packets=lost,
             mode=scan.mode,
             max_range=scan.max_range,
+            field_of_view=scan.field_of_view,
         )
         lost = 0
 

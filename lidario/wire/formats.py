@@ -127,6 +127,10 @@ class StreamFormat(ABC):
         """What the device's clock said at each packet; empty where packets carry no clock (`ticks`)."""
         return np.empty(0, np.int64)
 
+    def told_sample_ns(self, packets: Packets) -> NDArray[np.float64] | None:  # noqa: ARG002
+        """What a sample of each packet took, nanoseconds, where packets tell a speed that decides it; else None."""
+        return None
+
     @property
     def pitch(self) -> int:
         """Samples from the beginning of a packet to that of the next, also those that the device does not take."""

@@ -86,11 +86,11 @@ def _named(text: str, name: str) -> str:
 def _with_row(registry: str, name: str) -> str:
     """The registry with a row at its end: who is asked must not be taken for one that is only heard."""
     found = re.search(r"^from lidario\.families import (.+)$", registry, re.MULTILINE)
-    rows = re.search(r"^FAMILIES: tuple\[Family, \.\.\.\] = \((.+)\)$", registry, re.MULTILINE)
+    rows = re.search(r"^FAMILIES: tuple\[Family, \.\.\.\] = \(\n(.+?)^\)$", registry, re.MULTILINE | re.DOTALL)
     if found is None or rows is None:
         raise ValueError("lidario/families/registry.py is not as it was: add the row by hand, and mend this script")
     imported = ", ".join(sorted([*found[1].split(", "), name]))
-    return registry.replace(found[1], imported, 1).replace(rows[1], f"{rows[1]}, {name}.FAMILY", 1)
+    return registry.replace(found[1], imported, 1).replace(rows[1], f"{rows[1]}    {name}.FAMILY,\n", 1)
 
 
 _STREAM = """

@@ -31,7 +31,7 @@ from lidario.recording.decode_file import FileDecoder
 from lidario.recording.export import export_mcap
 from lidario.recording.offline import OfflineDecoder
 from lidario.wire.envelope import DESCRIPTOR_SIZE
-from tests.support.cases import CASES, KINDS, Case, named
+from tests.support.cases import CASES, EVEN, KINDS, Case, named
 from tests.support.ledger import PACKETS, assert_link_closes
 from tests.support.loop import run_driven
 from tests.support.recorded import record
@@ -63,7 +63,7 @@ def test_scans_are_those_of_the_live_way(case: Case) -> None:
         assert (scan.seq, scan.lost_packets) == (live.seq, 0)
 
 
-@every_case
+@pytest.mark.parametrize("case", EVEN, ids=named)
 def test_stamps_count_samples_from_the_begin_of_the_stream(case: Case) -> None:
     scans = list(lidario.decode(whole(case), sample_us=100.0))
     first = next(at for at, sample in enumerate(case.samples) if sample is case.turns[0][0])

@@ -17,7 +17,7 @@ import lidario
 from lidario.testing import SimulatedLidar
 from tests.cli.processes import invoke
 from tests.reference.nodes import SlamToolbox, laser_geometry
-from tests.ros.test_nodes import COUNT, UNITS_ARE_A_GUESS, published, scans_of
+from tests.ros.test_nodes import COUNT, MUST_BE_NAMED, published, scans_of
 from tests.support.loop import run_driven
 from tests.support.messages import scans_of_file
 from tests.support.router import Router
@@ -77,7 +77,7 @@ async def test_slam_toolbox_takes_all_and_finds_the_walls(
     slam = SlamToolbox()
     taken = [slam.take(message) for message in messages]
     assert slam.refused == 0, f"{slam.refused} of {len(messages)} have another number of beams than the first one"
-    if model in UNITS_ARE_A_GUESS:
+    if model in MUST_BE_NAMED:
         return
     near: dict[str, list[Any]] = {"slam_toolbox": [], "laser_geometry": []}
     for message, points in zip(messages, taken, strict=True):

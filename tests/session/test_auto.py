@@ -41,6 +41,7 @@ ONE_OF_EACH: dict[str, tuple[float, int]] = {
     "ldrobot-ld14p": (0.5, 8),
     "hokuyo-urg04lx": (0.6, 40),
     "hokuyo-utm30lx": (0.6, 40),
+    "neato-xv11": (0.7, 0),
 }
 """Bounds on what is measured, until it is known and left as it was. LDROBOT devices are found without a byte; a
 model of a family with others that obey, after it went on in spite of two STOPs; the LD14P is left with one."""
@@ -114,7 +115,7 @@ def test_a_motor_switched_on_by_dtr_has_time_to_turn(options: str, monkeypatch: 
     main()
 
 
-OTHERS = ("rplidar-a1", "ydlidar-tmini-pro", "ldrobot-ld14p", "ydlidar-s4b")
+OTHERS = ("rplidar-a1", "ydlidar-tmini-pro", "ldrobot-ld14p", "ydlidar-s4b", "neato-xv11")
 
 
 def test_all_of_them_together(monkeypatch: pytest.MonkeyPatch) -> None:

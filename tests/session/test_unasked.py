@@ -12,7 +12,7 @@ import pytest
 
 from lidario import ConnectFailed, InvalidValue, SessionClosed, StreamFailed, Unsupported, open_lidar
 from lidario.families.ldrobot.simulated.device import PROFILES as LDROBOT
-from lidario.families.registry import FAMILIES
+from lidario.families.registry import FAMILIES, family_named
 from lidario.families.ydlidar.simulated.device import PROFILES as YDLIDAR
 from lidario.session.lidar import Lidar
 from tests.support.devices import Rig, left_still, make_rig, names, take
@@ -20,8 +20,17 @@ from tests.support.loop import driven
 
 TALKING = [name for name, profile in LDROBOT.items() if not profile.commands]
 TALKING += [name for name, other in YDLIDAR.items() if not other.commands]
+ALIKE = ("neato",)
+"""Families of which all models only talk, and tell their speed."""
+TALKING += [name for family in ALIKE for name in family_named(family).simulated]
+OTHERS = {
+    "YDLIDAR X2, X3 or alike": ["tx8"],
+    "LDROBOT LD14 or LD08": ["ld08"],
+    "XV-11 or alike": ["lds02rr"],
+}
+"""What else some could be, as far as anybody knows."""
 NAMED = {"ydlidar-x4-pro": "x4pro", "ydlidar-s2-pro": "s2pro"}
-talkers = pytest.mark.parametrize("model", ["ldrobot-ld06", "ydlidar-x2"])
+talkers = pytest.mark.parametrize("model", ["ldrobot-ld06", "ydlidar-x2", "neato-xv11"])
 
 
 def rig_of(model: str) -> Rig:
@@ -70,7 +79,7 @@ def test_every_one_of_them_is_opened_read_and_left(model: str, caplog: pytest.Lo
         told = [each.getMessage() for each in caplog.records if each.levelno >= logging.WARNING]
         # Some have a switch after all: the control line DTR. Some could be another model, as far as anybody knows.
         by_dtr = getattr(rig.device.profile, "by_dtr", False)
-        other = {"YDLIDAR X2, X3 or alike": ["tx8"], "LDROBOT LD14 or LD08": ["ld08"]}.get(lidar.info.model, [])
+        other = OTHERS.get(lidar.info.model, [])
         words = ["cannot be stopped from here"] * (not by_dtr)
         words += [f"name the model, as in ?model={name}" for name in other]
         assert len(told) == len(words)
@@ -135,7 +144,7 @@ def test_one_on_a_damaged_line_is_opened_all_the_same(model: str, fault: str) ->
     @driven
     async def main() -> None:
         async with open_lidar(f"sim://{model}?via=memory&seed=1&fault={fault}") as lidar:
-            assert lidar.info.model.startswith(("LDROBOT LD06", "YDLIDAR X2"))
+            assert lidar.info.model.startswith(("LDROBOT LD06", "YDLIDAR X2", "XV-11"))
             scans = await take(lidar, 5)
             assert sum(map(len, scans)) > 500
 
@@ -205,6 +214,30 @@ def test_an_unknown_model_is_answered_with_the_known_ones() -> None:
         with pytest.raises(ConnectFailed, match="ld06") as caught:
             open_lidar(source)
         assert caught.value.reason == "source"
+
+
+def test_one_whose_motor_nobody_powers_says_so_and_makes_no_scans_of_what_comes() -> None:
+    rig = rig_of("neato-xv11")
+
+    @driven
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        async with opened(rig) as lidar:
+            with pytest.raises(StreamFailed, match="the motor does not turn as it should: 60 revolutions a minute"):
+                async for scan in lidar.scans():
+                    assert len(scan) == 360
+                    if scan.seq == 3:
+                        rig.device.power_motor(60.0, round(loop.time() * 1e9))
+            assert "60 revolutions" in (await lidar.get_health()).note
+            rig.device.power_motor(330.0, round(loop.time() * 1e9))
+            scans = await take(lidar, 12)
+            assert [scan.lost_packets for scan in scans] == [0] * 12
+            assert scans[-1].reported_rpm == 330.0
+            assert scans[-1].rpm == pytest.approx(330.0, rel=0.01)
+            assert scans[-1].time_increment_ns == pytest.approx(60e9 / 330 / 360, abs=1)
+            assert lidar.stats.missed_scans == lidar.stats.broken_scans == 0
+
+    main()
 
 
 # ----------------------------------------------------------------------------------------------- the one that hears

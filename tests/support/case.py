@@ -52,6 +52,7 @@ class Case:
         lookahead: Whether a packet is decoded only with the one behind it.
         contents: Packets with intact check values and any contents, by a generator of random numbers, the angles
             where they begin in 64ths of a degree, and whether these need not turn as a rotor does.
+        even: Whether each sample takes `sample_us`; else the packets tell the speed that decides it.
         exact: Whether the vendor's program tells angles at full precision.
         seal: A packet of that many bytes with an intact check value: a few of the bytes change.
         intensity_bits: Of the qualities that the reference tells.
@@ -71,6 +72,7 @@ class Case:
     lookahead: bool
     contents: Callable[["Case", np.random.Generator, NDArray[np.int64], bool], list[bytes]]
     seal: Callable[["Case", bytes], bytes]
+    even: bool = True
     exact: bool = False
     told: bytes = b""
     intensity_bits: int = 8

@@ -12,12 +12,14 @@ from tests.families.ydlidar.about import LAYOUTS
 from tests.support.case import Case, Sample
 from tests.support.families import ABOUT
 
-__all__ = ["ALL", "CASES", "KINDS", "LAYOUTS", "Case", "Sample", "most_or_all", "named"]
+__all__ = ["ALL", "CASES", "EVEN", "KINDS", "LAYOUTS", "Case", "Sample", "most_or_all", "named"]
 
 ALL: tuple[Case, ...] = tuple(case for about in ABOUT.values() for case in about.CASES)
 """Every golden stream."""
 CASES = tuple(case for case in ALL if case.name not in ABOUT[case.truth.family].OF_GOLDEN_ALONE)
 """Those of them that every property is tried on: the others would tell nothing more."""
+EVEN = tuple(case for case in CASES if case.even)
+"""Those whose samples each take the same time."""
 KINDS = tuple(case for about in ABOUT.values() for name in about.KINDS for case in about.CASES if case.name == name)
 """One stream of each of the formats."""
 

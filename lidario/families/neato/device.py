@@ -1,0 +1,84 @@
+"""The models, and what else is known of a device: nothing tells them apart, and the host regulates the motor.
+
+300 revolutions a minute is what vacuums and adapters regulate to. From 349 on the line is full; below 200 nothing
+is measured, which is told as the state of the rotor and not as a fault of the line.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from lidario.errors import StreamFailed
+from lidario.families.base import Script
+from lidario.families.neato.decode import BackDecoder, PacketDecoder, rpm_of
+from lidario.families.neato.formats import FULL_TURN, SLOWEST, AnySpeed, BackFormat, PacketFormat
+from lidario.families.talking import Talkers, TalkingDevice, TalkingModel
+from lidario.families.unasked import hear
+from lidario.model import Health, HealthStatus
+
+__all__ = ["TALKERS", "NeatoDevice"]
+
+_USUAL_US: Final = 60e6 / (300 * FULL_TURN)
+_SENSE_UNKNOWN: Final = (
+    "an XV-11 and an LDS01RR or LDS02RR send the same packets. It is read as an XV-11, which turns "
+    "counter-clockwise; the scans of the others would be mirrored: name the model, as in ?model=lds02rr, "
+    "or ?model=xv11"
+)
+_UNNAMED: Final = TalkingModel(
+    "", "XV-11 or alike", 115_200, _USUAL_US, 0.0, BackFormat, BackDecoder, note=_SENSE_UNKNOWN
+)
+
+
+class NeatoDevice(TalkingDevice):
+    """One of these devices."""
+
+    # Two packets a revolution at 50 revolutions a minute, as the recording has it.
+    rests_s = 0.8
+
+    def health(self) -> Script[Health]:
+        """As `Device.health`: a warning where the rotor is too slow."""
+        slow = yield from self._slow()
+        return Health(HealthStatus.WARNING, 0, slow) if slow else (yield from super().health())
+
+    def explain_silence(self, lasted_s: float) -> Script[bool]:
+        """As `Device.explain_silence`.
+
+        Raises:
+            StreamFailed: The rotor is too slow: no start would help.
+        """
+        slow = yield from self._slow()
+        if slow:
+            raise StreamFailed(slow)
+        return (yield from super().explain_silence(lasted_s))
+
+    def _slow(self) -> Script[str]:
+        """What is to be told of a rotor that is too slow; empty where it is not."""
+        packets = yield hear(AnySpeed(), 1, self.rests_s)
+        rpm = rpm_of(packets)
+        if rpm * 64 >= SLOWEST:
+            return ""
+        return (
+            f"the motor does not turn as it should: {rpm:.0f} revolutions a minute, and below {SLOWEST / 64:.0f} "
+            "nothing is measured. The host powers it: about 3 V, regulated to 300 revolutions a minute"
+        )
+
+
+TALKERS: Final = Talkers(
+    family="neato",
+    models={
+        model.name: model
+        for model in (
+            TalkingModel("xv11", "Neato XV-11", 115_200, _USUAL_US, 0.0, BackFormat, BackDecoder),
+            TalkingModel("lds02rr", "LDS02RR", 115_200, _USUAL_US, 0.0, PacketFormat, PacketDecoder),
+            TalkingModel("lds01rr", "LDS01RR", 115_200, _USUAL_US, 9.0, PacketFormat, PacketDecoder),
+        )
+    },
+    unnamed=lambda packets: _UNNAMED,  # noqa: ARG005 - they tell nothing
+    sample_us=lambda packets: 60e6 / (rpm_of(packets) * FULL_TURN),
+    heard=4,
+    hear_s=0.5,
+    # At 200 revolutions a minute.
+    slowest_turn_s=0.45,
+    make=NeatoDevice,
+)
+"""The family's models."""

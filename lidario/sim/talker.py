@@ -1,0 +1,219 @@
+"""What simulated devices have in common that stream from power-up on: they boot, speed up, and talk for ever.
+
+A family's device adds how packets are made. `PacedByAngle` is one that measures at angles, as turrets of robot
+vacuums do: a packet has its place in the revolution, and when it is made follows from the speed of the rotor.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from lidario.sim.chassis import Chassis
+from lidario.sim.motor import Motor
+from lidario.sim.world import WorldLike
+
+__all__ = ["PacedByAngle", "Running", "Talker", "TalkerProfile"]
+
+Floats = npt.NDArray[np.float64]
+
+_BLOCKED: Final = 1 << 62
+_LATEST_NS: Final = 5_000_000_000
+"""A packet that is not made within this time never is: the rotor does not turn."""
+_TOGETHER: Final = 12
+"""Packets that are made together."""
+_STEPS: Final = 6
+"""Of Newton's method, from where the rotor is to when it will be where it is wanted."""
+_NEAR: Final = 1e-6
+_SLOWEST_RPM: Final = 0.01
+
+
+class TalkerProfile(Protocol):
+    """What a profile of such a device tells at least."""
+
+    @property
+    def model(self) -> int:
+        """Decides what is random."""
+        ...
+
+    @property
+    def baudrate(self) -> int:
+        """Speed of its line."""
+        ...
+
+    @property
+    def hertz(self) -> float:
+        """Revolutions a second."""
+        ...
+
+
+class Running:
+    """A stream: what was sent since `origin`.
+
+    Attributes:
+        origin: When the first sample was taken.
+        packets: Packets that were made; of one that measures at angles, counted from where the rotor stood at 0.
+        ready: When the first packet that was not made yet will be.
+    """
+
+    def __init__(self, origin: int) -> None:
+        self.origin = origin
+        self.packets = 0
+        self.ready = origin
+
+
+class Talker(Chassis[Running]):
+    """One that talks from power-up on; what the host sends is not seen.
+
+    Args:
+        profile: What it is.
+        world: What it sees; the furnished room by default.
+        seed: Decides noise, first angle and intensities.
+    """
+
+    greeting: bytes = b""
+    """What it says when it has booted."""
+
+    def __init__(self, profile: TalkerProfile, world: WorldLike | None, seed: int) -> None:
+        super().__init__(profile.baudrate, world, seed, profile.model)
+        self.boot_s: float = 0.5
+        self._rpm = profile.hertz * 60
+        self._motor = Motor(spin_up_s=1.0, turns=float(self._random.random()))
+        self._up: int | None = None
+
+    @abstractmethod
+    def _make(self, stream: Running) -> None:
+        """Make and queue the next packets of a stream, and tell when those behind them will be ready."""
+
+    def receive(self, data: bytes, now: int) -> None:  # noqa: ARG002
+        """Take bytes that the host sent; it sees none of them."""
+        self._advance(now)
+
+    def wakeup(self, now: int) -> int | None:
+        """When the next packet will have left."""
+        self._power(now)
+        at = self._queue.wakeup(now)
+        if at is not None:
+            return at
+        if self._stream is not None:
+            return max(now, self._stream.ready) if self._stream.ready < _BLOCKED else None
+        return self._up if self._up is not None and now < self._up < _BLOCKED else None
+
+    def begin_streaming(self, now: int) -> None:
+        """Be in the middle of a scan, and of a packet; so it is at any time anyway."""
+        self._power(now)
+        self._spin_at_once(self._rpm, now - 20_000_000)
+        self._begin(now - 20_000_000)
+        self._advance(now)
+        self._queue.take(now)
+
+    def power_motor(self, rpm: float, now: int) -> None:
+        """Turn the rotor at another speed, as who powers its motor may; 0 stops it."""
+        self._advance(now)
+        self._end_stream(now)
+        self._motor.set_rpm(rpm, now)
+        self._begin(now)
+
+    def protection_stop(self, error_code: int) -> None:
+        """Fail: nothing leaves until the power was cut."""
+        self._fault(error_code)
+        self._end_stream(self._now)
+        self._motor.set_rpm(0.0, self._now)
+        self._up = _BLOCKED
+
+    def freeze(self, now: int) -> None:
+        """As `Chassis.freeze`."""
+        super().freeze(now)
+        self._up = _BLOCKED
+
+    def _begin(self, origin: int) -> None:
+        self._stream = Running(origin)
+
+    def _power(self, now: int) -> None:
+        """It has been on for long when it is first heard."""
+        if self._up is None:
+            self._up = self._now = now
+            self._spin_at_once(self._rpm, now - 20_000_000)
+            # The first byte that is heard stands in the middle of a packet, wherever the seed says.
+            self._begin(now - int(self._random.integers(1, 20_000_000)))
+
+    def _advance(self, now: int) -> None:
+        self._power(now)
+        self._now = now = max(self._now, now)
+        starting = self._stream is None and self._motor.target_rpm <= 0 and self._up
+        if starting and self._up is not None and self._deaf_until <= self._up <= now:
+            self._start(self._up)
+        while self._stream is not None and self._stream.ready <= now:
+            self._make(self._stream)
+
+    def _start(self, at: int) -> None:
+        """It has booted, or was started: speed up, and stream from there on."""
+        self._queue.push(self.greeting, at)
+        self._motor.set_rpm(self._rpm, at)
+        self._begin(max(at, self._motor.stable_at or 0))
+        self._up = 0
+
+    def _restart(self, now: int, up: int) -> None:
+        self._forget(now)
+        self._recover()
+        self._motor.set_rpm(0.0, now)
+        self._deaf_until, self._deaf_why, self._up = up, "still booting", up
+
+
+class PacedByAngle(Talker):
+    """One whose packets have places in the revolution: equal slots of it.
+
+    Attributes:
+        slots: How many packets a revolution has.
+    """
+
+    slots: int
+
+    @abstractmethod
+    def _samples(self, rpm: float) -> int:
+        """Samples of a packet at that speed."""
+
+    @abstractmethod
+    def _pack(self, slot: int, millimetres: Floats, rpm: float) -> bytes:
+        """The packet of a slot, by what was measured in it; empty where it is not sent."""
+
+    def _direction(self, turned: Floats) -> Floats:
+        """Clockwise degrees of the beam where the rotor has turned so far."""
+        return turned
+
+    def _begin(self, origin: int) -> None:
+        stream = self._stream = Running(origin)
+        first = float(self._motor.turns(np.array([float(origin)]))[0])
+        stream.packets = int(np.ceil(first * self.slots))
+        stream.ready = self._times(origin, np.array([(stream.packets + 1.0) / self.slots]))[0]
+
+    def _times(self, begin: int, turns: Floats) -> list[int]:
+        """When the rotor will have turned so far; never, where it takes too long."""
+        times = np.full(len(turns), float(begin))
+        for _ in range(_STEPS):
+            rates = np.array([max(self._motor.rpm(round(at)), _SLOWEST_RPM) for at in times.tolist()]) / 60e9
+            times = np.minimum(times + (turns - self._motor.turns(times)) / rates, begin + _LATEST_NS)
+        there = np.abs(self._motor.turns(times) - turns) < _NEAR
+        return [round(at) if ok else _BLOCKED for at, ok in zip(times.tolist(), there.tolist(), strict=True)]
+
+    def _make(self, stream: Running) -> None:
+        rpm = self._motor.rpm(stream.ready)
+        samples = self._samples(rpm)
+        numbers = stream.packets + np.arange(_TOGETHER)
+        turned = (numbers[:, None] + np.arange(samples) / samples) / self.slots
+        made = self._times(stream.ready, (numbers + 2.0) / self.slots)
+        ready = [stream.ready, *made[:-1]]
+        seconds = np.repeat(np.array(ready, np.float64) * 1e-9, samples)
+        beams = self._direction(turned.ravel() * 360.0) % 360.0
+        millimetres = self._world.ranges_mm(beams, np.minimum(seconds, seconds[0] + 1.0)).reshape(-1, samples)
+        for number, at, row in zip(numbers.tolist(), ready, millimetres, strict=True):
+            if at >= _BLOCKED:
+                break
+            # With a period it can be taken back.
+            data = self._pack(number % self.slots, row, self._motor.rpm(at))
+            self._queue.push(data, at, size=len(data), period=1)
+        stream.packets += _TOGETHER
+        stream.ready = made[-1]

@@ -1,0 +1,72 @@
+"""What tests of all families must know of this one: a simulated device, its streams, and its models."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.families import unasked
+from lidario.families.neato.decode import BackDecoder, PacketDecoder
+from lidario.families.neato.formats import BackFormat, PacketFormat
+from lidario.families.neato.simulated.device import make_simulated
+from lidario.families.neato.simulated.packers import pack_packet
+from tests.reference import golden, neato
+from tests.support.case import Case
+from tests.support.rig import Maker
+
+__all__ = ["CASES", "KINDS", "LAYOUTS", "MAKER", "MODELS", "OF_GOLDEN_ALONE"]
+
+MAKER = Maker(make_simulated, "neato-xv11", 0.2, obeys=False)
+MODELS = ("neato-xv11", "neato-lds02rr")
+
+
+def _case(name: str, *, back: bool) -> Case:
+    sample_us = golden.load(name).sample_us
+    assert sample_us is not None
+    wire = BackFormat if back else PacketFormat
+    return Case(
+        name=name,
+        response_type=wire.response_type,
+        descriptor=b"",
+        make_format=wire,
+        make_decoder=BackDecoder if back else PacketDecoder,
+        request=unasked.begin,
+        sample_us=sample_us,
+        split=neato.split,
+        decode=partial(neato.decode, back=back),
+        revolutions=neato.revolutions,  # type: ignore[arg-type]
+        lookahead=False,
+        even=False,
+        contents=_contents,
+        seal=_sealed,
+        exact=True,
+        intensity_bits=11,
+    )
+
+
+def _contents(case: Case, random: np.random.Generator, starts: NDArray[np.int64], wild: bool) -> list[bytes]:
+    return [
+        pack_packet(
+            start % 23_040 // 256,
+            random.integers(0, 0x8000 if wild else 0x4000, 4).tolist(),
+            random.integers(0, 2048, 4).tolist(),
+            rpm=int(random.integers(200, 1024)),
+        )
+        for start in starts.tolist()
+    ]
+
+
+def _sealed(case: Case, contents: bytes) -> bytes:
+    packet = case.packets[0]
+    # A speed at which it measures.
+    body = packet[:4] + contents[4:-2]
+    return body + neato.fold(body).to_bytes(2, "little")
+
+
+CASES = tuple(_case(name, back=True) for name in golden.names_of("neato"))
+LAYOUTS = (_case("neato_xv11_5hz", back=False),)
+"""The packets of an LDS02RR are the same, read in the other sense."""
+KINDS = ("neato_xv11_5hz",)
+OF_GOLDEN_ALONE = ()
