@@ -52,7 +52,7 @@ class DistanceFormat(StreamFormat):
     word: bytes = b"MD"
     characters: int = 3
     full_turn = 360
-    first_seam = None
+    first_seam: int | None = None
     self_evident = True
     ticks: Ticks | None = Ticks(1_000_000, 1 << 24)
     whole = True
@@ -64,16 +64,15 @@ class DistanceFormat(StreamFormat):
         self.header: re.Pattern[bytes] = re.compile(self.word)
         self._head: re.Pattern[bytes] = re.compile(self.word + field + rb"01\d{3}\n[0-9][0-9A-Z].\n")
         self._turn = 1 if geometry is None else geometry.turn
-        if geometry is None:
-            self.samples = 1
-            self.shortest, self.longest = self._size(1), self._size(MOST_STEP + 1)
-        else:
-            self.samples = geometry.steps
-            self.shortest = self.longest = self._size(geometry.steps)
+        steps = (1, MOST_STEP + 1) if geometry is None else (geometry.steps, geometry.steps)
+        self.samples: int = steps[0]
+        self.shortest: int = self._size(steps[0])
+        self.longest: int = self._size(steps[1])
+        if geometry is not None:
             step = 360 / geometry.turn
             # Half a step around each sample belongs to it.
-            self.begin_deg = ((geometry.front - geometry.first + 0.5) * step) % 360
-            self.field_deg = -geometry.steps * step
+            self.begin_deg: float = ((geometry.front - geometry.first + 0.5) * step) % 360
+            self.field_deg: float = -geometry.steps * step
 
     @property
     def pitch(self) -> int:

@@ -33,7 +33,7 @@ class NeatoDevice(TalkingDevice):
     """One of these devices."""
 
     # Two packets a revolution at 50 revolutions a minute, as the recording has it.
-    rests_s = 0.8
+    rests_s: float = 0.8
 
     def health(self) -> Script[Health]:
         """As `Device.health`: a warning where the rotor is too slow."""

@@ -106,7 +106,7 @@ class BackFormat(PacketFormat):
     """The same packets, of an XV-11: it turns counter-clockwise."""
 
     response_type = 0x17
-    field_deg = -360.0
+    field_deg: float = -360.0
 
 
 class AnySpeed(PacketFormat):
