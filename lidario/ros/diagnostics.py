@@ -106,5 +106,6 @@ def diagnostics(
             ("broken scans", str(stats.broken_scans)),
             ("reconnects", str(stats.reconnects)),
             ("protection stops", str(stats.protection_stops)),
+            ("line", stats.line_trouble or "OK"),
         ]
     return DiagnosticArray(stamp_ns, (DiagnosticStatus(level, name, words, info.serial, tuple(values)),))

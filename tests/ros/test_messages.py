@@ -196,6 +196,7 @@ def test_health_as_diagnostics(health: Health, lost: str, level: int, words: str
     (status,) = made.status
     assert (status.level, status.message, status.hardware_id) == (level, words, "AB12")
     assert dict(status.values)["scans"] == "7"
+    assert dict(status.values)["line"] == "OK"
     assert dict(status.values)["health code"] == str(health.code)
 
 
@@ -216,3 +217,9 @@ def test_the_preset_of_the_vendors_turns_the_angles_and_keeps_the_times(order: A
 def test_an_unknown_preset_is_refused() -> None:
     with pytest.raises(ValueError, match="preset must be one of rep103, vendor"):
         FOUR.to_laserscan(preset="rep105")  # type: ignore[arg-type]
+
+
+def test_what_the_driver_of_the_port_counts_is_among_the_diagnostics() -> None:
+    stats = Stats(overruns=3)
+    (status,) = diagnostics(0, "lidario: scan", INFO, Health(HealthStatus.OK, 0), stats=stats).status
+    assert dict(status.values)["line"] == stats.line_trouble != ""
