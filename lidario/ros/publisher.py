@@ -9,7 +9,7 @@ All scans of a topic have one grid (`lidario.laserscans`).
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -150,19 +150,19 @@ class Publisher(Broadcast):
     def publish(self, scan: Scan) -> None:
         """Publish a scan as LaserScan; an empty one is left out. Never waits: without a router it is lost.
 
-        The first scans come out together, when the motor has its speed, or with `close`: until then the grid is not
-        known.
+        The first scans wait until the motor has its speed, or for `close`: until then the grid is not known. Then
+        the latest of them is sent; the others are too old for a robot.
         """
         self._late_ns = time.time_ns() - scan.wall_stamp_ns - scan.duration_ns if self._are_now else 0
-        self._send(self._messages.take(scan))
+        self._send(list(self._messages.take(scan)))
 
     async def close(self) -> None:
         """As `Broadcast.close`; what waits for the grid is sent before."""
-        self._send(self._messages.rest())
+        self._send(list(self._messages.rest()))
         await super().close()
 
-    def _send(self, ready: Iterable[tuple[Scan, LaserScan]]) -> None:
-        for scan, message in ready:
+    def _send(self, ready: Sequence[tuple[Scan, LaserScan]]) -> None:
+        for scan, message in ready[-1:]:
             if self._clock is not None:
                 self._clock.send(clock_message(scan.wall_stamp_ns + scan.duration_ns))
             sent = replace(message, stamp_ns=message.stamp_ns + self._late_ns).to_cdr()
