@@ -102,7 +102,7 @@ class ArcDecoder(ABC):
     ) -> SteadySamples | None:
         """As `Decoder.decode_steady`."""
         heads = self._heads(packets, following)
-        arcs = self._turning.steady(heads, ends)
+        arcs = self._turning.steady(heads, ends, packets.arrivals)
         if arcs is None:
             return None
         sample_ends = self._ends(heads)
@@ -118,7 +118,7 @@ class ArcDecoder(ABC):
         parts = list(zip([0, *ends[:-1]], ends, strict=True))
 
         def settle() -> None:
-            self._turning.settle(arcs)
+            self._turning.settle(arcs, packets.arrivals)
             self._remember(heads, decoded.last)
 
         return SteadySamples(

@@ -48,9 +48,14 @@ class SlotWheel:
         missing = np.maximum(np.rint(spans / self._slot) - 1, 0) * heads.counts
         return Arcs(arcs, missing.astype(np.intp), step, certain=True)
 
-    def steady(self, heads: Heads, ends: Sequence[int]) -> SteadyArcs | None:  # noqa: ARG002
+    def steady(
+        self,
+        heads: Heads,  # noqa: ARG002
+        ends: Sequence[int],  # noqa: ARG002
+        arrivals: Sequence[Arrival] = (),  # noqa: ARG002
+    ) -> SteadyArcs | None:
         """As `Turning.steady`: None, since what a sample takes differs from revolution to revolution."""
         return None
 
-    def settle(self, arcs: SteadyArcs) -> None:
+    def settle(self, arcs: SteadyArcs, arrivals: Sequence[Arrival] = ()) -> None:
         """As `Turning.settle`: nothing is remembered."""

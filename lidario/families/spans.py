@@ -106,19 +106,22 @@ class Turning(Protocol):
         """The arc of each of the next packets, and the gaps behind them; `arrivals` as in `Packets`."""
         ...
 
-    def steady(self, heads: Heads, ends: Sequence[int]) -> SteadyArcs | None:
+    def steady(self, heads: Heads, ends: Sequence[int], arrivals: Sequence[Arrival] = ()) -> SteadyArcs | None:
         """The arcs of several revolutions, where `follow` would find nothing missing in any; else None.
+
+        None also where the times of several reads may yet tell how many packets an arc is.
 
         Nothing is remembered before `settle`.
 
         Args:
             heads: Those of all packets; the packet behind them is known.
             ends: Packets up to the end of each revolution.
+            arrivals: When they came, as in `Packets`.
         """
         ...
 
-    def settle(self, arcs: SteadyArcs) -> None:
-        """Remember revolutions that `steady` has told, as `follow` would have."""
+    def settle(self, arcs: SteadyArcs, arrivals: Sequence[Arrival] = ()) -> None:
+        """Remember revolutions that `steady` has told, as `follow` would have; the arrivals are the same."""
         ...
 
 

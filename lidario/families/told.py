@@ -94,7 +94,12 @@ class ToldWheel:
         skipped = np.where(gaps, np.rint(jumps / step) - 1, 0).astype(np.intp)
         return Arcs(way, skipped, mean, certain=True)
 
-    def steady(self, heads: Heads, ends: Sequence[int]) -> SteadyArcs | None:
+    def steady(
+        self,
+        heads: Heads,
+        ends: Sequence[int],
+        arrivals: Sequence[Arrival] = (),  # noqa: ARG002
+    ) -> SteadyArcs | None:
         """As `Turning.steady`."""
         way, counts, begins = _way_of(heads), heads.counts, [0, *ends[:-1]]
         tails = heads.first + way
@@ -120,7 +125,7 @@ class ToldWheel:
             steps.append((way_turned + between[at]) / samples[at])
         return SteadyArcs(way, steps)
 
-    def settle(self, arcs: SteadyArcs) -> None:
+    def settle(self, arcs: SteadyArcs, arrivals: Sequence[Arrival] = ()) -> None:
         """As `Turning.settle`: nothing is remembered."""
 
     @staticmethod

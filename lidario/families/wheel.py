@@ -114,9 +114,9 @@ class Wheel:
         self._remember(plain if followed else plain[:-1], arrivals)
         return self._among_gaps(spans, followed=followed)
 
-    def steady(self, heads: Heads, ends: Sequence[int]) -> SteadyArcs | None:
+    def steady(self, heads: Heads, ends: Sequence[int], arrivals: Sequence[Arrival] = ()) -> SteadyArcs | None:
         """As `Turning.steady`."""
-        if not self._certain:
+        if not (self._certain and (self._confirmed or len(arrivals) == 1)):
             return None
         spans, _, _, _ = spans_between(heads, self._full_turn, self._retreat)
         before, begin, steps = self._arc, 0, list[float]()
@@ -128,10 +128,12 @@ class Wheel:
             begin = end
         return SteadyArcs(spans, steps)
 
-    def settle(self, arcs: SteadyArcs) -> None:
+    def settle(self, arcs: SteadyArcs, arrivals: Sequence[Arrival] = ()) -> None:
         """As `Turning.settle`."""
         self._arc, self._strange = float(arcs.arc[-1]), 0
-        self._forget()
+        if not self._confirmed:
+            self._remember(arcs.arc.tolist(), arrivals)
+            self._is_confirmed()
 
     def _is_steady(self, spans: Ints, shortest: int, longest: int) -> bool:
         """Whether each span is one arc: near the last arc, or near the span before."""

@@ -163,8 +163,12 @@ class RevolutionCount:
 
     @property
     def last(self) -> Beginning | None:
-        """The revolution before; None when nothing is known of it, or when the stamps are late at the moment."""
-        return None if self._late else self._last
+        """The revolution before; None while the next one is not simply one more.
+
+        So it is where nothing is known of it, where the stamps are late at the moment, and where the next one
+        has to tell the speed, or how many passed since the last that was counted.
+        """
+        return None if self._late or self._uncounted or self.needs_speed else self._last
 
     def intervals(self, starts: Sequence[int], revolutions_ns: Sequence[float]) -> list[float] | None:
         """What each took by the time between beginnings, as `follow` tells it, where none is missing; else None.

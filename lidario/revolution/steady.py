@@ -24,7 +24,7 @@ from lidario.revolution.seam import Split
 from lidario.revolution.timing import earliest_ns
 from lidario.scan import read_only
 from lidario.wire.blocks import Block, join_blocks, packet_offsets, some_blocks
-from lidario.wire.events import Packets
+from lidario.wire.events import Arrival, Packets
 
 __all__ = ["SteadyBlock", "decode_block", "is_ready"]
 
@@ -92,16 +92,17 @@ def decode_block(
     ends = [before + split.packet - first for split in splits]
     if not ends[0]:
         return None
-    packets = _joined(partial, event, offsets, first, last, ends[-1])
+    # What stands behind the end of a revolution was measured after it and was there already: so late was the end.
+    now, rest = event.arrivals[0][1], stream.format.samples_in(some_blocks(event.blocks, last, event.count))
+    came_ns = now - round(rest * stream.sample_ns)
+    packets = _joined(partial, event, offsets, first, last, (ends[-1], came_ns))
     room = 0 if partial.carried is None else len(partial.carried)
     following = event.data[offsets[last] : offsets[last + 1]]
     samples = stream.decoder.decode_steady(packets, following, ends, room, None if marked else seam)
     if samples is None:
         return None
     bounds = [0, *(room + end for end in samples.before_seam)]
-    # What stands behind the end of a revolution was measured after it and was there already: so late was the end.
-    behind = stream.format.samples_in(some_blocks(event.blocks, last, event.count)) + samples.packet_ends[-1]
-    now = event.arrivals[0][1]
+    behind = rest + samples.packet_ends[-1]
     arrived = [now - round((behind - end) * stream.sample_ns) for end in samples.packet_ends]
     if splits[0].packet == first:
         arrived[0] = partial.last_ns
@@ -199,15 +200,21 @@ def _intervals(
 
 
 def _joined(
-    partial: PartialRevolution, event: Packets, offsets: Sequence[int], first: int, last: int, count: int
+    partial: PartialRevolution, event: Packets, offsets: Sequence[int], first: int, last: int, came: Arrival
 ) -> Packets:
-    """The packets of the revolution in the making and those of the event up to the last split; no arrivals."""
+    """The packets of the revolution in the making and those of the event up to the last split, with arrivals."""
     blocks: list[Block] = []
+    arrivals, before = list[Arrival](), 0
+    for run in partial.runs:
+        arrivals += [(before + complete, at_ns) for complete, at_ns in run.arrivals]
+        before += run.count
     for run in partial.runs:
         join_blocks(blocks, run.blocks)
     join_blocks(blocks, some_blocks(event.blocks, first, last))
     new = memoryview(event.data)[offsets[first] : offsets[last]]
-    return Packets(b"".join([*(run.data for run in partial.runs), new]), tuple(blocks), ((count, 0),))
+    if came[0] > before:
+        arrivals.append(came)
+    return Packets(b"".join([*(run.data for run in partial.runs), new]), tuple(blocks), tuple(arrivals))
 
 
 def _block(

@@ -93,7 +93,12 @@ class NodeSteps:
         self._check((missing + 1).tolist(), arrivals)
         return Arcs(rough, missing if missing.any() else None, float(steps.mean()), self._certain)
 
-    def steady(self, heads: Heads, ends: Sequence[int]) -> SteadyArcs | None:
+    def steady(
+        self,
+        heads: Heads,
+        ends: Sequence[int],
+        arrivals: Sequence[Arrival] = (),  # noqa: ARG002
+    ) -> SteadyArcs | None:
         """As `Turning.steady`."""
         if not self._certain:
             return None
@@ -106,7 +111,7 @@ class NodeSteps:
             steps.append(typical)
         return SteadyArcs(spans, steps)
 
-    def settle(self, arcs: SteadyArcs) -> None:
+    def settle(self, arcs: SteadyArcs, arrivals: Sequence[Arrival] = ()) -> None:  # noqa: ARG002
         """As `Turning.settle`."""
         self._typical, self._strange = arcs.steps[-1], 0
         self._pace.clear()
