@@ -43,6 +43,7 @@ class Dialogue(Intake):
         protection_stops: Times the device was found to have stopped to protect itself.
         reset_at: When the device was told to restart, on the loop's clock; None if it has responded since. A device
             that boots discards what it is sent.
+        dtr: The state in which the control line DTR was put last; None while it is as it was opened.
     """
 
     def __init__(self, port: Port, device: Device, timing: Timing) -> None:
@@ -55,6 +56,7 @@ class Dialogue(Intake):
         self.protection_stops: int = 0
         self.reset_at: float | None = None
         self._waiting = Waiting()
+        self.dtr: bool | None = None
         self._readiness = Readiness(self._link)
         self._on_still: Callable[[], None] | None = None
         self._stopper = Stopper(self, self._readiness, device, timing.quiet_s)
@@ -305,7 +307,8 @@ class Dialogue(Intake):
         # What KeyboardInterrupt kept from being written is not written before something else.
         self._link.data_to_send()
         # Noted before anything is written: KeyboardInterrupt may come right behind it, and a finalizer waits then.
-        self._readiness.pause(max((request.settle for request in requests), default=0.0))
+        new = [request for request in requests if request.dtr is None or request.dtr is not self.dtr]
+        self._readiness.pause(max((request.settle for request in new), default=0.0))
         for request in requests:
             if request.baudrate is not None:
                 self.set_baudrate(request.baudrate)
@@ -315,6 +318,7 @@ class Dialogue(Intake):
                 # Also what came before anybody could read it: it is no part of the next stream.
                 self.deliver_to(None)
             if request.dtr is not None:
+                self.dtr = request.dtr
                 self._port.set_dtr(request.dtr)
             if self._stopper.is_reset(request):
                 # Noted here: whoever wrote it may be cancelled before anybody waits until the device has booted.

@@ -240,6 +240,7 @@ class Scanner:
             if self.is_away or self._dialogue is not asked:
                 raise DeviceLost("the line to the lidar was lost before this request was sent: ask again")
             self._dialogue.begin()
+            before = self._dialogue.dtr
             try:
                 await self._control.interrupt()
                 await come_back(self._dialogue, self._device)
@@ -249,6 +250,9 @@ class Scanner:
                     self._failures.could_not_start(error)
                 raise
             finally:
+                if self._dialogue.dtr is not before and not self.is_scanning:
+                    # It had to be woken to hear this.
+                    self._dialogue.stop_device()
                 self._resume()
 
     async def retune(self) -> None:

@@ -97,6 +97,8 @@ class Stopper:
     def __init__(self, writer: Writer, hearing: Hearing, device: Device, quiet_s: float) -> None:
         self.keep_spinning: bool = False
         self.still: bool = False
+        # Since the stop requests were written last.
+        self._moved = False
         self.wanted: bool = False
         self._writer = writer
         self._hearing = hearing
@@ -146,7 +148,7 @@ class Stopper:
         Queries do not. Nor does a reset; but not every motor is switched off by one, and it may not be heard.
         """
         if request.stream is not None or (request.expects is None and not request.ends_stream):
-            self.still = False
+            self.still, self._moved = False, True
 
     def is_reset(self, request: Request) -> bool:
         """Whether the device boots after `request`; one that cannot be restarted from here never does."""
@@ -154,7 +156,8 @@ class Stopper:
 
     def stop(self) -> None:
         """Write the stop requests as soon as the device listens, now if it does. Never blocks or raises."""
-        if self.still or self.wanted or not self._writer.is_open or self._loop.is_closed():
+        under_way = self.wanted and not self._moved
+        if self.still or under_way or not self._writer.is_open or self._loop.is_closed():
             return
         self.wanted, self._attempts = True, 0
         self._patient_until = self._loop.time() + PATIENCE_S
@@ -228,7 +231,7 @@ class Stopper:
 
     def _write(self) -> None:
         self._doubtful = self._patient and self._hearing.owes_until - self._loop.time() > CLOCK_S
-        self._attempts += 1
+        self._attempts, self._moved = self._attempts + 1, False
         requests = self.requests()
         self._write_all(requests)
         if any(request.data for request in requests):

@@ -24,7 +24,7 @@ from __future__ import annotations
 import struct
 from dataclasses import replace
 from functools import partial
-from typing import Final
+from typing import Final, TypeVar
 
 from lidario.errors import ResponseTimeout, Unsupported
 from lidario.families.arguments import frequency_within
@@ -39,6 +39,7 @@ from lidario.wire.envelope import Request
 
 __all__ = ["BY_DTR_S", "NAMED", "YdlidarDevice"]
 
+T = TypeVar("T")
 SPIN_UP_S: Final = 4.0
 """No document says how long the motor takes; 2.5 s are assumed, and a margin added."""
 SLOWEST_TURN_S: Final = 0.5
@@ -156,6 +157,12 @@ class YdlidarDevice(Device):
             serial="".join(str(digit) if digit < 10 else f"[{digit:02x}]" for digit in serial),
         )
 
+    def _awake(self, script: Script[T]) -> Script[T]:
+        """Run a script where the device hears it: some do not while DTR is cleared, as it is at rest."""
+        if self._model.dtr:
+            yield commands.DTR_TURNS
+        return (yield from script)
+
     def overhear(self) -> Script[DeviceInfo]:
         """As `Device.overhear`: one whose STOP was lost responds after another; one that only talks does not."""
         for _ in range(0 if self._model.one_way else 2):
@@ -188,7 +195,7 @@ class YdlidarDevice(Device):
                 yield commands.DTR_TURNS
             yield hear(self._model.kind.wire(), timeout=BY_DTR_S if self._model.dtr else HEAR_S)
             return Health(HealthStatus.OK, 0, UNNAMED if self._named is None else "")
-        status, code = struct.unpack("<BH", (yield from self._ask_health()))
+        status, code = struct.unpack("<BH", (yield from self._awake(self._ask_health())))
         return health_of(status, code)
 
     def modes(self) -> Script[tuple[ScanMode, ...]]:
@@ -251,7 +258,7 @@ class YdlidarDevice(Device):
         """As `Device.scan_frequency`: the frequency that is set, not the one the motor reaches."""
         if self._model.speeds is None:
             raise Unsupported("this device does not tell its scan frequency")
-        return (yield from ask_speed()) / 100
+        return (yield from self._awake(ask_speed())) / 100
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:
         """As `Device.set_scan_frequency`: in steps of 1 and 0.1 Hz, then read back.
@@ -263,7 +270,7 @@ class YdlidarDevice(Device):
         if self._model.speeds is None:
             raise Unsupported("the scan frequency of this device cannot be set from here")
         wanted = frequency_within(hertz, self._model.speeds, self._model.title)
-        return self._set_speed(round(wanted * 100))
+        return self._awake(self._set_speed(round(wanted * 100)))
 
     def zero_offset(self) -> Script[float]:
         """As `Device.zero_offset`: clockwise degrees, if it counts the way the SDK takes it.
@@ -274,7 +281,7 @@ class YdlidarDevice(Device):
         """
         if not self._model.offset:
             raise Unsupported("this device knows no zero-angle offset")
-        return (yield from ask_zero_offset())
+        return (yield from self._awake(ask_zero_offset()))
 
     def apply_zero_offset(self, on: bool) -> Script[float]:
         """As `Device.apply_zero_offset`: asks for it now, to be added to clockwise angles. Off at first."""

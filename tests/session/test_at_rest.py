@@ -1,0 +1,71 @@
+"""Models that hear nothing while DTR is cleared: asked at rest they respond, and rest again after it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+
+import pytest
+
+from lidario import Unsupported, open_lidar
+from lidario.families.ydlidar.simulated.device import PROFILES
+from lidario.model import HealthStatus
+from lidario.session.lidar import Lidar
+from tests.support.devices import Rig, make_rig, take
+from tests.support.loop import driven
+
+DARK = [name for name, profile in PROFILES.items() if profile.by_dtr]
+QUESTIONS: dict[str, Callable[[Lidar], Awaitable[object]]] = {
+    "health": lambda lidar: lidar.get_health(),
+    "info": lambda lidar: lidar.get_info(),
+    "frequency": lambda lidar: lidar.get_scan_frequency(),
+    "speed": lambda lidar: lidar.set_scan_frequency(8.0),
+}
+
+
+def is_dark(rig: Rig) -> bool:
+    return not rig.device._lit and not rig.device.scanning
+
+
+@pytest.mark.parametrize("stopped", [True, False], ids=["after stop", "after opening"])
+@pytest.mark.parametrize("question", QUESTIONS)
+@pytest.mark.parametrize("model", DARK)
+def test_a_question_at_rest_is_heard(model: str, question: str, stopped: bool) -> None:
+    rig = make_rig("ydlidar", model)
+
+    @driven
+    async def main() -> None:
+        async with open_lidar(rig.device, family=rig.family) as lidar:
+            if stopped:
+                await take(lidar, 2)
+                await lidar.stop()
+                assert is_dark(rig)
+            # Whoever cannot set its speed refuses; nobody is silent.
+            with suppress(Unsupported):
+                told = await QUESTIONS[question](lidar)
+                assert question != "health" or getattr(told, "status", None) is HealthStatus.OK
+            await lidar.stop()
+            assert is_dark(rig)
+            assert len(await take(lidar, 2)) == 2
+        assert is_dark(rig)
+
+    main()
+
+
+@pytest.mark.parametrize("model", DARK)
+def test_a_question_leaves_a_resting_device_at_rest(model: str) -> None:
+    rig = make_rig("ydlidar", model)
+
+    @driven
+    async def main() -> None:
+        async with open_lidar(rig.device, family=rig.family) as lidar:
+            await lidar.stop()
+            assert is_dark(rig)
+            await lidar.get_info()
+            await lidar.get_health()
+            async with asyncio.timeout(5):
+                while not is_dark(rig):
+                    await asyncio.sleep(0.1)
+
+    main()
