@@ -282,8 +282,8 @@ class _RemoteLine(Line):
             self.audience.restart()
 
     def _announce(self, descriptor: bytes) -> None:
-        if not self._closing:
-            self._port.hand_over(descriptor, self._port.now())
+        if not self._closing:  # Shown, too: recordings count what was received.
+            self._port.data_received(descriptor)
 
     # ------------------------------------------------------------------------------------------ who is there
 

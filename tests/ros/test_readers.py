@@ -21,6 +21,9 @@ from tests.support.recorded import assert_same_scans
 from tests.support.router import Router
 from tests.test_model import FOUR
 
+DESCRIPTOR = b"\xa5\x5a"
+"""How each descriptor of a stream begins (vendor's manual, response descriptor)."""
+
 
 async def test_a_session_comes_back_when_the_robot_does(router: Router) -> None:
     async with AsyncExitStack() as stack:
@@ -64,6 +67,24 @@ async def test_a_recording_goes_on_when_the_robot_is_back(router: Router, tmp_pa
         assert recording.files > 1
     assert lidario.summarize(recording.source).losses == 1
     assert_same_scans(taken, list(lidario.decode_file(recording.source)))
+
+
+async def test_a_recording_holds_the_descriptor_that_was_made_for_the_stream(router: Router) -> None:
+    """Places in it are counted in received bytes: without it each stream would lack its first bytes."""
+    shown = list[bytes]()
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        lidar = await rig.open()
+        async with Share(lidar, "shown/scan", raw=True, router=router.address) as share:
+            rig.run(share)
+            await until(lambda: rig.sent)
+            remote = await stack.enter_async_context(
+                lidario.open_lidar(f"zenoh:shown/scan?router={router.address}")
+            )
+            remote.tap(lambda direction, data, now: shown.append(data) if direction == "in" else None)
+            scans = await stack.enter_async_context(remote.scans())
+            await anext(scans)
+    assert shown[0].startswith(DESCRIPTOR)
 
 
 async def test_a_reader_may_come_before_the_first_scan(router: Router) -> None:
