@@ -236,3 +236,5 @@ def _sum_up(server: PtyServer | TcpServer | UdpServer, took: float) -> None:
     # A model that only talks always scans; no client has left it scanning.
     if server.device.scanning and obeyed:
         message("  the client has left it scanning")
+    elif server.device.motor_on and obeyed:
+        message("  the client has left its motor on")

@@ -82,6 +82,16 @@ def test_only_a_client_can_have_left_it_scanning(
     assert ("left it scanning" in capsys.readouterr().err) is left
 
 
+def test_a_motor_that_goes_on_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    device, second = simulate("rplidar-s2"), 1_000_000_000
+    for number, requests in enumerate((b"\xa5\x20", b"\xa5\x25", b"\xa5\xa8\x02\x00\x00\x0f")):
+        device.receive(requests, number * second + 1)
+        device.transmit(number * second + 2)
+        if number:
+            _sum_up(cast("PtyServer", SimpleNamespace(device=device, lost=0)), 1.0)
+            assert ("left its motor on" in capsys.readouterr().err) is (number == 1)
+
+
 @pytest.mark.exhaustive("number", sample=[signal.SIGTERM], full=[signal.SIGINT, signal.SIGTERM])
 def test_over_tcp(number: signal.Signals) -> None:
     with started("sim", "ydlidar-4ros", "--tcp", ":0") as sim:
