@@ -260,19 +260,21 @@ class Running:
             now = self._loop.time()
         idle, turning = now - self._last_packet, now - self._last_scan
         received, self._received = self._received, self._dialogue.bytes_received
+        noise = self._received - received >= NOISE_BYTES
+        # On a poor line many packets in a row may be damaged where each is a whole revolution.
+        may_come = noise and self._stream.format.whole and turning < turns
         if now - self._watch_due > NOISE_S:
             # The program has blocked the loop. What the line holds may not be here yet, and what came before the
             # block says nothing of the time since.
             self._watch_in(NOISE_S)
-        elif idle >= patience:
-            noise = self._received - received >= NOISE_BYTES
+        elif idle >= patience and not may_come:
             self._failed(self._failure(f"no scan data for {idle:.1f} s", "does the rotor turn?", noise=noise))
         elif turning >= turns:
             what = f"scan data arrives, but no full revolution for {turning:.1f} s"
             self._failed(self._failure(what, self._why_no_revolution(), silent=False))
         else:
             # First to the last part of the silence, then to its end.
-            wait = patience - idle if idle >= patience - NOISE_S else patience - NOISE_S - idle
+            wait = next((due - idle for due in (patience - NOISE_S, patience) if idle < due), NOISE_S)
             self._watch_in(min(wait, self._silence_s, turns - turning) + _WATCH_MARGIN_S)
 
     def _why_no_revolution(self) -> str:
