@@ -132,6 +132,11 @@ class Machine:
                 )
         return None
 
+    def driver(self, port: str) -> str:
+        """Name of the driver of the adapter, such as ``cp210x``; empty where none is told."""
+        link = self._tty(port) / "device/driver"
+        return link.resolve().name if link.exists() else ""
+
     def _tty(self, port: str) -> Path:
         return self.root / "sys/class/tty" / os.path.basename(os.path.realpath(port))
 

@@ -22,6 +22,7 @@ from lidario.cli.play import play
 from lidario.cli.plot import plot
 from lidario.cli.publish import publish
 from lidario.cli.record import record
+from lidario.cli.report import report_lidar
 from lidario.cli.router import router
 from lidario.cli.scan import scan
 from lidario.cli.sim import sim
@@ -127,8 +128,8 @@ def cli(context: click.Context) -> int | None:
 
 
 _VERBS: tuple[click.Command, ...] = (
-    devices, info, scan, view, watch, plot, stats, record, play, export, publish, router, doctor, udev, motor, sim,
-    completion,
+    devices, info, scan, view, watch, plot, stats, record, play, export, publish, router, doctor, report_lidar,
+    udev, motor, sim, completion,
 )  # fmt: skip
 
 for _verb in _VERBS:

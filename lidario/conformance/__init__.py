@@ -6,6 +6,9 @@
         for verdict in await bench.judge(RULES, on_verdict=print):
             ...
 
+`Reporter` keeps what was seen meanwhile, and writes it as a file that its owner can send; `read_report` reads one,
+and `news_of` tells what in it was not known.
+
 A `Rule` is one plain sentence, where it is known from, what a device needs for it, and a check. A `Verdict` says
 whether it held, by how much it did not, or why it was not tried. Which rules apply is told by what the device can
 do, and never by its name. `docs/testing.md` tells how to run them.
@@ -14,7 +17,26 @@ do, and never by its name. `docs/testing.md` tells how to run them.
 from __future__ import annotations
 
 from lidario.conformance.bench import Bench, open_bench
+from lidario.conformance.news import Seen, news_of, seen_reports
+from lidario.conformance.report import Report, Reporter, Tried, read_report
 from lidario.conformance.rule import Need, Origin, Outcome, Rule, Verdict
 from lidario.conformance.rules import RULES, rule_named
 
-__all__ = ["RULES", "Bench", "Need", "Origin", "Outcome", "Rule", "Verdict", "open_bench", "rule_named"]
+__all__ = [
+    "RULES",
+    "Bench",
+    "Need",
+    "Origin",
+    "Outcome",
+    "Report",
+    "Reporter",
+    "Rule",
+    "Seen",
+    "Tried",
+    "Verdict",
+    "news_of",
+    "open_bench",
+    "read_report",
+    "rule_named",
+    "seen_reports",
+]

@@ -49,8 +49,10 @@ class Bench:
         health: What the device has said of its health.
         source: Where it was opened.
         simulated: The simulated device, where it is one in memory.
+        kind: What leads to the device, as `Source.kind` has it.
 
     Attributes:
+        kind: What leads to the device: ``serial``, ``tcp``, ``udp``, or ``sim`` of a simulated one.
         lidar: The session.
         connection: The line below it: device, conversation and times.
         simulated: The simulated device, where it is one in memory.
@@ -60,8 +62,14 @@ class Bench:
     """
 
     def __init__(
-        self, connection: Connection, health: Health, source: str, simulated: SimulatedDevice | None
+        self,
+        connection: Connection,
+        health: Health,
+        source: str,
+        simulated: SimulatedDevice | None,
+        kind: str,
     ) -> None:
+        self.kind: str = kind
         self.lidar: Lidar = Lidar(connection, health, source, DEFAULT_LATENCY_S, False)
         self.connection: Connection = connection
         self.simulated: SimulatedDevice | None = simulated
@@ -283,7 +291,7 @@ async def open_bench(
     try:
         check_family(found, family, connection.info.family)
         health = await healthy(connection.dialogue, connection.device)
-        return Bench(connection, health, found.text, where.device)
+        return Bench(connection, health, found.text, where.device, found.kind)
     except BaseException:
         await connection.dialogue.close()
         raise

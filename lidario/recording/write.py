@@ -176,6 +176,10 @@ class FileWriter:
                 self._register(SCAN_TOPIC, LASERSCAN_TYPE, LASERSCAN_DEFINITION)
             self._add(SCAN_TOPIC, message.stamp_ns, message.to_cdr())
 
+    def add_metadata(self, name: str, texts: dict[str, str]) -> None:
+        """Add a named set of texts, beside those of the recording, for who knows the name."""
+        self._writer.add_metadata(name, texts)
+
     def flush(self) -> None:
         """End the chunk and hand it to the operating system.
 

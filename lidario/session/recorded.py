@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from lidario.model import DeviceInfo, Health
     from lidario.recording.record import Recording
 
-__all__ = ["RecordedSession"]
+__all__ = ["RecordedSession", "about_now"]
 
 _ID_BYTES = 8
 
@@ -53,19 +53,7 @@ class RecordedSession:
         dialogue, chronicle = self._dialogue, self._dialogue.chronicle
         # What was read and not parsed yet belongs to the time before.
         dialogue.poll()
-        info, health = self._told()
-        about = About(
-            info=info,
-            health=health,
-            source=self._source,
-            baudrate=dialogue.baudrate,
-            clock_offset_ns=dialogue.wall_offset_ns,
-            received_before=dialogue.bytes_fed,
-            lidario=__version__,
-            recording=secrets.token_hex(_ID_BYTES),
-            began_ns=max(0, dialogue.now() + dialogue.wall_offset_ns),
-            events=(*chronicle.responses.values(), *((chronicle.running,) if chronicle.running else ())),
-        )
+        about = about_now(dialogue, *self._told(), self._source)
         watcher = self._running[recording] = _Watcher(recording, dialogue)
         chronicle.watch(watcher.see)
         dialogue.add_tap(watcher.see_chunk)
@@ -92,6 +80,30 @@ class RecordedSession:
         """End every recording of the session, and return when the files are complete."""
         for recording in tuple(self._running):
             await recording.close()
+
+
+def about_now(dialogue: Dialogue, info: DeviceInfo, health: Health, source: str) -> About:
+    """What stands at the beginning of a file that begins here.
+
+    Args:
+        dialogue: Carries the bytes.
+        info: What the device said it is.
+        health: What it last said of its state.
+        source: What was opened.
+    """
+    chronicle = dialogue.chronicle
+    return About(
+        info=info,
+        health=health,
+        source=source,
+        baudrate=dialogue.baudrate,
+        clock_offset_ns=dialogue.wall_offset_ns,
+        received_before=dialogue.bytes_fed,
+        lidario=__version__,
+        recording=secrets.token_hex(_ID_BYTES),
+        began_ns=max(0, dialogue.now() + dialogue.wall_offset_ns),
+        events=(*chronicle.responses.values(), *((chronicle.running,) if chronicle.running else ())),
+    )
 
 
 class _Watcher:

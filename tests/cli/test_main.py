@@ -91,6 +91,7 @@ def test_help_names_every_verb() -> None:
         "publish",
         "router",
         "doctor",
+        "report",
         "udev",
         "motor",
         "sim",

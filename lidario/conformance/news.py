@@ -1,0 +1,109 @@
+"""What a report says that was not known: models, firmware, modes, formats, and rules that are not held.
+
+Known is what the simulated devices do, which were built from manuals and from bytes of real devices, and what
+earlier reports told (`SEEN`).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from importlib.resources import files
+from typing import Final, NamedTuple
+
+from lidario.conformance.report import Report
+from lidario.conformance.rule import Outcome
+from lidario.families.registry import family_named
+from lidario.model import ScanMode
+from lidario.session.opening import open_lidar
+from lidario.simulation import simulate
+
+__all__ = ["SEEN", "Seen", "known_of", "news_of", "seen_reports"]
+
+SEEN: Final = "seen.json"
+"""Beside this file: one entry for each report in the project's collection, written by its script."""
+LIKE: Final = 0.01
+"""Share by which times of a sample and distances differ before it is told: modes state them with few digits."""
+
+
+class Seen(NamedTuple):
+    """What one device said it is.
+
+    Attributes:
+        model: Its model.
+        firmware: Its firmware; empty where it tells none.
+        modes: Its scan modes.
+        who: Who has sent the report; empty of a simulated device.
+        when: Day of the report.
+        system: Computer of the report.
+        adapter: Adapter of the report.
+    """
+
+    model: str
+    firmware: str
+    modes: tuple[ScanMode, ...]
+    who: str = ""
+    when: str = ""
+    system: str = ""
+    adapter: str = ""
+
+
+def seen_reports() -> tuple[Seen, ...]:
+    """What the reports in the project's collection told."""
+    entries = json.loads((files("lidario.conformance") / SEEN).read_text(encoding="utf-8"))
+    return tuple(Seen(**{**each, "modes": tuple(ScanMode(**mode) for mode in each["modes"])}) for each in entries)
+
+
+async def known_of(family: str) -> tuple[Seen, ...]:
+    """All that is known of a family: its simulated models, and the reports. Takes a second or two."""
+    found = list[Seen]()
+    for model in family_named(family).simulated:
+        async with open_lidar(simulate(model, spin_up=0.0)) as lidar:
+            info, modes = lidar.info, await lidar.get_modes()
+        found.append(Seen(info.model, info.firmware, tuple(modes)))
+    return (*found, *seen_reports())
+
+
+def news_of(report: Report, known: Iterable[Seen]) -> list[str]:
+    """What a report says that is not among what is known, a line each.
+
+    Args:
+        report: The report.
+        known: What is known of its family.
+    """
+    info, lines = report.about.info, list[str]()
+    alike = [each for each in known if each.model == info.model]
+    if not alike:
+        lines.append(f"model {info.model} (number {info.model_id}): nobody has reported or simulated one")
+    elif all(each.firmware != info.firmware for each in alike):
+        known_ones = ", ".join(sorted({each.firmware or "none told" for each in alike}))
+        lines.append(f"firmware {info.firmware or 'none told'}: known of this model are {known_ones}")
+    for mode in report.modes:
+        lines += _news_of_mode(
+            report, mode, [each for one in alike for each in one.modes if each.name == mode.name]
+        )
+    lines += [f"not held: {each.rule}: {each.text}" for each in report.with_outcome(Outcome.BROKEN)]
+    return lines
+
+
+def _news_of_mode(report: Report, mode: ScanMode, known: list[ScanMode]) -> list[str]:
+    if family_named(report.about.info.family).stream_in(mode) is None:
+        return [f"mode {mode.name}: its format 0x{mode.response_type:02X} is not known to lidario"]
+    if not known:
+        return [f"mode {mode.name}: not known of this model"]
+    lines = list[str]()
+    if all(each.response_type != mode.response_type for each in known):
+        others = ", ".join(sorted({f"0x{each.response_type:02X}" for each in known}))
+        lines.append(f"mode {mode.name}: format 0x{mode.response_type:02X}, known is {others}")
+    for what, own, others_have in (
+        ("a sample takes {:.2f} us", mode.sample_us, [each.sample_us for each in known]),
+        ("it sees {:g} m far", mode.max_distance, [each.max_distance for each in known]),
+    ):
+        if not any(_alike(own, other) for other in others_have):
+            others = ", ".join(f"{each:g}" for each in sorted(set(others_have)))
+            lines.append(f"mode {mode.name}: {what.format(own)}, known: {others}")
+    return lines
+
+
+def _alike(own: float, other: float) -> bool:
+    return abs(own - other) <= LIKE * max(abs(own), abs(other))
