@@ -54,6 +54,7 @@ class Flow:
 
     def __init__(self, mode: ScanMode, began: float, stats: LinkStats) -> None:
         self._stats = stats
+        self._skipped_before = stats.skipped_bytes
         self.mode: ScanMode = mode
         self.began: float = began
         self.stream: Stream | None = None
@@ -68,6 +69,11 @@ class Flow:
         self.packets.append(packets)
         self.first.set()
         return ()
+
+    @property
+    def skipped(self) -> int:
+        """Bytes since its start that belong to no packet: the line, or the device, has damaged some."""
+        return self._stats.skipped_bytes - self._skipped_before
 
     def sample_us(self) -> float:
         """Microseconds a sample, by the times at which the packets came."""

@@ -212,7 +212,7 @@ DEFECTS: Final[dict[str, tuple[Callable[[], Any], str, set[str]]]] = {
     "leaves packets out": (
         lambda: Skips(s2()),
         "revolutions-follow",
-        {"sample-time", "packets-are-whole", "revolutions-are-full"},
+        {"packets-are-whole", "revolutions-are-full"},
     ),
     "sees a part of the circle": (
         lambda: with_motor(s2(), OddMotor(narrow)),
