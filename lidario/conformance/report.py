@@ -35,6 +35,7 @@ MOST_TRIED: Final = 200
 MOST_MODES: Final = 64
 LONGEST_TEXT: Final = 400
 MOST_FACTS: Final = 40
+MOST_S: Final = 1e6
 _FACT: Final = "fact: "
 _INTERRUPTED: Final = "the report was ended before"
 
@@ -120,9 +121,10 @@ class Reporter:
         self._rules: tuple[Rule, ...] = ()
         self._verdicts: list[Verdict] = []
         speed = f", {bench.lidar.baudrate} baud" if bench.lidar.baudrate else ""
+        machine = platform.uname()
         self._facts = {
             "lidario": __version__,
-            "system": f"{platform.system()} {platform.release()}, {platform.machine()}",
+            "system": f"{machine[0]} {machine.release}, {machine.machine}",
             "python": platform.python_version(),
             "line": self._kept.about.source + speed,
             **facts,
@@ -212,7 +214,8 @@ def _modes_of(text: str) -> tuple[ScanMode, ...]:
 def _tried_of(line: str) -> Tried | None:
     try:
         name, outcome, text, seconds = json.loads(line)
-        took = min(max(float(seconds), 0.0), 1e6)
+        took = float(seconds)
+        took = took if 0.0 <= took <= MOST_S else 0.0  # NaN is not
         return Tried(
             printable(str(name)[:LONGEST_TEXT]), Outcome(outcome), printable(str(text)[:LONGEST_TEXT]), took
         )
