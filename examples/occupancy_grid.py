@@ -23,12 +23,16 @@ class Grid:
 
     def add(self, scan: lidario.Scan) -> None:
         """Add the evidence of one scan."""
-        xy = scan.xy()[scan.valid]
+        self.see(scan.xy()[scan.valid])
+
+    def see(self, xy: NDArray[np.floating], origin: tuple[float, float] = (0.0, 0.0)) -> None:
+        """Add the evidence of returns that were seen from there."""
+        beams = xy - np.array(origin)
         # Along each beam a point every half cell, but not in the cell of the return itself.
-        along = np.arange(0.0, np.linalg.norm(xy, axis=1).max(initial=0.0), CELL_M / 2)
-        lengths = np.linalg.norm(xy, axis=1, keepdims=True)
+        along = np.arange(0.0, np.linalg.norm(beams, axis=1).max(initial=0.0), CELL_M / 2)
+        lengths = np.linalg.norm(beams, axis=1, keepdims=True)
         shares = np.where(along < lengths - CELL_M, along / lengths, np.nan)
-        passed = (xy[:, None, :] * shares[:, :, None]).reshape(-1, 2)
+        passed = (origin + beams[:, None, :] * shares[:, :, None]).reshape(-1, 2)
         self._count(passed[np.isfinite(passed[:, 0])], PASSED)
         self._count(xy, HIT)
         np.clip(self.cells, -8.0, 8.0, out=self.cells)

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from lidario.blocking_changes import SyncLineChanges
     from lidario.blocking_recording import SyncRecording
     from lidario.blocking_sectors import SyncSectorStream
+    from lidario.config.read import Config, LidarConfig, read_config
+    from lidario.config.write import save_config
     from lidario.errors import (
         Busy,
         CannotRecord,
@@ -45,6 +47,7 @@ if TYPE_CHECKING:
     from lidario.laserscan import LaserScan
     from lidario.laserscans import LaserScans
     from lidario.measured import Return
+    from lidario.merging import Merged
     from lidario.model import DeviceInfo, Health, HealthStatus, NetworkAddress, SampleRate, ScanMode, Stats
     from lidario.points import Motion, Mount, Points, PoseFunction, Velocity, merge
     from lidario.port.line import Tap
@@ -52,11 +55,13 @@ if TYPE_CHECKING:
     from lidario.recording.offline import ScanArrays, decode, decode_arrays
     from lidario.recording.record import Recording
     from lidario.recording.summary import RecordingSummary, summarize
+    from lidario.registration import Registration, register
     from lidario.scan import Scan
     from lidario.sector import Sector
     from lidario.session.discovery import Found, PortInfo, list_lidars, list_serial_ports
     from lidario.session.lidar import Lidar
     from lidario.session.line_changes import LineChange, LineChanges
+    from lidario.session.merged import MergedStream, merged
     from lidario.session.opening import OpenLidar, open_lidar
     from lidario.session.reconnect import Reconnect
     from lidario.session.run import run
@@ -70,6 +75,7 @@ __all__ = [
     "BeamOrder",
     "Busy",
     "CannotRecord",
+    "Config",
     "ConnectFailed",
     "ConnectReason",
     "DeviceFault",
@@ -83,10 +89,13 @@ __all__ = [
     "LaserScan",
     "LaserScans",
     "Lidar",
+    "LidarConfig",
     "LidarError",
     "LineChange",
     "LineChanges",
     "LocalProtocolError",
+    "Merged",
+    "MergedStream",
     "Motion",
     "Mount",
     "NetworkAddress",
@@ -102,6 +111,7 @@ __all__ = [
     "Recording",
     "RecordingError",
     "RecordingSummary",
+    "Registration",
     "RemoteProtocolError",
     "ResponseTimeout",
     "Return",
@@ -134,9 +144,13 @@ __all__ = [
     "list_lidars",
     "list_serial_ports",
     "merge",
+    "merged",
     "open_lidar",
     "open_sync",
+    "read_config",
+    "register",
     "run",
+    "save_config",
     "simulate",
     "summarize",
 ]
@@ -145,6 +159,8 @@ _HOMES = {
     "blocking": ("SyncLidar", "SyncScanStream", "open_sync"),
     "blocking_changes": ("SyncLineChanges",),
     "blocking_recording": ("SyncRecording",),
+    "config.read": ("Config", "LidarConfig", "read_config"),
+    "config.write": ("save_config",),
     "recording.decode_file": ("decode_file", "decode_file_arrays"),
     "recording.record": ("Recording",),
     "recording.summary": ("RecordingSummary", "summarize"),
@@ -155,6 +171,9 @@ _HOMES = {
     "model": ("DeviceInfo", "Health", "HealthStatus", "NetworkAddress", "SampleRate", "ScanMode", "Stats"),
     "blocking_sectors": ("SyncSectorStream",),
     "measured": ("Return",),
+    "merging": ("Merged",),
+    "registration": ("Registration", "register"),
+    "session.merged": ("MergedStream", "merged"),
     "scan": ("Scan",),
     "sector": ("Sector",),
     "points": ("Motion", "Mount", "Points", "PoseFunction", "Velocity", "merge"),

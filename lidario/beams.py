@@ -59,7 +59,16 @@ from lidario.errors import InvalidValue
 from lidario.laserscan import LaserScan
 from lidario.rotor import Rotor, before, turned
 
-__all__ = ["PRESET_YAW", "BeamOrder", "NoReturn", "Preset", "beam_count", "check_options", "resample"]
+__all__ = [
+    "FARTHEST_STATED_M",
+    "PRESET_YAW",
+    "BeamOrder",
+    "NoReturn",
+    "Preset",
+    "beam_count",
+    "check_options",
+    "resample",
+]
 
 BeamOrder = Literal["counter-clockwise", "measured"]
 NoReturn = Literal["inf", "nan", "zero"]
@@ -70,7 +79,7 @@ PRESET_YAW: Final = {"rep103": 0.0, "vendor": math.pi}
 _ORDERS = ("counter-clockwise", "measured")
 _NO_RETURN = {"inf": math.inf, "nan": math.nan, "zero": 0.0}
 
-_FALLBACK_RANGE_MAX = 40.0
+FARTHEST_STATED_M: Final = 40.0
 """Metres: `LaserScan.range_max` where neither the caller nor the device says one. Beyond all models supported."""
 
 _MOST_BEAMS = 1_000_000
@@ -135,7 +144,7 @@ def resample(
     if range_max is not None:
         stated = farthest
     else:
-        stated = float(max_range) if 0 < max_range < math.inf else _FALLBACK_RANGE_MAX
+        stated = float(max_range) if 0 < max_range < math.inf else FARTHEST_STATED_M
 
     places = _places(device_angles, rotor, count)
     # Comparing with NaN gives False: a sample without a return is no hit.

@@ -29,6 +29,7 @@ from typing import TYPE_CHECKING, Any, Concatenate, Final, ParamSpec, Self, Type
 from lidario.blocking_changes import SyncLineChanges
 from lidario.blocking_recording import SyncRecorder
 from lidario.blocking_sectors import SyncSectorStream
+from lidario.config.read import Config, LidarConfig
 from lidario.errors import LidarError, SessionClosed
 from lidario.model import DeviceInfo, Health, ScanMode, Stats
 from lidario.port.line import Tap
@@ -95,6 +96,11 @@ class SyncLidar(SyncRecorder):
     def source(self) -> str:
         """The source it was opened from."""
         return self._lidar.source
+
+    @property
+    def config(self) -> LidarConfig:
+        """Its settings, of the file that `open_sync` was given."""
+        return self._lidar.config
 
     @property
     def info(self) -> DeviceInfo:
@@ -310,6 +316,7 @@ def open_sync(
     keep_spinning: bool = False,
     reconnect: bool | Reconnect = False,
     guard: bool = False,
+    config: Config | str | os.PathLike[str] | None = None,
 ) -> SyncLidar:
     """Open a device for a program without ``await``, for use in ``with``.
 
@@ -325,6 +332,7 @@ def open_sync(
         keep_spinning=keep_spinning,
         reconnect=reconnect,
         guard=guard,
+        config=config,
     )
     thread = LoopThread()
     try:

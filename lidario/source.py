@@ -45,10 +45,11 @@ _OPTIONS = {
     "udp": {"family"},
     "zenoh": {"router"},
     "file": {"rate", "loop", "from", "family", "model", "sample_us"},
-    "sim": {"world", "fault", "serial", "seed", "via", "baud", "family", "model"},
+    "sim": {"world", "pose", "fault", "serial", "seed", "via", "baud", "family", "model"},
 }
 MOST_BAUD = 100_000_000
 """Far above every adapter (12 Mbaud), and below what overflows the C integer that the system call takes."""
+_POSE = re.compile(r"(-?[0-9]{1,3}(\.[0-9]{1,6})?)(,-?[0-9]{1,3}(\.[0-9]{1,6})?){2}", re.ASCII)
 _MAX_SEED = 2**63 - 1
 _DECIMAL = re.compile(r"[0-9]{1,9}(\.[0-9]{1,9})?", re.ASCII)
 _UNPRINTABLE = {"Cc", "Cf", "Zl", "Zp"}
@@ -200,6 +201,10 @@ def _options(text: str, kind: str, query: str) -> dict[str, str]:
             raise _refused(text, f"cannot be read: {name}={quoted(options[name])} is not a number from 0 on")
     if options.get("loop", "0") not in ("0", "1"):
         raise _refused(text, "cannot be read: loop=1 plays it again and again, loop=0 once")
+    if "pose" in options and not _POSE.fullmatch(options["pose"]):
+        raise _refused(
+            text, f"cannot be read: pose={quoted(options['pose'])} is not x,y,degrees, as in pose=0.3,0,90"
+        )
     if "seed" in options and not 0 <= _number(options["seed"]) <= _MAX_SEED:
         raise _refused(text, f"cannot be read: seed={quoted(options['seed'])} is not a whole number from 0 on")
     return options

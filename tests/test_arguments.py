@@ -15,6 +15,7 @@ import lidario
 from lidario.arguments import finite, number, path_of, shown, text_of, whole, yes_or_no
 from lidario.ros import Fleet, Publisher, Share, pointcloud2
 from lidario.testing import Body, RecordedLidar, SimulatedLidar, make_scan, make_sector, room
+from tests.config.calls import SETTINGS_CALLS
 from tests.filters.calls import filter_calls
 from tests.support.devices import both_families, make_rig, take
 from tests.support.loop import driven
@@ -140,6 +141,7 @@ CALLS: dict[str, Callable[[Any], object]] = {
     **filter_calls(SCAN),
     "from_cdr": lidario.LaserScan.from_cdr,
     "merge": lidario.merge,
+    **SETTINGS_CALLS,
     "run": lidario.run,
     "run(debug)": lambda value: lidario.run(nothing(), debug=value),
     "decode": lidario.decode,

@@ -11,11 +11,13 @@ from pathlib import Path
 import pytest
 
 import lidario
+from lidario import filters
 
 PUBLIC = [
     "BeamOrder",
     "Busy",
     "CannotRecord",
+    "Config",
     "ConnectFailed",
     "ConnectReason",
     "DeviceFault",
@@ -29,10 +31,13 @@ PUBLIC = [
     "LaserScan",
     "LaserScans",
     "Lidar",
+    "LidarConfig",
     "LidarError",
     "LineChange",
     "LineChanges",
     "LocalProtocolError",
+    "Merged",
+    "MergedStream",
     "Motion",
     "Mount",
     "NetworkAddress",
@@ -48,6 +53,7 @@ PUBLIC = [
     "Recording",
     "RecordingError",
     "RecordingSummary",
+    "Registration",
     "RemoteProtocolError",
     "ResponseTimeout",
     "Return",
@@ -80,9 +86,13 @@ PUBLIC = [
     "list_lidars",
     "list_serial_ports",
     "merge",
+    "merged",
     "open_lidar",
     "open_sync",
+    "read_config",
+    "register",
     "run",
+    "save_config",
     "simulate",
     "summarize",
 ]
@@ -180,7 +190,7 @@ def hidden_bases(thing: object) -> list[type]:
 
 def names_not_public(things: Sequence[ast.AST], path: Path, *, constructed: bool) -> set[str]:
     named = set().union(*(annotations_of(thing, constructed=constructed) for thing in things))
-    return {each for each in named & ours_in(path) if each not in PUBLIC}
+    return {each for each in named & ours_in(path) if each not in PUBLIC and each not in filters.__all__}
 
 
 def ours_in(path: Path) -> set[str]:

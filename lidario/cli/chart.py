@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lidario import Scan
 
-__all__ = ["COLOUR", "legend_of", "opacities", "reach_of", "step_of", "svg"]
+__all__ = ["COLOUR", "clouds_svg", "legend_of", "opacities", "reach_of", "step_of", "svg"]
 
 COLOUR: Final = "#1b5fc1"
 """Readable on white, also when it is printed."""
@@ -28,6 +28,7 @@ SHOWN: Final = 0.995
 """Share of the returns that must be on the picture; one beam through a door shall not shrink the room."""
 _STEPS_M: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 _LINES: Final = 5
+_LIDAR: Final = f'<path d="M{SIZE / 2} {SIZE / 2 - 9}l6 15l-6-4l-6 4z" fill="#000"/></svg>'
 
 
 def reach_of(scans: Sequence[Scan], *, polar: bool = False) -> float:
@@ -73,29 +74,56 @@ def svg(scans: Sequence[Scan], title: str, *, polar: bool = False) -> str:
     half = (SIZE - 2 * EDGE) / 2
     middle, scale = SIZE / 2, half / reach
     grid = _rings(middle, scale, reach) if polar else _squares(middle, scale, reach)
-    parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {SIZE} {SIZE}" font-family="sans-serif" '
-        f'font-size="14" fill="#333">',
-        f'<rect width="{SIZE}" height="{SIZE}" fill="#fff"/>',
-        f'<text x="{middle}" y="24" text-anchor="middle" font-size="16">{escape(title)}</text>',
-        f'<g stroke="#ddd" fill="none">{grid[0]}</g>',
-    ]
+    parts = _head(title, grid[0])
     for scan, opacity in zip(scans, opacities(len(scans)), strict=True):
         points = scan.xy()[scan.valid].astype(np.float64)[_away(scan, polar) <= reach] * scale
-        across, down = middle - points[:, 1], middle - points[:, 0]
-        dots = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in zip(across.tolist(), down.tolist(), strict=True))
-        pen = f'stroke="{COLOUR}" stroke-width="2.2" stroke-linecap="round" opacity="{opacity:.2f}"'
-        parts.append(f'<path d="{dots}" {pen}/>')
-    parts.append(f'<g stroke="#fff" stroke-width="5" stroke-linejoin="round" paint-order="stroke">{grid[1]}</g>')
-    legend = legend_of(scans, reach, polar=polar)
-    for line, text in enumerate(reversed(legend)):
-        parts.append(f'<text x="{SIZE - 12}" y="{SIZE - 10 - 18 * line}" text-anchor="end">{text}</text>')
+        parts.append(_dots(points, COLOUR, opacity))
+    parts += _words(grid[1], legend_of(scans, reach, polar=polar))
     if not any(scan.valid.any() for scan in scans):
         parts.append(
             f'<text x="{middle}" y="{middle + 60}" text-anchor="middle">no returns in any direction</text>'
         )
-    parts.append(f'<path d="M{middle} {middle - 9}l6 15l-6-4l-6 4z" fill="#000"/></svg>')
+    parts.append(_LIDAR)
     return "\n".join(parts) + "\n"
+
+
+def clouds_svg(clouds: Sequence[tuple[NDArray[np.floating], str]], title: str, legend: str) -> str:
+    """Clouds of points one over the other, each with its colour, as the text of a file; metres, shape (n, 2)."""
+    far = np.concatenate([np.abs(xy).max(axis=1) for xy, _ in clouds])
+    reach = max(1.0, math.ceil(float(np.quantile(far, SHOWN)) * 1.05)) if len(far) else 1.0
+    scale = (SIZE - 2 * EDGE) / 2 / reach
+    lines, names = _squares(SIZE / 2, scale, reach)
+    parts = _head(title, lines)
+    for xy, colour in clouds:
+        near = xy.astype(np.float64)[np.abs(xy).max(axis=1) <= reach] * scale
+        # Several scans of one wall are on the same dots; each is drawn once.
+        parts.append(_dots(np.unique(np.round(near, 1), axis=0), colour, 0.8))
+    return "\n".join([*parts, *_words(names, [legend]), _LIDAR]) + "\n"
+
+
+def _head(title: str, grid: str) -> list[str]:
+    return [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {SIZE} {SIZE}" font-family="sans-serif" '
+        f'font-size="14" fill="#333">',
+        f'<rect width="{SIZE}" height="{SIZE}" fill="#fff"/>',
+        f'<text x="{SIZE / 2}" y="24" text-anchor="middle" font-size="16">{escape(title)}</text>',
+        f'<g stroke="#ddd" fill="none">{grid}</g>',
+    ]
+
+
+def _dots(points: NDArray[np.float64], colour: str, opacity: float) -> str:
+    """Points in dots of the picture, as from its middle: forward, to the left."""
+    across, down = SIZE / 2 - points[:, 1], SIZE / 2 - points[:, 0]
+    dots = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in zip(across.tolist(), down.tolist(), strict=True))
+    pen = f'stroke="{colour}" stroke-width="2.2" stroke-linecap="round" opacity="{opacity:.2f}"'
+    return f'<path d="{dots}" {pen}/>'
+
+
+def _words(names: str, legend: Sequence[str]) -> list[str]:
+    parts = [f'<g stroke="#fff" stroke-width="5" stroke-linejoin="round" paint-order="stroke">{names}</g>']
+    for line, text in enumerate(reversed(legend)):
+        parts.append(f'<text x="{SIZE - 12}" y="{SIZE - 10 - 18 * line}" text-anchor="end">{text}</text>')
+    return parts
 
 
 def _values(reach: float) -> list[float]:

@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from lidario.cli.errors import ExitCode
-from lidario.cli.laserscans import LASERSCAN_OPTIONS, laserscan_options, laserscans_of, only_with
+from lidario.cli.laserscans import LASERSCAN_OPTIONS, is_given, laserscan_options, laserscans_of, only_with
 from lidario.cli.output import progress
 from lidario.cli.parameters import FiniteRange, WholeRange, complete_file
+from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import message
 
 if TYPE_CHECKING:
+    from lidario import Config
     from lidario.recording.decode_file import FileDecoder
 
 __all__ = ["export"]
@@ -36,6 +38,7 @@ FORMS = (".npz", ".csv", ".mcap")
 @click.option("--sample-us", type=FiniteRange(min=0, min_open=True), metavar="US",
               help="Of bare bytes: microseconds a sample; by default as the format usually takes.")  # fmt: skip
 @laserscan_options
+@config_option
 @click.option("--force", is_flag=True, help="Replace files that are there already.")
 def export(
     files: tuple[str, ...],
@@ -59,8 +62,9 @@ def export(
         raise click.BadParameter("of several files, OUT needs {} where each name belongs", param_hint="OUT")
     only_with("an OUT that ends with .mcap", LASERSCAN_OPTIONS, Path(out).suffix == ".mcap")
     laserscans_of(dict(of_scans))
-    known = (family, model, sample_us)
-    tasks = [(file, out.replace("{}", _name_of(file)), known, of_scans, force) for file in files]
+    known, config = (family, model, sample_us), settings_of_file()
+    of_scans["has_frame"] = is_given("frame")
+    tasks = [(file, out.replace("{}", _name_of(file)), known, of_scans, force, config) for file in files]
     if len({target for _, target, *_ in tasks}) < len(tasks):
         raise click.BadParameter("two of the files have the same name", param_hint="FILE...")
     with progress(f"exporting {len(tasks)} file{'s' if len(tasks) > 1 else ''} …"):
@@ -78,7 +82,7 @@ def _name_of(file: str) -> str:
 
 
 _Known = tuple[str | None, str | None, float | None]
-_Task = tuple[str, str, _Known, dict[str, Any], bool]
+_Task = tuple[str, str, _Known, dict[str, Any], bool, Any]
 
 
 def _all(tasks: list[_Task], jobs: int) -> list[Exception]:
@@ -114,15 +118,21 @@ def _tell(task: _Task, done: tuple[int, str]) -> None:
         message(f"note: {task[0]}: {damage}; everything else is exported")
 
 
-def export_one(file: str, out: str, known: _Known, of_scans: dict[str, Any], force: bool) -> tuple[int, str]:
+def export_one(
+    file: str, out: str, known: _Known, of_scans: dict[str, Any], force: bool, config: Config
+) -> tuple[int, str]:
     """Export one file; returns how many scans, and why it could not be read to its end. Runs in any process."""
     from lidario.recording.decode_file import FileDecoder
     from lidario.recording.export import export_mcap, export_npz
     from lidario.recording.files import Known
 
-    decoder = FileDecoder(file, Known(*known))
+    decoder, messages = FileDecoder(file, Known(*known)), dict(of_scans)
+    own = config.of(decoder.recording.about.info.serial)
+    decoder.filters = own.filters
+    if own.frame and not messages.pop("has_frame"):
+        messages["frame"] = own.frame
     if Path(out).suffix == ".mcap":
-        count = export_mcap(decoder, Path(out), laserscans_of(dict(of_scans)), overwrite=force)
+        count = export_mcap(decoder, Path(out), laserscans_of(messages), overwrite=force)
     else:
         write = export_npz if Path(out).suffix == ".npz" else _export_csv
         count = write(decoder, Path(out), overwrite=force)

@@ -14,7 +14,7 @@ from lidario.cli.parameters import WholeRange
 if TYPE_CHECKING:
     from lidario import LaserScans
 
-__all__ = ["LASERSCAN_OPTIONS", "arguments_of", "laserscan_options", "laserscans_of", "only_with"]
+__all__ = ["LASERSCAN_OPTIONS", "arguments_of", "is_given", "laserscan_options", "laserscans_of", "only_with"]
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
@@ -59,13 +59,19 @@ def laserscans_of(options: dict[str, Any]) -> LaserScans:
     return LaserScans(**arguments_of(options))
 
 
+def is_given(name: str) -> bool:
+    """Whether the user has given this option of the verb that runs."""
+    return click.get_current_context().get_parameter_source(name) is ParameterSource.COMMANDLINE
+
+
 def only_with(what: str, names: tuple[str, ...], is_so: bool) -> None:
     """Refuse options that mean nothing here, where they were given.
 
     Raises:
         click.UsageError: One was given, and `what` was not.
     """
-    context = click.get_current_context()
-    given = [name for name in names if context.get_parameter_source(name) is ParameterSource.COMMANDLINE]
+    given = [name for name in names if is_given(name)]
     if given and not is_so:
-        raise click.UsageError(f"--{given[0].replace('_', '-')} belongs to {what}", context)
+        context = click.get_current_context()
+        option = next(each.opts[0] for each in context.command.params if each.name == given[0])
+        raise click.UsageError(f"{option} belongs to {what}", context)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import click
 import rich  # noqa: F401  (imported here so that a missing package is reported before a verb starts)
 
 from lidario import __version__
+from lidario.cli.calibrate import calibrate
 from lidario.cli.completion import completion
 from lidario.cli.devices import devices, show
 from lidario.cli.doctor import doctor
@@ -25,6 +25,7 @@ from lidario.cli.record import record
 from lidario.cli.report import report_lidar
 from lidario.cli.router import router
 from lidario.cli.scan import scan
+from lidario.cli.settings import Settings
 from lidario.cli.sim import sim
 from lidario.cli.stats import stats
 from lidario.cli.streams import emit
@@ -35,17 +36,6 @@ from lidario.cli.watch import watch
 __all__ = ["Lidario", "cli"]
 
 CommandT = TypeVar("CommandT", bound=click.Command)
-
-
-@dataclass
-class Settings:
-    """Options of every verb.
-
-    Attributes:
-        traceback: Show where an error comes from.
-    """
-
-    traceback: bool = False
 
 
 class Lidario(click.Group):
@@ -129,7 +119,7 @@ def cli(context: click.Context) -> int | None:
 
 _VERBS: tuple[click.Command, ...] = (
     devices, info, scan, view, watch, plot, stats, record, play, export, publish, router, doctor, report_lidar,
-    udev, motor, sim, completion,
+    calibrate, udev, motor, sim, completion,
 )  # fmt: skip
 
 for _verb in _VERBS:

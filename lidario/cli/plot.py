@@ -19,10 +19,11 @@ import click
 from lidario.cli.errors import ExitCode
 from lidario.cli.output import progress
 from lidario.cli.parameters import WholeRange, complete_source, mode_option
+from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
-    from lidario import DeviceInfo, Scan
+    from lidario import Config, DeviceInfo, Scan
 
 __all__ = ["plot"]
 
@@ -35,6 +36,7 @@ __all__ = ["plot"]
               help="How many scans, one drawn over the other.")  # fmt: skip
 @click.option("--polar", is_flag=True, help="On rings and rays instead of a grid.")
 @click.option("--force", is_flag=True, help="Replace a file that is there already.")
+@config_option
 @mode_option
 def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: str | int | None) -> int:
     """Draw scans into a file, to scale: forward is up.
@@ -59,8 +61,9 @@ def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: s
         raise CannotRecord(f"{path} exists already: --force replaces it")
     if kind == ".png":
         _needs_matplotlib()
+    settings = settings_of_file()
     with progress(f"waiting for {source} …"):
-        info, scans = run(lambda: _read(source, count, mode))
+        info, scans = run(lambda: _read(source, count, mode, settings))
     title = _title(info, scans)
     if kind == ".svg":
         from lidario.cli.chart import svg
@@ -84,10 +87,10 @@ def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: s
     return ExitCode.OK
 
 
-async def _read(source: str, count: int, mode: str | int | None) -> tuple[DeviceInfo, list[Scan]]:
+async def _read(source: str, count: int, mode: str | int | None, config: Config) -> tuple[DeviceInfo, list[Scan]]:
     from lidario import RecordingError, open_lidar
 
-    async with open_lidar(source) as lidar, lidar.scans(mode, depth=count) as scans:
+    async with open_lidar(source, config=config) as lidar, lidar.scans(mode, depth=count) as scans:
         found: list[Scan] = []
         async for scan in scans:
             found.append(scan)

@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import asyncio
 import math
-from contextlib import suppress
+from contextlib import AsyncExitStack, suppress
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.laserscans import LASERSCAN_OPTIONS, arguments_of, laserscan_options, only_with
+from lidario.cli.laserscans import LASERSCAN_OPTIONS, arguments_of, is_given, laserscan_options, only_with
 from lidario.cli.parameters import Duration, Place, WholeRange, complete_source, guard_option, mode_option
+from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import ReaderGone, emit, message
 
 if TYPE_CHECKING:
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 __all__ = ["publish"]
 
 ROUTER: Final = "tcp/localhost:7447"
+BEAMS: Final = 720
+"""Of several lidars, where the user says nothing: half a degree each."""
 _OF_ROS: Final = (
     *LASERSCAN_OPTIONS,
     "topic",
@@ -31,7 +34,8 @@ _OF_ROS: Final = (
     "distro",
     "namespace",
     "node",
-    "mount",
+    "mounts",
+    "cloud",
     "base_frame",
     "stamps",
 )
@@ -39,7 +43,7 @@ _OF_ROS: Final = (
 
 
 @click.command()
-@click.argument("source", default="auto", shell_complete=complete_source)
+@click.argument("sources", metavar="[SOURCE]...", nargs=-1, shell_complete=complete_source)
 @click.option("--ros", is_flag=True, help="As a topic of ROS 2, for nodes that run rmw_zenoh_cpp.")
 @click.option("--zenoh", "key", metavar="KEY", help="Under this key, for those without ROS: robots/r7/scan.")
 @click.option("--raw", is_flag=True, help="With --zenoh: the bytes of the device, a quarter of the size.")
@@ -54,22 +58,25 @@ _OF_ROS: Final = (
               help="Release of the other nodes; humble has other keys than all later ones.")  # fmt: skip
 @click.option("--namespace", default="/", show_default=True, metavar="NAME", help="Namespace of the node.")
 @click.option("--node", default="lidario", show_default=True, metavar="NAME", help="Name of the node.")
-@click.option("--mount", type=Place(), metavar="X,Y,YAW",
+@click.option("--mount", "mounts", type=Place(), multiple=True, metavar="X,Y,YAW",
               help="Where the lidar is on the robot, published on /tf_static: metres forward, metres left, degrees "
-                   "counter-clockwise. Not needed with a robot description.")  # fmt: skip
+                   "counter-clockwise. Not needed with a robot description. Of several, once each.")  # fmt: skip
+@click.option("--cloud", default="cloud", show_default=True, metavar="NAME",
+              help="Of several: topic of the cloud.")  # fmt: skip
 @click.option("--base-frame", default="base_link", show_default=True, metavar="NAME",
-              help="Coordinate frame of the robot, for --mount.")  # fmt: skip
+              help="Coordinate frame of the robot, for --mount and for several lidars.")  # fmt: skip
 @click.option("--stamps", type=click.Choice(["now", "recorded"]),
               help="Of a recording: as if it were measured now, or as it was, with /clock for nodes that have "
                    "use_sim_time.  [now]")  # fmt: skip
 @click.option("--idle-stop", type=Duration(), metavar="TIME",
               help="Stop laser and motor after this time without a reader, until one comes: 10s.")  # fmt: skip
+@config_option
 @mode_option
 @click.option("--reconnect/--no-reconnect", default=True, show_default=True,
               help="Come back when the lidar is unplugged or restarts.")  # fmt: skip
 @guard_option
 def publish(
-    source: str,
+    sources: tuple[str, ...],
     ros: bool,
     key: str | None,
     raw: bool,
@@ -84,7 +91,8 @@ def publish(
     """Publish live scans over zenoh, until Ctrl-C.
 
     Either --ros, and `ros2 topic list` shows the topic, or --zenoh KEY, and zenoh:KEY is a SOURCE on every other
-    machine. The key is printed. It waits for a router that is not there yet, and goes on when the router restarts.
+    machine. The key is printed. Several lidars, with their mounts, become one scan and one cloud. It waits for a
+    router that is not there yet, and goes on when the router restarts.
     """
     context = click.get_current_context()
     if ros == (key is not None):
@@ -94,27 +102,45 @@ def publish(
     only_with("--ros", _OF_ROS, ros)
     from lidario.recording.files import file_source
 
-    is_recorded = file_source(source) is not None
+    sources = sources or ("auto",)
+    are_recorded = [file_source(source) is not None for source in sources]
     stamps = of_ros.pop("stamps")
-    if stamps and not is_recorded:
+    if stamps and not any(are_recorded):
         raise click.UsageError(
             "--stamps is for a recording: a lidar's stamps are those of its measurements", context
         )
+    if len(sources) > 1:
+        _check_several(len(sources), ros, len(of_ros["mounts"]))
+    elif len(of_ros["mounts"]) > 1:
+        raise click.UsageError("more mounts than sources", context)
     from lidario.cli.running import run
 
     told: list[Publisher | Share] = []
+    config = settings_of_file()
+    has_frame = is_given("frame")
 
-    def make(lidar: Lidar) -> Publisher | Share:
-        from lidario.ros import Publisher, Share
+    def make(lidars: list[Lidar]) -> Publisher | Share:
+        from lidario import Mount
+        from lidario.ros import MergedPublisher, Publisher, Share
 
+        (lidar, *others), options = lidars, dict(of_ros)
         if key is not None:
             return Share(lidar, key, raw=raw, router=router, robot=robot)
-        options = dict(of_ros)
+        mounts, cloud = options.pop("mounts"), options.pop("cloud")
         options |= arguments_of(options)
-        if options["mount"]:
-            x, y, yaw = options["mount"]
-            options["mount"] = x, y, math.radians(yaw)
-        options["stamps"] = "now" if is_recorded and stamps != "recorded" else "measured"
+        places = [(x, y, math.radians(yaw)) for x, y, yaw in mounts]
+        if others:
+            for name in ("order", "preset", "mount_yaw"):
+                options.pop(name)
+            options["frame_id"] = options.pop("base_frame")
+            options["beams"] = options["beams"] or BEAMS
+            where = [Mount(*place) for place in places] or None
+            return MergedPublisher(lidars, mounts=where, cloud_topic=cloud, router=router, robot=robot, **options)
+        own = lidar.config
+        options["mount"] = places[0] if places else own.mount and (own.mount.x, own.mount.y, own.mount.yaw)
+        if own.frame and not has_frame:
+            options["frame_id"] = own.frame
+        options["stamps"] = "now" if are_recorded[0] and stamps != "recorded" else "measured"
         options["clock"] = stamps == "recorded"
         return Publisher(lidar, router=router, robot=robot, **options)
 
@@ -122,8 +148,12 @@ def publish(
         from lidario import open_lidar
 
         _needs_zenoh()
-        async with open_lidar(source, reconnect=reconnect, guard=guard) as lidar:
-            publisher = make(lidar)
+        async with AsyncExitStack() as opened:
+            lidars = [
+                await opened.enter_async_context(open_lidar(each, reconnect=reconnect, guard=guard, config=config))
+                for each in sources
+            ]
+            publisher = make(lidars)
             there = asyncio.Event()
 
             def changed(connected: bool) -> None:
@@ -139,7 +169,8 @@ def publish(
                 # Robots need the scans, whether or not somebody reads the key here.
                 with suppress(ReaderGone, OSError):
                     emit(f"{publisher.key}\n")
-                message(f"publishing {lidar.info.model} {lidar.info.serial} through {router}; Ctrl-C ends it")
+                names = " and ".join(f"{lidar.info.model} {lidar.info.serial}" for lidar in lidars)
+                message(f"publishing {names} through {router}; Ctrl-C ends it")
                 checking = asyncio.create_task(_check(publisher, there))
                 try:
                     await publisher.run(mode, idle_stop=idle_stop)
@@ -155,6 +186,22 @@ def publish(
         for each in told:
             message(_summary(each.scans, each.unsent))
     return ExitCode.OK
+
+
+def _check_several(count: int, ros: bool, mounts: int) -> None:
+    context = click.get_current_context()
+    if not ros:
+        raise click.UsageError(
+            "several lidars become one with --ros; of --zenoh, publish each under its key", context
+        )
+    if mounts not in (0, count):
+        raise click.UsageError(f"there are {count} lidars and {mounts} mounts: once --mount for each", context)
+    for name in ("frame", "order", "preset", "mount_yaw", "stamps"):
+        if is_given(name):
+            said = f"--{name.replace('_', '-')}"
+            raise click.UsageError(
+                f"{said} is for one lidar; several are in the frame of the robot, --base-frame", context
+            )
 
 
 async def _check(publisher: Publisher | Share, there: asyncio.Event) -> None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.laserscans import LASERSCAN_OPTIONS, laserscan_options, laserscans_of, only_with
+from lidario.cli.laserscans import LASERSCAN_OPTIONS, is_given, laserscan_options, laserscans_of, only_with
 from lidario.cli.output import progress
 from lidario.cli.parameters import (
     Duration,
@@ -26,10 +26,11 @@ from lidario.cli.parameters import (
     guard_option,
     mode_option,
 )
+from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
-    from lidario import LaserScans, Recording
+    from lidario import Config, LaserScans, Recording
 
 __all__ = ["record"]
 
@@ -49,6 +50,7 @@ class _Told:
 @click.option("-t", "--time", "seconds", type=Duration(), metavar="TIME",
               help="How long from the first scan on: 60s, 5m.")  # fmt: skip
 @click.option("-n", "count", type=WholeRange(min=1), metavar="N", help="How many scans.")
+@config_option
 @mode_option
 @click.option("--scans", is_flag=True, help="Write each scan too, as LaserScan on the topic /scan.")
 @laserscan_options
@@ -94,10 +96,24 @@ def record(
     told, (split_s, split_bytes) = _Told(), split or (None, None)
     parts = split_s, split_bytes, keep
     messages = laserscans_of(of_scans) if scans else False
+    config, has_frame = settings_of_file(), is_given("frame")
     try:
         run(
             lambda: _record(
-                told, source, path, seconds, count, mode, messages, force, sync, reconnect, parts, guard
+                told,
+                source,
+                path,
+                seconds,
+                count,
+                mode,
+                messages,
+                force,
+                sync,
+                reconnect,
+                parts,
+                guard,
+                config,
+                has_frame,
             )
         )
     except Stopped:
@@ -124,11 +140,15 @@ async def _record(
     reconnect: bool,
     parts: tuple[float | None, int | None, int | None],
     guard: bool,
+    config: Config,
+    has_frame: bool,
 ) -> None:
     from lidario import open_lidar
 
     with progress(f"opening {source} …") as show:
-        async with open_lidar(source, guard=guard, reconnect=reconnect) as lidar:
+        async with open_lidar(source, guard=guard, reconnect=reconnect, config=config) as lidar:
+            if lidar.config.frame and not isinstance(scans, bool) and not has_frame:
+                scans.frame_id = lidar.config.frame
             recording = lidar.record(
                 path,
                 scans=scans,

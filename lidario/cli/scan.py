@@ -20,10 +20,11 @@ import click
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import Writer, console, introduced, progress, rendered
 from lidario.cli.parameters import WholeRange, complete_source, guard_option, mode_option
+from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
-    from lidario import Lidar, Scan
+    from lidario import Config, Lidar, Scan
 
 __all__ = ["scan"]
 
@@ -39,6 +40,7 @@ class _Order:
     keep_spinning: bool
     reconnect: bool
     guard: bool
+    config: Config
 
 
 @dataclass
@@ -55,6 +57,7 @@ class _Tally:
 @click.argument("source", default="auto", shell_complete=complete_source)
 @click.option("-n", "count", default=1, show_default=True, type=WholeRange(min=0), metavar="N",
               help="How many scans; 0: until Ctrl-C.")  # fmt: skip
+@config_option
 @mode_option
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per line and scan.")
 @click.option("--csv", "as_csv", is_flag=True, help="One row per sample.")
@@ -79,7 +82,7 @@ def scan(
     if as_json and as_csv:
         raise click.UsageError("--json and --csv exclude each other", click.get_current_context())
     form = "json" if as_json else "csv" if as_csv else "people"
-    return _run_order(_Order(source, count, mode, form, keep_spinning, reconnect, guard))
+    return _run_order(_Order(source, count, mode, form, keep_spinning, reconnect, guard, settings_of_file()))
 
 
 def _run_order(order: _Order) -> int:
@@ -117,7 +120,11 @@ async def _read(order: _Order, tally: _Tally, writer: Writer) -> None:
     with ExitStack() as waiting:
         waiting.enter_context(progress(f"waiting for {where} …"))
         opened = open_lidar(
-            order.source, keep_spinning=order.keep_spinning, reconnect=order.reconnect, guard=order.guard
+            order.source,
+            keep_spinning=order.keep_spinning,
+            reconnect=order.reconnect,
+            guard=order.guard,
+            config=order.config,
         )
         async with opened as lidar:
             tally.lidar, tally.began = lidar, time.monotonic()

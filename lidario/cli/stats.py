@@ -18,12 +18,13 @@ import numpy as np
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import console, dump, facts, introduced, progress, rendered
 from lidario.cli.parameters import Duration, complete_source, guard_option, mode_option
+from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from lidario import Lidar, Scan, ScanStream
+    from lidario import Config, Lidar, Scan, ScanStream
     from lidario.web.traffic import Traffic
 
 __all__ = ["Measured", "measure", "stats", "verdict"]
@@ -97,6 +98,7 @@ class Measured:
 @click.argument("source", default="auto", shell_complete=complete_source)
 @click.option("-t", "--time", "seconds", default="10s", show_default=True, type=Duration(), metavar="TIME",
               help="How long to measure, such as 10s or 2min.")  # fmt: skip
+@config_option
 @mode_option
 @click.option("--json", "as_json", is_flag=True, help="One object for programs.")
 @guard_option
@@ -108,11 +110,11 @@ def stats(source: str, seconds: float, mode: str | int | None, as_json: bool, gu
     """
     from lidario.cli.running import run
 
-    measured = Measured()
+    measured, settings = Measured(), settings_of_file()
     stopped: Stopped | None = None
     try:
         with progress(f"measuring for {seconds:g} s …"):
-            run(lambda: measure(source, seconds, mode, measured, guard=guard))
+            run(lambda: measure(source, seconds, mode, measured, guard=guard, config=settings))
     except Stopped as caught:
         stopped = caught
     if measured.line is not None and measured.stamps:
@@ -129,7 +131,13 @@ def stats(source: str, seconds: float, mode: str | int | None, as_json: bool, gu
 
 
 async def measure(
-    source: str, seconds: float, mode: str | int | None, into: Measured, *, guard: bool = False
+    source: str,
+    seconds: float,
+    mode: str | int | None,
+    into: Measured,
+    *,
+    guard: bool = False,
+    config: Config | None = None,
 ) -> None:
     """Read scans for so long; what was read until then is in `into` also when it is cancelled.
 
@@ -138,7 +146,7 @@ async def measure(
     """
     from lidario import RecordingError, open_lidar
 
-    async with open_lidar(source, guard=guard) as lidar, lidar.scans(mode) as scans:
+    async with open_lidar(source, guard=guard, config=config) as lidar, lidar.scans(mode) as scans:
         into.model, into.serial = lidar.info.model, lidar.info.serial
         into.simulated = lidar.source.startswith("sim:")
         if await anext(scans, None) is None:

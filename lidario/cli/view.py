@@ -21,6 +21,7 @@ import click
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import progress
 from lidario.cli.parameters import WholeRange, complete_source, guard_option, mode_option
+from lidario.cli.settings import FILE, config_file, config_option
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ MOST_LIDARS: Final = 16
               help="Colour of a lidar, once for each SOURCE.")  # fmt: skip
 @click.option("--record", "folder", type=click.Path(exists=True, file_okay=False, writable=True), metavar="FOLDER",
               help="Where the page may record: the current folder, with --lan nowhere, unless named.")  # fmt: skip
+@config_option
 @mode_option
 @guard_option
 def view(
@@ -62,6 +64,7 @@ def view(
     The address of the page is printed. A lidar that is lost is opened again as soon as it is back.
     """
     _needs_websockets()
+    from lidario import read_config
     from lidario.cli.running import run
     from lidario.web.feed import Feed
 
@@ -69,10 +72,15 @@ def view(
     if len(sources) > MOST_LIDARS:
         raise click.UsageError(f"a page shows {MOST_LIDARS} lidars at most", click.get_current_context())
     where = Path(folder or ".") if folder or not lan else None
-    feeds = [Feed(source, mode=mode, guard=guard, stays=True, folder=where) for source in sources]
+    file = config_file()
+    if file is not None:
+        read_config(file)
+    feeds = [Feed(source, mode=mode, guard=guard, stays=True, folder=where, config=file) for source in sources]
+    # Whoever has the address may write it: with --lan only where the file was named.
+    written = file or (None if lan else FILE)
     places = _places(len(sources), mounts, colours)
     try:
-        run(lambda: _serve(feeds, places, port, lan))
+        run(lambda: _serve(feeds, places, port, lan, written))
     except Stopped:
         message("")
     for feed in feeds:
@@ -110,13 +118,14 @@ def _places(count: int, mounts: tuple[str, ...], colours: tuple[str, ...]) -> li
     return found
 
 
-async def _serve(feeds: list[Feed], places: list[Mount], port: int, lan: bool) -> None:
+async def _serve(feeds: list[Feed], places: list[Mount], port: int, lan: bool, config: str | None) -> None:
     """Read all feeds, and serve them from the first scan of each on; the first error of an opening ends it."""
     from lidario.web.server import LiveServer
 
     token = secrets.token_urlsafe(16) if lan else ""
     # Binding to all interfaces is what --lan asks for.
-    server = LiveServer(feeds, places, host="0.0.0.0" if lan else "127.0.0.1", port=port, token=token)
+    server = LiveServer(feeds, places, host="0.0.0.0" if lan else "127.0.0.1", port=port, token=token,
+                        config=config)  # fmt: skip
     try:
         await server.__aenter__()
     except OSError as error:

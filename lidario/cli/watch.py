@@ -23,6 +23,7 @@ import click
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import Writer, progress, terminal
 from lidario.cli.parameters import complete_source, guard_option, mode_option
+from lidario.cli.settings import config_file, config_option
 from lidario.cli.streams import message
 
 if TYPE_CHECKING:
@@ -42,6 +43,7 @@ MOST_BELOW: Final = 2
 
 @click.command()
 @click.argument("source", default="auto", shell_complete=complete_source)
+@config_option
 @mode_option
 @guard_option
 def watch(source: str, mode: str | int | None, guard: bool) -> int:
@@ -63,7 +65,7 @@ def watch(source: str, mode: str | int | None, guard: bool) -> int:
     from lidario.cli.running import run
     from lidario.web.feed import Feed
 
-    feed = Feed(source, mode=mode, guard=guard)
+    feed = Feed(source, mode=mode, guard=guard, config=config_file())
     writer = Writer()
     # The picture says what the log would say, and a line of the log would run through it.
     quiet = logging.NullHandler()

@@ -12,6 +12,7 @@ cause of the `DeviceLost` that the receiver is told.
 from __future__ import annotations
 
 import asyncio
+from math import radians
 from weakref import WeakValueDictionary
 
 from lidario.errors import ConnectFailed, DeviceLost
@@ -44,7 +45,10 @@ def make_device(source: Source) -> tuple[SimulatedDevice, Faults | None]:
     options = source.options
     try:
         seed = int(options.get("seed", "0"))
-        world = make_world(options["world"], seed=seed) if "world" in options else None
+        world = None
+        if "world" in options or "pose" in options:
+            x, y, turned = map(float, options.get("pose", "0,0,0").split(","))
+            world = make_world(options.get("world", "room"), seed=seed, pose=(x, y, radians(turned)))
         faults = parse_faults(options["fault"], seed=seed) if "fault" in options else None
         serial = serial_of(options.get("serial"))
         device = family.simulate(source.address, world=world, serial=serial, seed=seed)

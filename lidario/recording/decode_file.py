@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 from lidario.arguments import path_of
 from lidario.families.base import Known
+from lidario.filters.base import Filter
 from lidario.recording.files import open_stored
 from lidario.recording.offline import BLOCK, OfflineDecoder, ScanArrays, arrays_of
 from lidario.recording.opened import StoredFile
@@ -46,6 +47,7 @@ class FileDecoder:
         skipped_bytes: Bytes of the streams that belong to no packet, so far.
         packets: Intact packets, so far.
         stats: What became of them.
+        filters: What each scan passes, in this order.
     """
 
     def __init__(self, path: str | os.PathLike[str], known: Known = Known()) -> None:  # noqa: B008
@@ -54,9 +56,11 @@ class FileDecoder:
         self.skipped_bytes: int = 0
         self.packets: int = 0
         self.stats: AssemblerStats = AssemblerStats()
+        self.filters: tuple[Filter, ...] = ()
 
     def __iter__(self) -> Iterator[Scan]:
-        yield from self._timed() if self.recording.timed else self._untimed()
+        for scan in self._timed() if self.recording.timed else self._untimed():
+            yield scan.filtered(*self.filters) if self.filters else scan
 
     def _untimed(self) -> Iterator[Scan]:
         with StoredFile(self.recording.path, self.recording.size) as file:

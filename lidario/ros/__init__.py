@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from lidario.network.fleet import RemoteLidar, list_remote_lidars
     from lidario.ros.diagnostics import DiagnosticArray, DiagnosticStatus, diagnostics
     from lidario.ros.fleet import Fleet, FleetScan
+    from lidario.ros.merged import MergedPublisher
     from lidario.ros.pointcloud import PointCloud2, pointcloud2
     from lidario.ros.publisher import Publisher
     from lidario.ros.share import Share
@@ -30,6 +31,7 @@ __all__ = [
     "Fleet",
     "FleetScan",
     "LaserScan",
+    "MergedPublisher",
     "PointCloud2",
     "Publisher",
     "RemoteLidar",
@@ -46,6 +48,7 @@ _HOMES = {
     "lidario.network.fleet": ("RemoteLidar", "list_remote_lidars"),
     "lidario.ros.diagnostics": ("DiagnosticArray", "DiagnosticStatus", "diagnostics"),
     "lidario.ros.fleet": ("Fleet", "FleetScan"),
+    "lidario.ros.merged": ("MergedPublisher",),
     "lidario.ros.pointcloud": ("PointCloud2", "pointcloud2"),
     "lidario.ros.publisher": ("Publisher",),
     "lidario.ros.share": ("Share",),

@@ -18,7 +18,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 from lidario.arguments import finite, shown, text_of
 from lidario.entered import Entered
@@ -33,7 +33,6 @@ from lidario.recording.about import About
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
 from lidario.session.log import Trouble
-from lidario.session.stream import ScanStream
 from lidario.version import __version__
 
 __all__ = ["Broadcast", "Outlet"]
@@ -156,14 +155,14 @@ class Broadcast(Entered):
         if idle_stop is not None and not finite(idle_stop, "idle_stop") > 0:
             raise InvalidValue(f"idle_stop is a number of seconds above 0, not {shown(idle_stop)}")
         while True:
-            async with self.lidar.scans(mode) as stream:
+            async with self._stream(mode) as stream:
                 if await self._publish_all(stream, idle_stop):
                     return
             # Laser and motor stop with the last reader of the lidar. Another task of this program may be one.
             _log.info("%s has no reader: its lidar rests until one comes", self.key)
             await self._readers.wait()
 
-    async def _publish_all(self, stream: ScanStream, idle_s: float | None) -> bool:
+    async def _publish_all(self, stream: Any, idle_s: float | None) -> bool:
         """Publish until the stream ends: True. False after so many seconds without a reader."""
         loop = asyncio.get_running_loop()
         last_read = loop.time()
@@ -247,6 +246,10 @@ class Broadcast(Entered):
         )
 
     # ------------------------------------------------------------------------------------------ for subclasses
+
+    def _stream(self, mode: str | int | None) -> Any:
+        """What is published, as a new stream."""
+        return self.lidar.scans(mode)
 
     @abstractmethod
     def _declare(self, bus: Bus) -> bytes:

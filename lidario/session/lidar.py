@@ -19,6 +19,7 @@ from types import TracebackType
 from typing import NoReturn, Self
 
 from lidario.arguments import callable_of, path_of, yes_or_no
+from lidario.config.read import LidarConfig
 from lidario.entered import AsyncOnly
 from lidario.errors import LocalProtocolError, SessionClosed
 from lidario.laserscans import LaserScans
@@ -51,6 +52,7 @@ class Lidar(Streams, AsyncOnly):
     Attributes:
         source: The source it was opened from.
         info: What the device says it is.
+        config: Its settings, of the file that `open_lidar` was given.
     """
 
     _instead = "a lidar is used asynchronously: write `async with`, and `async for scan in lidar.scans():`"
@@ -63,10 +65,13 @@ class Lidar(Streams, AsyncOnly):
         latency: float,
         keep_spinning: bool,
         reconnector: Reconnector | None = None,
+        config: LidarConfig = LidarConfig(),  # noqa: B008 - it never changes
     ) -> None:
         dialogue, device = connection.dialogue, connection.device
         super().__init__(dialogue, device, Scanner(dialogue, device, latency), reconnector, connection.info)
         self.source = source
+        self.config = config
+        self._scanner.usual_mode = config.mode
         self._keep_spinning = keep_spinning
         dialogue.keep_spinning(keep_spinning)
         self._scanner.take_note(health)
@@ -77,7 +82,7 @@ class Lidar(Streams, AsyncOnly):
         connection.port.follow(self._scanner)
         self._length_s = connection.port.length_s
         self._recorded = RecordedSession(
-            dialogue, self._scanner, source, device.sends_bytes, lambda: (self.info, self.health)
+            dialogue, self._scanner, source, device.sends_bytes, lambda: (self.info, self.health), config.filters
         )
         self._closed = False
         self._loop = asyncio.get_running_loop()

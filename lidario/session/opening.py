@@ -6,10 +6,12 @@ import asyncio
 import logging
 import os
 from collections.abc import Generator
+from dataclasses import replace
 from types import TracebackType
 from typing import TYPE_CHECKING, NoReturn
 
 from lidario.arguments import finite, shown, whole, yes_or_no
+from lidario.config.read import Config, LidarConfig, as_config
 from lidario.entered import AsyncOnly
 from lidario.errors import InvalidValue, LocalProtocolError, Unsupported
 from lidario.families.registry import check_family, check_source
@@ -46,6 +48,7 @@ class OpenLidar(AsyncOnly):
         keep_spinning: bool,
         reconnect: Reconnect | None = None,
         guard: bool = False,
+        config: Config = Config(),  # noqa: B008 - it never changes
     ) -> None:
         self._source = source
         self._family = family
@@ -54,6 +57,7 @@ class OpenLidar(AsyncOnly):
         self._keep_spinning = keep_spinning
         self._reconnect = reconnect
         self._guard = guard
+        self._config = config
         self._lidar: Lidar | None = None
         self._entered = False
 
@@ -132,12 +136,28 @@ class OpenLidar(AsyncOnly):
                     "this %s cannot be stopped from here: its motor turns while it has power", connection.info.model
                 )
             health = await healthy(connection.dialogue, connection.device)
-            lidar = Lidar(connection, health, source.text, self._latency, self._keep_spinning, reconnector)
+            # A recording is what it was, and another machine's lidar is set there.
+            own = config_of(self._config, connection.info.serial, is_driven=source.kind not in ("file", "zenoh"))
+            lidar = Lidar(connection, health, source.text, self._latency, self._keep_spinning, reconnector, own)
             connection.port.tell_guard()
-            return lidar
         except BaseException:
             await connection.dialogue.close()
             raise
+        if own.speed_rpm is not None:
+            try:
+                await lidar.set_motor_speed(own.speed_rpm, verify=False)
+            except BaseException as error:
+                await lidar.close()
+                if isinstance(error, Unsupported | InvalidValue):
+                    raise type(error)(f"{self._config.path}: speed_rpm = {own.speed_rpm:g}: {error}") from None
+                raise
+        return lidar
+
+
+def config_of(config: Config, serial: str, *, is_driven: bool) -> LidarConfig:
+    """The settings of a lidar; without those that say what it shall do, where it is not driven from here."""
+    own = config.of(serial)
+    return own if is_driven else replace(own, mode=None, speed_rpm=None)
 
 
 def open_lidar(
@@ -149,6 +169,7 @@ def open_lidar(
     keep_spinning: bool = False,
     reconnect: bool | Reconnect = False,
     guard: bool = False,
+    config: Config | str | os.PathLike[str] | None = None,
 ) -> OpenLidar:
     """Open a device, for use in ``async with`` or with ``await``.
 
@@ -171,6 +192,9 @@ def open_lidar(
         guard: Start a small process with the session, which switches laser and motor off when this program is
             killed (``kill -9``, `os._exit`, no memory left, a crash). See `docs/robot.md`. Simulated devices,
             recordings and other machines' lidars need none, and have none.
+        config: A file of settings, or what `read_config` made of one: the mode and the filters of all streams, the
+            speed, and what `Lidar.config` tells, by the serial number of the lidar. See `docs/settings.md`. Of a
+            recording and of another machine's lidar, speed and mode are what they are.
 
     Raises:
         ConnectFailed: No such port, no permission, busy, silent, or ambiguous; each says which, and the cure.
@@ -180,7 +204,8 @@ def open_lidar(
         RemoteProtocolError: The device gives a different identity each time: the line damages what it carries.
         InvalidValue: An argument is wrong: `baudrate` is a whole number above 0, `latency` a number of
             seconds from 0 on; `keep_spinning` of a recording; or `family` is not that of the source.
-        Unsupported: `keep_spinning` on a device whose motor stops with its laser; or `guard` on a system that
+        Unsupported: `keep_spinning` on a device whose motor stops with its laser, or a speed in `config` for one
+            whose speed cannot be set; or `guard` on a system that
             cannot do it, such as Windows.
     """
     where = as_source(source)
@@ -193,4 +218,5 @@ def open_lidar(
     if policy is None and yes_or_no(reconnect, "reconnect"):
         policy = Reconnect()
     spinning, guarded = yes_or_no(keep_spinning, "keep_spinning"), yes_or_no(guard, "guard")
-    return OpenLidar(where, family, baudrate, latency, spinning, policy, guarded)
+    settings = as_config(config)
+    return OpenLidar(where, family, baudrate, latency, spinning, policy, guarded, settings)

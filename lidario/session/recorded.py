@@ -5,8 +5,10 @@ from __future__ import annotations
 import secrets
 from typing import TYPE_CHECKING
 
+from lidario.filters.base import Filter
 from lidario.recording.about import About
 from lidario.recording.chronicle import LineChanged, StreamEvent, moved, text_of
+from lidario.scan import Scan
 from lidario.session.dialogue import Dialogue
 from lidario.session.scanner import Scanner
 from lidario.version import __version__
@@ -31,6 +33,7 @@ class RecordedSession:
         source: What was opened.
         sends_bytes: As `Device.sends_bytes`.
         told: The latest info and health of the device.
+        filters: What every scan passes, of the settings.
     """
 
     def __init__(
@@ -40,12 +43,14 @@ class RecordedSession:
         source: str,
         sends_bytes: bool,
         told: Callable[[], tuple[DeviceInfo, Health]],
+        filters: tuple[Filter, ...] = (),
     ) -> None:
         self.sends_bytes: bool = sends_bytes
         self._dialogue = dialogue
         self._scanner = scanner
         self._source = source
         self._told = told
+        self._filters = filters
         self._running: dict[Recording, _Watcher] = {}
 
     def begin_recording(self, recording: Recording) -> About:
@@ -54,10 +59,10 @@ class RecordedSession:
         # What was read and not parsed yet belongs to the time before.
         dialogue.poll()
         about = about_now(dialogue, *self._told(), self._source)
-        watcher = self._running[recording] = _Watcher(recording, dialogue)
+        watcher = self._running[recording] = _Watcher(recording, dialogue, self._filters)
         chronicle.watch(watcher.see)
         dialogue.add_tap(watcher.see_chunk)
-        self._scanner.watch(recording.see_scan)
+        self._scanner.watch(watcher.see_scan)
         return about
 
     def end_recording(self, recording: Recording) -> None:
@@ -66,7 +71,7 @@ class RecordedSession:
         if watcher is not None:
             self._dialogue.chronicle.unwatch(watcher.see)
             self._dialogue.remove_tap(watcher.see_chunk)
-            self._scanner.unwatch(recording.see_scan)
+            self._scanner.unwatch(watcher.see_scan)
 
     def adopt(self, dialogue: Dialogue) -> None:
         """The session goes on over another line, which has the taps of the lost one, and so do its recordings."""
@@ -109,9 +114,10 @@ def about_now(dialogue: Dialogue, info: DeviceInfo, health: Health, source: str)
 class _Watcher:
     """Hands to one recording what happens, with the places of its file."""
 
-    def __init__(self, recording: Recording, dialogue: Dialogue) -> None:
+    def __init__(self, recording: Recording, dialogue: Dialogue, filters: tuple[Filter, ...]) -> None:
         self._recording = recording
         self._dialogue = dialogue
+        self._filters = filters
         # What is added to the places of this line; and where the file is, which counts what it was given.
         self._shift = 0
         self._place = dialogue.bytes_fed
@@ -120,6 +126,12 @@ class _Watcher:
     def see(self, event: StreamEvent) -> None:
         """Something was added to the chronicle."""
         self._recording.see_event(text_of(moved(event, self._shift)), self._dialogue.now())
+
+    def see_scan(self, scan: Scan) -> None:
+        """A scan was made; a recording has what a reader gets."""
+        for each in self._filters:
+            scan = each(scan)
+        self._recording.see_scan(scan)
 
     def see_chunk(self, direction: str, data: bytes, now: int) -> None:
         """As `Tap`."""

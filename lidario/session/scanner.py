@@ -61,6 +61,7 @@ class Scanner:
         hub: Everybody who reads it.
         latest: The last scan, or None.
         line: Tells what becomes of the line.
+        usual_mode: Scan mode for readers that ask for none; None for the device's typical one.
     """
 
     def __init__(self, dialogue: Dialogue, device: Device, latency: float) -> None:
@@ -73,6 +74,7 @@ class Scanner:
         self.hub.on_parts = self._control.divide
         self.totals: Totals = self._control.totals
         self.latest: Scan | None = None
+        self.usual_mode: str | int | None = None
         self.line: LineWatch = LineWatch()
         self._inquiry = Inquiry(dialogue, device, self.totals, trouble)
         self._dialogue = dialogue
@@ -128,7 +130,8 @@ class Scanner:
 
     def join(self, mailbox: Mailbox, mode: str | int | None, force: bool) -> None:
         """As `ScanSource`."""
-        self._readers.add(mailbox, mode, force)
+        usual = self.usual_mode if not self.is_scanning else None
+        self._readers.add(mailbox, usual if mode is None else mode, force)
         self._control.want()
         self._starter.work_soon()
 

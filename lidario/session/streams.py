@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from typing import Any
 
+from lidario.config.read import LidarConfig
 from lidario.errors import LocalProtocolError
 from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.session.questions import Questions
 from lidario.session.sectors import DEFAULT_DEGREES, SectorStream
-from lidario.session.stream import ScanStream
+from lidario.session.stream import ScanStream, filters_of
 
 __all__ = ["Streams"]
 
 
 class Streams(Questions):
     """What `Lidar` hands out; the base of it."""
+
+    source: str
+    config: LidarConfig
 
     def scans(
         self,
@@ -28,7 +33,8 @@ class Streams(Questions):
         """A stream of full revolutions, for ``async for``; several may run side by side.
 
         Args:
-            mode: Name or id of a scan mode; None for the one that runs, or else the device's typical one.
+            mode: Name or id of a scan mode; None for the one that runs, or else that of the settings, or else the
+                device's typical one.
             depth: Scans kept for a reader that falls behind; the oldest beyond that are dropped and counted.
             force: Ask the device to measure even when the motor is not up to speed.
             filters: Each scan passes them, in this order, when it is read; `lidario.filters` has some. What one
@@ -37,7 +43,8 @@ class Streams(Questions):
         Raises:
             InvalidValue: `depth` is no number of scans, or `filters` are no list of functions.
         """
-        return ScanStream(self._scanner, mode, depth, force, self._check_open, filters=filters)
+        passed: tuple[Callable[[Any], Any], ...] = (*self.config.filters, *filters_of(filters))
+        return ScanStream(self._scanner, mode, depth, force, self._check_open, filters=passed)
 
     def sectors(
         self,
@@ -64,7 +71,8 @@ class Streams(Questions):
         Raises:
             InvalidValue: `degrees` is no such size, `depth` is no number of sectors, or `filters` are none.
         """
-        return SectorStream(self._scanner, mode, degrees, depth, force, self._check_open, filters)
+        passed: tuple[Callable[[Any], Any], ...] = (*self.config.filters, *filters_of(filters))
+        return SectorStream(self._scanner, mode, degrees, depth, force, self._check_open, passed)
 
     async def scan(self, mode: str | int | None = None) -> Scan:
         """One full revolution. Laser and motor stop a second later, unless another stream was begun by then.

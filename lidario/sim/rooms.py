@@ -12,27 +12,31 @@ from itertools import pairwise
 
 import numpy as np
 
-from lidario.sim.world import DIRECTIONS, Floats, Segment, Walker, World, cast
+from lidario.sim.world import DIRECTIONS, Floats, Pose, Segment, Walker, World, cast, seen_from
 
-__all__ = ["make_world"]
+__all__ = ["furnished_room", "make_world"]
+
+_ORIGIN: Pose = (0.0, 0.0, 0.0)
+_ROUND_SIDES = 720
 
 
-def make_world(name: str = "room", *, seed: int = 0) -> World:
+def make_world(name: str = "room", *, seed: int = 0, pose: Pose = _ORIGIN) -> World:
     """Build a world by name.
 
     Args:
         name: ``room`` (furnished, an open door, a person who walks), ``corridor`` (long, open at one end),
             ``circle`` (2 m all round, no noise) or ``empty`` (no returns).
         seed: Seed of the range noise.
+        pose: Where in it the scanner stands: metres, metres, and radians counter-clockwise.
 
     Raises:
-        ValueError: No world has that name.
+        ValueError: No world has that name, or somebody walks where the scanner stands.
     """
     try:
         build = _WORLDS[name]
     except KeyError:
         raise ValueError(f"no world is called {name[:80]!r}; there are {', '.join(sorted(_WORLDS))}") from None
-    return build(seed)
+    return build(seed, pose)
 
 
 def _path(*points: tuple[float, float]) -> list[Segment]:
@@ -54,7 +58,7 @@ def _column(x: float, y: float, radius: float, sides: int = 12) -> list[Segment]
 
 
 @lru_cache(maxsize=1)
-def _room_table() -> Floats:
+def furnished_room() -> tuple[Segment, ...]:
     """Eight metres by six, with a bay, a niche, furniture, and a door (1.1 m) through which beams escape."""
     walls = _path(
         (4.6, -1.7), (4.6, -2.4), (1.2, -2.4), (1.2, -2.8), (-0.6, -2.8), (-0.6, -2.4), (-3.4, -2.4),
@@ -70,41 +74,47 @@ def _room_table() -> Floats:
         *(_column(x, y, 0.03, 6) for x in (0.4, 1.5) for y in (1.3, 2.1)),  # the legs of a table
         _column(3.9, -2.0, 0.2),  # a plant
     )
-    table = cast([*walls, *door_leaf, *(side for piece in furniture for side in piece)])
-    table.setflags(write=False)
-    return table
+    return (*walls, *door_leaf, *(side for piece in furniture for side in piece))
 
 
 @lru_cache(maxsize=1)
-def _corridor_table() -> Floats:
+def _corridor_walls() -> tuple[Segment, ...]:
     """Two metres wide, closed 12 m ahead, open behind, with two doorways let into the right wall."""
     right = _path(
         (-25.0, -0.9), (2.0, -0.9), (2.0, -1.2), (3.0, -1.2), (3.0, -0.9), (6.5, -0.9), (6.5, -1.2),
         (7.5, -1.2), (7.5, -0.9), (12.0, -0.9),
     )  # fmt: skip
-    table = cast([*right, (12.0, -0.9, 12.0, 1.1), (12.0, 1.1, -25.0, 1.1)])
+    return (*right, (12.0, -0.9, 12.0, 1.1), (12.0, 1.1, -25.0, 1.1))
+
+
+@lru_cache(maxsize=8)
+def _table(walls: tuple[Segment, ...], pose: Pose) -> Floats:
+    table = cast(seen_from(walls, pose))
     table.setflags(write=False)
     return table
 
 
-def _room(seed: int) -> World:
-    return World(_room_table(), walker=Walker((0.4, 0.1), (1.5, 1.0)), noise_mm=4.0, seed=seed)
+def _room(seed: int, pose: Pose) -> World:
+    walker = Walker((0.4, 0.1), (1.5, 1.0), pose=pose)
+    return World(_table(furnished_room(), pose), walker=walker, noise_mm=4.0, seed=seed)
 
 
-def _corridor(seed: int) -> World:
-    walker = Walker((5.0, 0.2), (4.0, 0.3), period_s=16.0)
-    return World(_corridor_table(), walker=walker, noise_mm=6.0, seed=seed)
+def _corridor(seed: int, pose: Pose) -> World:
+    walker = Walker((5.0, 0.2), (4.0, 0.3), period_s=16.0, pose=pose)
+    return World(_table(_corridor_walls(), pose), walker=walker, noise_mm=6.0, seed=seed)
 
 
-def _circle(seed: int) -> World:
-    return World(np.full(DIRECTIONS, 2000.0), seed=seed)
+def _circle(seed: int, pose: Pose) -> World:
+    if pose == _ORIGIN:
+        return World(np.full(DIRECTIONS, 2000.0), seed=seed)
+    return World(_table(tuple(_column(0.0, 0.0, 2.0, _ROUND_SIDES)), pose), seed=seed)
 
 
-def _empty(seed: int) -> World:
+def _empty(seed: int, _: Pose) -> World:
     return World(np.zeros(DIRECTIONS), seed=seed)
 
 
-_WORLDS: dict[str, Callable[[int], World]] = {
+_WORLDS: dict[str, Callable[[int, Pose], World]] = {
     "room": _room,
     "corridor": _corridor,
     "circle": _circle,

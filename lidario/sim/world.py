@@ -25,6 +25,7 @@ __all__ = [
     "DIRECTIONS",
     "CheckedWorld",
     "Floats",
+    "Pose",
     "Segment",
     "Walker",
     "Wall",
@@ -33,6 +34,7 @@ __all__ = [
     "as_world",
     "cast",
     "measures",
+    "seen_from",
     "walls_around",
 ]
 
@@ -41,6 +43,9 @@ Segment = tuple[float, float, float, float]
 """A wall as (x1, y1, x2, y2) in metres."""
 Wall: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
 """From one point to another, (x, y) in metres."""
+
+Pose: TypeAlias = tuple[float, float, float]
+"""Where a scanner stands in a world: x and y in metres, and its forward axis in radians counter-clockwise."""
 
 DIRECTIONS = 1 << 15
 """Directions in the table of distances."""
@@ -75,6 +80,20 @@ def cast(segments: Iterable[Segment]) -> Floats:
     return np.where(np.isfinite(nearest), nearest * 1000.0, 0.0)
 
 
+def seen_from(segments: Iterable[Segment], pose: Pose) -> list[Segment]:
+    """Walls of a world in the frame of a scanner that stands there."""
+    ends = np.asarray(list(segments), np.float64).reshape(-1, 2)
+    return [(x1, y1, x2, y2) for x1, y1, x2, y2 in _within(ends, pose).reshape(-1, 4).tolist()]
+
+
+def _within(points: Floats, pose: Pose) -> Floats:
+    """Points of a world, shape (n, 2), in the frame of a scanner there."""
+    x, y, yaw = pose
+    turned = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    found: Floats = (points - np.array([x, y])) @ turned
+    return found
+
+
 class Walker:
     """A person of circular outline who walks round an ellipse, over and over.
 
@@ -82,6 +101,7 @@ class Walker:
         centre: Middle of the ellipse, metres.
         radii: Its half axes along x and y, metres; the scanner must stay outside of the person.
         period_s: Seconds for one round.
+        pose: Where the scanner stands in the world of the ellipse.
     """
 
     def __init__(
@@ -90,10 +110,12 @@ class Walker:
         radii: tuple[float, float],
         *,
         period_s: float = 20.0,
+        pose: Pose = (0.0, 0.0, 0.0),
     ) -> None:
         ticks = np.arange(round(period_s * _TICKS_PER_SECOND))
         phase = ticks * (2.0 * np.pi / len(ticks))
-        x, y = centre[0] + radii[0] * np.cos(phase), centre[1] + radii[1] * np.sin(phase)
+        way = np.stack((centre[0] + radii[0] * np.cos(phase), centre[1] + radii[1] * np.sin(phase)), axis=1)
+        x, y = _within(way, pose).T
         distance = np.hypot(x, y)
         if float(distance.min()) <= _GIRTH_M:
             raise ValueError("the walker's path leads over the scanner")

@@ -10,8 +10,8 @@
         assert simulated_lidar.is_still
 
 pytest finds the fixtures by itself: `simulated_lidar`, `lidar_source` and `lidar_recording`. They work in the tests
-of pytest-asyncio and of anyio, and without both. `SimulatedLidar`, `Body`, `room`, `make_scan` and `make_sector`
-work without pytest, too.
+of pytest-asyncio and of anyio, and without both. `SimulatedLidar`, `Body`, `Drive`, `room`, `furnished`,
+`make_scan` and `make_sector` work without pytest, too.
 
 A name is loaded when it is first used, so that a run of pytest that uses none of them does not wait for numpy.
 """
@@ -25,16 +25,28 @@ import lidario
 
 if TYPE_CHECKING:
     from lidario.testing.device import SimulatedLidar
+    from lidario.testing.drive import Drive, furnished
     from lidario.testing.made import make_scan, make_sector
     from lidario.testing.recorded import RecordedLidar
     from lidario.testing.surroundings import Body, room
 
-__all__ = ["Body", "RecordedLidar", "SimulatedLidar", "make_scan", "make_sector", "room"]
+__all__ = [
+    "Body",
+    "Drive",
+    "RecordedLidar",
+    "SimulatedLidar",
+    "furnished",
+    "make_scan",
+    "make_sector",
+    "room",
+]
 
 _HOMES = {
     "Body": "surroundings",
+    "Drive": "drive",
     "RecordedLidar": "recorded",
     "SimulatedLidar": "device",
+    "furnished": "drive",
     "make_scan": "made",
     "make_sector": "made",
     "room": "surroundings",

@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Final, Literal
 from urllib.parse import parse_qsl, urlencode
 
-from lidario import DeviceInfo, Lidar, LidarError, RecordingError, Scan, Stats, open_lidar
+from lidario import DeviceInfo, Lidar, LidarConfig, LidarError, RecordingError, Scan, Stats, open_lidar
+from lidario.filters import Filter
 from lidario.web.keeper import Keeper
 from lidario.web.traffic import Traffic, traffic
 
@@ -40,6 +41,7 @@ class Feed:
         guard: As for `open_lidar`.
         stays: Whether it waits behind the end of a recording, to be played again.
         folder: Where it may be recorded; None for nowhere.
+        config: The file of settings; None for none. It is read at each opening.
 
     Attributes:
         source: Where it was asked for.
@@ -55,6 +57,8 @@ class Feed:
         length_s: Seconds that a recording lasts; None of a lidar, and before it was opened.
         rate: How many times as fast as it was recorded it is played.
         keeper: Records it; None where it may not be recorded, as a recording.
+        config: Its settings, once it was opened.
+        drawn: Filters that viewers have drawn, for what is shown.
         on_scan: Called with this feed for each scan.
         on_change: Called with this feed for each change of state.
     """
@@ -67,6 +71,7 @@ class Feed:
         guard: bool = False,
         stays: bool = False,
         folder: Path | None = None,
+        config: str | None = None,
     ) -> None:
         self.source = source
         self.mode = mode
@@ -74,6 +79,9 @@ class Feed:
         self.state: FeedState = "connecting"
         self.reason: str = ""
         self.info: DeviceInfo | None = None
+        self.config: LidarConfig = LidarConfig()
+        self.drawn: list[Filter] = []
+        self._config = config
         self.latest: Scan | None = None
         self.line: Traffic | None = None
         self.scans: int = 0
@@ -148,7 +156,9 @@ class Feed:
 
     async def _read(self, source: str) -> None:
         loop = asyncio.get_running_loop()
-        async with open_lidar(source, reconnect=True, guard=self._guard) as lidar, lidar.scans(self.mode) as scans:
+        opening = open_lidar(source, reconnect=True, guard=self._guard, config=self._config)
+        async with opening as lidar, lidar.scans(self.mode) as scans:
+            self.config = lidar.config
             self.info, self.length_s, self._first_ns = lidar.info, lidar.length_s, None
             if self.length_s is not None:
                 self.keeper = None
@@ -158,7 +168,7 @@ class Feed:
                 beside.append(asyncio.create_task(self.keeper.serve(lidar)))
             try:
                 async for scan in scans:
-                    self.latest = scan
+                    self.latest = scan.filtered(*self.drawn) if self.drawn else scan
                     self._first_ns = scan.stamp_ns if self._first_ns is None else self._first_ns
                     self.scans += 1
                     self._attempts = 0

@@ -35,8 +35,9 @@ import numpy as np
 
 from lidario import InvalidValue, Scan
 from lidario.web.feed import Feed
+from lidario.web.shapes import shapes_of
 
-__all__ = ["HEADER", "SCAN", "Mount", "pack_scan", "pack_state"]
+__all__ = ["HEADER", "SCAN", "Mount", "pack_scan", "pack_state", "place_of"]
 
 SCAN: Final = 1
 HEADER: Final = struct.Struct("<BBHIdIfII")
@@ -93,8 +94,25 @@ def pack_scan(number: int, scan: Scan) -> bytes:
     return b"".join(parts)
 
 
-def pack_state(feeds: list[Feed], mounts: list[Mount], echo: float | None = None) -> str:
-    """The states of all lidars as JSON; `echo` is a viewer's own time, sent back so that it can compare clocks."""
+def place_of(feed: Feed, mount: Mount) -> Mount:
+    """Where a lidar is shown: as the command line says, else as its settings say."""
+    own = feed.config.mount
+    if own is None or (mount.x, mount.y, mount.yaw) != (0.0, 0.0, 0.0):
+        return mount
+    return Mount(own.x, own.y, math.degrees(own.yaw), mount.colour)
+
+
+def pack_state(
+    feeds: list[Feed], mounts: list[Mount], echo: float | None = None, masks: dict[str, object] | None = None
+) -> str:
+    """The states of all lidars as JSON.
+
+    Args:
+        feeds: What is shown.
+        mounts: Where, as `place_of` gives it.
+        echo: A viewer's own time, sent back so that it can compare clocks.
+        masks: What became of that which viewers have drawn.
+    """
     lidars = [
         {
             "source": feed.source,
@@ -111,10 +129,11 @@ def pack_state(feeds: list[Feed], mounts: list[Mount], echo: float | None = None
             "colour": mount.colour,
             "play": _play(feed),
             "record": _record(feed),
+            "shapes": shapes_of((*feed.config.filters, *feed.drawn)),
         }
         for feed, mount in zip(feeds, mounts, strict=True)
     ]
-    state = {"now": time.time() * 1000, "echo": echo, "lidars": lidars}
+    state = {"now": time.time() * 1000, "echo": echo, "lidars": lidars, "masks": masks}
     return json.dumps(state, ensure_ascii=False, allow_nan=False)
 
 

@@ -12,6 +12,7 @@ import asyncio
 import base64
 import hashlib
 import logging
+import math
 import re
 from collections.abc import Sequence
 from contextlib import suppress
@@ -25,11 +26,13 @@ from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
+import lidario
 from lidario import Scan
 from lidario.web.access import AccessRules, Refusal
 from lidario.web.door import BACKLOG, Connection, Door, Listening
 from lidario.web.feed import Feed
-from lidario.web.frames import Mount, pack_scan, pack_state
+from lidario.web.frames import Mount, pack_scan, pack_state, place_of
+from lidario.web.masks import Masks
 
 __all__ = ["LiveServer"]
 
@@ -64,9 +67,10 @@ class _Viewer:
         wake: Set where there may be something to send.
     """
 
-    def __init__(self, connection: Connection, feeds: Sequence[Feed]) -> None:
+    def __init__(self, connection: Connection, feeds: Sequence[Feed], masks: Masks) -> None:
         self.connection = connection
         self._feeds = feeds
+        self._masks = masks
         self.waiting: dict[int, Scan] = {}
         self.unconfirmed: int = 0
         self.states: bool = True
@@ -95,6 +99,8 @@ class _Viewer:
                 if feed.keeper is not None:
                     feed.keeper.ask(on=message == "r1")
             self.states = True
+        elif isinstance(message, str) and self._masks.receive(message):
+            self.states = True
         else:
             return False
         self.wake.set()
@@ -110,6 +116,7 @@ class LiveServer:
         host: Address to listen at.
         port: Port to listen at; 0 for any.
         token: What everyone must know who connects; empty for none.
+        config: The file of settings that viewers may write; None for none.
 
     Attributes:
         url: The address to open, with the token where one is needed.
@@ -117,13 +124,21 @@ class LiveServer:
     """
 
     def __init__(
-        self, feeds: Sequence[Feed], mounts: Sequence[Mount], *, host: str, port: int, token: str = ""
+        self,
+        feeds: Sequence[Feed],
+        mounts: Sequence[Mount],
+        *,
+        host: str,
+        port: int,
+        token: str = "",
+        config: str | None = None,
     ) -> None:
         self.url: str = ""
         self.sent: int = 0
         self._feeds, self._mounts = list(feeds), list(mounts)
         self._host, self._port = host, port
         self._rules = AccessRules(token)
+        self._masks = Masks(self._feeds, self._mount_of, config)
         self._viewers: set[_Viewer] = set()
         self._door = Door()
         self._packed: dict[int, tuple[Scan, bytes]] = {}
@@ -215,7 +230,7 @@ class LiveServer:
             await connection.close(1013, "too many viewers")
             return
         self._door.leave(connection)
-        viewer = _Viewer(connection, self._feeds)
+        viewer = _Viewer(connection, self._feeds, self._masks)
         for number, feed in enumerate(self._feeds):
             if feed.latest is not None:
                 viewer.waiting[number] = feed.latest
@@ -242,7 +257,7 @@ class LiveServer:
                 if viewer.states:
                     viewer.states, echo = False, viewer.echo
                     viewer.echo = None
-                    await viewer.connection.send(pack_state(self._feeds, self._mounts, echo))
+                    await viewer.connection.send(self._state(echo))
                 while viewer.waiting and viewer.unconfirmed < AHEAD:
                     # In turn: the first one goes, and stands last when it is there again.
                     number = next(iter(viewer.waiting))
@@ -250,6 +265,14 @@ class LiveServer:
                     viewer.unconfirmed += 1
                     self.sent += 1
                     await viewer.connection.send(self._bytes_of(number, scan))
+
+    def _state(self, echo: float | None) -> str:
+        places = [place_of(feed, mount) for feed, mount in zip(self._feeds, self._mounts, strict=True)]
+        return pack_state(self._feeds, places, echo, self._masks.state())
+
+    def _mount_of(self, feed: Feed) -> lidario.Mount:
+        place = place_of(feed, self._mounts[self._feeds.index(feed)])
+        return lidario.Mount(place.x, place.y, math.radians(place.yaw))
 
     def _bytes_of(self, number: int, scan: Scan) -> bytes:
         packed = self._packed.get(number)

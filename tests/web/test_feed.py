@@ -72,7 +72,7 @@ class Away:
     def __init__(self) -> None:
         self.asked: list[tuple[str, float]] = []
 
-    def __call__(self, source: str, *, reconnect: bool, guard: bool) -> object:
+    def __call__(self, source: str, *, reconnect: bool, guard: bool, config: str | None) -> object:
         assert reconnect
         assert not guard
         self.asked.append((source, asyncio.get_running_loop().time()))

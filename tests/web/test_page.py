@@ -137,8 +137,8 @@ def test_on_a_phone_nothing_is_outside_and_nothing_hides_the_lidar(url: str, ope
     page.until("seen.painted > 1 && lidars.length")
     assert page.ask("document.documentElement.scrollWidth") <= 390
     boxes = page.ask(
-        "[...document.querySelectorAll('button, section')].map(each => (r => [r.left, r.top, r.right, r.bottom])"
-        "(each.getBoundingClientRect()))"
+        "[...document.querySelectorAll('button, section')].filter(each => !each.hidden)"
+        ".map(each => (r => [r.left, r.top, r.right, r.bottom])(each.getBoundingClientRect()))"
     )
     middle = page.ask("place(0, 0)")
     for left, top, right, bottom in boxes:

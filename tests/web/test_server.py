@@ -70,7 +70,7 @@ async def test_the_page_is_small_whole_and_fetches_nothing() -> None:
     assert head.startswith(b"HTTP/1.1 200 ")
     assert b"default-src 'none'" in head
     assert body.rstrip().endswith(b"</html>")
-    assert len(body) < 25_000
+    assert len(body) < 30_000
     assert b"http://" not in body
     assert b"https://" not in body
     assert b"innerHTML" not in body

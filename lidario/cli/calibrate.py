@@ -1,0 +1,161 @@
+"""``lidario calibrate``: how two lidars of one robot are mounted to each other, by what both see of a room."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from lidario.cli.errors import ExitCode
+from lidario.cli.output import progress
+from lidario.cli.parameters import Place, WholeRange, complete_source
+from lidario.cli.settings import FILE, config_file, config_option, settings_of_file
+from lidario.cli.streams import emit, message
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from lidario import Config, DeviceInfo, Mount, Registration
+
+__all__ = ["calibrate"]
+
+LEAST_SHARE: Final = 0.5
+"""Of two lidars on one robot, each sees at least half of what the other sees."""
+RIVAL: Final = 0.85
+"""Where another direction explains nearly as many points, the room looks alike from several sides."""
+FARTHEST_RESIDUAL_M: Final = 0.05
+
+
+@click.command()
+@click.argument("first", metavar="A", shell_complete=complete_source)
+@click.argument("second", metavar="B", shell_complete=complete_source)
+@click.option("-n", "count", default=20, show_default=True, type=WholeRange(1, 1000), metavar="N",
+              help="How many scans of each.")  # fmt: skip
+@click.option("--guess", type=Place(), metavar="X,Y,YAW",
+              help="About where B is, seen from A: metres forward, metres left, degrees counter-clockwise. Where "
+                   "the room looks alike from several sides.")  # fmt: skip
+@click.option("--picture", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.svg",
+              help="Draw both clouds as they lie on each other.")  # fmt: skip
+@click.option("--dry-run", is_flag=True, help="Write nothing into the settings.")
+@config_option
+def calibrate(
+    first: str,
+    second: str,
+    count: int,
+    guess: tuple[float, float, float] | None,
+    picture: Path | None,
+    dry_run: bool,
+) -> int:
+    """Find how two lidars are mounted to each other.
+
+    Both see the same room. The robot must stand still. A stays where the settings say it is, or is the robot's
+    origin; the mount of B is written into the settings, into lidario.toml where no file is named.
+    """
+    from lidario import LidarError, Mount, register, save_config
+    from lidario.cli.running import run
+
+    if picture is not None and picture.suffix != ".svg":
+        raise click.BadParameter(f"{str(picture)!r} does not end in .svg", param_hint="--picture")
+    config = settings_of_file()
+    with progress("reading both lidars …"):
+        (one, fixed), (two, moving) = run(lambda: _clouds((first, second), count, config))
+    begin = None if guess is None else Mount(guess[0], guess[1], math.radians(guess[2]))
+    with progress("laying one on the other …"):
+        found = register(fixed, moving, guess=begin)
+    if picture is not None:
+        _draw(
+            picture, fixed, moving, found, f"{two.model} {two.serial[:8]} as {one.model} {one.serial[:8]} sees it"
+        )
+        message(f"picture: {picture}")
+    doubt = _doubt(found)
+    if doubt:
+        raise LidarError(doubt)
+    base = config.of(one.serial).mount or Mount()
+    mount = _behind(base, found.mount)
+    emit(
+        f"x = {mount.x:.4f} m, y = {mount.y:.4f} m, yaw = {math.degrees(mount.yaw):.2f} degrees\n"
+        f"residual {1000 * found.residual:.1f} mm, {100 * found.share:.0f} % of the points of B lie on those of A\n"
+    )
+    if not dry_run:
+        file = config_file() or FILE
+        _must_be_told_apart(one, two)
+        save_config(file, one.serial, mount=base)
+        save_config(file, two.serial, mount=mount)
+        message(f"written into {file}")
+    return ExitCode.OK
+
+
+def _must_be_told_apart(one: DeviceInfo, two: DeviceInfo) -> None:
+    from lidario import InvalidValue
+
+    if not one.serial or not two.serial or one.serial.casefold() == two.serial.casefold():
+        raise InvalidValue(
+            "the two lidars tell no serial numbers that differ, so the settings cannot tell them apart: give these "
+            "figures to --mount, or to Mount() in your program"
+        )
+
+
+async def _clouds(
+    sources: tuple[str, str], count: int, config: Config
+) -> list[tuple[DeviceInfo, NDArray[np.float32]]]:
+    """What each lidar is and sees, one behind the other: their motors may share one supply."""
+    import numpy as np
+
+    from lidario import open_lidar
+
+    found = []
+    for source in sources:
+        async with open_lidar(source, config=config) as lidar, lidar.scans(depth=count) as scans:
+            clouds = []
+            async for scan in scans:
+                clouds.append(scan.points().xy)
+                if len(clouds) == count:
+                    break
+            empty = np.zeros((0, 2), np.float32)
+            found.append((lidar.info, np.concatenate([empty, *clouds])))
+    return found
+
+
+def _doubt(found: Registration) -> str:
+    """Why the result is not to be trusted; empty where it is."""
+    if found.share < LEAST_SHARE or found.residual > FARTHEST_RESIDUAL_M:
+        return (
+            f"only {100 * found.share:.0f} % of the points of B lie on those of A: do both see the same room, and "
+            "do they stand still? --guess says about where B is"
+        )
+    if found.rival > RIVAL * found.share:
+        return (
+            f"the room looks alike from several sides: another direction explains {100 * found.rival:.0f} % of the "
+            f"points, and this one {100 * found.share:.0f} %. --guess says about where B is, or put something into "
+            "the room"
+        )
+    return ""
+
+
+def _behind(base: Mount, step: Mount) -> Mount:
+    """The mount of B, where A is at `base` and B at `step` as seen from A."""
+    from lidario import Mount
+
+    cos, sin = math.cos(base.yaw), math.sin(base.yaw)
+    x, y = base.x + step.x * cos - step.y * sin, base.y + step.x * sin + step.y * cos
+    return Mount(x, y, math.remainder(base.yaw + step.yaw, math.tau))
+
+
+def _draw(
+    path: Path, fixed: NDArray[np.float32], moving: NDArray[np.float32], found: Registration, title: str
+) -> None:
+    import numpy as np
+
+    from lidario import CannotRecord
+    from lidario.cli.chart import clouds_svg
+
+    cos, sin = math.cos(found.mount.yaw), math.sin(found.mount.yaw)
+    placed = moving @ np.array([[cos, sin], [-sin, cos]]) + np.array([found.mount.x, found.mount.y])
+    legend = f"grey: A. Blue: B, {1000 * found.residual:.1f} mm beside it"
+    try:
+        path.write_text(clouds_svg([(fixed, "#999999"), (placed, "#1b5fc1")], title, legend), encoding="utf-8")
+    except OSError as error:
+        raise CannotRecord(f"{path} cannot be written: {error.strerror or error}") from error

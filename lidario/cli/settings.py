@@ -1,0 +1,83 @@
+"""What every verb knows of the command line: whether errors show where they come from, and the file of settings.
+
+The file is the one that ``--config`` names, else the one of the variable ``LIDARIO_CONFIG``, else ``lidario.toml``
+of the current folder, where there is one; then a line on stderr says so. ``--config /dev/null`` takes none.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+import click
+
+from lidario.cli.streams import message
+
+if TYPE_CHECKING:
+    from lidario import Config
+
+__all__ = ["FILE", "Settings", "config_file", "config_option", "settings_of_file"]
+
+FILE: Final = "lidario.toml"
+VARIABLE: Final = "LIDARIO_CONFIG"
+_Command = TypeVar("_Command", bound=Callable[..., Any])
+
+
+@dataclass
+class Settings:
+    """Options of every verb.
+
+    Attributes:
+        traceback: Show where an error comes from.
+        config: The file of settings that was named; None for none.
+        is_told: Whether it was said that a file was found.
+    """
+
+    traceback: bool = False
+    config: str | None = None
+    is_told: bool = False
+
+
+def config_option(command: _Command) -> _Command:
+    """Give a verb that reads scans the option ``--config``."""
+    option = click.option(
+        "--config",
+        metavar="FILE",
+        expose_value=False,
+        callback=_take_config,
+        help=f"Mounts, filters, speeds, modes and frames of lidars.  [{FILE}, if there is one]",
+    )
+    return option(command)
+
+
+def _take_config(context: click.Context, _: click.Parameter, value: str | None) -> None:
+    if value is not None:
+        context.ensure_object(Settings).config = value
+
+
+def config_file() -> str | None:
+    """The file of settings of this command, None for none."""
+    settings = click.get_current_context().ensure_object(Settings)
+    named = settings.config or os.environ.get(VARIABLE)
+    if named:
+        return named
+    if not os.path.isfile(FILE):
+        return None
+    if not settings.is_told:
+        settings.is_told = True
+        message(f"settings of {FILE}")
+    return FILE
+
+
+def settings_of_file() -> Config:
+    """What is in it; empty settings where there is none.
+
+    Raises:
+        InvalidValue: As `lidario.read_config`.
+    """
+    from lidario import Config, read_config
+
+    name = config_file()
+    return Config() if name is None else read_config(name)

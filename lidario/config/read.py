@@ -1,0 +1,224 @@
+"""The file of settings: where each lidar is mounted, what is left out of its scans, its speed, mode and frame.
+
+::
+
+    [default]                      # every lidar
+    mode = "DenseBoost"
+
+    [lidars.FE9912345678]          # the one with this serial number
+    mount = { x = 0.2, y = 0.0, yaw_deg = 90.0 }
+    frame = "laser_front"
+    speed_rpm = 600
+
+    [[lidars.FE9912345678.filters]]
+    filter = "BoxFilter"           # the robot's own body, in the robot's frame
+    min_x = -0.3
+    max_x = 0.3
+    min_y = -0.2
+    max_y = 0.2
+
+What the table of a lidar says takes the place of what ``[default]`` says, except for filters: those of
+``[default]`` come first, and then its own. Filters have the names and fields of `lidario.filters`, in metres and
+radians. The whole file is checked when it is read, also what is not for the lidar at hand.
+"""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, fields
+from math import radians
+from typing import Any, Final
+
+from lidario.arguments import finite, path_of, shown, text_of
+from lidario.errors import InvalidValue
+from lidario.filters.areas import BoxFilter, PolygonFilter
+from lidario.filters.base import Filter
+from lidario.filters.neighbors import MedianFilter, RadiusOutlierFilter, ShadowsFilter
+from lidario.filters.single import AngularBoundsFilter, IntensityFilter, RangeFilter
+from lidario.points import Mount
+
+__all__ = ["FILTERS", "Config", "LidarConfig", "as_config", "read_config"]
+
+MOST_BYTES: Final = 1 << 20
+FILTERS: Final[Mapping[str, type[Filter]]] = {
+    each.__name__: each
+    for each in (
+        AngularBoundsFilter,
+        BoxFilter,
+        IntensityFilter,
+        MedianFilter,
+        PolygonFilter,
+        RadiusOutlierFilter,
+        RangeFilter,
+        ShadowsFilter,
+    )
+}
+_KEYS: Final = ("mount", "frame", "mode", "speed_rpm", "filters")
+_PLACES: Final = ("x", "y", "yaw_deg")
+
+
+@dataclass(frozen=True, slots=True)
+class LidarConfig:
+    """The settings of one lidar.
+
+    Attributes:
+        mount: Where it is on the robot; None where the file does not say.
+        frame: Name of its coordinate frame, for ROS; None where the file does not say.
+        mode: Scan mode by name or id, for readers that ask for none; None for the typical one.
+        speed_rpm: Revolutions a minute that are set when it is opened; None to leave the speed alone.
+        filters: What all its scans and sectors pass, in this order, before the filters of a reader.
+    """
+
+    mount: Mount | None = None
+    frame: str | None = None
+    mode: str | int | None = None
+    speed_rpm: float | None = None
+    filters: tuple[Filter, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Config:
+    """The settings of all lidars; `read_config` makes it.
+
+    Attributes:
+        path: The file; empty for none.
+        default: The settings of a lidar that has no table of its own.
+        lidars: Those of each lidar that has one, by its serial number in lower case.
+    """
+
+    path: str = ""
+    default: LidarConfig = LidarConfig()
+    lidars: Mapping[str, LidarConfig] = field(default_factory=dict)
+
+    def of(self, serial: str) -> LidarConfig:
+        """The settings of the lidar with this serial number."""
+        return self.lidars.get(serial.casefold(), self.default)
+
+
+def read_config(path: str | os.PathLike[str]) -> Config:
+    """Read a file of settings.
+
+    Args:
+        path: The file, in TOML.
+
+    Raises:
+        InvalidValue: It cannot be read, or something in it cannot be right; the text says where, and what can be.
+    """
+    name = str(path_of(path, "a file of settings"))
+    tables = _tables(name)
+    _known(tables, ("default", "lidars"), name)
+    default = _table(tables.get("default", {}), f"{name}: [default]")
+    lidars = _table(tables.get("lidars", {}), f"{name}: [lidars]")
+    found: dict[str, LidarConfig] = {}
+    for serial, table in lidars.items():
+        place = f"{name}: [lidars.{serial}]"
+        if serial.casefold() in found:
+            raise InvalidValue(f"{place}: this serial number is there twice")
+        found[serial.casefold()] = _lidar(default, _table(table, place), name, place)
+    return Config(name, _lidar({}, default, name, f"{name}: [default]"), found)
+
+
+def as_config(config: Config | str | os.PathLike[str] | None) -> Config:
+    """Settings as a user gives them: read already, or the name of the file, or none.
+
+    Raises:
+        InvalidValue: As `read_config`.
+    """
+    if config is None:
+        return Config()
+    return config if isinstance(config, Config) else read_config(config)
+
+
+def _tables(name: str) -> dict[str, Any]:
+    try:
+        with open(name, "rb") as file:
+            data = file.read(MOST_BYTES + 1)
+    except OSError as error:
+        raise InvalidValue(f"{name}: the file of settings cannot be read: {error.strerror or error}") from error
+    if len(data) > MOST_BYTES:
+        raise InvalidValue(f"{name} has more than {MOST_BYTES} bytes: that is no file of settings")
+    try:
+        return tomllib.loads(data.decode())
+    except UnicodeDecodeError as error:
+        raise InvalidValue(f"{name} is no text in UTF-8, from byte {error.start} on") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InvalidValue(f"{name} is no TOML: {error}") from None
+    except RecursionError:
+        raise InvalidValue(f"{name}: lists or tables are nested too deeply") from None
+
+
+def _lidar(default: dict[str, Any], own: dict[str, Any], name: str, place: str) -> LidarConfig:
+    _known(own, _KEYS, place)
+    said = default | own
+    mount = _mount(said["mount"], f"{place}: mount") if "mount" in said else None
+    frame, mode, speed = said.get("frame"), said.get("mode"), said.get("speed_rpm")
+    if frame is not None and (not isinstance(frame, str) or not frame):
+        raise InvalidValue(f'{place}: frame is the name of a frame, such as "laser", not {shown(frame)}')
+    if mode is not None and (isinstance(mode, bool) or not isinstance(mode, str | int)):
+        raise InvalidValue(f"{place}: mode is the name of a scan mode or its number, not {shown(mode)}")
+    if speed is not None:
+        speed = _number(speed, f"{place}: speed_rpm")
+        if speed <= 0:
+            raise InvalidValue(f"{place}: speed_rpm is revolutions a minute, above 0, not {speed:g}")
+    whose = (f"{name}: [default]", default), (place, own)
+    filters = [
+        _filter(each, mount, f"{where}: filter {number}")
+        for where, table in whose
+        for number, each in enumerate(_list(table.get("filters", []), where), 1)
+    ]
+    return LidarConfig(mount, None if frame is None else text_of(frame, "a frame"), mode, speed, tuple(filters))
+
+
+def _mount(value: object, place: str) -> Mount:
+    table = _table(value, place)
+    _known(table, _PLACES, place)
+    x, y, yaw = (_number(table.get(each, 0.0), f"{place}: {each}") for each in _PLACES)
+    return Mount(x, y, radians(yaw))
+
+
+def _filter(value: object, mount: Mount | None, place: str) -> Filter:
+    table = dict(_table(value, place))
+    kind = table.pop("filter", None)
+    if not isinstance(kind, str) or kind not in FILTERS:
+        raise InvalidValue(f"{place}: filter is one of {', '.join(sorted(FILTERS))}, not {shown(kind)}")
+    made = FILTERS[kind]
+    # `fields` of a dataclass; the base class says nothing of it.
+    about = {each.name: each for each in fields(made)}  # type: ignore[arg-type]
+    placed = about.pop("mount", None) is not None
+    _known(table, tuple(about), f"{place}: {kind}")
+    missing = [each for each, of in about.items() if of.default is MISSING and each not in table]
+    if missing:
+        raise InvalidValue(f"{place}: {kind} needs {' and '.join(missing)}")
+    if placed and mount is not None:
+        table["mount"] = mount
+    try:
+        return made(**table)
+    except InvalidValue as error:
+        raise InvalidValue(f"{place}: {kind}: {error}") from None
+
+
+def _known(table: dict[str, Any], names: tuple[str, ...], place: str) -> None:
+    for each in table:
+        if each not in names:
+            raise InvalidValue(f"{place}: {shown(each)} means nothing here; there are {', '.join(names)}")
+
+
+def _table(value: object, place: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise InvalidValue(f"{place} is a table, not {shown(value)}")
+    return value
+
+
+def _list(value: object, place: str) -> list[object]:
+    if not isinstance(value, list):
+        raise InvalidValue(f"{place}: filters are a list, each written as [[….filters]], not {shown(value)}")
+    return value
+
+
+def _number(value: object, what: str) -> float:
+    # A number in TOML is a number here; `finite` would take true for 1.
+    if isinstance(value, bool):
+        raise InvalidValue(f"{what} is a number, not {shown(value)}")
+    return finite(value, what)

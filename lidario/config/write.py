@@ -1,0 +1,154 @@
+"""Writing into the file of settings: what was there stays as it was written, with its comments."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Iterable, MutableMapping
+from dataclasses import fields
+from math import degrees
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, cast
+
+from lidario.arguments import path_of, shown, text_of
+from lidario.config.read import FILTERS, read_config
+from lidario.errors import InvalidValue, Unsupported
+from lidario.filters.base import Filter
+from lidario.points import Mount
+
+if TYPE_CHECKING:
+    from tomlkit import TOMLDocument
+
+__all__ = ["save_config"]
+
+_DIGITS: Final = 4
+"""Behind the point: tenths of a millimetre, and less than a hundredth of a degree."""
+
+
+def save_config(
+    path: str | os.PathLike[str],
+    serial: str,
+    *,
+    mount: Mount | None = None,
+    filters: Iterable[Filter] = (),
+) -> None:
+    """Write into the file of settings where a lidar is mounted, and what else is left out of its scans.
+
+    The file is made where there is none. All else in it stays as it is, comments too. It is replaced in one step: a
+    reader finds the file from before, or the whole new one.
+
+    Args:
+        path: The file.
+        serial: Serial number of the lidar; empty for ``[default]``, which is for all lidars.
+        mount: Where it is on the robot; None to leave that as it is.
+        filters: Filters of `lidario.filters`, added behind those that it has. The mount of a box or a polygon is
+            not written: in a file it is that of the lidar.
+
+    Raises:
+        InvalidValue: What is there already is wrong, the file cannot be written, or a filter is none of those.
+        Unsupported: ``tomlkit`` is not installed.
+    """
+    name, serial = str(path_of(path, "a file of settings")), text_of(serial, "a serial number")
+    if mount is not None and not isinstance(mount, Mount):
+        raise InvalidValue(f"mount is a Mount, not {shown(mount)}")
+    try:
+        added = tuple(filters)
+    except TypeError:
+        raise InvalidValue(f"filters are a list, not {shown(filters)}") from None
+    document = _document(name)
+    table = _own_table(document, serial)
+    if mount is not None:
+        table["mount"] = _inline({"x": mount.x, "y": mount.y, "yaw_deg": degrees(mount.yaw)})
+    for each in added:
+        _list_of(table).append(_table_of(each))
+    _replace(Path(os.path.realpath(name)), document.as_string())
+
+
+def _document(name: str) -> TOMLDocument:
+    try:
+        import tomlkit
+    except ModuleNotFoundError:
+        raise Unsupported("writing settings needs tomlkit, which is not installed: pip install tomlkit") from None
+    if not os.path.exists(name):
+        document = tomlkit.document()
+        document.add(tomlkit.comment("Settings of lidars: docs/settings.md says what may stand here."))
+        return document
+    # Whatever is wrong with it is said before anything is changed.
+    read_config(name)
+    with open(name, encoding="utf-8", newline="") as file:
+        return tomlkit.parse(file.read())
+
+
+def _own_table(document: TOMLDocument, serial: str) -> MutableMapping[str, Any]:
+    import tomlkit
+
+    if not serial:
+        if "default" not in document:
+            document.add("default", tomlkit.table())
+        return cast("MutableMapping[str, Any]", document["default"])
+    if "lidars" not in document:
+        document.add("lidars", tomlkit.table(is_super_table=True))
+    lidars = cast("MutableMapping[str, Any]", document["lidars"])
+    key = next((each for each in lidars if each.casefold() == serial.casefold()), serial)
+    if key not in lidars:
+        lidars[key] = tomlkit.table()
+    return cast("MutableMapping[str, Any]", lidars[key])
+
+
+def _list_of(table: MutableMapping[str, Any]) -> Any:
+    import tomlkit
+
+    if "filters" not in table:
+        table["filters"] = tomlkit.aot()
+    return table["filters"]
+
+
+def _table_of(made: Filter) -> Any:
+    import tomlkit
+
+    if FILTERS.get(type(made).__name__) is not type(made):
+        raise InvalidValue(f"a file of settings has filters of lidario.filters, not {shown(made)}")
+    table = tomlkit.table()
+    table["filter"] = type(made).__name__
+    for each in fields(made):  # type: ignore[arg-type] # all of them are records
+        value = getattr(made, each.name)
+        if each.name != "mount" and value != each.default:
+            table[each.name] = _plain(value)
+    return table
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [_plain(each) for each in value]
+    # Adding 0.0 makes the negative zero that rounding leaves an ordinary one.
+    return round(value, _DIGITS) + 0.0 if isinstance(value, float) else value
+
+
+def _inline(values: dict[str, float]) -> Any:
+    import tomlkit
+
+    table = tomlkit.inline_table()
+    table.update({name: _plain(float(value)) for name, value in values.items()})
+    return table
+
+
+def _replace(path: Path, text: str) -> None:
+    part: str | None = None
+    try:
+        handle, part = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        with open(handle, "w", encoding="utf-8", newline="") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        mask = os.umask(0)
+        os.umask(mask)
+        os.chmod(part, path.stat().st_mode & 0o777 if path.exists() else 0o666 & ~mask)
+        os.replace(part, path)
+        part = None
+    except OSError as error:
+        raise InvalidValue(f"{path}: the settings cannot be written: {error.strerror or error}") from error
+    finally:
+        if part is not None:
+            with contextlib.suppress(OSError):
+                os.unlink(part)

@@ -1,0 +1,177 @@
+"""Several lidars as one: which of their scans belong together, and the one cloud and the one LaserScan they make.
+
+Lidars turn at their own pace. A cloud is made as soon as each of them has a new scan, or when one has its next
+before the others have theirs. The others are in it with their latest scan, as long as that is young; one that is
+silent is told in `Merged.missing`, and holds nobody up.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidario.arguments import callable_of, finite, number, shown, text_of
+from lidario.beams import FARTHEST_STATED_M, NoReturn, beam_count
+from lidario.errors import InvalidValue
+from lidario.laserscan import LaserScan
+from lidario.points import Motion, Mount, Points, Velocity, merge
+from lidario.scan import Scan
+
+__all__ = ["Merged", "MergedScans"]
+
+OLDEST_S = 0.25
+"""Two and a half revolutions of 10 Hz: a robot of 1 m/s has driven a quarter of a metre."""
+_NOT_MEASURED = {"inf": math.inf, "nan": math.nan}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Merged:
+    """The scans of several lidars as one cloud, in the robot's frame.
+
+    Attributes:
+        points: All returns; `Points.source` says which lidar each came from.
+        at_ns: The instant in whose frame they are, on the clock of `Scan.stamp_ns`: the end of the latest scan.
+        wall_at_ns: The same since the Unix epoch.
+        scan_time: Seconds of the longest revolution.
+        missing: Numbers of the lidars that have no scan young enough.
+        max_range: Metres that the lidar which sees farthest says; 0 where none says it.
+    """
+
+    points: Points
+    at_ns: int
+    wall_at_ns: int
+    scan_time: float
+    missing: tuple[int, ...]
+    max_range: float
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def to_laserscan(
+        self,
+        beams: int = 720,
+        *,
+        frame_id: str = "base_link",
+        range_min: float = 0.05,
+        range_max: float | None = None,
+        no_return: NoReturn = "inf",
+    ) -> LaserScan:
+        """One LaserScan around the robot's origin; of the points in one direction, the nearest.
+
+        All of it is of one instant, `wall_at_ns`, so `time_increment` is 0.
+
+        Args:
+            beams: How many, evenly over the whole turn; the first one at -pi.
+            frame_id: Name of the robot's frame.
+            range_min: Metres from the robot's origin; nearer points are left out.
+            range_max: Metres; farther points are left out. None to keep all.
+            no_return: What a direction without a point has: ``inf``, or ``nan`` where a costmap shall not clear it.
+
+        Raises:
+            InvalidValue: One of them cannot be right.
+        """
+        beams, frame_id = beam_count(beams), text_of(frame_id, "frame_id")
+        near = finite(range_min, "range_min")
+        far = math.inf if range_max is None else number(range_max, "range_max")
+        if not 0.0 <= near < far:
+            raise InvalidValue(f"range_min and range_max are metres, from 0 on, and not {near:g} and {far:g}")
+        if no_return not in _NOT_MEASURED:
+            raise InvalidValue(f"no_return is 'inf' or 'nan', not {shown(no_return)}")
+        xy = self.points.xy.astype(np.float64)
+        ranges = np.hypot(xy[:, 0], xy[:, 1])
+        kept = np.flatnonzero((ranges >= near) & (ranges <= far))
+        step = math.tau / beams
+        # Each beam has the directions around it, half a step on both sides.
+        beam = np.rint((np.arctan2(xy[kept, 1], xy[kept, 0]) + math.pi) / step).astype(np.int64) % beams
+        # The nearest one last: of several values for one place, the last one stays.
+        order = np.argsort(-ranges[kept], kind="stable")
+        beam, kept = beam[order], kept[order]
+        made = np.full(beams, _NOT_MEASURED[no_return], np.float32)
+        made[beam] = ranges[kept]
+        strengths = np.zeros(0, np.float32)
+        if self.points.intensities is not None:
+            strengths = np.zeros(beams, np.float32)
+            strengths[beam] = self.points.intensities[kept]
+        return LaserScan(
+            stamp_ns=self.wall_at_ns,
+            frame_id=frame_id,
+            angle_min=-math.pi,
+            angle_max=math.pi - step,
+            angle_increment=step,
+            time_increment=0.0,
+            scan_time=self.scan_time,
+            range_min=near,
+            range_max=far if range_max is not None else self.max_range or FARTHEST_STATED_M,
+            ranges=made,
+            intensities=strengths,
+        )
+
+
+class MergedScans:
+    """Brings the scans of several lidars together.
+
+    Args:
+        mounts: Where each lidar is on the robot.
+        motion: How the robot moves, as for `Scan.points`; None for not at all.
+        oldest_s: Seconds after its end from which a scan is too old.
+
+    Raises:
+        InvalidValue: There are none, or more than 256; a mount is none, `motion` is no motion, or `oldest_s` is not
+            above 0.
+    """
+
+    def __init__(self, mounts: Sequence[Mount], motion: Motion | None = None, oldest_s: float = OLDEST_S) -> None:
+        if not 0 < len(mounts) <= 256 or not all(isinstance(each, Mount) for each in mounts):
+            raise InvalidValue(f"one lidar to 256 can be merged, each with a Mount, not {shown(mounts)}")
+        if motion is not None and not isinstance(motion, Velocity):
+            callable_of(motion, "motion that is no Velocity")
+        if not finite(oldest_s, "oldest_s") > 0:
+            raise InvalidValue(f"oldest_s is seconds above 0, not {oldest_s:g}")
+        self._mounts = tuple(mounts)
+        self._motion = motion
+        self._oldest_ns = round(oldest_s * 1e9)
+        self._latest: dict[int, Scan] = {}
+        self._new: set[int] = set()
+
+    def take(self, number: int, scan: Scan) -> Merged | None:
+        """Take the next scan of lidar `number`; the cloud, where one is ready."""
+        again = number in self._new
+        self._latest[number] = scan
+        self._new.add(number)
+        at_ns = max(map(_end_of, self._latest.values()))
+        young = {each: scan for each, scan in self._latest.items() if at_ns - _end_of(scan) <= self._oldest_ns}
+        if not again and not self._new >= young.keys():
+            return None
+        self._new.clear()
+        return self._merged(young, at_ns)
+
+    def _merged(self, scans: dict[int, Scan], at_ns: int) -> Merged:
+        # In the order of the lidars, with nothing for those that are silent: so `source` is the number.
+        empty = merge()
+        clouds = [
+            scans[each].points(mount, motion=self._motion, at_ns=at_ns) if each in scans else empty
+            for each, mount in enumerate(self._mounts)
+        ]
+        tell_none = any(len(cloud) and cloud.intensities is None for cloud in clouds)
+        points = merge(*clouds)
+        if not tell_none and points.intensities is None:
+            strengths = [cloud.intensities for cloud in clouds if cloud.intensities is not None]
+            points = Points(
+                points.xy, points.times_ns, np.concatenate(strengths) if strengths else None, points.source
+            )
+        last = max(scans.values(), key=_end_of)
+        return Merged(
+            points,
+            at_ns,
+            at_ns + last.wall_stamp_ns - last.stamp_ns,
+            max(scan.duration_ns for scan in scans.values()) * 1e-9,
+            tuple(each for each in range(len(self._mounts)) if each not in scans),
+            max(scan.max_range for scan in scans.values()),
+        )
+
+
+def _end_of(scan: Scan) -> int:
+    return scan.stamp_ns + scan.duration_ns

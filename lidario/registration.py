@@ -1,0 +1,151 @@
+"""How one cloud of points lies on another one: where a second lidar is mounted, how far a robot has moved.
+
+The work is done by ``small_gicp``, a library for clouds in space. Points of a plane have no surface there, and it
+would find none: so each cloud is raised to a low fence, several copies one above the other, and the walls are
+surfaces again. A fence as high below as above keeps the result in the plane.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.arguments import shown
+from lidario.errors import InvalidValue, Unsupported
+from lidario.points import Mount
+
+__all__ = ["Registration", "register"]
+
+_Floats = NDArray[np.float64]
+
+LEAST_POINTS: Final = 30
+FENCE_M: Final = (-0.1, -0.05, 0.0, 0.05, 0.1)
+NEIGHBORS: Final = 20
+"""Of which a surface is made: those beside a point on its own level and on the next ones."""
+COARSE_M: Final = 0.1
+FINE_M: Final = 0.02
+"""One point is kept for each cube of this size."""
+HEADINGS: Final = 24
+FAR_M: Final = 1.5
+"""How far apart two clouds may be before they are turned rightly: lidars of one robot are no farther."""
+NEAR_M: Final = 0.1
+"""Points farther than this from the other cloud belong to what only one of the two sees."""
+RIVAL_TURN: Final = math.radians(5.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Registration:
+    """Where the frame of one cloud is in the frame of another.
+
+    Attributes:
+        mount: Origin and forward axis of the second frame in the first.
+        residual: Metres between points that both see: the median.
+        share: Part of the second cloud that is within 0.1 m of the first, 0 to 1.
+        rival: The same part for the best other direction that was tried; near to `share`, the room looks alike
+            from several sides, and nothing tells which is right. 0 where a guess was given.
+    """
+
+    mount: Mount
+    residual: float
+    share: float
+    rival: float
+
+
+def register(
+    first: NDArray[np.floating], second: NDArray[np.floating], *, guess: Mount | None = None
+) -> Registration:
+    """Find where the frame of the second cloud is in the frame of the first, from points of the same room.
+
+    Args:
+        first: Metres, shape (n, 2), as `Points.xy`.
+        second: Likewise, of the other lidar, or of the same one later.
+        guess: About where it is, within 0.5 m and 20 degrees; None to try all directions, as for two lidars that
+            are less than 1.5 m apart.
+
+    Raises:
+        InvalidValue: One of them is no such array, or has less than 30 points.
+        Unsupported: ``small_gicp`` is not installed.
+    """
+    try:
+        import small_gicp
+    except ModuleNotFoundError:
+        raise Unsupported("laying clouds on each other needs small_gicp: pip install small_gicp") from None
+    fixed, moving = _checked(first, "first"), _checked(second, "second")
+    if guess is not None and not isinstance(guess, Mount):
+        raise InvalidValue(f"guess is a Mount, not {shown(guess)}")
+    coarse = _Cloud(small_gicp, fixed, COARSE_M), _Cloud(small_gicp, moving, COARSE_M)
+    fine = _Cloud(small_gicp, fixed, FINE_M), _Cloud(small_gicp, moving, FINE_M)
+    begins = [guess] if guess is not None else [Mount(0.0, 0.0, yaw) for yaw in _headings()]
+    found = []
+    for begin in begins:
+        rough = _aligned(small_gicp, coarse, begin, FAR_M if guess is None else 0.5)
+        rough = _aligned(small_gicp, coarse, rough, 0.3)
+        found.append((_distances(small_gicp, fixed, moving, rough), rough))
+    shares = [float((apart < NEAR_M).mean()) for apart, _ in found]
+    best = int(np.argmax(shares))
+    mount = _aligned(small_gicp, fine, found[best][1], NEAR_M)
+    apart = _distances(small_gicp, fixed, moving, mount)
+    shared = apart[apart < NEAR_M]
+    others = [
+        share
+        for share, (_, each) in zip(shares, found, strict=True)
+        if abs(math.remainder(each.yaw - mount.yaw, math.tau)) > RIVAL_TURN
+    ]
+    return Registration(
+        mount,
+        float(np.median(shared)) if len(shared) else math.inf,
+        len(shared) / len(apart),
+        max(others, default=0.0),
+    )
+
+
+class _Cloud:
+    """A cloud as the library takes it: raised to a fence, thinned, with its surfaces."""
+
+    def __init__(self, library: Any, xy: _Floats, size: float) -> None:
+        levels = np.repeat(FENCE_M, len(xy))
+        points = np.column_stack((np.tile(xy, (len(FENCE_M), 1)), levels))
+        self.points, self.tree = library.preprocess_points(points, size, NEIGHBORS)
+
+
+def _aligned(library: Any, clouds: tuple[_Cloud, _Cloud], begin: Mount, far_m: float) -> Mount:
+    first, second = clouds
+    cos, sin = math.cos(begin.yaw), math.sin(begin.yaw)
+    pose = np.eye(4)
+    pose[:2] = [[cos, -sin, 0.0, begin.x], [sin, cos, 0.0, begin.y]]
+    found = library.align(
+        first.points, second.points, first.tree, init_T_target_source=pose,
+        registration_type="PLANE_ICP", max_correspondence_distance=far_m, max_iterations=60,
+        rotation_epsilon=1e-5, translation_epsilon=1e-5,
+    ).T_target_source  # fmt: skip
+    return Mount(float(found[0, 3]), float(found[1, 3]), math.atan2(found[1, 0], found[0, 0]))
+
+
+def _distances(library: Any, fixed: _Floats, moving: _Floats, mount: Mount) -> _Floats:
+    """From each point of the second cloud to the nearest one of the first, metres."""
+    cos, sin = math.cos(mount.yaw), math.sin(mount.yaw)
+    placed = moving @ np.array([[cos, sin], [-sin, cos]]) + np.array([mount.x, mount.y])
+    tree = library.KdTree(np.column_stack((fixed, np.zeros(len(fixed)))))
+    _, squares = tree.batch_nearest_neighbor_search(np.column_stack((placed, np.zeros(len(placed)))))
+    distances: _Floats = np.sqrt(np.asarray(squares, np.float64))
+    return distances
+
+
+def _headings() -> list[float]:
+    return [math.tau * each / HEADINGS for each in range(HEADINGS)]
+
+
+def _checked(cloud: NDArray[np.floating], what: str) -> _Floats:
+    try:
+        found = np.asarray(cloud, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        found = np.zeros(0)
+    if found.ndim != 2 or found.shape[1:] != (2,) or not np.isfinite(found).all():
+        raise InvalidValue(f"the {what} cloud is finite metres of shape (n, 2), as scan.points().xy")
+    if len(found) < LEAST_POINTS:
+        raise InvalidValue(f"the {what} cloud has {len(found)} points, and {LEAST_POINTS} are needed")
+    return found

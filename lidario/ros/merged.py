@@ -1,0 +1,149 @@
+"""Several lidars as one publisher of ROS 2: one LaserScan and one PointCloud2, in the robot's frame."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from lidario.arguments import shown
+from lidario.beams import NoReturn
+from lidario.errors import InvalidValue
+from lidario.merging import Merged
+from lidario.network.bus import DEFAULT_ROUTER, Bus
+from lidario.network.status import Status
+from lidario.points import Motion, Mount
+from lidario.ros.broadcast import Outlet
+from lidario.ros.diagnostics import diagnostics
+from lidario.ros.names import POINTCLOUD2, Distro
+from lidario.ros.pointcloud import POINT, PointCloud2
+from lidario.ros.publisher import Publisher
+from lidario.scan import Scan
+from lidario.session.lidar import Lidar
+from lidario.session.merged import MergedStream, merged
+
+__all__ = ["MergedPublisher"]
+
+CLOUD_ENTITY: Final = 5
+"""Behind those of `Publisher`."""
+
+
+class MergedPublisher(Publisher):
+    """Several lidars as one publisher of ROS 2; used as an asynchronous context manager.
+
+    ::
+
+        async with MergedPublisher([front, rear]) as publisher:
+            await publisher.run()
+
+    Or call `publish` with each cloud of `lidario.merged`. In the list of a fleet it stands under the name of the
+    first lidar; ``/diagnostics`` tells of each.
+
+    Args:
+        lidars: Open lidars of this event loop.
+        mounts: Where each is on the robot; None for those of the file of settings.
+        motion: How the robot moves, as for `Scan.points`; None for not at all.
+        topic: Name of the topic of the LaserScans, relative to `namespace` unless it begins with a slash.
+        cloud_topic: Likewise of the PointCloud2.
+        frame_id: Name of the robot's frame, in which all of it is.
+        beams: As for `Merged.to_laserscan`, and the three that follow.
+        range_min: As there.
+        range_max: As there.
+        no_return: As there.
+        domain: As for `Publisher`, and all that follow.
+        distro: As there.
+        router: As there.
+        namespace: As there.
+        node: As there.
+        robot: As there.
+
+    Raises:
+        InvalidValue: As `Publisher` and `lidario.merged`.
+    """
+
+    def __init__(
+        self,
+        lidars: Sequence[Lidar],
+        *,
+        mounts: Sequence[Mount] | None = None,
+        motion: Motion | None = None,
+        topic: str = "scan",
+        cloud_topic: str = "cloud",
+        frame_id: str = "base_link",
+        beams: int = 720,
+        range_min: float = 0.05,
+        range_max: float | None = None,
+        no_return: NoReturn = "inf",
+        domain: int = 0,
+        distro: Distro = "jazzy",
+        router: str = DEFAULT_ROUTER,
+        namespace: str = "/",
+        node: str = "lidario",
+        robot: str | None = None,
+    ) -> None:
+        merged(*lidars, mounts=mounts, motion=motion)
+        super().__init__(
+            lidars[0], topic=topic, frame_id=frame_id, beams=beams, range_min=range_min, range_max=range_max,
+            no_return=no_return, domain=domain, distro=distro, router=router, namespace=namespace, node=node,
+            robot=robot,
+        )  # fmt: skip
+        self.lidars: tuple[Lidar, ...] = tuple(lidars)
+        self._mounts, self._motion = mounts, motion
+        self._beams, self._frame_id, self._no_return = beams, frame_id, no_return
+        self._range_min, self._range_max = range_min, range_max
+        self._cloud_topic = self._node.topic(cloud_topic)
+        self._cloud: Outlet | None = None
+
+    def publish(self, scan: Scan | Merged) -> None:
+        """Publish a cloud of `lidario.merged`. Never waits: without a router it is lost.
+
+        Raises:
+            InvalidValue: It is no `Merged`.
+        """
+        if not isinstance(scan, Merged):
+            raise InvalidValue(
+                f"a publisher of several lidars takes what lidario.merged() gives, not {shown(scan)}"
+            )
+        message = scan.to_laserscan(
+            self._beams,
+            frame_id=self._frame_id,
+            range_min=self._range_min,
+            range_max=self._range_max,
+            no_return=self._no_return,
+        )
+        if self._cloud is not None:
+            self._cloud.send(_cloud_of(scan, self._frame_id).to_cdr())
+        self._count(self._scans is not None and self._scans.send(message.to_cdr()))
+
+    def _stream(self, mode: str | int | None) -> MergedStream:
+        return merged(*self.lidars, mounts=self._mounts, motion=self._motion, mode=mode)
+
+    def _declare(self, bus: Bus) -> bytes:
+        identity = super()._declare(bus)
+        self._cloud = self._outlet(bus, CLOUD_ENTITY, self._cloud_topic, POINTCLOUD2)
+        return identity
+
+    def _each_second(self, status: Status) -> None:
+        for lidar in self.lidars:
+            message = diagnostics(
+                time.time_ns(),
+                f"{self._node.name}: {self._topic.lstrip('/')} {lidar.info.serial}",
+                lidar.info,
+                lidar.health,
+                stats=lidar.stats,
+                rate=status.rate,
+                lost="" if lidar.is_connected else "the lidar is away from its publisher",
+            )
+            if self._diagnostics is not None:
+                self._diagnostics.send(message.to_cdr())
+
+
+def _cloud_of(scan: Merged, frame_id: str) -> PointCloud2:
+    """All points, at the instant of the message: the field ``t`` is 0."""
+    points = np.zeros(len(scan), POINT)
+    points["x"], points["y"] = scan.points.xy.T
+    if scan.points.intensities is not None:
+        points["intensity"] = scan.points.intensities
+    return PointCloud2(scan.wall_at_ns, frame_id, points)

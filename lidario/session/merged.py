@@ -1,0 +1,145 @@
+"""Several open lidars read as one: `merged`, and the stream it returns."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+from contextlib import AsyncExitStack, suppress
+from types import TracebackType
+from typing import Self
+
+from lidario.arguments import shown
+from lidario.entered import AsyncOnly
+from lidario.errors import Busy, InvalidValue
+from lidario.merging import OLDEST_S, Merged, MergedScans
+from lidario.points import Motion, Mount
+from lidario.scan import Scan
+from lidario.session.lidar import Lidar
+from lidario.session.stream import ScanStream
+
+__all__ = ["MergedStream", "merged"]
+
+
+class MergedStream(AsyncOnly):
+    """What `merged` returns: an asynchronous iterator of `Merged`, best used in ``async with``.
+
+    Its streams begin with the first ``anext`` or with the block, and end with the block, with `close`, or with an
+    error. An error of one lidar ends all. Two tasks cannot read one stream.
+    """
+
+    _instead = "several lidars are read asynchronously: write `async for cloud in lidario.merged(front, rear):`"
+
+    def __init__(self, lidars: Sequence[Lidar], scans: MergedScans, mode: str | int | None) -> None:
+        self._lidars = tuple(lidars)
+        self._scans = scans
+        self._mode = mode
+        self._streams: list[ScanStream] = []
+        self._entered = AsyncExitStack()
+        self._reading: list[asyncio.Task[Scan]] = []
+        self._is_read = False
+
+    async def __aenter__(self) -> Self:
+        await self._begin()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.close()
+
+    def __aiter__(self) -> Self:
+        return self
+
+    async def __anext__(self) -> Merged:
+        if self._is_read:
+            raise Busy("two tasks read one stream: give each its own, as lidario.merged() does")
+        self._is_read = True
+        try:
+            await self._begin()
+            while True:
+                await asyncio.wait(self._reading, return_when=asyncio.FIRST_COMPLETED)
+                number = next(number for number, each in enumerate(self._reading) if each.done())
+                scan = self._reading[number].result()
+                self._reading[number] = self._next(number)
+                found = self._scans.take(number, scan)
+                if found is not None:
+                    return found
+        except asyncio.CancelledError:
+            # What is being read goes on, and nothing is lost.
+            raise
+        except BaseException:
+            await self.close()
+            raise
+        finally:
+            self._is_read = False
+
+    async def close(self) -> None:
+        """End the streams. Laser and motor of each lidar stop, unless another task reads it.
+
+        Harmless when done before.
+        """
+        reading, self._reading = self._reading, []
+        for each in reading:
+            each.cancel()
+        for each in reading:
+            # Their errors are those that the reader had, or come too late for it.
+            with suppress(asyncio.CancelledError, StopAsyncIteration, Exception):
+                await each
+        self._streams = []
+        await self._entered.aclose()
+
+    async def _begin(self) -> None:
+        if self._reading:
+            return
+        for lidar in self._lidars:
+            self._streams.append(await self._entered.enter_async_context(lidar.scans(self._mode)))
+        self._reading = [self._next(number) for number in range(len(self._streams))]
+
+    def _next(self, number: int) -> asyncio.Task[Scan]:
+        return asyncio.create_task(_scan_of(self._streams[number]), name=f"lidario: read lidar {number}")
+
+
+async def _scan_of(stream: ScanStream) -> Scan:
+    return await anext(stream)
+
+
+def merged(
+    *lidars: Lidar,
+    mounts: Sequence[Mount] | None = None,
+    motion: Motion | None = None,
+    mode: str | int | None = None,
+    oldest_s: float = OLDEST_S,
+) -> MergedStream:
+    """Read several lidars as one, for ``async for``: each turn one cloud in the robot's frame.
+
+    ::
+
+        async for cloud in lidario.merged(front, rear):
+            print(len(cloud.points), cloud.missing)
+
+    Args:
+        lidars: Open lidars of this event loop, of any families.
+        mounts: Where each is on the robot; None for those of the file of settings (`Lidar.config`).
+        motion: How the robot moves, as for `Scan.points`; None for not at all.
+        mode: As for `Lidar.scans`.
+        oldest_s: Seconds after its end from which a scan is too old to be in a cloud.
+
+    Raises:
+        InvalidValue: There is no lidar, one is none, there are not as many mounts, or a lidar has no mount.
+    """
+    for each in lidars:
+        if not isinstance(each, Lidar):
+            raise InvalidValue(f"merged() takes open lidars, not {shown(each)}")
+    if mounts is None:
+        for each in lidars:
+            if each.config.mount is None:
+                raise InvalidValue(
+                    f"the settings do not say where {each.info.model} {each.info.serial} is mounted: give mounts=, "
+                    "or a file of settings with its mount to open_lidar(config=)"
+                )
+        mounts = [each.config.mount or Mount() for each in lidars]
+    if not isinstance(mounts, Sequence) or len(mounts) != len(lidars):
+        raise InvalidValue(
+            f"there are {len(lidars)} lidars, and mounts are a list with one for each, not {shown(mounts)}"
+        )
+    return MergedStream(lidars, MergedScans(mounts, motion, oldest_s), mode)

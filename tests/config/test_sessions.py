@@ -1,0 +1,135 @@
+"""The settings in a session: mode, speed and filters, for every reader and in a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import lidario
+from lidario import InvalidValue, Unsupported, decode_file
+from lidario.recording.decode_file import FileDecoder
+from lidario.testing import SimulatedLidar
+from tests.cli.processes import invoke
+
+SERIAL = "AB" * 16
+HALF = f"""
+[lidars.{SERIAL}]
+mode = "Standard"
+speed_rpm = 480
+frame = "front"
+mount = {{ x = 0.5 }}
+[[lidars.{SERIAL}.filters]]
+filter = "AngularBoundsFilter"
+windows = [[-1.5, 1.5]]
+"""
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> Path:
+    path = tmp_path / "lidario.toml"
+    path.write_text(HALF)
+    return path
+
+
+async def test_a_session_honours_them(settings: Path, tmp_path: Path) -> None:
+    lidar = SimulatedLidar("rplidar-s2", serial=SERIAL)
+    async with lidario.open_lidar(lidar, config=settings) as session:
+        assert session.config.frame == "front"
+        assert session.config.mount == lidario.Mount(0.5)
+        async with session.record(tmp_path / "a.mcap", scans=True) as recording, session.scans() as scans:
+            for _ in range(4):
+                scan = await anext(scans)
+                assert scan.mode == "Standard"
+                assert abs(scan.angles[scan.valid]).max() <= 1.5
+                assert scan.left_out.sum() > 0.4 * len(scan)
+            async with session.sectors(90) as sectors:
+                behind = [each for each in [await anext(sectors) for _ in range(4)] if each.index in (1, 2)]
+                assert all(abs(each.angles[each.valid]).max(initial=0.0) <= 1.5 for each in behind)
+            assert scan.rpm == pytest.approx(480, rel=0.02)
+        assert recording.error is None
+        async with session.scans("DenseBoost") as dense:
+            assert (await anext(dense)).mode == "DenseBoost"
+    assert {each.name for each in lidar.log if not each.obeyed} == set()
+    # The bytes are those of the device; a reader of the file gets all of them.
+    raw = next(iter(decode_file(tmp_path / "a.mcap")))
+    assert abs(raw.angles[raw.valid]).max() > 3.0
+    async with lidario.open_lidar(tmp_path / "a.mcap", config=settings) as played:
+        again = await played.scan()
+    assert abs(again.angles[again.valid]).max() <= 1.5
+    decoder = FileDecoder(tmp_path / "a.mcap")
+    decoder.filters = lidario.read_config(settings).of(SERIAL).filters
+    for one in decoder:
+        assert abs(one.angles[one.valid]).max() <= 1.5
+
+
+async def test_another_lidar_is_left_as_it_is(settings: Path) -> None:
+    async with lidario.open_lidar(SimulatedLidar("rplidar-s2", serial="CD" * 16), config=settings) as session:
+        scan = await session.scan()
+    assert scan.mode == "DenseBoost"
+    assert not scan.left_out.any()
+
+
+async def test_a_speed_that_cannot_be_set_names_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "x.toml"
+    path.write_text("[default]\nspeed_rpm = 100000\n")
+    lidar = SimulatedLidar("rplidar-s2")
+    with pytest.raises((InvalidValue, Unsupported), match=r"x\.toml: speed_rpm = 100000: "):
+        async with lidario.open_lidar(lidar, config=path):
+            raise AssertionError
+    assert lidar.is_still
+
+
+def test_what_is_wrong_is_told_before_anything_is_opened(tmp_path: Path) -> None:
+    with pytest.raises(InvalidValue, match="cannot be read"):
+        lidario.open_lidar("/dev/nosuchport", config=tmp_path / "none.toml")
+
+
+def test_the_command_finds_the_file(settings: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    source = f"sim://rplidar-s2?via=memory&serial={SERIAL}"
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    monkeypatch.chdir(empty)
+    named = invoke("scan", source, "--config", str(settings), "--json")
+    monkeypatch.setenv("LIDARIO_CONFIG", str(settings))
+    by_variable = invoke("scan", source, "--json")
+    monkeypatch.delenv("LIDARIO_CONFIG")
+    none = invoke("scan", source, "--json")
+    monkeypatch.chdir(tmp_path)
+    here = invoke("scan", source, "--json")
+    not_here = invoke("scan", source, "--json", "--config", "/dev/null")
+    for done in (named, by_variable, here):
+        assert '"Standard"' in done.stdout, done.stderr
+    for done in (none, not_here):
+        assert '"DenseBoost"' in done.stdout, done.stderr
+    assert "settings of lidario.toml\n" in here.stderr
+    assert "settings of" not in named.stderr + none.stderr
+    wrong = invoke("scan", source, "--config", "none.toml")
+    assert wrong.exit_code == 2
+    assert "none.toml: the file of settings cannot be read" in wrong.stderr
+
+
+def test_recordings_and_exports_honour_it(settings: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    import numpy as np
+    from mcap.reader import make_reader
+    from rosbags.typesys import Stores, get_typestore
+
+    monkeypatch.chdir(tmp_path)
+    source = f"sim://rplidar-s2?via=memory&serial={SERIAL}"
+    assert invoke("record", source, "-o", "run.mcap", "-n", "3", "--scans").exit_code == 0
+    assert invoke("export", "run.mcap", "out.mcap").exit_code == 0
+    assert invoke("export", "run.mcap", "out.npz").exit_code == 0
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name in ("run.mcap", "out.mcap"):
+        with open(name, "rb") as file:
+            for _, _, message in make_reader(file).iter_messages(["/scan"]):
+                scan: Any = store.deserialize_cdr(message.data, "sensor_msgs/msg/LaserScan")
+                assert scan.header.frame_id == "front"
+                turned = scan.angle_min + np.arange(len(scan.ranges)) * scan.angle_increment
+                angles = (turned + np.pi) % (2 * np.pi) - np.pi
+                assert np.isnan(scan.ranges[abs(angles) > 1.52]).all()
+                assert (scan.ranges[abs(angles) < 1.48] > 0).any()
+    with np.load("out.npz") as arrays:
+        clockwise = (arrays["device_angles"] + 180.0) % 360.0 - 180.0
+        assert not arrays["device_distances"][abs(clockwise) > 86.5].any()

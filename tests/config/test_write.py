@@ -1,0 +1,67 @@
+"""Writing into the file of settings: what is there stays, what is added is read again."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from lidario import InvalidValue, Mount, read_config, save_config
+from lidario.filters import AngularBoundsFilter, BoxFilter, MedianFilter, PolygonFilter
+from tests.config.test_read import WHOLE, written
+
+
+def test_a_file_that_is_not_there_is_made(tmp_path: Path) -> None:
+    path = tmp_path / "lidario.toml"
+    mount = Mount(0.1234, -0.5, math.radians(-90))
+    added = [
+        AngularBoundsFilter([(1.0, 2.0)], invert=True),
+        PolygonFilter([(0, 0), (1, 0), (1, 1)], mount=mount),
+        MedianFilter(),
+    ]
+    save_config(path, "AB12", mount=mount, filters=added)
+    own = read_config(path).of("ab12")
+    assert own.mount is not None
+    assert (own.mount.x, own.mount.y, own.mount.yaw) == pytest.approx((mount.x, mount.y, mount.yaw))
+    assert own.filters == (added[0], PolygonFilter([(0, 0), (1, 0), (1, 1)], mount=own.mount), added[2])
+    assert path.read_text().startswith("# ")
+
+
+def test_what_was_there_stays_as_it_was_written(tmp_path: Path) -> None:
+    path = written(tmp_path, "# ours\n" + WHOLE)
+    before = read_config(path)
+    save_config(path, "abc", filters=[BoxFilter(0, 1, 0, 1)])
+    save_config(path, "new one", mount=Mount(1.0))
+    save_config(path, "", filters=[MedianFilter()])
+    config, text = read_config(path), path.read_text()
+    assert text.startswith("# ours\n")
+    assert "speed_rpm = 600" in text
+    assert "lidars.abc" not in text
+    own, mount = config.of("abc"), before.of("abc").mount
+    assert mount is not None
+    assert own.filters[:1] == before.default.filters
+    assert own.filters[1] == MedianFilter()
+    assert own.filters[2:] == (*before.of("abc").filters[1:], BoxFilter(0, 1, 0, 1, mount=mount))
+    assert config.of("new one").mount == Mount(1.0)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_wrong_file_is_left_alone(tmp_path: Path) -> None:
+    path = written(tmp_path, "[defualt]")
+    with pytest.raises(InvalidValue, match="defualt"):
+        save_config(path, "a", mount=Mount())
+    assert path.read_text() == "[defualt]"
+    with pytest.raises(InvalidValue, match="cannot be written"):
+        save_config(tmp_path / "none" / "x.toml", "a", mount=Mount())
+    with pytest.raises(InvalidValue, match=r"filters of lidario\.filters"):
+        save_config(tmp_path / "x.toml", "a", filters=[len])  # type: ignore[list-item]
+
+
+def test_a_link_stays_a_link(tmp_path: Path) -> None:
+    path = written(tmp_path, "")
+    link = tmp_path / "link.toml"
+    link.symlink_to(path)
+    save_config(link, "a", mount=Mount(2.0))
+    assert link.is_symlink()
+    assert read_config(path).of("a").mount == Mount(2.0)

@@ -1,0 +1,61 @@
+"""The odometry example: a simulated lidar drives through a room, and is where the example says."""
+
+from __future__ import annotations
+
+import math
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lidario.testing import Drive, SimulatedLidar, furnished
+
+STOPS = [
+    (0.5, 0.0, 0.0, 0.0),
+    (5.5, 2.0, 0.0, 0.0),
+    (8.0, 2.0, 0.0, math.pi / 2),
+    (10.0, 2.0, 0.5, math.pi / 2),
+    (12.5, 2.0, 0.5, math.pi),
+    (18.5, -1.0, 0.5, math.pi),
+]
+
+
+def way_along(stops: list[tuple[float, float, float, float]]) -> list[tuple[float, float, float, float]]:
+    """From one stop to the next, as robots drive: faster at first, slower at last."""
+    table = np.array(stops)
+    seconds = np.arange(0.0, table[-1, 0], 0.02)
+    share = np.interp(seconds, table[:, 0], np.arange(len(table)))
+    eased = np.floor(share) + (1.0 - np.cos(np.pi * (share % 1.0))) / 2.0
+    x, y, yaw = (np.interp(eased, np.arange(len(table)), column).tolist() for column in table[:, 1:].T)
+    return list(zip(seconds.tolist(), x, y, yaw, strict=True))
+
+
+PATH = way_along(STOPS)
+
+
+async def test_odometry(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parent.parent / "examples"))
+    example = import_module("odometry")
+    drive = Drive(PATH, furnished(), noise=0.005)
+    lidar = SimulatedLidar("rplidar-c1", world=drive)
+    way = await example.main(lidar, 180)
+    told = capsys.readouterr().out
+    truth = drive.poses([at_ns for at_ns, *_ in way])
+    x0, y0, yaw0 = truth[0]
+    far = turned = 0.0
+    for (_, place, yaw), (x, y, true_yaw) in zip(way, truth, strict=True):
+        seen = complex(x - x0, y - y0) * complex(math.cos(yaw0), -math.sin(yaw0))
+        far = max(far, abs(place - seen))
+        turned = max(turned, abs(math.remainder(yaw - (true_yaw - yaw0), math.tau)))
+    print(f"{len(way)} scans, {1000 * far:.1f} mm and {math.degrees(turned):.2f} degrees off at most")
+    assert truth[-1][0] < -0.9
+    assert far < 0.03
+    assert math.degrees(turned) < 1.0
+    assert lidar.is_still
+    # The wall ahead of where it began, 4.6 m away, is on the grid; what it drove through is free.
+    assert told.count("#") > 50
+    assert told.count(".") > 1000
+    sys.modules.pop("odometry")
+    sys.modules.pop("occupancy_grid")

@@ -1,0 +1,144 @@
+"""Several lidars as one: which scans belong together, the LaserScan of a cloud, and the stream."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+
+import numpy as np
+import pytest
+
+import lidario
+from lidario import InvalidValue, Mount, Velocity
+from lidario.merging import Merged, MergedScans
+from lidario.testing import SimulatedLidar, make_scan, room
+
+ALL = np.linspace(-math.pi, math.pi, 360, endpoint=False)
+MS = 1_000_000
+
+
+def at(end_ms: float, distance: float = 2.0) -> lidario.Scan:
+    """A scan of 100 ms that ends then."""
+    return make_scan(ALL, distance, stamp_ns=round((1000 + end_ms - 100) * MS), intensities=7)
+
+
+def pair(scans: MergedScans, one: lidario.Scan, two: lidario.Scan) -> Merged:
+    """The cloud of both."""
+    scans.take(0, one)
+    scans.take(1, two)
+    found = scans.take(0, one)
+    assert found is not None
+    assert not found.missing
+    return found
+
+
+def test_a_cloud_is_made_when_each_has_a_new_scan() -> None:
+    scans = MergedScans([Mount(), Mount(1.0)])
+    first = scans.take(0, at(0))
+    assert first is not None
+    assert first.missing == (1,)
+    ready = [scans.take(*each) for each in [(1, at(10)), (0, at(100)), (1, at(110, 3.0)), (0, at(210))]]
+    assert [found is not None for found in ready] == [False, True, False, True]
+    last = ready[-1]
+    assert last is not None
+    assert (last.at_ns, last.missing) == (1210 * MS, ())
+    assert set(last.points.source.tolist()) == {0, 1}
+    assert last.points.xy[last.points.source == 1][:, 0].max() == pytest.approx(4.0)
+
+
+def test_one_that_is_slow_holds_nobody_up_and_one_that_is_silent_is_told() -> None:
+    scans = MergedScans([Mount(), Mount()])
+    scans.take(1, at(0))
+    found = [scans.take(0, at(end)) for end in (100, 200, 300, 400)]
+    made = [each for each in found if each is not None]
+    assert [each.missing for each in made][-2:] == [(1,), (1,)]
+    assert len(made) >= 3
+    assert set(made[-1].points.source.tolist()) == {0}
+
+
+def test_the_robot_moves_meanwhile() -> None:
+    scans = MergedScans([Mount(), Mount()], Velocity(x=1.0))
+    found = pair(scans, at(0), at(50))
+    first = make_scan(ALL, 2.0, stamp_ns=900 * MS).points(Mount(), motion=Velocity(x=1.0), at_ns=1050 * MS)
+    assert found.points.xy[found.points.source == 0] == pytest.approx(first.xy)
+
+
+@pytest.mark.parametrize("beams", [1, 7, 360, 720])
+def test_the_laserscan_against_a_slow_reference(beams: int) -> None:
+    draw = np.random.default_rng(beams)
+    scans = MergedScans([Mount(0.3, 0.1, 0.5), Mount(-0.2, 0.0, math.pi)])
+    one = make_scan(ALL, draw.uniform(0.02, 5.0, 360), stamp_ns=900 * MS, intensities=9)
+    two = make_scan(ALL, draw.uniform(0.02, 5.0, 360), stamp_ns=905 * MS, intensities=8)
+    found = pair(scans, one, two)
+    message = found.to_laserscan(beams, frame_id="base", range_min=0.5, range_max=4.0, no_return="nan")
+    expected = [math.nan] * beams
+    for x, y in found.points.xy.tolist():
+        distance = math.hypot(x, y)
+        beam = round((math.atan2(y, x) + math.pi) / (math.tau / beams)) % beams
+        if 0.5 <= distance <= 4.0 and not expected[beam] <= distance:
+            expected[beam] = distance
+    assert message.ranges == pytest.approx(np.array(expected), nan_ok=True, abs=1e-5)
+    assert message.stamp_ns == found.wall_at_ns
+    assert (message.angle_min, message.frame_id, message.time_increment) == (-math.pi, "base", 0.0)
+    assert set(message.intensities.tolist()) <= {0.0, 8.0, 9.0}
+
+
+def test_what_cannot_be(tmp_path: object) -> None:
+    with pytest.raises(InvalidValue, match="one lidar to 256"):
+        MergedScans([])
+    with pytest.raises(InvalidValue, match="oldest_s"):
+        MergedScans([Mount()], oldest_s=0.0)
+    found = MergedScans([Mount()]).take(0, at(0))
+    assert found is not None
+    with pytest.raises(InvalidValue, match="range_min and range_max"):
+        found.to_laserscan(range_min=3.0, range_max=2.0)
+    with pytest.raises(InvalidValue, match="no_return is"):
+        found.to_laserscan(no_return="zero")
+    with pytest.raises(InvalidValue, match="takes open lidars, not 'x'"):
+        lidario.merged("x")  # type: ignore[arg-type]
+
+
+async def test_two_lidars_are_read_as_one() -> None:
+    """Each stands 0.5 m off the middle of one room; put together, all points lie on its walls."""
+    walls = room(6.0, 4.0)
+    seen_by_one = [((x1 - 0.5, y1), (x2 - 0.5, y2)) for (x1, y1), (x2, y2) in walls]
+    seen_by_two = [((-x1 - 0.5, -y1), (-x2 - 0.5, -y2)) for (x1, y1), (x2, y2) in walls]
+    mounts = [Mount(0.5), Mount(-0.5, 0.0, math.pi)]
+    one, two = SimulatedLidar("rplidar-s2", walls=seen_by_one), SimulatedLidar("ydlidar-4ros", walls=seen_by_two)
+    async with lidario.open_lidar(one) as front, lidario.open_lidar(two) as rear:
+        with pytest.raises(InvalidValue, match="do not say where"):
+            lidario.merged(front, rear)
+        with pytest.raises(InvalidValue, match="there are 2 lidars, and mounts are a list with one for each"):
+            lidario.merged(front, rear, mounts=mounts[:1])
+        whole: list[Merged] = []
+        async with lidario.merged(front, rear, mounts=mounts) as clouds:
+            async for cloud in clouds:
+                if not cloud.missing:
+                    whole.append(cloud)
+                if len(whole) == 3:
+                    break
+            waiting = asyncio.ensure_future(anext(clouds))
+            await asyncio.sleep(0)
+            with pytest.raises(lidario.Busy):
+                await anext(clouds)
+            waiting.cancel()
+            await asyncio.wait([waiting])
+            assert len(await anext(clouds)) > 0
+        await front.stop()
+        await rear.stop()
+    for cloud in whole:
+        off = np.minimum(abs(abs(cloud.points.xy[:, 0]) - 2.0), abs(abs(cloud.points.xy[:, 1]) - 3.0))
+        assert np.quantile(off, 0.99) < 0.03
+        assert set(cloud.points.source.tolist()) == {0, 1}
+    assert one.is_still
+    assert two.is_still
+
+
+async def test_an_error_of_one_ends_all() -> None:
+    one, two = SimulatedLidar(), SimulatedLidar(fault="unplug:1s")
+    async with lidario.open_lidar(one) as front, lidario.open_lidar(two) as rear:
+        with pytest.raises(lidario.DeviceLost):
+            async for _ in lidario.merged(front, rear, mounts=[Mount(), Mount()]):
+                pass
+        await front.stop()
+    assert one.is_still

@@ -1,0 +1,84 @@
+"""Laying clouds on each other: ten poses in the simulated room, and the verb that writes them down."""
+
+from __future__ import annotations
+
+import math
+import random
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lidario
+from lidario import InvalidValue, Mount, read_config, register
+from tests.cli.processes import invoke
+
+DRAW = random.Random(29)
+POSES = [(DRAW.uniform(-0.3, 0.3), DRAW.uniform(-0.3, 0.3), DRAW.uniform(-math.pi, math.pi)) for _ in range(10)]
+
+
+async def seen(pose: tuple[float, float, float], model: str = "rplidar-c1", seed: int = 0) -> np.ndarray:
+    x, y, yaw = pose
+    source = f"sim://{model}?via=memory&pose={x:.6f},{y:.6f},{math.degrees(yaw):.6f}&seed={seed}"
+    async with lidario.open_lidar(source) as lidar, lidar.scans(depth=6) as scans:
+        return np.concatenate([(await anext(scans)).points().xy for _ in range(6)])
+
+
+@pytest.mark.exhaustive("pose", sample=POSES[:2], full=POSES)
+async def test_ten_poses(pose: tuple[float, float, float]) -> None:
+    pose = tuple(round(each, 6) for each in pose)  # type: ignore[assignment]
+    found = register(await seen((0.0, 0.0, 0.0)), await seen(pose, seed=3))
+    assert math.hypot(found.mount.x - pose[0], found.mount.y - pose[1]) < 0.005
+    assert abs(math.degrees(math.remainder(found.mount.yaw - pose[2], math.tau))) < 0.2
+    assert found.residual < 0.01
+    assert found.share > 0.7 > found.rival
+
+
+async def test_a_guess_is_enough_where_the_room_looks_alike() -> None:
+    corners = [(2.0, 1.5), (-2.0, 1.5), (-2.0, -1.5), (2.0, -1.5), (2.0, 1.5)]
+    walls = np.concatenate([np.linspace(a, b, 300) for a, b in pairwise(corners)])
+    turned = (walls - [0.1, 0.0]) @ [[0.0, -1.0], [1.0, 0.0]]
+    asked = register(walls, turned)
+    assert asked.rival > 0.85 * asked.share
+    found = register(walls, turned, guess=Mount(0.0, 0.0, math.radians(80)))
+    assert (found.mount.x, found.mount.y) == pytest.approx((0.1, 0.0), abs=1e-3)
+    assert found.mount.yaw == pytest.approx(math.pi / 2, abs=1e-3)
+
+
+def test_what_is_no_cloud() -> None:
+    cloud = np.random.default_rng(1).uniform(-1, 1, (100, 2))
+    with pytest.raises(InvalidValue, match="the second cloud has 29 points, and 30 are needed"):
+        register(cloud, cloud[:29])
+    with pytest.raises(InvalidValue, match="the first cloud is finite metres"):
+        register(cloud * np.nan, cloud)
+    with pytest.raises(InvalidValue, match="guess is a Mount"):
+        register(cloud, cloud, guess=3)  # type: ignore[arg-type]
+
+
+def test_the_verb_writes_the_mount(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    here, there = "AA" * 16, "BB" * 16
+    sources = (
+        f"sim://rplidar-c1?via=memory&serial={here}",
+        f"sim://rplidar-c1?via=memory&serial={there}&pose=0.25,-0.1,120&seed=2",
+    )
+    Path("lidario.toml").write_text(f"[lidars.{here}]\nmount = {{ x = 0.2, yaw_deg = 90 }}\n")
+    dry = invoke("calibrate", *sources, "-n", "5", "--dry-run")
+    assert dry.exit_code == 0, dry.stderr
+    assert read_config("lidario.toml").of(there).mount is None
+    done = invoke("calibrate", *sources, "-n", "5", "--picture", "both.svg")
+    assert done.exit_code == 0, done.stderr
+    assert "written into lidario.toml" in done.stderr
+    mount = read_config("lidario.toml").of(there).mount
+    assert mount is not None
+    assert (mount.x, mount.y) == pytest.approx((0.3, 0.25), abs=0.005)
+    assert math.degrees(mount.yaw) == pytest.approx(-150.0, abs=0.2)
+    assert Path("both.svg").read_text().startswith("<svg")
+    alike = invoke("calibrate", *(f"sim://rplidar-c1?via=memory&world=circle&serial={each * 32}" for each in "EF"))
+    assert alike.exit_code == 1
+    assert "looks alike from several sides" in alike.stderr
+    same = invoke("calibrate", sources[0], sources[0].replace("c1?", "c1?pose=0.1,0,0&"), "-n", "5")
+    assert same.exit_code == 2
+    assert "cannot tell them apart" in same.stderr
+    assert invoke("calibrate", *sources, "--picture", "x.png").exit_code == 2
