@@ -134,6 +134,24 @@ async def test_two_lidars_are_read_as_one() -> None:
     assert two.is_still
 
 
+async def test_a_reader_that_leaves_stops_the_motors() -> None:
+    one, two = SimulatedLidar(), SimulatedLidar()
+    mounts = [Mount(), Mount()]
+    async with lidario.open_lidar(one) as front, lidario.open_lidar(two) as rear:
+        async for _ in lidario.merged(front, rear, mounts=mounts):
+            break
+        async with asyncio.timeout(30):
+            while not (one.is_still and two.is_still):
+                await asyncio.sleep(0.05)
+        stream = lidario.merged(front, rear, mounts=mounts)
+        assert await anext(stream) is not None
+        await front.stop()
+        assert [cloud async for cloud in stream if False] == []
+        with pytest.raises(StopAsyncIteration):
+            await anext(stream)
+        assert one.is_still
+
+
 async def test_an_error_of_one_ends_all() -> None:
     one, two = SimulatedLidar(), SimulatedLidar(fault="unplug:1s")
     async with lidario.open_lidar(one) as front, lidario.open_lidar(two) as rear:

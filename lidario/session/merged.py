@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import weakref
 from collections.abc import Sequence
 from contextlib import AsyncExitStack, suppress
 from types import TracebackType
@@ -24,7 +25,8 @@ class MergedStream(AsyncOnly):
     """What `merged` returns: an asynchronous iterator of `Merged`, best used in ``async with``.
 
     Its streams begin with the first ``anext`` or with the block, and end with the block, with `close`, or with an
-    error. An error of one lidar ends all. Two tasks cannot read one stream.
+    error; after a ``break``, with the last reference to it. An error of one lidar ends all. Two tasks cannot read
+    one stream.
     """
 
     _instead = "several lidars are read asynchronously: write `async for cloud in lidario.merged(front, rear):`"
@@ -37,6 +39,7 @@ class MergedStream(AsyncOnly):
         self._entered = AsyncExitStack()
         self._reading: list[asyncio.Task[Scan]] = []
         self._is_read = False
+        self._is_over = False
 
     async def __aenter__(self) -> Self:
         await self._begin()
@@ -55,6 +58,8 @@ class MergedStream(AsyncOnly):
             raise Busy("two tasks read one stream: give each its own, as lidario.merged() does")
         self._is_read = True
         try:
+            if self._is_over:
+                raise StopAsyncIteration
             await self._begin()
             while True:
                 await asyncio.wait(self._reading, return_when=asyncio.FIRST_COMPLETED)
@@ -78,7 +83,9 @@ class MergedStream(AsyncOnly):
 
         Harmless when done before.
         """
-        reading, self._reading = self._reading, []
+        self._is_over = True
+        reading = tuple(self._reading)
+        self._reading.clear()
         for each in reading:
             each.cancel()
         for each in reading:
@@ -89,14 +96,22 @@ class MergedStream(AsyncOnly):
         await self._entered.aclose()
 
     async def _begin(self) -> None:
-        if self._reading:
+        if self._reading or self._is_over:
             return
         for lidar in self._lidars:
             self._streams.append(await self._entered.enter_async_context(lidar.scans(self._mode)))
-        self._reading = [self._next(number) for number in range(len(self._streams))]
+        self._reading += [self._next(number) for number in range(len(self._streams))]
+        # Where a reader leaves by `break`, nobody closes it; the tasks would read on, and the motors turn.
+        weakref.finalize(self, _abandon, asyncio.get_running_loop(), self._reading)
 
     def _next(self, number: int) -> asyncio.Task[Scan]:
         return asyncio.create_task(_scan_of(self._streams[number]), name=f"lidario: read lidar {number}")
+
+
+def _abandon(loop: asyncio.AbstractEventLoop, reading: list[asyncio.Task[Scan]]) -> None:
+    for each in reading:
+        with suppress(RuntimeError):  # the loop is closed, and so are the sessions
+            loop.call_soon_threadsafe(each.cancel)
 
 
 async def _scan_of(stream: ScanStream) -> Scan:

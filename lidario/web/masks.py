@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from os import PathLike
 from typing import Any, Final
 
-from lidario import LidarError, Mount, read_config, save_config
+from lidario import InvalidValue, LidarError, Mount, read_config, save_config
 from lidario.filters import AngularBoundsFilter, BoxFilter, Filter
 from lidario.web.feed import Feed
 
@@ -84,6 +84,10 @@ class Masks:
             for feed in self._feeds:
                 own = [drawn for group in self._drawn for of, drawn in group if of is feed]
                 if own and feed.info is not None:
+                    if not feed.info.serial and len(self._feeds) > 1:
+                        raise InvalidValue(
+                            f"{feed.source} tells no serial number: settings cannot tell it from others"
+                        )
                     # Boxes were drawn from where the lidar is shown; without that place they would be elsewhere.
                     save_config(self._path, feed.info.serial, mount=self._place_of(feed), filters=own)
             read_config(self._path)

@@ -48,6 +48,18 @@ def test_strange_messages_are_refused(tmp_path: Path, message: str) -> None:
     assert not Masks(feeds(1), lambda _: Mount(), None).receive("b1 2 3 4")
 
 
+def test_a_lidar_that_tells_no_serial_number(tmp_path: Path) -> None:
+    path = tmp_path / "a.toml"
+    for count, said in ((1, f"saved in {path}"), (2, "lidar 0 tells no serial number")):
+        shown = feeds(count)
+        shown[0].info = DeviceInfo("f", "m", 1, "1.0", 1, "")
+        masks = Masks(shown, lambda _: Mount(), path)
+        masks.receive("b0 1 0 1")
+        masks.receive("save")
+        assert masks.said.startswith(said)
+    assert len(read_config(path).default.filters) == 1
+
+
 def test_no_more_than_fifty_and_a_file_that_cannot_be_written(tmp_path: Path) -> None:
     shown = feeds(1)
     masks = Masks(shown, lambda _: Mount(), tmp_path / "none" / "a.toml")
