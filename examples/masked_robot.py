@@ -33,4 +33,4 @@ async def main(
 
 
 if __name__ == "__main__":
-    lidario.run(main(*sys.argv[1:4]))
+    lidario.run(main(sys.argv[1], sys.argv[2], sys.argv[3]))

@@ -50,7 +50,8 @@ async def main(
     source: str | lidario.SimulatedDevice = "auto", count: int = 100
 ) -> list[tuple[int, complex, float]]:
     """Print where it is in the end, and the grid; returns the times, places and directions on the way."""
-    odometry, grid, way = Odometry(), Grid(), []
+    odometry, grid = Odometry(), Grid()
+    way: list[tuple[int, complex, float]] = []
     async with lidario.open_lidar(source) as lidar, lidar.scans() as scans:
         while len(way) < count:
             scan = await anext(scans)

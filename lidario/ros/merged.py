@@ -91,7 +91,8 @@ class MergedPublisher(Publisher):
         )  # fmt: skip
         self.lidars: tuple[Lidar, ...] = tuple(lidars)
         self._mounts, self._motion = mounts, motion
-        self._beams, self._frame_id, self._no_return = beams, frame_id, no_return
+        self._beams, self._frame_id = beams, frame_id
+        self._no_return: NoReturn = no_return
         self._range_min, self._range_max = range_min, range_max
         self._cloud_topic = self._node.topic(cloud_topic)
         self._cloud: Outlet | None = None

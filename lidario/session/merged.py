@@ -149,8 +149,8 @@ def merged(
         for each in lidars:
             if each.config.mount is None:
                 raise InvalidValue(
-                    f"the settings do not say where {each.info.model} {each.info.serial} is mounted: give mounts=, "
-                    "or a file of settings with its mount to open_lidar(config=)"
+                    f"the settings do not say where {each.info.model} {each.info.serial} is mounted: "
+                    "give mounts= (--mount of the command), or a file of settings that says it"
                 )
         mounts = [each.config.mount or Mount() for each in lidars]
     if not isinstance(mounts, Sequence) or len(mounts) != len(lidars):
