@@ -55,7 +55,7 @@ docs: $(READY)  ## the documentation, in .site/; any warning is an error
 bench: $(READY)  ## the benchmarks, beside other drivers; see benchmarks/README.md
 	$(BIN)/python -m benchmarks
 
-faults: $(READY)  ## what every fault costs, on nine devices, and what other drivers make of it; five minutes
+faults: $(READY)  ## what every fault costs, on fourteen devices, and what other drivers make of it; five minutes
 	$(BIN)/python -m benchmarks --only faults
 
 soak: $(READY)  ## a day of faults and users in driven time; half an hour

@@ -26,7 +26,7 @@ from lidario.wire.envelope import DESCRIPTOR_SIZE
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
 
-__all__ = ["DAMAGES", "SCARCE", "Outcome", "outcome", "run"]
+__all__ = ["DAMAGES", "SCARCE", "Outcome", "outcome", "received", "run"]
 
 _SECONDS = 6.0
 _CHUNK = 512
@@ -171,7 +171,7 @@ def outcome(kind: Kind, damage: str, seed: int) -> Outcome:
     raw = np.frombuffer(capture(kind, _SECONDS), np.uint8)[DESCRIPTOR_SIZE:]
     clean, packets, offsets = _undamaged(kind)
     damaged, places = (DAMAGES | SCARCE)[damage](raw, offsets, np.random.default_rng(seed))
-    scans, stats, got, _ = _received(kind, damaged, places)
+    scans, stats, got, _ = received(kind, damaged, places)
     kept = wrong = 0
     stamps = np.array([scan.stamp_ns for scan in clean])
     for scan in scans:
@@ -194,11 +194,11 @@ def outcome(kind: Kind, damage: str, seed: int) -> Outcome:
 @cache
 def _undamaged(kind: Kind) -> tuple[list[Scan], int, Places]:
     raw = np.frombuffer(capture(kind, _SECONDS), np.uint8)[DESCRIPTOR_SIZE:]
-    scans, _, packets, offsets = _received(kind, raw, np.arange(len(raw)))
+    scans, _, packets, offsets = received(kind, raw, np.arange(len(raw)))
     return scans, packets, offsets
 
 
-def _received(kind: Kind, data: Bytes, places: Places) -> tuple[list[Scan], AssemblerStats, int, Places]:
+def received(kind: Kind, data: Bytes, places: Places) -> tuple[list[Scan], AssemblerStats, int, Places]:
     """Scans, counters, how many packets there were, and where they stood if they lie back to back."""
     link, stream, byte_ns = Link(), kind.stream(), _SECONDS * 1e9 / max(1, int(places[-1]))
     link.send_request(kind.request(stream.format))

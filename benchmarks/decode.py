@@ -23,8 +23,7 @@ from benchmarks.models import FORMATS
 from benchmarks.processes import Failed, run_json
 from benchmarks.report import Result, Setting, Table, median, ratio, spread
 from benchmarks.streams import KINDS, Kind, capture, recording
-from lidario.revolution.assemble import Assembler
-from lidario.wire.events import Packets
+from lidario.revolution.pipeline import Pipeline
 from lidario.wire.link import Link
 
 __all__ = ["CHUNKS", "run"]
@@ -112,19 +111,15 @@ def _timed(kind: Kind, seconds: float, chunk: int | None, *, convert: bool = Fal
     raw = capture(kind, seconds)
     stream, link = kind.stream(), Link()
     link.send_request(kind.request(stream.format))
-    link.data_to_send()
-    assembler = Assembler(stream)
+    pipeline = Pipeline(stream, link=link)
     step = chunk or len(raw)
     byte_ns = seconds * 1e9 / len(raw)
     scans = samples = 0
     start = time.perf_counter()
     for at in range(0, len(raw), step):
-        link.receive_data(raw[at : at + step], int((at + step) * byte_ns))
-        for event in link.events_received():
-            if isinstance(event, Packets):
-                for scan in assembler.add(event):
-                    scans += 1
-                    samples += min(len(scan.angles), len(scan.ranges)) if convert else len(scan)
+        for scan in pipeline.receive(raw[at : at + step], int((at + step) * byte_ns)):
+            scans += 1
+            samples += min(len(scan.angles), len(scan.ranges)) if convert else len(scan)
     took = time.perf_counter() - start
     return _figures(took, len(raw), scans, samples)
 

@@ -1,7 +1,7 @@
 """What filters cost: each on a scan of 3200 samples in memory, and all of them in a program that reads scans.
 
-Live, a simulated S2 is on a pseudo-terminal, in a process of its own. A second process reads it, by turns with and
-without filters, and tells its CPU time.
+Live, a simulated S2 is on a pseudo-terminal, in a process of its own. A second process reads it, by turns without
+filters, with those of a reader, and with those of the settings, and tells its CPU time.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 import lidario
 from benchmarks.processes import ROOT, Failed, run_json
 from benchmarks.report import Result, Setting, Table, median, spread
-from lidario import Mount, Scan
+from lidario import Config, LidarConfig, Mount, Scan
 from lidario.filters import (
     AngularBoundsFilter,
     BoxFilter,
@@ -48,7 +48,7 @@ EVERY: tuple[Filter, ...] = (
     RadiusOutlierFilter(),
     MedianFilter(5),
 )
-_WAYS = ("scans()", "scans(filters=...)")
+_WAYS = ("scans()", "scans(filters=...)", "open_lidar(config=...)")
 _CALLS = 100
 
 
@@ -72,8 +72,10 @@ def run(setting: Setting) -> Result:
     memory.rows += [[name, spread(values)] for name, values in took.items()]
     live = Table("Filters, an S2 at 10 Hz on a pseudo-terminal", ["", "% of a core"])
     live.rows += [[way, spread([100 * each for each in values], 2)] for way, values in cpu.items()]
-    more = median(cpu[_WAYS[1]]) - median(cpu[_WAYS[0]])
-    live.notes.append(f"All eight filters add {100 * more:.2f} % of a core.")
+    more, settings = (median(cpu[way]) - median(cpu[_WAYS[0]]) for way in _WAYS[1:])
+    live.notes.append(
+        f"All eight filters add {100 * more:.2f} % of a core, and {100 * settings:.2f} % as settings of the lidar."
+    )
     return Result("filters", [memory, live], {"memory": took, "live": cpu})
 
 
@@ -106,7 +108,7 @@ def _live(way: str, seconds: float) -> float:
             path = device.stdout.readline().strip()
             if not path:
                 raise Failed("the simulated device ended")
-            task = json.dumps({"path": path, "filtered": way == _WAYS[1], "seconds": seconds})
+            task = json.dumps({"path": path, "way": way, "seconds": seconds})
             got: dict[str, Any] = run_json([sys.executable, "-m", "benchmarks.filters", task], timeout=seconds + 30)
         finally:
             device.terminate()
@@ -115,9 +117,10 @@ def _live(way: str, seconds: float) -> float:
 
 async def read(task: dict[str, Any]) -> dict[str, float]:
     """Read scans for a while, from the fifth one on; what that cost."""
+    config = Config(default=LidarConfig(filters=EVERY if task["way"] == _WAYS[2] else ()))
     async with (
-        lidario.open_lidar(task["path"]) as lidar,
-        lidar.scans(filters=EVERY if task["filtered"] else ()) as scans,
+        lidario.open_lidar(task["path"], config=config) as lidar,
+        lidar.scans(filters=EVERY if task["way"] == _WAYS[1] else ()) as scans,
     ):
         for _ in range(5):
             await anext(scans)

@@ -15,10 +15,8 @@ import numpy as np
 
 from benchmarks.report import Result, Setting, Table, ratio, spread
 from benchmarks.streams import KINDS, Kind, capture
-from lidario.revolution.assemble import Assembler
+from lidario.revolution.pipeline import Pipeline
 from lidario.wire.envelope import DESCRIPTOR_SIZE
-from lidario.wire.events import Packets
-from lidario.wire.link import Link
 
 __all__ = ["MOST", "cost_ms", "run"]
 
@@ -75,15 +73,8 @@ def cost_ms(kind: Kind, chunk: int, what: str = "clean", seed: int = 0) -> float
         random = np.random.default_rng(seed)
         part = _PART if what == "half random" else 0
         raw = b"".join(raw[at : at + part] + random.bytes(2 * _PART - part) for at in range(0, len(raw), 2 * _PART))
-    link, stream = Link(), kind.stream()
-    link.send_request(kind.request(stream.format))
-    link.receive_data(whole[:DESCRIPTOR_SIZE], 0)
-    link.events_received()
-    assembler, step_ns = Assembler(stream), _SECONDS * 1e9 / len(raw)
+    pipeline, step_ns = Pipeline(kind.stream()), _SECONDS * 1e9 / len(raw)
     began = time.process_time()
     for at in range(0, len(raw), chunk):
-        link.receive_data(raw[at : at + chunk], round((at + chunk) * step_ns))
-        for event in link.events_received():
-            if isinstance(event, Packets):
-                assembler.add(event)
+        pipeline.receive(raw[at : at + chunk], round((at + chunk) * step_ns))
     return (time.process_time() - began) * 1e3 / _SECONDS

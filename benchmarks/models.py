@@ -13,10 +13,19 @@ from functools import partial
 from typing import Any, Final
 
 from benchmarks.streams import RATES, Kind, rplidar_kind
+from lidario.families.camsense import device as camsense
+from lidario.families.hlds import device as hlds
+from lidario.families.hokuyo.commands import measure
+from lidario.families.hokuyo.decode import BlockDecoder
+from lidario.families.hokuyo.formats import DistanceFormat
+from lidario.families.hokuyo.geometry import Geometry
+from lidario.families.irobotix import device as irobotix
 from lidario.families.ldrobot.decode import PacketDecoder, TriangleDecoder
 from lidario.families.ldrobot.formats import PacketFormat, TriangleFormat
+from lidario.families.neato import device as neato
 from lidario.families.registry import family_of_simulated
 from lidario.families.rplidar.simulated.device import PROFILES
+from lidario.families.talking import Talkers
 from lidario.families.unasked import begin
 from lidario.families.ydlidar import commands as ydlidar_commands
 from lidario.families.ydlidar.models import MODELS as YDLIDARS
@@ -65,6 +74,28 @@ def _ldrobot(model: str, title: str, rate: float, *, triangle: bool = False) -> 
     return Kind(f"{title} packets", "ldrobot", mode, partial(_device, model), wire, decoder, begin)
 
 
+def _talker(talkers: Talkers, simulated: str, name: str) -> Kind:
+    """One of a family whose models a table describes; `name` is that of its packets."""
+    model = talkers.models.get(simulated.partition("-")[2], talkers.all[-1])
+    mode = ScanMode(0, "Standard", model.sample_us, model.reach, model.wire().response_type, typical=True)
+    request = partial(begin, data=model.start)
+    return Kind(name, talkers.family, mode, partial(_device, simulated), model.wire, model.decoder, request)
+
+
+def _urg() -> Kind:
+    field = Geometry(44, 725, 384, 1024, 20, 5600, 600)
+    mode = ScanMode(0, "Standard", field.sample_us, 5.6, DistanceFormat.response_type, typical=True)
+    return Kind(
+        "URG-04LX blocks",
+        "hokuyo",
+        mode,
+        partial(_device, "hokuyo-urg04lx"),
+        partial(DistanceFormat, field),
+        partial(BlockDecoder, DistanceFormat, field),
+        partial(measure, "MD", field.first, field.last),
+    )
+
+
 FORMATS: Final = {
     kind.name: kind
     for kind in (
@@ -75,6 +106,11 @@ FORMATS: Final = {
         _ydlidar("tmini-plus-sh"),
         _ldrobot("ldrobot-ld19", "LD19", 4500.0),
         _ldrobot("ldrobot-ld14p", "LD14P", 4000.0, triangle=True),
+        _talker(neato.TALKERS, "neato-xv11", "XV-11 packets"),
+        _talker(camsense.TALKERS, "camsense-x1", "Camsense X1 packets"),
+        _talker(irobotix.TALKERS, "irobotix-delta2a", "Delta-2A frames"),
+        _talker(hlds.TALKERS, "hlds-lds01", "LDS-01 packets"),
+        _urg(),
     )
 }
 """One stream of each format that is not among the seven of `benchmarks.streams`."""
@@ -89,5 +125,10 @@ SUFFERERS: Final = {
     "ydlidar-g2": Sufferer(FORMATS["G2 points"]),
     "ydlidar-tmini": Sufferer(FORMATS["Tmini points"]),
     "ydlidar-x2": Sufferer(_ydlidar("x2")),
+    "neato-xv11": Sufferer(FORMATS["XV-11 packets"]),
+    "camsense-x1": Sufferer(FORMATS["Camsense X1 packets"]),
+    "irobotix-delta2a": Sufferer(FORMATS["Delta-2A frames"]),
+    "hlds-lds01": Sufferer(FORMATS["LDS-01 packets"]),
+    "hokuyo-urg04lx": Sufferer(FORMATS["URG-04LX blocks"]),
 }
 """The devices of the fault table, by the name of the simulated model."""

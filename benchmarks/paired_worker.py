@@ -1,7 +1,7 @@
 """Decodes for `benchmarks.paired`, with the code of whichever checkout is first in the path.
 
 It is run by its path, with another checkout as its working directory, so it must work with code of other times: it
-takes `Link`, `Assembler` and `Packets` from wherever that checkout's own `benchmarks.decode` has them.
+takes what has stood in the same place since 0265bcb.
 
 Each line that it reads is a task in JSON: ``kind``, a name of `KINDS`; ``path``, a file with the stream of such a
 device; ``chunk``, bytes at a time, 0 for all at once; ``seconds``, the time that the stream took; ``passes``. It
@@ -15,37 +15,37 @@ import sys
 import time
 from pathlib import Path
 
-from benchmarks import decode
-from benchmarks.streams import KINDS
+from benchmarks import streams
+from lidario.revolution.assemble import Assembler
+from lidario.wire.events import Packets
+from lidario.wire.link import Link
 
 __all__: list[str] = []
-
-_Link, _Assembler, _Packets = (vars(decode)[name] for name in ("Link", "Assembler", "Packets"))
 
 
 def timed(kind: str, path: str, chunk: int, seconds: float, passes: int) -> dict[str, object]:
     """Decode a stream several times."""
-    raw, made_of = Path(path).read_bytes(), KINDS[kind]
+    raw, made_of = Path(path).read_bytes(), streams.KINDS[kind]
     step = chunk or len(raw)
     byte_ns = seconds * 1e9 / len(raw)
     took, scans = list[float](), 0
     for _ in range(passes):
-        stream, link = made_of.stream(), _Link()
+        stream, link = made_of.stream(), Link()
         link.send_request(made_of.request(stream.format))
         link.data_to_send()
-        assembler, scans = _Assembler(stream), 0
+        assembler, scans = Assembler(stream), 0
         begin = time.process_time()
         for at in range(0, len(raw), step):
             link.receive_data(raw[at : at + step], int((at + step) * byte_ns))
             for event in link.events_received():
-                if isinstance(event, _Packets):
+                if isinstance(event, Packets):
                     scans += len(assembler.add(event))
         took.append(time.process_time() - begin)
     return {"seconds": took, "scans": scans}
 
 
 if __name__ == "__main__":
-    if not Path(str(decode.__file__)).is_relative_to(Path.cwd()):
+    if not Path(str(streams.__file__)).is_relative_to(Path.cwd()):
         # Python found those of an installed lidario.
         sys.exit("it has no benchmarks")
     for line in sys.stdin:

@@ -44,6 +44,8 @@ def main() -> int:
             (FOLDER / name).write_bytes(picture)
         for name, dark in (("strip.png", False), ("strip-dark.png", True)):
             (FOLDER / name).write_bytes(_strip(browser, dark=dark))
+        for name, dark in (("masks.png", False), ("masks-dark.png", True)):
+            (FOLDER / name).write_bytes(_masks(browser, dark=dark))
         for name, dark in (("filters.png", False), ("filters-dark.png", True)):
             page = browser.open("about:blank", width=SIZE[0], height=SIZE[1])
             page.ask(f"document.documentElement.innerHTML = {filters_page(dark=dark)!r}")
@@ -99,6 +101,21 @@ def _strip(browser: Browser, *, dark: bool) -> bytes:
     made = page.picture()
     page.close()
     return made
+
+
+def _masks(browser: Browser, *, dark: bool) -> bytes:
+    """The live page with what a viewer has drawn to be left out: a box, and a sector that is just being drawn."""
+    with _live(browser, SOURCE, width=1000, height=600, dark=dark) as page:
+        page.until("seen.painted > 10 && !$('mask').hidden")
+        page.key("+")  # from now on the picture does not fit itself to what is seen
+        page.key("m")
+        page.drag(*page.ask("[place(.4, .5), place(-.7, -.5)]"))
+        page.key("m")
+        page.drag(*page.ask("[place(-1.5, .8), place(-1.5, -.3)]"))
+        page.until("masks.unsaved === 2 && lidars[0].load !== null")
+        page.move(5, 300)
+        page.until(f"seen.painted > {page.ask('seen.painted')} + 5 && !dirty")
+        return page.picture()
 
 
 @contextmanager

@@ -4,19 +4,28 @@ In memory a stream is taken in chunks of 4 KiB, first by `Link` alone, then with
 wholly, with the decoder timed inside; what is left is the keeping of packets and the building of scans. Live, the
 same work is done ten times a second instead of one after the other, with cold caches; and waking up costs something
 even to who does nothing else.
+
+A session does more for a revolution. The last table tells what the delivery that completes a revolution
+calls, as `python -m benchmarks.walk pty` lists it, and the CPU of such deliveries, ten times a second.
 """
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Self
+from typing import Any, Self
+from unittest import mock
 
+import lidario
 from benchmarks.report import Result, Setting, Table, median, spread
 from benchmarks.streams import KINDS, RATES, Kind, capture, recording
+from benchmarks.walk import walked
 from lidario.families.base import Decoder, Samples, SteadySamples, Stream
+from lidario.port.port import Port
 from lidario.revolution.assemble import Assembler
+from lidario.revolution.pipeline import Pipeline
 from lidario.revolution.seam import Seam
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
@@ -27,6 +36,7 @@ STAGES = ("Link", "headings, seam", "decoder", "keeping, scan")
 _CHUNK = 4096
 _LIVE = "S2 DenseBoost"
 _TURN_S = 0.1
+_WARM_UP = 5
 
 
 class _Timed:
@@ -73,7 +83,15 @@ def run(setting: Setting) -> Result:
         "waking up after 20 ms, for nothing": _sleeps(turns, 0.020),
         "waking up after 1 ms, for nothing": _sleeps(turns, 0.001),
     }
-    return Result("stages", [_table(found), _live_table(live)], {"formats": found, "live": live})
+    setting.say("stages: a session")
+    (walk,) = (each for each in walked("pty") if "completes a revolution" in each.title)
+    delivered = asyncio.run(_deliveries(turns))
+    session = Table("stages: a session on S2, the delivery that completes a revolution", ["calls", "CPU, µs"])
+    session.rows = [[walk.told, spread(delivered, 0)]]
+    tables = [_table(found), _live_table(live), session]
+    return Result(
+        "stages", tables, {"formats": found, "live": live, "delivery": {"calls": walk.told, "us": delivered}}
+    )
 
 
 def _stages(kind: Kind, seconds: float) -> dict[str, float]:
@@ -114,25 +132,42 @@ def _turns(count: int, every_s: float) -> list[float]:
     """Microseconds of CPU for each of so many revolutions, from bytes to radians and metres."""
     kind = RATES[_LIVE].kind
     played, stream = recording(kind), kind.stream()
-    link, assembler = _opened(stream, kind), Assembler(stream)
-    link.receive_data(played.descriptor + played.head, 0)
-    for event in link.events_received():
-        if isinstance(event, Packets):
-            assembler.add(event)
+    pipeline = Pipeline(stream, link=_opened(stream, kind))
+    pipeline.receive(played.descriptor + played.head)
     ends = (0, *played.loop_ends)
     found: list[float] = []
     while len(found) < count:
         begin, end = ends[len(found) % len(played.loop_ends)], ends[len(found) % len(played.loop_ends) + 1]
         time.sleep(every_s)
         start = time.thread_time_ns()
-        link.receive_data(played.loop[begin:end], len(found))
-        for event in link.events_received():
-            if isinstance(event, Packets):
-                for scan in assembler.add(event):
-                    assert len(scan.angles) == len(scan.ranges)
+        for scan in pipeline.receive(played.loop[begin:end], len(found)):
+            assert len(scan.angles) == len(scan.ranges)
         found.append((time.thread_time_ns() - start) / 1e3)
         if end == ends[-1]:
-            link.receive_data(played.loop[end:], len(found))
+            pipeline.link.receive_data(played.loop[end:], len(found))
+    return found
+
+
+async def _deliveries(count: int) -> list[float]:
+    """Microseconds of CPU for the deliveries that complete so many revolutions, as they come."""
+    took_ns = 0
+    receive = Port.data_received
+
+    def timed(port: Port, *given: Any, **how: Any) -> None:
+        nonlocal took_ns
+        start = time.thread_time_ns()
+        receive(port, *given, **how)
+        took_ns = time.thread_time_ns() - start
+
+    found: list[float] = []
+    with mock.patch.object(Port, "data_received", timed):
+        async with lidario.open_lidar("sim://rplidar-s2?via=pty") as lidar, lidar.scans() as scans:
+            for _ in range(_WARM_UP):
+                await anext(scans)
+            async for _ in scans:
+                found.append(took_ns / 1e3)
+                if len(found) == count:
+                    return found
     return found
 
 

@@ -193,12 +193,18 @@ def recording(kind: Kind) -> Recording:
             join_blocks(blocks, event.blocks)
             headings += [int(heading) & (BEGINS - 1) for heading in wire.headings(event)]
     offsets = packet_offsets(blocks)
-    wraps = [at for at, (last, here) in enumerate(pairwise(headings), 1) if here < last - wire.full_turn // 2]
+    wraps = [
+        at
+        for at, (last, here) in enumerate(pairwise(headings), 1)
+        if wire.whole or here < last - wire.full_turn // 2
+    ]
     turns = 1000 * len(wraps) // 2400
     first, last = wraps[turns - 1], wraps[2 * turns - 1]
     start = offsets[first]
+    expected = request.expects
+    before = raw.index(packets[: offsets[1]]) if expected and expected.lines else DESCRIPTOR_SIZE
     return Recording(
-        descriptor=raw[: DESCRIPTOR_SIZE if request.expects else 0],
+        descriptor=raw[: before if expected else 0],
         head=packets[:start],
         loop=packets[start : offsets[last]],
         head_ends=tuple(offsets[at + 1] for at in wraps[: turns - 1]),

@@ -15,11 +15,9 @@ from benchmarks.truth_cases import Line
 from benchmarks.truth_streams import TrueStream
 from lidario.families.base import Known
 from lidario.recording.offline import OfflineDecoder
-from lidario.revolution.assemble import Assembler, AssemblerStats
-from lidario.revolution.together import join_runs
+from lidario.revolution.assemble import AssemblerStats
+from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
-from lidario.wire.events import Packets
-from lidario.wire.link import Link
 
 __all__ = ["WAYS", "Received", "receive"]
 
@@ -76,21 +74,16 @@ def _handed_over(stream: TrueStream, reads: list[tuple[int, int]], way: str) -> 
 
 
 def _live(stream: TrueStream, line: Line, reads: list[tuple[int, int]], ends: NDArray[np.int64]) -> Received:
-    told = stream.form.stream()
-    link, assembler, scans = Link(), Assembler(told, stream.form.baudrate), list[Scan]()
-    link.enter_stream(told.format)
+    pipeline, scans = Pipeline(stream.form.stream(), stream.form.baudrate), list[Scan]()
     first = begin = 0
     for end in ends.tolist():
         piece = reads[first:end]
         until, now = piece[-1]
         arrivals = [(place - begin, at) for place, at in piece[:-1]]
-        link.receive_data(line.data[begin:until].tobytes(), now, arrivals)
-        for event in join_runs(list(link.events_received())):
-            if isinstance(event, Packets):
-                scans += assembler.add(event)
+        scans += pipeline.receive(line.data[begin:until].tobytes(), now, arrivals)
         first, begin = end, until
-    assembler.end()
-    return Received(scans, assembler.stats, link.stats.packets)
+    pipeline.end()
+    return Received(scans, pipeline.stats, pipeline.link.stats.packets)
 
 
 def _from_file(stream: TrueStream, line: Line) -> Received:
@@ -98,4 +91,4 @@ def _from_file(stream: TrueStream, line: Line) -> Received:
     data = form.intro + line.data.tobytes()
     decoder = OfflineDecoder(data, Known(form.kind.family, sample_us=form.kind.mode.sample_us))
     scans = list(decoder)
-    return Received(scans, decoder.assembler_stats, decoder.link_stats.packets)
+    return Received(scans, decoder.pipeline.stats, decoder.pipeline.link.stats.packets)

@@ -1,4 +1,4 @@
-"""What is called, in which order, for one chunk of bytes and for one request: ``python -m benchmarks.walk``.
+"""What is called, in which order, for a chunk of bytes, a request, a new line: ``python -m benchmarks.walk``.
 
 Real runs are traced with `sys.setprofile`: each call of a function of lidario, indented below its caller, by steps
 of the event loop. A task that goes on after it has waited is shown once more, as ``… name``. The simulated device
@@ -52,11 +52,13 @@ class Call:
         name: Qualified name of the function.
         depth: How many of ours called it.
         goes_on: Whether it was suspended before and goes on here.
+        file: Where it stands.
     """
 
     name: str
     depth: int
     goes_on: bool
+    file: str = ""
 
 
 Step: TypeAlias = list[Call]
@@ -78,9 +80,11 @@ class Walk:
     seen: list[list[Step]]
 
     @property
-    def calls(self) -> int:
-        """How many functions were called or went on."""
-        return sum(map(len, self.steps))
+    def told(self) -> str:
+        """How many calls of how many functions, in how many files."""
+        calls = [call for step in self.steps for call in step]
+        functions, files = {(call.file, call.name) for call in calls}, {call.file for call in calls}
+        return f"{len(calls)} calls of {len(functions)} functions in {len(files)} files"
 
 
 @dataclass
@@ -114,10 +118,10 @@ class _Tracer:
             self._add(frame)
 
     def _add(self, frame: FrameType) -> None:
-        goes_on = id(frame) in self._kept
-        self.steps[-1].append(Call(frame.f_code.co_qualname, len(self._stack), goes_on))
+        goes_on, code = id(frame) in self._kept, frame.f_code
+        self.steps[-1].append(Call(code.co_qualname, len(self._stack), goes_on, code.co_filename))
         self._stack.append(frame)
-        if frame.f_code.co_flags & _CAN_WAIT:
+        if code.co_flags & _CAN_WAIT:
             # Kept, so that no other frame gets the same id; not those of functions, which keep their locals alive.
             self._kept[id(frame)] = frame
 
@@ -171,14 +175,17 @@ def _traced() -> Iterator[list[Step]]:
 
 
 def walked(way: str, model: str = "rplidar-s2") -> list[Walk]:
-    """Trace a simulated device: chunks of its stream, a request while it is idle, one while it scans.
+    """Trace a simulated device: chunks of its stream, a request while it is idle, one while it scans, a lost line.
 
     Args:
         way: ``memory`` or ``pty``.
         model: Name of the simulated device.
     """
+    source = f"sim://{model}?via={way}"
     with asyncio.Runner(loop_factory=DrivenLoop if way == "memory" else None) as runner:
-        return runner.run(_walk(f"sim://{model}?via={way}"))
+        found = runner.run(_walk(source))
+        # Where times are real, the steps in which it is waited are too many.
+        return [*found, runner.run(_comes_back(f"{source}&fault=replug:4s"))] if way == "memory" else found
 
 
 async def _walk(source: str) -> list[Walk]:
@@ -201,6 +208,18 @@ async def _walk(source: str) -> list[Walk]:
         _of("a request while no stream runs", [idle]),
         _of("a request in mid-scan", [asked]),
     ]
+
+
+async def _comes_back(source: str) -> Walk:
+    """From the loss of the line to the stream on the new one."""
+    async with lidario.open_lidar(source, reconnect=True) as lidar, lidar.scans() as scans:
+        await anext(scans)
+        with _traced() as steps:
+            while not lidar.stats.reconnects:
+                await anext(scans)
+    lost = next(at for at, step in enumerate(steps) if _has(step, "StreamControl.lose"))
+    back = next(at for at, step in enumerate(steps) if at > lost and _has(step, "Running.begin"))
+    return _of("a line that is lost and found again", [steps[lost : back + 1]])
 
 
 def _chunks(steps: list[Step]) -> list[Walk]:
@@ -226,7 +245,7 @@ def _of(title: str, seen: list[list[Step]]) -> Walk:
 
 def _until_the_reader(steps: list[Step], at: int) -> list[Step]:
     """From a step to the next one in which a reader got its scan; what the reader does then is left out."""
-    end = next((n for n in range(at + 1, len(steps)) if steps[n][0].name == "ScanStream.__anext__"), at)
+    end = next((n for n in range(at + 1, len(steps)) if steps[n][0].name == "ReaderStream.__anext__"), at)
     last = steps[end]
     done = next((n for n, call in enumerate(last) if n and not call.depth), len(last))
     return [*steps[at:end], last[:done]]
@@ -238,7 +257,7 @@ def _has(step: Step, name: str) -> bool:
 
 def printed(walk: Walk, say: Callable[[str], object] = print) -> None:
     """Print a walk; a call that follows its like is counted, not repeated."""
-    say(f"{walk.title}: {walk.calls} calls in {len(walk.steps)} steps of the loop")
+    say(f"{walk.title}: {walk.told}, in {len(walk.steps)} steps of the loop")
     for number, step in enumerate(walk.steps, 1):
         lines = [f"{'  ' * call.depth}{'… ' if call.goes_on else ''}{call.name}" for call in step]
         runs: list[tuple[str, int]] = []

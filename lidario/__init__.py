@@ -19,10 +19,9 @@ from lidario.version import __version__
 
 if TYPE_CHECKING:
     from lidario.beams import BeamOrder, NoReturn, Preset
-    from lidario.blocking import SyncLidar, SyncScanStream, open_sync
-    from lidario.blocking_changes import SyncLineChanges
+    from lidario.blocking import SyncLidar, open_sync
     from lidario.blocking_recording import SyncRecording
-    from lidario.blocking_sectors import SyncSectorStream
+    from lidario.blocking_streams import SyncLineChanges, SyncScanStream, SyncSectorStream
     from lidario.config.read import Config, LidarConfig, read_config
     from lidario.config.write import save_config
     from lidario.errors import (
@@ -55,18 +54,18 @@ if TYPE_CHECKING:
     from lidario.recording.offline import ScanArrays, decode, decode_arrays
     from lidario.recording.record import Recording
     from lidario.recording.summary import RecordingSummary, summarize
-    from lidario.registration import Registration, register
+    from lidario.registration import Registration, looseness, register
     from lidario.scan import Scan
     from lidario.sector import Sector
-    from lidario.session.discovery import Found, PortInfo, list_lidars, list_serial_ports
+    from lidario.session.finding.discovery import Found, PortInfo, list_lidars, list_serial_ports
+    from lidario.session.finding.reconnect import Reconnect
     from lidario.session.lidar import Lidar
-    from lidario.session.line_changes import LineChange, LineChanges
     from lidario.session.merged import MergedStream, merged
     from lidario.session.opening import OpenLidar, open_lidar
-    from lidario.session.reconnect import Reconnect
     from lidario.session.run import run
-    from lidario.session.sectors import SectorStream
-    from lidario.session.stream import ScanStream
+    from lidario.session.streaming.line_changes import LineChange, LineChanges
+    from lidario.session.streaming.sectors import SectorStream
+    from lidario.session.streaming.stream import ScanStream
     from lidario.sim.device import Received, SimulatedDevice
     from lidario.sim.world import Wall, WorldLike
     from lidario.simulation import simulate
@@ -143,6 +142,7 @@ __all__ = [
     "decode_file_arrays",
     "list_lidars",
     "list_serial_ports",
+    "looseness",
     "merge",
     "merged",
     "open_lidar",
@@ -156,23 +156,22 @@ __all__ = [
 ]
 
 _HOMES = {
-    "blocking": ("SyncLidar", "SyncScanStream", "open_sync"),
-    "blocking_changes": ("SyncLineChanges",),
+    "blocking": ("SyncLidar", "open_sync"),
     "blocking_recording": ("SyncRecording",),
     "config.read": ("Config", "LidarConfig", "read_config"),
     "config.write": ("save_config",),
     "recording.decode_file": ("decode_file", "decode_file_arrays"),
     "recording.record": ("Recording",),
     "recording.summary": ("RecordingSummary", "summarize"),
-    "session.discovery": ("Found", "PortInfo", "list_lidars", "list_serial_ports"),
+    "session.finding.discovery": ("Found", "PortInfo", "list_lidars", "list_serial_ports"),
     "beams": ("BeamOrder", "NoReturn", "Preset"),
     "laserscan": ("LaserScan",),
     "laserscans": ("LaserScans",),
     "model": ("DeviceInfo", "Health", "HealthStatus", "NetworkAddress", "SampleRate", "ScanMode", "Stats"),
-    "blocking_sectors": ("SyncSectorStream",),
+    "blocking_streams": ("SyncLineChanges", "SyncScanStream", "SyncSectorStream"),
     "measured": ("Return",),
     "merging": ("Merged",),
-    "registration": ("Registration", "register"),
+    "registration": ("Registration", "looseness", "register"),
     "session.merged": ("MergedStream", "merged"),
     "scan": ("Scan",),
     "sector": ("Sector",),
@@ -180,12 +179,12 @@ _HOMES = {
     "port.line": ("Tap",),
     "recording.offline": ("ScanArrays", "decode", "decode_arrays"),
     "session.lidar": ("Lidar",),
-    "session.line_changes": ("LineChange", "LineChanges"),
+    "session.streaming.line_changes": ("LineChange", "LineChanges"),
     "session.opening": ("OpenLidar", "open_lidar"),
-    "session.reconnect": ("Reconnect",),
+    "session.finding.reconnect": ("Reconnect",),
     "session.run": ("run",),
-    "session.sectors": ("SectorStream",),
-    "session.stream": ("ScanStream",),
+    "session.streaming.sectors": ("SectorStream",),
+    "session.streaming.stream": ("ScanStream",),
     "sim.device": ("Received", "SimulatedDevice"),
     "sim.world": ("Wall", "WorldLike"),
     "simulation": ("simulate",),

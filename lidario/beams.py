@@ -61,6 +61,7 @@ from lidario.rotor import Rotor, before, turned
 
 __all__ = [
     "FARTHEST_STATED_M",
+    "NO_RETURN",
     "PRESET_YAW",
     "BeamOrder",
     "NoReturn",
@@ -77,7 +78,8 @@ Preset = Literal["rep103", "vendor"]
 PRESET_YAW: Final = {"rep103": 0.0, "vendor": math.pi}
 """Angle of the device's forward axis by each preset, radians."""
 _ORDERS = ("counter-clockwise", "measured")
-_NO_RETURN = {"inf": math.inf, "nan": math.nan, "zero": 0.0}
+NO_RETURN: Final = {"inf": math.inf, "nan": math.nan, "zero": 0.0}
+"""What the words of `NoReturn` stand for, metres."""
 
 FARTHEST_STATED_M: Final = 40.0
 """Metres: `LaserScan.range_max` where neither the caller nor the device says one. Beyond all models supported."""
@@ -153,9 +155,9 @@ def resample(
     missed = ~hit
     if left_out is not None:
         # First, so that every other sample of the beam says more.
-        filled[places[left_out]] = _NO_RETURN[filtered]
+        filled[places[left_out]] = NO_RETURN[filtered]
         missed &= ~left_out
-    filled[places[missed]] = _NO_RETURN[no_return]
+    filled[places[missed]] = NO_RETURN[no_return]
     # From far to near, so that the nearest return is written last.
     by_range = np.flatnonzero(hit)[np.argsort(ranges[hit], kind="stable")[::-1]]
     filled[places[by_range]] = ranges[by_range]
@@ -206,8 +208,8 @@ def check_options(
     """
     for name, word, words in (
         ("order", order, _ORDERS),
-        ("no_return", no_return, _NO_RETURN),
-        ("filtered", filtered, _NO_RETURN),
+        ("no_return", no_return, NO_RETURN),
+        ("filtered", filtered, NO_RETURN),
         ("preset", preset, PRESET_YAW),
     ):
         if not isinstance(word, str) or word not in words:

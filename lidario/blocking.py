@@ -23,29 +23,27 @@ import weakref
 from collections.abc import Callable, Coroutine, Iterable
 from contextlib import suppress
 from functools import update_wrapper
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Concatenate, Final, ParamSpec, Self, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Concatenate, Final, ParamSpec, TypeVar
 
-from lidario.blocking_changes import SyncLineChanges
 from lidario.blocking_recording import SyncRecorder
-from lidario.blocking_sectors import SyncSectorStream
+from lidario.blocking_streams import SyncLineChanges, SyncScanStream, SyncSectorStream
 from lidario.config.read import Config, LidarConfig
-from lidario.errors import LidarError, SessionClosed
+from lidario.entered import Closing
+from lidario.errors import SessionClosed
 from lidario.model import DeviceInfo, Health, ScanMode, Stats
 from lidario.port.line import Tap
 from lidario.scan import Scan
 from lidario.sector import Sector
+from lidario.session.finding.reconnect import Reconnect
 from lidario.session.lidar import Lidar
 from lidario.session.loop_thread import LoopThread
 from lidario.session.opening import DEFAULT_LATENCY_S, open_lidar
-from lidario.session.reconnect import Reconnect
-from lidario.session.sectors import DEFAULT_DEGREES, SectorStream
-from lidario.session.stream import ScanStream
+from lidario.session.streaming.sectors import DEFAULT_DEGREES
 
 if TYPE_CHECKING:
     from lidario.sim.device import SimulatedDevice
 
-__all__ = ["SyncLidar", "SyncScanStream", "open_sync"]
+__all__ = ["SyncLidar", "open_sync"]
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -74,7 +72,7 @@ def _as(told: object) -> Callable[[Callable[[SyncLidar], T]], Callable[[SyncLida
     return tell
 
 
-class SyncLidar(SyncRecorder):
+class SyncLidar(SyncRecorder, Closing):
     """One open device, for programs without ``await``; made by `open_sync`, and best used in ``with``.
 
     It has the methods of `Lidar`, which wait for their result. Threads may share it. Ctrl-C during any of them
@@ -204,8 +202,8 @@ class SyncLidar(SyncRecorder):
         filters: Iterable[Callable[[Sector], Sector]] = (),
     ) -> SyncSectorStream:
         """A stream of parts of revolutions, each as soon as it is measured, for ``for``; as `Lidar.sectors`."""
-        sectors = self._lidar.sectors(degrees, mode, depth=depth, force=force, filters=filters)
-        return SyncSectorStream(SyncScanStream(self._thread, sectors, self))
+        stream = self._lidar.sectors(degrees, mode, depth=depth, force=force, filters=filters)
+        return SyncSectorStream(self._thread, stream, self)
 
     sectors.__doc__ = (Lidar.sectors.__doc__ or "").replace("``async for``", "``for``")
 
@@ -237,74 +235,6 @@ class SyncLidar(SyncRecorder):
         """
         self._thread.end()
         self._garbage.detach()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-
-class SyncScanStream:
-    """An iterator of full revolutions; made by `SyncLidar.scans`.
-
-    As `ScanStream`, with ``for`` and ``with``: scans come in while the program does something else, and the reader
-    gets the latest one. The device begins to scan at the first ``next``. Ctrl-C, or any other exception that is
-    raised while it waits, leaves the stream; the last stream to be left stops laser and motor a second later.
-    """
-
-    def __init__(self, thread: LoopThread, stream: ScanStream | SectorStream, lidar: SyncLidar) -> None:
-        self._thread = thread
-        self._stream = stream
-        self._lidar = lidar  # held, so that the session is not closed while somebody reads
-
-    @property
-    def dropped(self) -> int:
-        """Scans this reader has missed so far."""
-        return self._stream.dropped
-
-    def __iter__(self) -> Self:
-        return self
-
-    def __next__(self) -> Scan:
-        try:
-            scan = cast("Scan | None", self._thread.call(_next, self._stream))
-        except BaseException:
-            self._release()
-            raise
-        if scan is None:
-            raise StopIteration
-        return scan
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Leave the stream. The last one to be left stops laser and motor. Harmless when done before."""
-        with suppress(SessionClosed):
-            self._thread.call(self._stream.aclose)
-
-    def _release(self) -> None:
-        async def release() -> None:
-            self._stream.release()
-
-        with suppress(LidarError):
-            self._thread.call(release)
-
-
-async def _next(stream: ScanStream | SectorStream) -> Scan | Sector | None:
-    # StopAsyncIteration cannot pass through a future.
-    try:
-        return await anext(stream)
-    except StopAsyncIteration:
-        return None
 
 
 def open_sync(

@@ -1,4 +1,4 @@
-"""What is used by ``async with`` and ``async for``; plain ``with`` and ``for`` say what to write instead."""
+"""What is used by ``with`` or ``async with``; where it is the latter, the former says what to write instead."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import ClassVar, NoReturn, Self
 
 from lidario.errors import LocalProtocolError
 
-__all__ = ["AsyncOnly", "Entered"]
+__all__ = ["AsyncOnly", "Closing", "Entered"]
 
 
 class AsyncOnly:
@@ -48,3 +48,19 @@ class Entered(AsyncOnly, ABC):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         await self.close()
+
+
+class Closing(ABC):
+    """Base of what is closed at the end of its ``with`` block."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """End. Harmless when done before."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

@@ -3,6 +3,10 @@
 Lidars turn at their own pace. A cloud is made as soon as each of them has a new scan, or when one has its next
 before the others have theirs. The others are in it with their latest scan, as long as that is young; one that is
 silent is told in `Merged.missing`, and holds nobody up.
+
+A LaserScan must tell three things apart: a direction in which nothing came back, so that the way is free; one in
+which filters took out what came back; and one in which nobody has looked. So the cloud knows the samples without a
+return, too.
 """
 
 from __future__ import annotations
@@ -12,19 +16,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from lidario.arguments import callable_of, finite, number, shown, text_of
-from lidario.beams import FARTHEST_STATED_M, NoReturn, beam_count
+from lidario.arguments import callable_of, finite, number, shown
+from lidario.beams import FARTHEST_STATED_M, NO_RETURN, NoReturn, beam_count, check_options
 from lidario.errors import InvalidValue
 from lidario.laserscan import LaserScan
-from lidario.points import Motion, Mount, Points, Velocity, merge
+from lidario.points import Motion, Mount, Points, Velocity, merge, place
 from lidario.scan import Scan
 
 __all__ = ["Merged", "MergedScans"]
 
 OLDEST_S = 0.25
 """Two and a half revolutions of 10 Hz: a robot of 1 m/s has driven a quarter of a metre."""
-_NOT_MEASURED = {"inf": math.inf, "nan": math.nan}
+_Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +43,9 @@ class Merged:
         scan_time: Seconds of the longest revolution.
         missing: Numbers of the lidars that have no scan young enough.
         max_range: Metres that the lidar which sees farthest says; 0 where none says it.
+        free: Where the samples end from which nothing came back, `max_range` away from their lidar (40 m where none
+            says it); metres, float32, shape (n, 2).
+        left_out: Likewise of the samples that filters took out.
     """
 
     points: Points
@@ -46,6 +54,8 @@ class Merged:
     scan_time: float
     missing: tuple[int, ...]
     max_range: float
+    free: _Floats
+    left_out: _Floats
 
     def __len__(self) -> int:
         return len(self.points)
@@ -58,43 +68,43 @@ class Merged:
         range_min: float = 0.05,
         range_max: float | None = None,
         no_return: NoReturn = "inf",
+        filtered: NoReturn = "nan",
     ) -> LaserScan:
         """One LaserScan around the robot's origin; of the points in one direction, the nearest.
 
-        All of it is of one instant, `wall_at_ns`, so `time_increment` is 0.
+        All of it is of one instant, `wall_at_ns`, so `time_increment` is 0. A direction in which no lidar has
+        looked is NaN: beside a field of view, between two samples, or where the lidar that looks there is missing.
 
         Args:
             beams: How many, evenly over the whole turn; the first one at -pi.
             frame_id: Name of the robot's frame.
             range_min: Metres from the robot's origin; nearer points are left out.
-            range_max: Metres; farther points are left out. None to keep all.
-            no_return: What a direction without a point has: ``inf``, or ``nan`` where a costmap shall not clear it.
+            range_max: Metres; farther points count as no return. None to keep all.
+            no_return: What a direction has from which nothing came back: ``inf``, ``nan`` or ``zero``.
+            filtered: What a direction has in which filters took out all there was; the same words.
 
         Raises:
             InvalidValue: One of them cannot be right.
         """
-        beams, frame_id = beam_count(beams), text_of(frame_id, "frame_id")
+        beams = beam_count(beams)
+        check_options("counter-clockwise", frame_id, range_min, range_max, no_return, 0.0, "rep103", filtered)
         near = finite(range_min, "range_min")
         far = math.inf if range_max is None else number(range_max, "range_max")
-        if not 0.0 <= near < far:
-            raise InvalidValue(f"range_min and range_max are metres, from 0 on, and not {near:g} and {far:g}")
-        if no_return not in _NOT_MEASURED:
-            raise InvalidValue(f"no_return is 'inf' or 'nan', not {shown(no_return)}")
         xy = self.points.xy.astype(np.float64)
         ranges = np.hypot(xy[:, 0], xy[:, 1])
         kept = np.flatnonzero((ranges >= near) & (ranges <= far))
-        step = math.tau / beams
-        # Each beam has the directions around it, half a step on both sides.
-        beam = np.rint((np.arctan2(xy[kept, 1], xy[kept, 0]) + math.pi) / step).astype(np.int64) % beams
         # The nearest one last: of several values for one place, the last one stays.
-        order = np.argsort(-ranges[kept], kind="stable")
-        beam, kept = beam[order], kept[order]
-        made = np.full(beams, _NOT_MEASURED[no_return], np.float32)
+        kept = kept[np.argsort(-ranges[kept], kind="stable")]
+        beam = _beams_of(xy[kept], beams)
+        made = np.full(beams, np.nan, np.float32)
+        made[_beams_of(self.left_out, beams)] = NO_RETURN[filtered]
+        made[_beams_of(np.concatenate((self.free, xy[ranges > far])), beams)] = NO_RETURN[no_return]
         made[beam] = ranges[kept]
         strengths = np.zeros(0, np.float32)
         if self.points.intensities is not None:
             strengths = np.zeros(beams, np.float32)
             strengths[beam] = self.points.intensities[kept]
+        step = math.tau / beams
         return LaserScan(
             stamp_ns=self.wall_at_ns,
             frame_id=frame_id,
@@ -163,14 +173,36 @@ class MergedScans:
                 points.xy, points.times_ns, np.concatenate(strengths) if strengths else None, points.source
             )
         last = max(scans.values(), key=_end_of)
+        max_range = max(scan.max_range for scan in scans.values())
+        open_ways = [
+            self._ends(scan, self._mounts[each], at_ns, max_range or FARTHEST_STATED_M)
+            for each, scan in scans.items()
+        ]
         return Merged(
             points,
             at_ns,
             at_ns + last.wall_stamp_ns - last.stamp_ns,
             max(scan.duration_ns for scan in scans.values()) * 1e-9,
             tuple(each for each in range(len(self._mounts)) if each not in scans),
-            max(scan.max_range for scan in scans.values()),
+            max_range,
+            np.concatenate([free for free, _ in open_ways]),
+            np.concatenate([left_out for _, left_out in open_ways]),
         )
+
+    def _ends(self, scan: Scan, mount: Mount, at_ns: int, far: float) -> tuple[_Floats, _Floats]:
+        """So far away on the samples without a return, and on those that filters took out."""
+        none = np.flatnonzero(~scan.valid)
+        cos, sin = (each[none] for each in scan.directions())
+        ends = place(np.stack((cos, sin), axis=1) * far, scan.times_ns[none], mount, self._motion, at_ns)
+        is_out = scan.left_out[none]
+        return ends[~is_out], ends[is_out]
+
+
+def _beams_of(xy: NDArray[np.floating], beams: int) -> NDArray[np.int64]:
+    """The beam of each point: one has the directions around it, half a step on both sides."""
+    turned = np.arctan2(xy[:, 1], xy[:, 0], dtype=np.float64) + math.pi
+    found: NDArray[np.int64] = np.rint(turned * (beams / math.tau)).astype(np.int64) % beams
+    return found
 
 
 def _end_of(scan: Scan) -> int:

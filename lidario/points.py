@@ -112,7 +112,7 @@ def place(
         Metres, float32, shape (n, 2).
 
     Raises:
-        InvalidValue: `mount` or `motion` is wrong, or the pose function did not return an array of shape
+        InvalidValue: `mount` or `motion` is wrong, or the pose function did not return finite numbers of shape
             (n, 3).
     """
     if not isinstance(mount, Mount):
@@ -185,4 +185,7 @@ def _poses(pose: PoseFunction, times_ns: NDArray[np.int64]) -> NDArray[np.float6
             f"the pose function must return an array of shape ({len(times_ns)}, 3) for {len(times_ns)} times: x, y "
             f"in metres and yaw in radians; it returned shape {poses.shape}"
         )
+    if not np.isfinite(poses).all():
+        # Points that are nowhere are not near either, and a robot would not stop for them.
+        raise InvalidValue("the pose function must return finite poses; it returned some that are not")
     return poses

@@ -18,7 +18,7 @@ from lidario.arguments import shown
 from lidario.errors import InvalidValue, Unsupported
 from lidario.points import Mount
 
-__all__ = ["Registration", "register"]
+__all__ = ["Registration", "looseness", "register"]
 
 _Floats = NDArray[np.float64]
 
@@ -35,6 +35,11 @@ FAR_M: Final = 1.5
 NEAR_M: Final = 0.1
 """Points farther than this from the other cloud belong to what only one of the two sees."""
 RIVAL_TURN: Final = math.radians(5.0)
+BESIDE_M: Final = 0.1
+BESIDE_DIRECTIONS: Final = 24
+BESIDE_TURN: Final = math.radians(6.0)
+BACK_TURN: Final = math.radians(1.0)
+"""From `BESIDE_TURN` beside it the search comes back as near as this, where the room holds the direction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +106,47 @@ def register(
         len(shared) / len(apart),
         max(others, default=0.0),
     )
+
+
+def looseness(first: NDArray[np.floating], second: NDArray[np.floating], found: Registration) -> float:
+    """How well a place beside the found one explains the same points: near 1, nothing holds it where it is.
+
+    Along a corridor, beside one wall, or around the middle of a round room all places fit alike, `register` returns
+    any, and its residual is small. So the second cloud is shifted by 0.1 m in every direction, and is laid on the
+    first once more from 6 degrees beside.
+
+    Args:
+        first: As for `register`.
+        second: As there.
+        found: What `register` has found for them.
+
+    Returns:
+        The greatest part of the points that lie on the first cloud, and do so there too. Below 0.8 in rooms with
+        walls in several directions.
+
+    Raises:
+        InvalidValue: As `register`, or `found` is no `Registration`.
+        Unsupported: As there.
+    """
+    if not isinstance(found, Registration):
+        raise InvalidValue(f"found is what register() returns, not {shown(found)}")
+    mount, beside = found.mount, []
+    for turn in (BESIDE_TURN, -BESIDE_TURN):
+        other = register(first, second, guess=Mount(mount.x, mount.y, mount.yaw + turn))
+        is_back = abs(math.remainder(other.mount.yaw - mount.yaw, math.tau)) < BACK_TURN
+        beside.append(0.0 if is_back or not found.share else other.share / found.share)
+    import small_gicp
+
+    fixed, moving = _checked(first, "first"), _checked(second, "second")
+    near = max(FINE_M, 3 * found.residual)
+    here = float((_distances(small_gicp, fixed, moving, mount) < near).mean())
+    for direction in np.arange(BESIDE_DIRECTIONS) * (math.tau / BESIDE_DIRECTIONS):
+        shifted = Mount(
+            mount.x + BESIDE_M * math.cos(direction), mount.y + BESIDE_M * math.sin(direction), mount.yaw
+        )
+        there = float((_distances(small_gicp, fixed, moving, shifted) < near).mean())
+        beside.append(there / here if here else 1.0)
+    return max(beside)
 
 
 class _Cloud:

@@ -15,7 +15,7 @@ import pytest
 
 import lidario
 from benchmarks.walk import Call, Step, Walk, printed, walked
-from lidario.session.states import TRANSITIONS
+from lidario.session.streaming.states import TRANSITIONS
 from tests.test_layers import LAYERS
 
 ROOT = Path(__file__).parent.parent
@@ -53,7 +53,7 @@ def test_something_is_found_to_test() -> None:
     assert len(PATHS) > 12
     assert len(NAMES) > 80
     assert {"Stopper.hang_up", "LinkStats.packets", "StreamControl.go"} <= set(NAMES)
-    assert {"LINGER_S", "Port.is_forked", "ScanStream.dropped", "Link.is_awaiting"} <= defined()
+    assert {"LINGER_S", "Port.is_forked", "ReaderStream.dropped", "Link.is_awaiting"} <= defined()
     assert not {"Port.no_such_thing", "link"} & defined()
 
 
@@ -158,8 +158,8 @@ def of_runs(way: str, title: str) -> Iterator[list[Step]]:
 
 def test_extracts_are_found() -> None:
     assert {way for way, _, _ in EXTRACTS} == {"memory", "pty"}
-    assert len(EXTRACTS) == 5
-    assert all(len(lines_of(extract)) > 3 for _, _, extract in EXTRACTS)
+    assert len(EXTRACTS) == 6
+    assert all(len(lines_of(extract)) >= 3 for _, _, extract in EXTRACTS)
 
 
 @pytest.mark.parametrize(("way", "title", "extract"), EXTRACTS, ids=[title for _, title, _ in EXTRACTS])
@@ -182,6 +182,8 @@ def test_a_walk_can_be_printed() -> None:
     said: list[str] = []
     title = "a request while no stream runs"
     printed(next(walk for walk in walks("memory") if walk.title == title), said.append)
-    assert re.fullmatch(r"a request while no stream runs: \d+ calls in 3 steps of the loop", said[0])
+    assert re.fullmatch(
+        r"a request while no stream runs: \d+ calls of \d+ functions in \d+ files, in 3 steps of the loop", said[0]
+    )
     assert said[1] == "  1. Questions.get_health"
     assert "  3. … Questions.get_health" in said

@@ -16,9 +16,10 @@ from typing import Any
 import pytest
 
 import lidario
-from lidario.blocking import SyncLidar, SyncScanStream, open_sync
+from lidario.blocking import SyncLidar, open_sync
+from lidario.blocking_streams import SyncScanStream
 from lidario.session.lidar import Lidar
-from lidario.session.stream import ScanStream
+from lidario.session.streaming.stream import ScanStream
 from lidario.sim.serve import PtyServer
 from tests.cli.processes import served
 from tests.support.children import child, is_still, line_of, was_stopped

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -35,22 +36,30 @@ def way_along(stops: list[tuple[float, float, float, float]]) -> list[tuple[floa
 PATH = way_along(STOPS)
 
 
+EXAMPLES = Path(__file__).parent.parent / "examples"
+
+
+def test_it_has_less_than_60_lines() -> None:
+    assert len((EXAMPLES / "odometry.py").read_text(encoding="utf-8").splitlines()) < 60
+
+
 async def test_odometry(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.syspath_prepend(str(Path(__file__).parent.parent / "examples"))
+    monkeypatch.syspath_prepend(str(EXAMPLES))
     example = import_module("odometry")
     drive = Drive(PATH, furnished(), noise=0.005)
     lidar = SimulatedLidar("rplidar-c1", world=drive)
-    way = await example.main(lidar, 180)
+    # Both as the example names them.
+    monkeypatch.setattr(example, "DRIVE", drive)
+    monkeypatch.setattr(example, "SimulatedLidar", lambda world: lidar)
+    off = await example.main(count=180)
     told = capsys.readouterr().out
-    truth = drive.poses([at_ns for at_ns, *_ in way])
-    x0, y0, yaw0 = truth[0]
-    far = turned = 0.0
-    for (_, place, yaw), (x, y, true_yaw) in zip(way, truth, strict=True):
-        seen = complex(x - x0, y - y0) * complex(math.cos(yaw0), -math.sin(yaw0))
-        far = max(far, abs(place - seen))
-        turned = max(turned, abs(math.remainder(yaw - (true_yaw - yaw0), math.tau)))
-    print(f"{len(way)} scans, {1000 * far:.1f} mm and {math.degrees(turned):.2f} degrees off at most")
-    assert truth[-1][0] < -0.9
+    far, turned = (max(each) for each in zip(*off, strict=True))
+    print(f"{len(off)} scans, {1000 * far:.1f} mm and {math.degrees(turned):.2f} degrees off at most")
+    # Nearly at the end of its way, and it knows it.
+    at = complex(re.search(r"^at (\S+) m, off by", told, re.MULTILINE)[1])  # type: ignore[index]
+    assert -1.0 < at.real < -0.9
+    assert abs(at.imag - STOPS[-1][2]) < 0.03
+    assert f"off by {far:.3f} m at most" in told
     assert far < 0.03
     assert math.degrees(turned) < 1.0
     assert lidar.is_still

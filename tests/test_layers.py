@@ -49,7 +49,7 @@ LAYERS = (
     {"recording"},
     {"network"},
     {"session"},
-    {"blocking", "blocking_changes", "blocking_recording", "blocking_sectors", "ros"},
+    {"blocking", "blocking_recording", "blocking_streams", "ros"},
     {"conformance"},
     {"loading"},
     {"__init__"},
@@ -59,6 +59,8 @@ LAYERS = (
 """Each may import its own and those before it."""
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 OF_PORT = RANK["port"]
+OF_SESSION = ("talking", "finding", "streaming", "")
+"""The folders of the session, and what stands beside them: likewise."""
 
 SANS_IO = {"asyncio", "anyio", "serial", "serial_asyncio", "socket", "select", "termios", "threading", "subprocess"}
 OF_WIRE = {
@@ -165,6 +167,17 @@ def test_imports_point_one_way() -> None:
                 assert own in ("web", "testing", "cli", "__main__"), f"{named(path)} imports the package as a whole"
 
 
+def test_the_folders_of_the_session_import_one_way() -> None:
+    def rank(name: str) -> int:
+        folder = name.split(".")[2]
+        return OF_SESSION.index(folder if folder in OF_SESSION else "")
+
+    for path in (PACKAGE / "session").rglob("*.py"):
+        for name in ours(path, typing=False):
+            if name.startswith("lidario.session."):
+                assert rank(name) <= rank(module(path)), f"{named(path)} imports {name}"
+
+
 def test_input_and_output_begin_at_the_port() -> None:
     for path in FILES:
         if RANK[layer(module(path))] >= OF_PORT or named(path) in ("sim/serve.py", "sim/server.py"):
@@ -174,7 +187,7 @@ def test_input_and_output_begin_at_the_port() -> None:
 
 def test_serial_ports_are_known_where_they_are_opened_and_listed() -> None:
     users = {named(path) for path in FILES if foreign(path) & {"serial", "serial_asyncio"}}
-    assert users == {"port/adapter.py", "port/serial.py", "session/discovery.py"}
+    assert users == {"port/adapter.py", "port/serial.py", "session/finding/discovery.py"}
 
 
 def test_the_wire_needs_the_standard_library_and_numpy() -> None:

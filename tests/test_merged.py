@@ -10,6 +10,7 @@ import pytest
 
 import lidario
 from lidario import InvalidValue, Mount, Velocity
+from lidario.filters import AngularBoundsFilter
 from lidario.merging import Merged, MergedScans
 from lidario.testing import SimulatedLidar, make_scan, room
 
@@ -63,24 +64,70 @@ def test_the_robot_moves_meanwhile() -> None:
     assert found.points.xy[found.points.source == 0] == pytest.approx(first.xy)
 
 
-@pytest.mark.parametrize("beams", [1, 7, 360, 720])
+@pytest.mark.parametrize("beams", [1, 7, 360, 720, 1000])
 def test_the_laserscan_against_a_slow_reference(beams: int) -> None:
     draw = np.random.default_rng(beams)
-    scans = MergedScans([Mount(0.3, 0.1, 0.5), Mount(-0.2, 0.0, math.pi)])
-    one = make_scan(ALL, draw.uniform(0.02, 5.0, 360), stamp_ns=900 * MS, intensities=9)
-    two = make_scan(ALL, draw.uniform(0.02, 5.0, 360), stamp_ns=905 * MS, intensities=8)
-    found = pair(scans, one, two)
-    message = found.to_laserscan(beams, frame_id="base", range_min=0.5, range_max=4.0, no_return="nan")
+    mounts = Mount(0.3, 0.1, 0.5), Mount(-0.2, 0.0, math.pi)
+    made = []
+    for stamp_ns in (900 * MS, 905 * MS):
+        ranges = draw.uniform(0.02, 5.0, 360)
+        # In whole sectors, so that some directions are seen by no sample that says more.
+        ranges[slice(*sorted(draw.integers(0, 360, 2)))] = np.nan
+        scan = make_scan(ALL, ranges, stamp_ns=stamp_ns, intensities=9)
+        begin = draw.uniform(0.0, 5.0)
+        made.append(scan.filtered(AngularBoundsFilter([(begin, begin + 1.0)], invert=True)))
+    found = pair(MergedScans(mounts), *made)
+    message = found.to_laserscan(
+        beams, frame_id="base", range_min=0.5, range_max=4.0, no_return="inf", filtered="zero"
+    )
+
+    def beam_of(x: float, y: float) -> int:
+        return round((math.atan2(y, x) + math.pi) / (math.tau / beams)) % beams
+
     expected = [math.nan] * beams
+    for order, word in enumerate((0.0, math.inf)):
+        for scan, mount in zip(made, mounts, strict=True):
+            for angle, back, out in zip(scan.angles, scan.valid, scan.left_out, strict=True):
+                if not back and out != order:
+                    turned = float(angle) + mount.yaw
+                    expected[beam_of(mount.x + 40 * math.cos(turned), mount.y + 40 * math.sin(turned))] = word
+    for x, y in found.points.xy.tolist():
+        if math.hypot(x, y) > 4.0:
+            expected[beam_of(x, y)] = math.inf
     for x, y in found.points.xy.tolist():
         distance = math.hypot(x, y)
-        beam = round((math.atan2(y, x) + math.pi) / (math.tau / beams)) % beams
-        if 0.5 <= distance <= 4.0 and not expected[beam] <= distance:
-            expected[beam] = distance
+        if 0.5 <= distance <= 4.0 and not 0.0 < expected[beam_of(x, y)] <= distance:
+            expected[beam_of(x, y)] = distance
     assert message.ranges == pytest.approx(np.array(expected), nan_ok=True, abs=1e-5)
     assert message.stamp_ns == found.wall_at_ns
     assert (message.angle_min, message.frame_id, message.time_increment) == (-math.pi, "base", 0.0)
-    assert set(message.intensities.tolist()) <= {0.0, 8.0, 9.0}
+    assert set(message.intensities.tolist()) <= {0.0, 9.0}
+
+
+def test_nothing_came_back_is_not_nobody_looked() -> None:
+    """One lidar sees the front, nothing in a part of it, and has a post filtered out; the other one is away."""
+    front = np.radians(np.arange(-90.0, 90.0, 0.5))
+    ranges = np.where(front > 1.0, np.nan, 2.0)
+    scan = make_scan(front, ranges, max_range=12.0).filtered(AngularBoundsFilter([(-1.0, -0.8)], invert=True))
+    found = MergedScans([Mount(), Mount(-0.3)]).take(0, scan)
+    assert found is not None
+    for word, left in (("nan", math.nan), ("inf", math.inf)):
+        message = found.to_laserscan(720, filtered=word)  # type: ignore[arg-type]
+        turned = message.angle_min + message.angle_increment * np.arange(720)
+        assert np.isinf(message.ranges[(turned > 1.01) & (turned < 1.56)]).all()
+        assert np.isnan(message.ranges[abs(turned) > 1.58]).all()
+        assert message.ranges[abs(turned) < 0.79] == pytest.approx(2.0)
+        post = message.ranges[(turned > -0.99) & (turned < -0.81)]
+        np.testing.assert_array_equal(post, np.full(len(post), left, np.float32))
+
+
+def test_a_wall_has_no_holes_between_samples() -> None:
+    """Where a grid is finer than the samples, what lies between two returns is unknown, and not free."""
+    found = MergedScans([Mount()]).take(0, make_scan(ALL, 2.0))
+    assert found is not None
+    message = found.to_laserscan(720)
+    assert np.isnan(message.ranges).sum() == 360
+    assert not np.isinf(message.ranges).any()
 
 
 def test_what_cannot_be(tmp_path: object) -> None:
@@ -90,10 +137,10 @@ def test_what_cannot_be(tmp_path: object) -> None:
         MergedScans([Mount()], oldest_s=0.0)
     found = MergedScans([Mount()]).take(0, at(0))
     assert found is not None
-    with pytest.raises(InvalidValue, match="range_min and range_max"):
+    with pytest.raises(InvalidValue, match="range_min must be between"):
         found.to_laserscan(range_min=3.0, range_max=2.0)
-    with pytest.raises(InvalidValue, match="no_return is"):
-        found.to_laserscan(no_return="zero")
+    with pytest.raises(InvalidValue, match="filtered must be one of inf, nan, zero"):
+        found.to_laserscan(filtered="none")  # type: ignore[arg-type]
     with pytest.raises(InvalidValue, match="takes open lidars, not 'x'"):
         lidario.merged("x")  # type: ignore[arg-type]
 

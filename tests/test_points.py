@@ -114,6 +114,12 @@ def test_a_pose_function_that_returns_something_else(shape: tuple[int, ...]) -> 
         FOUR.points(motion=wrong)
 
 
+def test_a_pose_that_is_nowhere_is_refused() -> None:
+    """Points that are NaN are not near, and a robot would not stop for them."""
+    with pytest.raises(InvalidValue, match="must return finite poses"):
+        FOUR.points(motion=lambda times_ns: np.full((len(times_ns), 3), np.nan), at_ns=0)
+
+
 def test_a_wall_seen_while_driving_is_straight() -> None:
     """A wall 2 m to the left of a robot that drives and turns; without the motion it is bent."""
     velocity, period_ns, count = Velocity(1.0, 0.0, 1.5), 100_000_000, 400

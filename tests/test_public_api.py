@@ -85,6 +85,7 @@ PUBLIC = [
     "decode_file_arrays",
     "list_lidars",
     "list_serial_ports",
+    "looseness",
     "merge",
     "merged",
     "open_lidar",

@@ -9,12 +9,13 @@ import pytest
 
 from tests.reference import golden, rplidar
 from tests.reference.golden import GRID_Q6, angle_errors
+from tests.reference.samples import Sample, revolutions
 
 GRID_Q14 = 90 / 16384
 
 
 @cache
-def rplidar_stream(name: str) -> tuple[golden.Golden, int, list[bytes], list[rplidar.Sample]]:
+def rplidar_stream(name: str) -> tuple[golden.Golden, int, list[bytes], list[Sample]]:
     stream = golden.load(name)
     assert stream.response_type is not None
     packets = rplidar.split(stream.response_type, stream.raw)
@@ -93,7 +94,7 @@ def test_rplidar_revolutions(name: str) -> None:
     late = 1 if response_type in rplidar.CAPSULE_TYPES else 0
     cuts = [int(index) + late for index in np.flatnonzero(stream.start)]
     assert len(cuts) > 2
-    turns = rplidar.revolutions(samples)
+    turns = revolutions(samples)
     assert turns == [samples[begin:end] for begin, end in pairwise(cuts)]
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import lidario
-from lidario import InvalidValue, Mount, read_config, register
+from lidario import InvalidValue, Mount, looseness, read_config, register
 from tests.cli.processes import invoke
 
 DRAW = random.Random(29)
@@ -28,11 +28,13 @@ async def seen(pose: tuple[float, float, float], model: str = "rplidar-c1", seed
 @pytest.mark.exhaustive("pose", sample=POSES[:2], full=POSES)
 async def test_ten_poses(pose: tuple[float, float, float]) -> None:
     pose = tuple(round(each, 6) for each in pose)  # type: ignore[assignment]
-    found = register(await seen((0.0, 0.0, 0.0)), await seen(pose, seed=3))
+    clouds = await seen((0.0, 0.0, 0.0)), await seen(pose, seed=3)
+    found = register(*clouds)
     assert math.hypot(found.mount.x - pose[0], found.mount.y - pose[1]) < 0.005
     assert abs(math.degrees(math.remainder(found.mount.yaw - pose[2], math.tau))) < 0.2
     assert found.residual < 0.01
     assert found.share > 0.7 > found.rival
+    assert looseness(*clouds, found) < 0.8
 
 
 async def test_a_guess_is_enough_where_the_room_looks_alike() -> None:
@@ -46,12 +48,51 @@ async def test_a_guess_is_enough_where_the_room_looks_alike() -> None:
     assert found.mount.yaw == pytest.approx(math.pi / 2, abs=1e-3)
 
 
+WAYS = np.exp(1j * (np.arange(2000) + 0.5) * (math.tau / 2000))
+
+
+def corridor_of(y: float, far: float = 12.0) -> np.ndarray:
+    """What is seen between walls at 1 m on both sides, from so far beside their middle."""
+    ranges = (np.sign(WAYS.imag) - y) / WAYS.imag
+    ranges += np.random.default_rng(round(1000 * y)).normal(0.0, 0.005, len(ranges))
+    return np.compress(ranges < far, WAYS * ranges)
+
+
+def left_of(room: np.ndarray) -> np.ndarray:
+    return np.compress(room.imag > 0, room)
+
+
+def plane(room: np.ndarray) -> np.ndarray:
+    return np.stack((room.real, room.imag), axis=1)
+
+
+ROUND = 3 * WAYS + np.random.default_rng(7).normal(0.0, 0.005, len(WAYS)) * WAYS
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (corridor_of(0.0), corridor_of(0.1)),
+        (left_of(corridor_of(0.0)), left_of(corridor_of(0.1))),
+        (ROUND, (ROUND * 1j)[::-1] + 0.1),
+    ],
+    ids=["corridor", "wall", "round"],
+)
+def test_a_room_that_does_not_hold_a_lidar(first: np.ndarray, second: np.ndarray) -> None:
+    found = register(plane(first), plane(second), guess=Mount())
+    assert found.share > 0.8
+    assert found.residual < 0.02
+    assert looseness(plane(first), plane(second), found) > 0.9
+
+
 def test_what_is_no_cloud() -> None:
     cloud = np.random.default_rng(1).uniform(-1, 1, (100, 2))
     with pytest.raises(InvalidValue, match="the second cloud has 29 points, and 30 are needed"):
         register(cloud, cloud[:29])
     with pytest.raises(InvalidValue, match="the first cloud is finite metres"):
         register(cloud * np.nan, cloud)
+    with pytest.raises(InvalidValue, match="found is what register"):
+        looseness(cloud, cloud, Mount())  # type: ignore[arg-type]
     with pytest.raises(InvalidValue, match="guess is a Mount"):
         register(cloud, cloud, guess=3)  # type: ignore[arg-type]
 
@@ -75,9 +116,13 @@ def test_the_verb_writes_the_mount(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert (mount.x, mount.y) == pytest.approx((0.3, 0.25), abs=0.005)
     assert math.degrees(mount.yaw) == pytest.approx(-150.0, abs=0.2)
     assert Path("both.svg").read_text().startswith("<svg")
-    alike = invoke("calibrate", *(f"sim://rplidar-c1?via=memory&world=circle&serial={each * 32}" for each in "EF"))
+    round_room = [f"sim://rplidar-c1?via=memory&world=circle&serial={each * 32}" for each in "EF"]
+    alike = invoke("calibrate", *round_room, "-n", "5")
     assert alike.exit_code == 1
     assert "looks alike from several sides" in alike.stderr
+    loose = invoke("calibrate", *round_room, "-n", "5", "--guess=0,0,10")
+    assert loose.exit_code == 1
+    assert "does not hold B in its place" in loose.stderr
     same = invoke("calibrate", sources[0], sources[0].replace("c1?", "c1?pose=0.1,0,0&"), "-n", "5")
     assert same.exit_code == 2
     assert "cannot tell them apart" in same.stderr

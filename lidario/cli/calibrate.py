@@ -26,7 +26,12 @@ __all__ = ["calibrate"]
 LEAST_SHARE: Final = 0.5
 """Of two lidars on one robot, each sees at least half of what the other sees."""
 RIVAL: Final = 0.85
-"""Where another direction explains nearly as many points, the room looks alike from several sides."""
+"""Where another direction explains nearly as many points, the room looks alike from several sides; where a place
+beside it does, nothing holds the result where it is."""
+LOOSE: Final = (
+    "the room does not hold B in its place: beside it the points fit nearly as well, as along a corridor, or "
+    "around the middle of a round room. Put something into the room, or go where walls stand in several directions"
+)
 FARTHEST_RESIDUAL_M: Final = 0.05
 
 
@@ -55,7 +60,7 @@ def calibrate(
     Both see the same room. The robot must stand still. A stays where the settings say it is, or is the robot's
     origin; the mount of B is written into the settings, into lidario.toml where no file is named.
     """
-    from lidario import LidarError, Mount, register, save_config
+    from lidario import LidarError, Mount, looseness, register, save_config
     from lidario.cli.running import run
 
     if picture is not None and picture.suffix != ".svg":
@@ -72,7 +77,7 @@ def calibrate(
             picture, fixed, moving, found, f"{two.model} {two.serial[:8]} as {one.model} {one.serial[:8]} sees it"
         )
         message(f"picture: {picture}")
-    doubt = _doubt(found)
+    doubt = _doubt(found) or (LOOSE if looseness(fixed, moving, found) > RIVAL else "")
     if doubt:
         raise LidarError(doubt)
     base = config.of(one.serial).mount or Mount()

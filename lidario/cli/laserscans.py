@@ -18,7 +18,7 @@ __all__ = ["LASERSCAN_OPTIONS", "arguments_of", "is_given", "laserscan_options",
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
-LASERSCAN_OPTIONS: Final = ("frame", "beams", "order", "preset", "mount_yaw")
+LASERSCAN_OPTIONS: Final = ("frame", "beams", "order", "preset", "mount_yaw", "filtered")
 _OPTIONS = (
     click.option("--frame", default="laser", show_default=True, metavar="NAME", help="Coordinate frame."),
     click.option("--beams", type=WholeRange(1, 65536), metavar="N",
@@ -30,6 +30,8 @@ _OPTIONS = (
                  help="Where the angle 0 is: ahead, or behind as with the vendors' drivers."),
     click.option("--mount-yaw", default=0.0, metavar="DEGREES",
                  help="Direction of the lidar in its frame, counter-clockwise."),
+    click.option("--filtered", default="nan", show_default=True, type=click.Choice(["nan", "inf", "zero"]),
+                 help="What a beam is that the filters of the settings took out; inf: the way is free there."),
 )  # fmt: skip
 
 

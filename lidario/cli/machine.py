@@ -7,6 +7,7 @@ as not there: other systems than Linux have none of it.
 from __future__ import annotations
 
 import os
+import stat
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,8 @@ from typing import Final
 
 __all__ = ["ADAPTERS", "KEEP_BRLTTY_OFF", "Adapter", "Machine", "Usb"]
 
+FIRST_OF_USERS: Final = 1000
+"""Numbers of groups from there on are of users (`GID_MIN`)."""
 KEEP_BRLTTY_OFF: Final = 'ENV{SYSTEMD_WANTS}=""'
 """In a rule of udev for a USB device: no service is started for it. brltty's own rules name brltty there."""
 
@@ -132,6 +135,20 @@ class Machine:
                 )
         return None
 
+    def access(self, port: str) -> str:
+        """Who may open a port, and whether this user may; empty where it is not there. No user is named."""
+        path = self.root / port.lstrip("/")
+        try:
+            found = path.stat()
+        except OSError:
+            return ""
+        group = _group(found.st_gid)
+        # Groups of users bear their names, those of the system are alike everywhere.
+        of_group = f", group {group}" if group and found.st_gid < FIRST_OF_USERS else ""
+        # Also by a list of users beside the mode, as desktops make one.
+        may = "may" if os.access(path, os.R_OK | os.W_OK) else "may not"
+        return f"{stat.filemode(found.st_mode)}{of_group}; this user {may} open it"
+
     def driver(self, port: str) -> str:
         """Name of the driver of the adapter, such as ``cp210x``; empty where none is told."""
         link = self._tty(port) / "device/driver"
@@ -139,6 +156,15 @@ class Machine:
 
     def _tty(self, port: str) -> Path:
         return self.root / "sys/class/tty" / os.path.basename(os.path.realpath(port))
+
+
+def _group(number: int) -> str:
+    try:
+        import grp  # not on Windows
+
+        return grp.getgrgid(number).gr_name
+    except (ImportError, KeyError):
+        return ""
 
 
 def _text(path: Path) -> str:

@@ -35,7 +35,7 @@ class Duration(click.ParamType[float]):
     name = "duration"
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """As `click.ParamType.convert`."""
+        """What the text means; raises `click.BadParameter` where it means nothing."""
         if isinstance(value, int | float):
             return float(value)
         match = _DURATION.fullmatch(str(value).strip())
@@ -51,7 +51,7 @@ class Size(click.ParamType[int]):
     name = "size"
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """As `click.ParamType.convert`."""
+        """What the text means; raises `click.BadParameter` where it means nothing."""
         found = _size_in(str(value))
         if found is None:
             self.fail(f"{value!r} is not a size, such as 500MB or 20GB", param, ctx)
@@ -66,7 +66,7 @@ class TimeOrSize(click.ParamType["tuple[float | None, int | None]"]):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[float | None, int | None]:
-        """As `click.ParamType.convert`."""
+        """What the text means; raises `click.BadParameter` where it means nothing."""
         size = _size_in(str(value))
         match = _DURATION.fullmatch(str(value).strip())
         if size is not None:
@@ -89,7 +89,7 @@ class Place(click.ParamType["tuple[float, float, float]"]):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[float, float, float]:
-        """As `click.ParamType.convert`."""
+        """What the text means; raises `click.BadParameter` where it means nothing."""
         try:
             x, y, yaw = map(float, str(value).split(","))
         except ValueError:
@@ -111,7 +111,7 @@ class FiniteRange(click.FloatRange):
     name = "number"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """As `click.ParamType.convert`."""
+        """What the text means; raises `click.BadParameter` where it means nothing."""
         number: float = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"{value!r} is not a finite number", param, ctx)
@@ -149,7 +149,6 @@ class _ModeType(click.ParamType["str | int"]):
         param: click.Parameter | None,  # noqa: ARG002
         ctx: click.Context | None,  # noqa: ARG002
     ) -> str | int:
-        """As `click.ParamType.convert`."""
         text = str(value)
         return int(text) if text.isascii() and text.isdigit() and len(text) <= _MODE_DIGITS else text
 

@@ -111,6 +111,8 @@ def publish(
         )
     if len(sources) > 1:
         _check_several(len(sources), ros, len(of_ros["mounts"]))
+        if any(are_recorded):
+            raise click.UsageError("a recording is of another time than the others: publish it alone", context)
     elif len(of_ros["mounts"]) > 1:
         raise click.UsageError("more mounts than sources", context)
     from lidario.cli.running import run

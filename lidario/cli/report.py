@@ -1,7 +1,8 @@
 """``lidario report``: what a lidar does and does not, as a page and as one file to attach to an issue.
 
-The file is written at the end, and also when the report is interrupted or the device is lost meanwhile: what was
-seen by then is in it. No file is made where nothing could be opened.
+The file is written as the report goes on, so that it holds what was seen by then whatever ends it. Where a line can
+be opened and nothing responds in a known way, it holds what came at each speed. No file is made where nothing can
+be opened, or nothing comes.
 """
 
 from __future__ import annotations
@@ -31,8 +32,9 @@ __all__ = ["report_lidar"]
 
 HOLDS = (
     "The report will hold every byte between this computer and the lidar, the kind of this computer and of the "
-    "adapter, and a verdict for each rule. The serial number is hashed; no name or address is in it. The lidar is "
-    "started, stopped and restarted often for a minute or two; let it stand in a room, its rotor free."
+    "adapter, and a verdict for each rule. The serial number is hashed; no name or address is in it. Where the "
+    "lidar responds in no way known to lidario, nobody can tell where its number stands, so then it is not hashed. "
+    "The lidar is started, stopped and restarted often for a minute or two; let it stand in a room, its rotor free."
 )
 """Said before anything is opened."""
 
@@ -41,6 +43,7 @@ class _Begun:
     """The report, also of a verb that was interrupted."""
 
     reporter: Reporter | None = None
+    unknown: bool = False
 
 
 @click.command("report")
@@ -52,11 +55,10 @@ class _Begun:
 def report_lidar(source: str, output: str | None, force: bool, check: bool, as_json: bool) -> int:
     """Try a lidar against thirty rules, and write a report.
 
-    It takes one to two minutes; Ctrl-C ends it, and what was tried by then is written. Its file is a recording,
-    which every other command reads.
+    It takes one to two minutes; Ctrl-C ends it. Its file is a recording, which every other command reads. It is
+    written as the report goes on. Of a device that responds in no known way it holds every byte at each speed.
     """
     from lidario.cli.running import run
-    from lidario.conformance import RULES
 
     if check:
         return _check(Path(source), as_json)
@@ -68,46 +70,96 @@ def report_lidar(source: str, output: str | None, force: bool, check: bool, as_j
         raise click.BadParameter(f"{path} exists already; --force replaces it", param_hint="-o")
     message(HOLDS)
     begun = _Begun()
+    adapters = _Adapters(source)
     try:
         with progress(f"opening {source} …") as show:
-            run(lambda: _try(begun, source, RULES, show))
+            run(lambda: _try(begun, adapters, source, path, force, show))
     finally:
         if begun.reporter is not None:
-            written = begun.reporter.write(path, overwrite=force)
-            _show(written, [], as_json)
+            _show(begun.reporter.report(), [], as_json)
+        if begun.reporter is not None or begun.unknown:
             message(f"wrote {path} ({path.stat().st_size / 1e6:.1f} MB); attach it zipped to an issue of lidario")
     return ExitCode.OK
 
 
-async def _try(begun: _Begun, source: str, rules: tuple[Rule, ...], show: Callable[[str], None]) -> None:
-    from lidario.conformance import Reporter, open_bench
+async def _try(
+    begun: _Begun, adapters: _Adapters, source: str, path: Path, force: bool, show: Callable[[str], None]
+) -> None:
+    from lidario import ConnectFailed
+    from lidario.conformance import RULES, Reporter, open_bench
+    from lidario.conformance.unknown import Unknown
 
-    async with await open_bench(source) as bench:
-        begun.reporter = Reporter(bench, _of_adapter(bench.lidar.source))
-        numbers = {rule.name: number for number, rule in enumerate(rules, 1)}
-        await begun.reporter.run(
-            rules, on_begin=lambda rule: show(f"{numbers[rule.name]} of {len(rules)}: {rule.sentence}")
-        )
+    unknown = Unknown()
+    try:
+        try:
+            bench = await open_bench(source, on_port=unknown.attach)
+        except ConnectFailed:
+            # What came back while all ports were asked was kept nowhere.
+            if source != "auto" or adapters.only is None:
+                raise
+            source = adapters.only
+            bench = await open_bench(source, on_port=unknown.attach)
+    except ConnectFailed as error:
+        if error.reason == "silent":
+            show(f"nothing responds in a known way: listening to {source} at each speed …")
+            begun.unknown = await unknown.kept(source, path, adapters.facts(source), overwrite=force)
+        raise
+    unknown.forget()
+    async with bench:
+        reporter = Reporter(bench, path, adapters.facts(bench.lidar.source), overwrite=force)
+        async with reporter:
+            begun.reporter = reporter
+            numbers = {rule.name: number for number, rule in enumerate(RULES, 1)}
+
+            def shown(rule: Rule) -> None:
+                show(f"{numbers[rule.name]} of {len(RULES)}: {rule.sentence}")
+
+            await reporter.run(RULES, on_begin=shown)
 
 
-def _of_adapter(source: str) -> dict[str, str]:
-    """What is behind a port, but for what tells one computer or adapter from the others."""
-    from lidario import list_serial_ports
+class _Adapters:
+    """What is behind the ports of this computer, but for what tells one of them from others of its kind.
 
-    path = source.removeprefix("serial://").partition("?")[0]
-    machine = Machine()
-    ports = {port.path: port for port in list_serial_ports()}
-    found, usb = dict[str, str](), machine.usb(path)
-    if path.startswith("/dev/pts/"):
-        found["adapter"] = "none: a pseudo-terminal"
-    if usb is not None:
-        name = ports[path].adapter if path in ports else ""
-        found["adapter"] = f"{name or 'unknown'} ({usb.vendor}:{usb.product})"
-        found["driver"] = machine.driver(path)
-        found["supply"] = "it may sleep while it is not open" if usb.sleeps else "it is kept awake"
-        if usb.latency_ms is not None:
-            found["latency"] = f"it gathers bytes for {usb.latency_ms} ms while it is open"
-    return found
+    It is made before a port is opened, since what the system says of some changes then.
+
+    Args:
+        source: What is to be opened.
+
+    Attributes:
+        only: The port with an adapter that lidars come with, where there is one of them.
+    """
+
+    def __init__(self, source: str) -> None:
+        from lidario import list_serial_ports
+
+        self._machine = Machine()
+        self._ports = {port.path: port for port in list_serial_ports()}
+        named = [port.path for port in self._ports.values() if port.adapter]
+        self.only: str | None = named[0] if len(named) == 1 else None
+        self._latencies = {path: self._machine.latency_ms(path) for path in (*self._ports, _path_of(source))}
+
+    def facts(self, source: str) -> dict[str, str]:
+        """What a report says of the one that is open."""
+        path, machine = _path_of(source), self._machine
+        found, usb = dict[str, str](), machine.usb(path)
+        if path.startswith("/dev/pts/"):
+            found["adapter"] = "none: a pseudo-terminal"
+        if path.startswith("/") and (access := machine.access(path)):
+            found["access"] = access
+        if usb is not None:
+            name = self._ports[path].adapter if path in self._ports else ""
+            found["adapter"] = f"{name or 'unknown'} ({usb.vendor}:{usb.product})"
+            found["driver"] = machine.driver(path)
+            found["supply"] = "it may sleep while it is not open" if usb.sleeps else "it is kept awake"
+            before = self._latencies.get(path)
+            if usb.latency_ms is not None:
+                found["latency"] = f"it gathers bytes for {usb.latency_ms} ms while it is open"
+                found["latency"] += f", else for {before} ms" if before is not None else ""
+        return found
+
+
+def _path_of(source: str) -> str:
+    return source.removeprefix("serial://").partition("?")[0]
 
 
 def _check(path: Path, as_json: bool) -> int:
@@ -118,12 +170,13 @@ def _check(path: Path, as_json: bool) -> int:
     report = read_report(path)
     # What simulated devices say of themselves is not of interest here.
     logging.getLogger("lidario").setLevel(logging.CRITICAL)
+    family = report.about.info.family
     with progress(f"comparing {path} with what is known …"):
-        known = run(lambda: known_of(report.about.info.family))
+        known = run(lambda: known_of(family)) if family else ()
     news = news_of(report, known)
     if report.is_simulated:
         message("note: it is of a simulated device, which tells nothing of real ones")
-    if not report.is_complete:
+    if family and not report.is_complete:
         message("note: it was ended before all rules had their turn")
     _show(report, news or ["nothing: all of it is known, and every rule that was tried is held"], as_json)
     return ExitCode.OK
@@ -139,10 +192,13 @@ def _show(report: Report, news: list[str], as_json: bool) -> None:
         return
     info = report.about.info
     rows = [("lidar", introduced(info.model, info.serial and f"{info.serial} (hashed)", info.firmware))]
-    rows += [("modes", ", ".join(mode.name for mode in report.modes)), *report.facts.items()]
+    rows += [("modes", ", ".join(mode.name for mode in report.modes))] if report.modes else []
+    rows += report.facts.items()
     rows += [("new" if not at else "", line) for at, line in enumerate(news)]
     target = console()
-    emit(rendered(target, facts(rows), "", _verdicts(report)))
+    figures = [(each.name, str(each)) for one in report.tried for each in one.figures]
+    parts = [facts(rows), *(["", facts(figures)] if figures else ())]
+    emit(rendered(target, *parts, *(["", _verdicts(report)] if report.tried else ())))
 
 
 def _verdicts(report: Report) -> Table:

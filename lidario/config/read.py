@@ -39,7 +39,7 @@ from lidario.filters.neighbors import MedianFilter, RadiusOutlierFilter, Shadows
 from lidario.filters.single import AngularBoundsFilter, IntensityFilter, RangeFilter
 from lidario.points import Mount
 
-__all__ = ["FILTERS", "Config", "LidarConfig", "as_config", "read_config"]
+__all__ = ["FILTERS", "Config", "LidarConfig", "as_config", "parse_filter", "read_config"]
 
 MOST_BYTES: Final = 1 << 20
 FILTERS: Final[Mapping[str, type[Filter]]] = {
@@ -164,7 +164,7 @@ def _lidar(default: dict[str, Any], own: dict[str, Any], name: str, place: str) 
             raise InvalidValue(f"{place}: speed_rpm is revolutions a minute, above 0, not {speed:g}")
     whose = (f"{name}: [default]", default), (place, own)
     filters = [
-        _filter(each, mount, f"{where}: filter {number}")
+        parse_filter(each, mount, f"{where}: filter {number}")
         for where, table in whose
         for number, each in enumerate(_list(table.get("filters", []), where), 1)
     ]
@@ -178,7 +178,17 @@ def _mount(value: object, place: str) -> Mount:
     return Mount(x, y, radians(yaw))
 
 
-def _filter(value: object, mount: Mount | None, place: str) -> Filter:
+def parse_filter(value: object, mount: Mount | None, place: str) -> Filter:
+    """The filter that a table of the file says.
+
+    Args:
+        value: The table.
+        mount: Where the lidar is, for those that must know it; None where nobody has said it.
+        place: Where it stands, for texts of errors.
+
+    Raises:
+        InvalidValue: It says none, or one that cannot be.
+    """
     table = dict(_table(value, place))
     kind = table.pop("filter", None)
     if not isinstance(kind, str) or kind not in FILTERS:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, cast
 
 from lidario.arguments import path_of, shown, text_of
-from lidario.config.read import FILTERS, read_config
+from lidario.config.read import FILTERS, parse_filter, read_config
 from lidario.errors import InvalidValue, Unsupported
 from lidario.filters.base import Filter
 from lidario.points import Mount
@@ -32,8 +32,9 @@ def save_config(
     *,
     mount: Mount | None = None,
     filters: Iterable[Filter] = (),
+    without: Iterable[Filter] = (),
 ) -> None:
-    """Write into the file of settings where a lidar is mounted, and what else is left out of its scans.
+    """Write into the file of settings where a lidar is mounted, and what is left out of its scans.
 
     The file is made where there is none. All else in it stays as it is, comments too. It is replaced in one step: a
     reader finds the file from before, or the whole new one.
@@ -44,6 +45,8 @@ def save_config(
         mount: Where it is on the robot; None to leave that as it is.
         filters: Filters of `lidario.filters`, added behind those that it has. The mount of a box or a polygon is
             not written: in a file it is that of the lidar.
+        without: Filters that are taken away, where they stand there: of this lidar, or of ``[default]``, and then
+            of every lidar.
 
     Raises:
         InvalidValue: What is there already is wrong, the file cannot be written, or a filter is none of those.
@@ -52,17 +55,33 @@ def save_config(
     name, serial = str(path_of(path, "a file of settings")), text_of(serial, "a serial number")
     if mount is not None and not isinstance(mount, Mount):
         raise InvalidValue(f"mount is a Mount, not {shown(mount)}")
-    try:
-        added = tuple(filters)
-    except TypeError:
-        raise InvalidValue(f"filters are a list, not {shown(filters)}") from None
+    added, gone = _tuple_of(filters), [_table_of(each) for each in _tuple_of(without)]
     document = _document(name)
     table = _own_table(document, serial)
+    for each in (table, document.get("default", {})) if gone else ():
+        _take_away(each, gone)
     if mount is not None:
         table["mount"] = _inline({"x": mount.x, "y": mount.y, "yaw_deg": degrees(mount.yaw)})
     for each in added:
-        _list_of(table).append(_table_of(each))
+        _add(table, _table_of(each))
     _replace(Path(os.path.realpath(name)), document.as_string())
+
+
+def _tuple_of(filters: Iterable[Filter]) -> tuple[Filter, ...]:
+    try:
+        return tuple(filters)
+    except TypeError:
+        raise InvalidValue(f"filters are a list, not {shown(filters)}") from None
+
+
+def _take_away(table: MutableMapping[str, Any], gone: list[Any]) -> None:
+    """Take away the filters that are written like one of these."""
+    kept = table.get("filters", [])
+    for at in reversed(range(len(kept))):
+        if _table_of(parse_filter(kept[at].unwrap(), None, "")) in gone:
+            del kept[at]
+    if not kept:
+        table.pop("filters", None)
 
 
 def _document(name: str) -> TOMLDocument:
@@ -96,12 +115,17 @@ def _own_table(document: TOMLDocument, serial: str) -> MutableMapping[str, Any]:
     return cast("MutableMapping[str, Any]", lidars[key])
 
 
-def _list_of(table: MutableMapping[str, Any]) -> Any:
+def _add(table: MutableMapping[str, Any], made: Any) -> None:
     import tomlkit
+    from tomlkit.items import Array
 
-    if "filters" not in table:
-        table["filters"] = tomlkit.aot()
-    return table["filters"]
+    filters = table.setdefault("filters", tomlkit.aot())
+    if isinstance(filters, Array):
+        # Written in one line, as `filters = [{…}]`: a table of its own cannot stand there.
+        inline = tomlkit.inline_table()
+        inline.update(made.unwrap())
+        made = inline
+    filters.append(made)
 
 
 def _table_of(made: Filter) -> Any:

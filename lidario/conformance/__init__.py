@@ -19,12 +19,13 @@ from __future__ import annotations
 from lidario.conformance.bench import Bench, open_bench
 from lidario.conformance.news import Seen, news_of, seen_reports
 from lidario.conformance.report import Report, Reporter, Tried, read_report
-from lidario.conformance.rule import Need, Origin, Outcome, Rule, Verdict
+from lidario.conformance.rule import Figure, Need, Origin, Outcome, Rule, Verdict
 from lidario.conformance.rules import RULES, rule_named
 
 __all__ = [
     "RULES",
     "Bench",
+    "Figure",
     "Need",
     "Origin",
     "Outcome",

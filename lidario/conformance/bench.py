@@ -13,22 +13,24 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from math import isfinite
 from types import TracebackType
 from typing import Self, TypeVar
 
 from lidario.conformance.flow import Flow, Watch, collect
-from lidario.conformance.rule import Broken, Need, NotTried, Outcome, Rule, Verdict
-from lidario.errors import InvalidValue, LidarError, Unsupported
+from lidario.conformance.rule import Broken, Figure, Need, NotTried, Outcome, Rule, Verdict
+from lidario.errors import DeviceFault, InvalidValue, LidarError, Unsupported
 from lidario.families.base import Script
 from lidario.families.registry import check_family, check_source
-from lidario.model import Health, ScanMode
-from lidario.session.connect import connect
-from lidario.session.connection import Connection
-from lidario.session.discovery import find_source
-from lidario.session.handshake import healthy
+from lidario.model import Health, HealthStatus, ScanMode
+from lidario.port.port import Port
+from lidario.session.finding.connect import connect
+from lidario.session.finding.connection import Connection
+from lidario.session.finding.discovery import find_source
 from lidario.session.lidar import Lidar
 from lidario.session.opening import DEFAULT_LATENCY_S
-from lidario.session.script import play
+from lidario.session.talking.dialogue import play
+from lidario.session.talking.handshake import healthy
 from lidario.sim.device import SimulatedDevice
 from lidario.source import as_source
 from lidario.wire.envelope import Request
@@ -37,6 +39,10 @@ __all__ = ["Bench", "open_bench"]
 
 T = TypeVar("T")
 
+LISTEN_S = 0.5
+"""How long a device that must be silent is listened to."""
+SETTLE_S = 0.1
+"""What was sent before it was stopped may come so late: an adapter or a network holds it back."""
 REST_S = 3.0
 """Longest time that the device has to come to rest behind a rule; `Lidar.stop` needs 2 s at most."""
 
@@ -78,6 +84,7 @@ class Bench:
         self.received: int = 0
         self._loop = asyncio.get_running_loop()
         self._watches: list[Watch] | None = None
+        self._figures: list[Figure] = []
         self.lidar.tap(self._see)
 
     async def __aenter__(self) -> Self:
@@ -117,12 +124,13 @@ class Bench:
     async def try_rule(self, rule: Rule) -> Verdict:
         """Try one rule, and bring the device to rest behind it. Raises nothing but what cancels it."""
         began = self.now()
+        self._figures.clear()
         outcome, text = await self._try(rule)
         seconds = self.now() - began
         with suppress(LidarError, TimeoutError):
             async with asyncio.timeout(REST_S):
                 await self.rest()
-        return Verdict(rule, outcome, text, seconds)
+        return Verdict(rule, outcome, text, seconds, tuple(self._figures))
 
     async def _try(self, rule: Rule) -> tuple[Outcome, str]:
         if self._is_lost():
@@ -155,6 +163,8 @@ class Bench:
     def _can(self, need: Need) -> bool:
         device = self.connection.device
         try:
+            if need is Need.HEALTH:
+                return self.lidar.health.status is not HealthStatus.ERROR
             if need is Need.ANSWERS:
                 return self.question() is not None
             if need is Need.STOPS:
@@ -172,6 +182,11 @@ class Bench:
     def now(self) -> float:
         """Seconds of the event loop's clock."""
         return self._loop.time()
+
+    def measured(self, name: str, value: float, unit: str) -> None:
+        """Note a figure of the rule that is tried; the arguments are those of `Figure`."""
+        if isfinite(value):
+            self._figures.append(Figure(name, value, unit))
 
     def question(self) -> Request | None:
         """What the device is asked first, to say what it is; None of one that only talks."""
@@ -242,6 +257,19 @@ class Bench:
         await asyncio.sleep(listen_s)
         return max(0.0, self.last_in - began)
 
+    async def is_silent(self) -> str:
+        """Listen to a device that must send nothing; returns how long it was listened to.
+
+        Raises:
+            Broken: Bytes came, later than an adapter or a network may hold them back.
+        """
+        await asyncio.sleep(SETTLE_S)
+        before = self.received
+        await asyncio.sleep(LISTEN_S)
+        if self.received > before:
+            raise Broken(f"{self.received - before} bytes came within {LISTEN_S} s")
+        return f"nothing came within {LISTEN_S} s"
+
     async def watches(self) -> list[Watch]:
         """What each scan mode has sent, in the order of the modes; each is looked at once."""
         if self._watches is None:
@@ -270,6 +298,7 @@ async def open_bench(
     *,
     family: str | None = None,
     baudrate: int | None = None,
+    on_port: Callable[[Port], None] | None = None,
 ) -> Bench:
     """Open a device and put it on a bench, whose context manager leaves it still.
 
@@ -277,20 +306,24 @@ async def open_bench(
         source: As for `lidario.open_lidar`, but no recording and no lidar of another machine.
         family: As for `lidario.open_lidar`.
         baudrate: As for `lidario.open_lidar`.
+        on_port: Called with the port of a named source, open, before anything is written to it.
 
     Raises:
         InvalidValue: The source is no line to a device.
-        LidarError: As `lidario.open_lidar`.
+        LidarError: As `lidario.open_lidar`; but a device that protects itself is opened, and its motor not started.
     """
     where = as_source(source)
     check_source(where, family)
     if where.kind in ("file", "zenoh"):
         raise InvalidValue("rules are tried on a device: give its port, its address or a simulated one")
     found = await find_source(where, family)
-    connection = await connect(found, family, baudrate)
+    connection = await connect(found, family, baudrate, on_port=on_port)
     try:
         check_family(found, family, connection.info.family)
-        health = await healthy(connection.dialogue, connection.device)
+        try:
+            health = await healthy(connection.dialogue, connection.device)
+        except DeviceFault as error:
+            health = error.health
         return Bench(connection, health, found.text, where.device, found.kind)
     except BaseException:
         await connection.dialogue.close()

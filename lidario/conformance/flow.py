@@ -14,7 +14,7 @@ from lidario.errors import LidarError, Unsupported
 from lidario.families.stream import Stream
 from lidario.model import ScanMode, Stats
 from lidario.scan import Scan
-from lidario.session.stream import ScanStream
+from lidario.session.streaming.stream import ScanStream
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK
 from lidario.wire.stats import LinkStats
@@ -54,7 +54,7 @@ class Flow:
 
     def __init__(self, mode: ScanMode, began: float, stats: LinkStats) -> None:
         self._stats = stats
-        self._skipped_before = stats.skipped_bytes
+        self._skipped: tuple[int, int] = (0, 0)
         self.mode: ScanMode = mode
         self.began: float = began
         self.stream: Stream | None = None
@@ -66,14 +66,20 @@ class Flow:
     def take(self, packets: Packets) -> tuple[None, ...]:
         """Take packets. No scan is made of them, and the counters tell that."""
         self._stats.unread_packets += packets.count
+        first = self._skipped[0] if self.packets else self._stats.skipped_bytes
+        self._skipped = first, self._stats.skipped_bytes
         self.packets.append(packets)
         self.first.set()
         return ()
 
     @property
     def skipped(self) -> int:
-        """Bytes since its start that belong to no packet: the line, or the device, has damaged some."""
-        return self._stats.skipped_bytes - self._skipped_before
+        """Bytes between its packets that belong to none: the line, or the device, has damaged some.
+
+        Who begins to listen to a device that only talks meets half a packet, which is no damage.
+        """
+        first, last = self._skipped
+        return last - first
 
     def sample_us(self) -> float:
         """Microseconds a sample, by the times at which the packets came."""
@@ -117,6 +123,11 @@ class Watch:
     scans: list[Scan] = field(default_factory=list)
     before: Stats = field(default_factory=Stats)
     after: Stats = field(default_factory=Stats)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether no packet of it was damaged, and none is missing."""
+        return not (self.flow and self.flow.skipped) and self.after.lost_packets == self.before.lost_packets
 
 
 async def steady(scans: ScanStream) -> Scan:

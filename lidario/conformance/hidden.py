@@ -14,7 +14,10 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple
 
-__all__ = ["Hidden", "hide"]
+__all__ = ["REACH", "Hidden", "Numbers", "hide"]
+
+REACH: Final = 256
+"""Longer than every serial number: whether a byte belongs to one is told by so many on either side of it."""
 
 LEAST_PART: Final = 6
 """Bytes of a serial number that are replaced where they stand alone, as on a line that loses bytes; half of a
@@ -54,13 +57,42 @@ class Hidden(NamedTuple):
                 found[at : at + size] = self.instead[begin : begin + size]
         return bytes(found)
 
-    def in_chunks(self, chunks: Sequence[bytes]) -> list[bytes]:
-        """The same for bytes that came in several reads, which may have divided the number."""
-        whole, at, found = self.in_bytes(b"".join(chunks)), 0, list[bytes]()
-        for chunk in chunks:
-            found.append(whole[at : at + len(chunk)])
-            at += len(chunk)
-        return found
+
+class Numbers:
+    """Every serial number that a device has told so far; mostly one.
+
+    Attributes:
+        first: The first of them.
+    """
+
+    def __init__(self) -> None:
+        self.first: Hidden = hide("", ())
+        self._all: dict[str, Hidden] = {}
+
+    def add(self, serial: str, responses: Iterable[bytes]) -> None:
+        """A number that is to be replaced from now on; the arguments are those of `hide`."""
+        if serial not in self._all:
+            hidden = self._all[serial] = hide(serial, responses)
+            self.first = hidden if len(self._all) == 1 else self.first
+
+    def in_text(self, text: str) -> str:
+        """The text with the hashes."""
+        for each in self._all.values():
+            text = each.in_text(text)
+        return text
+
+    def in_bytes(self, data: bytes, before: bytes = b"", behind: bytes = b"") -> bytes:
+        """The bytes with the hashes, also where reads have divided a number.
+
+        Args:
+            data: The bytes of one read.
+            before: As they came in front of it: `REACH` bytes.
+            behind: As they came behind it: likewise.
+        """
+        whole = before + data + behind
+        for each in self._all.values():
+            whole = each.in_bytes(whole)
+        return whole[len(before) : len(before) + len(data)]
 
 
 def hide(serial: str, responses: Iterable[bytes]) -> Hidden:

@@ -1,104 +1,136 @@
-"""Every byte and event of a bench, kept in memory until the report is written.
+"""Every byte and event of a bench, written into a recording as they come, without the serial number.
 
-Only then is the serial number known wherever it stands, and nothing with it was ever on a disk. A report takes a
-minute or two, which is a few megabytes at most.
+What came is held back for a second. A read may end within the serial number, and a device may tell another number
+than before, which is known only when its response was read. So no number was ever on a disk, and a program that is
+killed leaves all but the last two seconds.
 """
 
 from __future__ import annotations
 
+from collections import deque
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 from lidario.conformance.bench import Bench
-from lidario.conformance.hidden import Hidden, hide
+from lidario.conformance.hidden import REACH, Numbers
+from lidario.errors import Unsupported
 from lidario.recording.about import About
 from lidario.recording.chronicle import Responded, StreamEvent, text_of
-from lidario.recording.record import CHUNK_NS
-from lidario.recording.write import FileWriter
+from lidario.recording.device import recalled
+from lidario.recording.record import Recording
 from lidario.session.recorded import about_now
 
 __all__ = ["MOST_BYTES", "Kept"]
 
 MOST_BYTES: Final = 64 << 20
 """Of both directions: ten minutes of the fastest stream. What comes behind that is not kept, and counted."""
+HELD_NS: Final = 1_000_000_000
 
 
 class Kept:
-    """What happens on a bench from now on.
+    """What happens on a bench, as far as a recording of it may know; a `lidario.recording.record.Recorded`.
 
     Args:
         bench: The bench.
+        path: The file to make.
         source: What is said of where the device is; no name that tells more of the computer than must be known.
+        overwrite: Whether a file that is there already may be replaced.
 
     Attributes:
-        about: What stands at the beginning of the file, with the serial number.
+        sends_bytes: As `Recorded`.
+        numbers: The serial numbers that it has told.
         left_out: Bytes that were not kept.
+        recording: The recording, to be started and closed.
     """
 
-    def __init__(self, bench: Bench, source: str) -> None:
+    sends_bytes: bool = True
+
+    def __init__(self, bench: Bench, path: Path, source: str, *, overwrite: bool) -> None:
         self._dialogue = bench.connection.dialogue
-        self._dialogue.poll()
-        self.about: About = about_now(self._dialogue, bench.lidar.info, bench.lidar.health, source)
+        self._family = bench.connection.family
+        self._lidar = bench.lidar
+        self._source = source
+        self.numbers: Numbers = Numbers()
+        self._learn(self._lidar.info.serial)
         self.left_out: int = 0
         self._size = 0
-        self._entries: list[tuple[int, bool, bytes | StreamEvent]] = []
-        self._dialogue.add_tap(self._see_chunk)
+        self._held: deque[tuple[int, bool, bytes | StreamEvent]] = deque()
+        self._before = b""
+        self.recording: Recording = Recording(path, self, scans=None, overwrite=overwrite, sync=True)
+
+    def about(self) -> About:
+        """What stands at the beginning of a file that begins now; with the hash in place of the serial number."""
+        about = about_now(self._dialogue, self._lidar.info, self._lidar.health, self._source)
+        info = replace(about.info, serial=self.numbers.in_text(about.info.serial))
+        return replace(about, info=info, events=tuple(map(self._without, about.events)))
+
+    def add_texts(self, name: str, texts: dict[str, str]) -> None:
+        """Write a named set of texts, now."""
+        self.recording.see_texts(name, texts, self._dialogue.port.now())
+
+    # --------------------------------------------------------------------------- what the recording calls
+
+    def begin_recording(self, recording: Recording) -> About:  # noqa: ARG002
+        """As `Recorded`."""
+        self._dialogue.port.poll()
+        about = self.about()
+        self._dialogue.port.add_tap(self._see_chunk)
         self._dialogue.chronicle.watch(self._see_event)
+        return about
 
-    def hidden(self) -> Hidden:
-        """The serial number, and its hash."""
-        events = [*self.about.events, *(entry for _, _, entry in self._entries if isinstance(entry, Responded))]
-        return hide(self.about.info.serial, [each.payload for each in events if isinstance(each, Responded)])
+    def end_recording(self, recording: Recording) -> None:  # noqa: ARG002
+        """As `Recorded`: what is held back is written first."""
+        self._dialogue.port.remove_tap(self._see_chunk)
+        self._dialogue.chronicle.unwatch(self._see_event)
+        self._release(None)
 
-    def write(self, path: Path, name: str, texts: dict[str, str], *, overwrite: bool) -> None:
-        """Write the file: a recording like any other, with a set of texts more, and a hash for the serial number.
-
-        Args:
-            path: Where.
-            name: Name of the texts.
-            texts: The texts.
-            overwrite: Whether a file that is there already may be replaced.
-
-        Raises:
-            CannotRecord: It cannot be written.
-        """
-        hidden = self.hidden()
-        info = replace(self.about.info, serial=hidden.in_text(self.about.info.serial))
-        events = tuple(_without(event, hidden) for event in self.about.events)
-        received = [entry for _, sent, entry in self._entries if isinstance(entry, bytes) and not sent]
-        chunks = iter(hidden.in_chunks(received))
-        writer = FileWriter(path, replace(self.about, info=info, events=events), overwrite=overwrite, sync=True)
-        try:
-            writer.add_metadata(name, texts)
-            first_ns: int | None = None
-            for now, sent, entry in self._entries:
-                if first_ns is not None and now - first_ns >= CHUNK_NS:
-                    writer.flush()
-                    first_ns = None
-                first_ns = now if first_ns is None else first_ns
-                at_ns = now + self.about.clock_offset_ns
-                if isinstance(entry, bytes):
-                    writer.add_chunk(at_ns, sent, entry if sent else next(chunks))
-                else:
-                    writer.add_event(at_ns, text_of(_without(entry, hidden)))
-            writer.close()
-        finally:
-            writer.abandon()
+    # ------------------------------------------------------------------------------------------ inside
 
     def _see_chunk(self, direction: str, data: bytes, now: int) -> None:
         if self._size + len(data) > MOST_BYTES:
             self.left_out += len(data)
             return
         self._size += len(data)
-        self._entries.append((now, direction == "out", bytes(data)))
+        self._held.append((now, direction == "out", bytes(data)))
+        self._release(now - HELD_NS)
 
     def _see_event(self, event: StreamEvent) -> None:
+        if isinstance(event, Responded):
+            # Where it was not asked for all of it, it has told no number either.
+            with suppress(Unsupported):
+                script, responses = self._family.device().identify(), self._dialogue.chronicle.responses
+                self._learn(recalled(script, responses, "it does not tell what it is").serial)
         if not self.left_out:
-            self._entries.append((self._dialogue.now(), False, event))
+            self._held.append((self._dialogue.port.now(), False, event))
 
+    def _learn(self, serial: str) -> None:
+        self.numbers.add(serial, [each.payload for each in self._dialogue.chronicle.responses.values()])
 
-def _without(event: StreamEvent, hidden: Hidden) -> StreamEvent:
-    if not isinstance(event, Responded):
-        return event
-    return replace(event, payload=hidden.in_bytes(event.payload))
+    def _release(self, until: int | None) -> None:
+        """Write what came before `until`, or all."""
+        while self._held and (until is None or self._held[0][0] < until):
+            now, sent, entry = self._held.popleft()
+            if not isinstance(entry, bytes):
+                self.recording.see_event(text_of(self._without(entry)), now)
+            elif sent:
+                self.recording.see_chunk("out", entry, now)
+            else:
+                self.recording.see_chunk("in", self.numbers.in_bytes(entry, self._before, self._behind()), now)
+                self._before = (self._before + entry)[-REACH:]
+
+    def _behind(self) -> bytes:
+        """The next bytes that came."""
+        found = b""
+        for _, sent, entry in self._held:
+            if isinstance(entry, bytes) and not sent:
+                found += entry[: REACH - len(found)]
+                if len(found) == REACH:
+                    break
+        return found
+
+    def _without(self, event: StreamEvent) -> StreamEvent:
+        if not isinstance(event, Responded):
+            return event
+        return replace(event, payload=self.numbers.in_bytes(event.payload))

@@ -6,6 +6,7 @@ earlier reports told (`SEEN`).
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import Iterable
 from importlib.resources import files
@@ -55,13 +56,15 @@ def seen_reports() -> tuple[Seen, ...]:
 
 
 async def known_of(family: str) -> tuple[Seen, ...]:
-    """All that is known of a family: its simulated models, and the reports. Takes a second or two."""
-    found = list[Seen]()
-    for model in family_named(family).simulated:
-        async with open_lidar(simulate(model, spin_up=0.0)) as lidar:
-            info, modes = lidar.info, await lidar.get_modes()
-        found.append(Seen(info.model, info.firmware, tuple(modes)))
-    return (*found, *seen_reports())
+    """All that is known of a family: its simulated models, and the reports. Takes a few seconds."""
+    simulated = await asyncio.gather(*map(_of_simulated, family_named(family).simulated))
+    return (*simulated, *seen_reports())
+
+
+async def _of_simulated(model: str) -> Seen:
+    async with open_lidar(simulate(model, spin_up=0.0)) as lidar:
+        info, modes = lidar.info, await lidar.get_modes()
+    return Seen(info.model, info.firmware, tuple(modes))
 
 
 def news_of(report: Report, known: Iterable[Seen]) -> list[str]:

@@ -1,8 +1,9 @@
 """A report: what was tried on one device, with what came of it, in one file that its owner can send to anybody.
 
-The file is a recording, which every reader of recordings reads, with one set of texts more (`REPORT`): computer,
-line and adapter, the modes, and a verdict for each rule. It may come from anybody and from any version, so whatever
-is there is read, and what cannot be right is left out.
+The file is a recording, which every reader of recordings reads, with sets of texts more (`REPORT`): computer, line
+and adapter, the modes, which rules are tried, and a verdict behind each rule, as soon as there is one. It may come
+from anybody and from any version, and it may be cut, so whatever is there is read, and what cannot be right is left
+out.
 """
 
 from __future__ import annotations
@@ -10,14 +11,16 @@ from __future__ import annotations
 import json
 import platform
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
+from math import isfinite
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from lidario.arguments import printable
 from lidario.conformance.bench import Bench
 from lidario.conformance.kept import Kept
-from lidario.conformance.rule import Outcome, Rule, Verdict
+from lidario.conformance.rule import Figure, Outcome, Rule, Verdict
+from lidario.entered import Entered
 from lidario.errors import RecordingError
 from lidario.model import ScanMode
 from lidario.recording.about import NAME, About
@@ -26,16 +29,18 @@ from lidario.recording.mcap_records import MAGIC, Metadata, read_records
 from lidario.recording.opened import StoredFile
 from lidario.version import __version__
 
-__all__ = ["REPORT", "Report", "Reporter", "Tried", "read_report"]
+__all__ = ["REPORT", "Report", "Reporter", "Tried", "facts_of_computer", "read_report", "texts_of_facts"]
 
 REPORT: Final = "lidario-report"
 SIMULATED: Final = "simulated"
 """What a report says of the source of a simulated device."""
 MOST_TRIED: Final = 200
 MOST_MODES: Final = 64
+MOST_FIGURES: Final = 64
 LONGEST_TEXT: Final = 400
 MOST_FACTS: Final = 40
 MOST_S: Final = 1e6
+MOST_LETTERS: Final = 1 << 20
 _FACT: Final = "fact: "
 _INTERRUPTED: Final = "the report was ended before"
 
@@ -48,12 +53,18 @@ class Tried(NamedTuple):
         outcome: Whether it held.
         text: What was measured; by how much it was not held; or why it was not tried.
         seconds: How long that took.
+        figures: What was measured.
     """
 
     rule: str
     outcome: Outcome
     text: str
     seconds: float
+    figures: tuple[Figure, ...] = ()
+
+    def as_text(self) -> str:
+        """One line of the file."""
+        return json.dumps([self.rule, self.outcome.value, self.text, self.seconds, self.figures])
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,49 +97,48 @@ class Report:
         """The verdicts with that outcome."""
         return tuple(each for each in self.tried if each.outcome is outcome)
 
-    def as_texts(self) -> dict[str, str]:
-        """The set of texts in the file."""
-        return {
-            "format": "1",
-            "modes": json.dumps([asdict(mode) for mode in self.modes]),
-            "tried": "\n".join(json.dumps([*each[:1], each.outcome.value, *each[2:]]) for each in self.tried),
-            **{_FACT + name: text for name, text in self.facts.items()},
-        }
 
-
-class Reporter:
-    """Makes the report of a device on a bench.
+class Reporter(Entered):
+    """Writes the report of a device on a bench, as it goes; used as an asynchronous context manager.
 
     ::
 
-        async with await open_bench(source) as bench:
-            reporter = Reporter(bench, {"adapter": "CP2102"})
+        async with await open_bench(source) as bench, Reporter(bench, Path("lidar.mcap")) as reporter:
             await reporter.run(RULES)
-        reporter.write(Path("lidar.mcap"))
 
-    What it has seen may be written at any time, also behind an error or Ctrl-C.
+    The file holds what was seen by then whatever ends it; that of a program that is killed lacks two seconds.
 
     Args:
         bench: The device.
+        path: The file to make.
         facts: What is known of the adapter, beside what is found here.
+        overwrite: Whether a file that is there already may be replaced.
     """
 
-    def __init__(self, bench: Bench, facts: dict[str, str]) -> None:
+    _instead = "a report is made asynchronously: write `async with Reporter(bench, path):`"
+
+    def __init__(
+        self, bench: Bench, path: Path, facts: dict[str, str] | None = None, *, overwrite: bool = False
+    ) -> None:
+        source = SIMULATED if bench.kind in ("sim", "device") else bench.kind
         self._bench = bench
         self._source = bench.lidar.source
-        self._kept = Kept(bench, SIMULATED if bench.kind in ("sim", "device") else bench.kind)
+        self._kept = Kept(bench, path, source, overwrite=overwrite)
+        self._about = self._kept.about()
         self._modes: tuple[ScanMode, ...] = ()
         self._rules: tuple[Rule, ...] = ()
-        self._verdicts: list[Verdict] = []
+        self._tried: list[Tried] = []
         speed = f", {bench.lidar.baudrate} baud" if bench.lidar.baudrate else ""
-        machine = platform.uname()
-        self._facts = {
-            "lidario": __version__,
-            "system": f"{machine[0]} {machine.release}, {machine.machine}",
-            "python": platform.python_version(),
-            "line": self._kept.about.source + speed,
-            **facts,
-        }
+        self._facts = {**facts_of_computer(), "line": source + speed, **(facts or {})}
+
+    async def start(self) -> None:
+        """Create the file and begin; ``async with`` does so.
+
+        Raises:
+            CannotRecord: The file cannot be written, or exists already.
+        """
+        await self._kept.recording.start()
+        self._write({"format": "1", **texts_of_facts(self._facts)})
 
     async def run(self, rules: Iterable[Rule], **told: Any) -> None:
         """Try rules; the further arguments are those of `Bench.judge`. Cancelling ends it.
@@ -138,38 +148,69 @@ class Reporter:
         """
         self._rules = tuple(rules)
         self._modes = tuple(await self._bench.lidar.get_modes())
+        self._write(
+            {
+                "modes": json.dumps([asdict(mode) for mode in self._modes]),
+                "rules": "\n".join(rule.name for rule in self._rules),
+            }
+        )
         for rule in self._rules:
-            self._verdicts += await self._bench.judge((rule,), **told)
+            for verdict in await self._bench.judge((rule,), **told):
+                self._tried.append(self._told(verdict))
+                self._write({"tried": self._tried[-1].as_text()})
 
     def report(self) -> Report:
         """What was found so far; rules that had no turn were not tried."""
-        hidden = self._kept.hidden()
+        names = [rule.name for rule in self._rules]
+        return Report(self._about, dict(self._facts), self._modes, _with_the_rest(self._tried, names))
 
-        def told(text: str) -> str:
-            # Names of ports hold serial numbers of adapters, and addresses are nobody's business.
-            return hidden.in_text(text).replace(self._source, self._kept.about.source)
-
-        facts = dict(self._facts)
-        trouble = self._bench.lidar.stats.line_trouble
-        if trouble:
-            facts["driver has counted"] = trouble
-        if self._kept.left_out:
-            facts["left out"] = f"{self._kept.left_out} bytes, because there were too many"
-        tried = [Tried(each.rule.name, each.outcome, told(each.text), each.seconds) for each in self._verdicts]
-        later = self._rules[len(tried) :]
-        tried += [Tried(rule.name, Outcome.NOT_TRIED, _INTERRUPTED, 0.0) for rule in later]
-        info = replace(self._kept.about.info, serial=hidden.in_text(self._kept.about.info.serial))
-        return Report(replace(self._kept.about, info=info), facts, self._modes, tuple(tried))
-
-    def write(self, path: Path, *, overwrite: bool = False) -> Report:
-        """Write the file, and return the report.
+    async def close(self) -> None:
+        """Complete the file; harmless when done before. Cancelling ends only the waiting.
 
         Raises:
-            CannotRecord: It cannot be written.
+            CannotRecord: It could not be written to its end.
         """
-        report = self.report()
-        self._kept.write(path, REPORT, report.as_texts(), overwrite=overwrite)
-        return report
+        recording = self._kept.recording
+        if recording.is_running:
+            if trouble := self._bench.lidar.stats.line_trouble:
+                self._facts["driver has counted"] = trouble
+            if self._kept.left_out:
+                self._facts["left out"] = f"{self._kept.left_out} bytes, because there were too many"
+            self._write(texts_of_facts(self._facts))
+        await recording.close()
+        if recording.error is not None:
+            raise recording.error
+
+    def _write(self, texts: dict[str, str]) -> None:
+        self._kept.add_texts(REPORT, texts)
+
+    def _told(self, verdict: Verdict) -> Tried:
+        # Names of ports hold serial numbers of adapters, and addresses are nobody's business.
+        text = self._kept.numbers.in_text(verdict.text).replace(self._source, self._about.source)
+        return Tried(verdict.rule.name, verdict.outcome, text, verdict.seconds, verdict.figures)
+
+
+def facts_of_computer() -> dict[str, str]:
+    """The kind of this computer; nothing that tells it from others of its kind."""
+    machine = platform.uname()
+    return {
+        "lidario": __version__,
+        "system": f"{machine[0]} {machine.release}, {machine.machine}",
+        "python": platform.python_version(),
+    }
+
+
+def texts_of_facts(facts: dict[str, str]) -> dict[str, str]:
+    """Facts as they stand in the file."""
+    return {_FACT + name: text for name, text in facts.items()}
+
+
+def _with_the_rest(tried: Iterable[Tried], names: Iterable[str]) -> tuple[Tried, ...]:
+    """What was tried, and of the rules of these names those that had no turn."""
+    tried = tuple(tried)
+    had = {each.rule for each in tried}
+    rest = (Tried(name, Outcome.NOT_TRIED, _INTERRUPTED, 0.0) for name in names if name not in had)
+    return (*tried, *rest)
 
 
 def read_report(path: Path) -> Report:
@@ -179,14 +220,19 @@ def read_report(path: Path) -> Report:
         RecordingError: There is none in it, or it cannot be read.
     """
     about: About | None = None
+    texts, tried, room = dict[str, str](), list[str](), MOST_LETTERS
     with StoredFile(path) as file:
         if file.read(len(MAGIC)) == MAGIC:
             for record in read_records(file):
                 if isinstance(record, Metadata) and record.name == NAME:
                     about = About.of(record.texts)
-                elif isinstance(record, Metadata) and record.name == REPORT and about is not None:
-                    return _report_of(about, record.texts)
-    raise RecordingError(f"{path} is no report: `lidario report -o FILE` makes one")
+                elif isinstance(record, Metadata) and record.name == REPORT and room > 0:
+                    room -= sum(len(name) + len(text) for name, text in record.texts.items())
+                    tried.append(record.texts.get("tried", ""))
+                    texts |= record.texts
+    if about is None or not texts:
+        raise RecordingError(f"{path} is no report: `lidario report -o FILE` makes one")
+    return _report_of(about, {**texts, "tried": "\n".join(tried)})
 
 
 def _report_of(about: About, texts: dict[str, str]) -> Report:
@@ -196,11 +242,15 @@ def _report_of(about: About, texts: dict[str, str]) -> Report:
         if name.startswith(_FACT)
     }
     tried = (_tried_of(line) for line in texts.get("tried", "").split("\n", MOST_TRIED)[:MOST_TRIED])
+    names = texts.get("rules", "").split("\n", MOST_TRIED)[:MOST_TRIED]
     return Report(
         about,
         dict(list(facts.items())[:MOST_FACTS]),
         _modes_of(texts.get("modes", "")),
-        tuple(each for each in tried if each is not None),
+        _with_the_rest(
+            (each for each in tried if each is not None),
+            (printable(name[:LONGEST_TEXT]) for name in names if name),
+        ),
     )
 
 
@@ -213,11 +263,19 @@ def _modes_of(text: str) -> tuple[ScanMode, ...]:
 
 def _tried_of(line: str) -> Tried | None:
     try:
-        name, outcome, text, seconds = json.loads(line)
+        name, outcome, text, seconds, *rest = json.loads(line)
         took = float(seconds)
         took = took if 0.0 <= took <= MOST_S else 0.0  # NaN is not
-        return Tried(
-            printable(str(name)[:LONGEST_TEXT]), Outcome(outcome), printable(str(text)[:LONGEST_TEXT]), took
-        )
+        figures = tuple(_figure_of(*each) for each in list(rest[0])[:MOST_FIGURES]) if rest else ()
+        return Tried(_short(name), Outcome(outcome), _short(text), took, figures)
     except (ValueError, TypeError, OverflowError, RecursionError):
         return None
+
+
+def _figure_of(name: object, value: float, unit: object) -> Figure:
+    value = float(value)
+    return Figure(_short(name), value if isfinite(value) else 0.0, _short(unit))
+
+
+def _short(text: object) -> str:
+    return printable(str(text)[:LONGEST_TEXT])

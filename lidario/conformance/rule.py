@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from lidario.conformance.bench import Bench
 
-__all__ = ["Broken", "Need", "NotTried", "Origin", "Outcome", "Rule", "Verdict", "known"]
+__all__ = ["Broken", "Figure", "Need", "NotTried", "Origin", "Outcome", "Rule", "Verdict", "known"]
 
 
 class Broken(Exception):
@@ -37,8 +37,9 @@ class Outcome(Enum):
 
 
 class Need(Enum):
-    """What a device must be able to do for a rule; the value says what is missing where it cannot."""
+    """What a rule needs of a device; the value says what is missing where it cannot be tried."""
 
+    HEALTH = "it protects itself, so its motor is not started"
     ANSWERS = "it only talks: it answers no question"
     STOPS = "it cannot be stopped from here"
     RESETS = "it cannot be restarted from here"
@@ -68,6 +69,23 @@ class Rule:
     limit_s: float = 20.0
 
 
+class Figure(NamedTuple):
+    """Something that was measured when a rule was tried.
+
+    Attributes:
+        name: What.
+        value: How much.
+        unit: Of what: ``s``, ``ms``, ``us``, ``Hz``, or empty of a number.
+    """
+
+    name: str
+    value: float
+    unit: str
+
+    def __str__(self) -> str:
+        return f"{self.value:.3g} {self.unit}".rstrip()
+
+
 @dataclass(frozen=True, slots=True)
 class Verdict:
     """What came of trying one rule on one device.
@@ -77,12 +95,14 @@ class Verdict:
         outcome: Whether it held.
         text: What was measured; by how much it was not held; or why it was not tried.
         seconds: How long that took, seconds of the event loop's clock.
+        figures: What was measured, for a table.
     """
 
     rule: Rule
     outcome: Outcome
     text: str
     seconds: float
+    figures: tuple[Figure, ...] = ()
 
     def __str__(self) -> str:
         return f"{self.rule.name}: {self.outcome.value}: {self.text}"

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from lidario.arguments import shown
 from lidario.conformance.asking import ASKING
-from lidario.conformance.rule import Rule
+from lidario.conformance.rule import Need, Rule
 from lidario.conformance.settings import SETTINGS
 from lidario.conformance.stopping import STOPPING
 from lidario.conformance.streaming import STREAMING
@@ -12,7 +14,9 @@ from lidario.errors import InvalidValue
 
 __all__ = ["RULES", "rule_named"]
 
-RULES: tuple[Rule, ...] = (*ASKING, *STREAMING, *SETTINGS, *STOPPING)
+_MOVING = tuple(replace(rule, needs=(Need.HEALTH, *rule.needs)) for rule in (*STREAMING, *SETTINGS, *STOPPING))
+"""They start the motor, or restart the device; repeated Protection Stops may damage it."""
+RULES: tuple[Rule, ...] = (*ASKING, *_MOVING)
 """Every rule."""
 
 

@@ -45,6 +45,7 @@ async def speed_is_reached(bench: Bench) -> str:
                 hertz = min(max(share * usual, slowest), fastest)
                 began = bench.now()
                 await lidar.set_scan_frequency(hertz)
+                bench.measured(f"change to {hertz:.1f} Hz", bench.now() - began, "s")
                 took.append(f"{hertz:.1f} Hz in {bench.now() - began:.1f} s")
         except RemoteProtocolError as error:
             raise Broken(str(error)) from None
@@ -72,7 +73,9 @@ async def protection_keeps(bench: Bench) -> str:
         came, due = after.scans - before.scans, (last.stamp_ns - first.stamp_ns) / turn_ns
         if came < KEPT_SHARE * due or after.restarts > before.restarts:
             raise Broken(f"{came} scans came in {KEPT_S:g} s, not {due:.0f}: the stream ended meanwhile")
-        return f"{came} scans, {after.keepalives - before.keepalives} requests"
+        requests = after.keepalives - before.keepalives
+        bench.measured(f"requests that keep it going, in {KEPT_S:g} s", requests, "")
+        return f"{came} scans, {requests} requests"
     except StreamFailed as error:
         raise Broken(str(error)) from None
     finally:
@@ -96,6 +99,7 @@ async def protection_stops(bench: Bench) -> str:
         await bench.rest()
     finally:
         await bench.lidar.set_power_down_protection(False)
+    bench.measured("stream without a request", lasted, "s")
     if lasted > LAPSE_S + LATE_S:
         raise Broken(f"packets still came {lasted:.1f} s behind the last request")
     return f"last packets {lasted:.1f} s behind the last request"
@@ -117,6 +121,8 @@ async def pause_is_told(bench: Bench) -> str:
             last = await anext(scans)
     turns = (last.stamp_ns - first.stamp_ns) / turn_ns
     told = last.seq - first.seq
+    bench.measured(f"revolutions told of around a pause of {PAUSE_S:g} s", told, "")
+    bench.measured(f"revolutions that passed around a pause of {PAUSE_S:g} s", turns, "")
     if abs(turns - told) > max(0.5, 0.1 * told):
         raise Broken(f"{turns:.1f} revolutions passed, and {told} are told of")
     return f"{told} revolutions in {turns:.1f} turns"

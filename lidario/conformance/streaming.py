@@ -43,7 +43,11 @@ async def modes_start(bench: Bench) -> str:
     failed = [f"mode {each.mode.name}: {each.error}" for each in watches if each.error and not each.unknown]
     if failed:
         raise Broken("; ".join(failed))
-    seen = [f"{each.mode.name} {each.flow.first_s:.2f} s" for each in watches if each.flow is not None]
+    seen = list[str]()
+    for each in watches:
+        if each.flow is not None:
+            bench.measured(f"first packet of {each.mode.name}", each.flow.first_s, "s")
+            seen.append(f"{each.mode.name} {each.flow.first_s:.2f} s")
     if not seen:
         raise NotTried("; ".join(each.error for each in watches))
     return "first packets after " + ", ".join(seen)
@@ -60,6 +64,7 @@ async def sample_time(bench: Bench) -> str:
 
     def off(flow: Flow) -> tuple[bool, str]:
         told, measured = flow.mode.sample_us, flow.sample_us()
+        bench.measured(f"sample of {flow.mode.name}", measured, "us")
         if not told:
             return True, "not told"
         share = measured / told - 1
@@ -203,6 +208,7 @@ async def rotor_is_steady(bench: Bench) -> str:
         if not speeds:
             return False, "no speed could be measured"
         worst = max((abs(two / one - 1) for one, two in pairwise(speeds)), default=0.0)
+        bench.measured(f"scan frequency of {watch.mode.name}", float(np.median(speeds)) / 60, "Hz")
         return worst <= STEADY_SHARE, f"{np.median(speeds) / 60:.2f} Hz, neighbours within {worst:.1%}"
 
     return await _each_watch(bench, steady)
@@ -264,14 +270,14 @@ async def _each_flow(bench: Bench, check: Callable[[Flow], tuple[bool, str]], *,
     Args:
         bench: The bench.
         check: Looks at the packets of a mode.
-        whole: Whether only those are looked at of which no byte was damaged.
+        whole: Whether only those are looked at of which no packet was damaged or is missing.
     """
-    flows = [each.flow for each in await bench.watches() if each.flow is not None and len(each.flow.packets) > 1]
-    if not flows:
+    watches = [each for each in await bench.watches() if each.flow is not None and len(each.flow.packets) > 1]
+    if not watches:
         raise NotTried("no mode brought packets")
-    flows = [each for each in flows if not (whole and each.skipped)]
+    flows = [each.flow for each in watches if each.flow is not None and (each.is_whole or not whole)]
     if not flows:
-        raise NotTried("bytes of every mode belong to no packet, so samples are missing")
+        raise NotTried("packets of every mode were damaged or are missing, so samples are missing")
     found = [(flow.mode.name, *check(flow)) for flow in flows]
     bad = [f"mode {name}: {text}" for name, held, text in found if not held]
     if bad:

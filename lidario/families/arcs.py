@@ -47,13 +47,7 @@ class ArcDecoder(ABC):
     Args:
         full_turn: 360 degrees in the unit of the headings.
         turning: Follows the rotor.
-
-    Attributes:
-        by_angle: Whether the device measures at angles, and not at times: then the speed that its packets tell says
-            how long a sample takes.
     """
-
-    by_angle: bool = False
 
     def __init__(self, full_turn: int, turning: Turning) -> None:
         self._full_turn = full_turn
@@ -94,7 +88,7 @@ class ArcDecoder(ABC):
             reported_rpm=rpm,
             gaps=[] if arcs.skipped is None else [(ends[at], int(arcs.skipped[at])) for at in gaps],
             first=arcs.first,
-            sample_ns=60e9 / (rpm * turn) if self.by_angle and turn and rpm > 0 else 0.0,
+            sample_ns=self._sample_ns(heads),
         )
 
     def decode_steady(
@@ -168,6 +162,10 @@ class ArcDecoder(ABC):
     def _reported_rpm(self, heads: Heads, begin: int, end: int) -> float:  # noqa: ARG002
         """The speed that the packets from `begin` to `end` state, in revolutions a minute. Here none: NaN."""
         return math.nan
+
+    def _sample_ns(self, heads: Heads) -> float:  # noqa: ARG002
+        """How long each sample took, nanoseconds, where packets tell a speed that decides it. Here 0: none does."""
+        return 0.0
 
     def _behind_seam(self, heads: Heads, arcs: Arcs | SteadyArcs, at: int, seam: int) -> int:
         """How many samples of packet `at` were measured when the rotor had passed `seam`."""

@@ -95,6 +95,7 @@ class Timing:
         boot_poll_s: How often it is asked meanwhile.
         forget_s: How long a device may hold half a request before it forgets it.
         probe_s: How long an identifying request may stay without a response at one baud rate.
+        starts_s: How long one may send nothing that was just started, and responds by its stream alone.
     """
 
     quiet_s: float
@@ -103,6 +104,7 @@ class Timing:
     boot_poll_s: float
     forget_s: float
     probe_s: float
+    starts_s: float = 0.0
 
 
 class Device(ABC):

@@ -7,7 +7,7 @@ from difflib import get_close_matches
 
 from lidario.arguments import text_of
 from lidario.errors import ConnectFailed, InvalidValue
-from lidario.families import hokuyo, ldrobot, neato, rplidar, ydlidar
+from lidario.families import camsense, hlds, hokuyo, irobotix, ldrobot, neato, rplidar, ydlidar
 from lidario.families.base import Family
 from lidario.source import Source, quoted
 
@@ -25,12 +25,16 @@ FAMILIES: tuple[Family, ...] = (
     ydlidar.FAMILY,
     ldrobot.FAMILY,
     neato.FAMILY,
+    camsense.FAMILY,
+    irobotix.FAMILY,
     hokuyo.FAMILY,
+    hlds.FAMILY,
 )
 """In the order in which an unknown port is probed: the second family's device-info request means something else
-to the first, so the first is asked first. Devices of the next two mostly hear nothing: they are found by
-listening, and only one of their models must be woken. The last one speaks lines of text: what the others were sent
-is to it a line half written, which its own question ends."""
+to the first, so the first is asked first. Devices of the next four mostly hear nothing: they are found by
+listening, and only one of their models must be woken. The next one speaks lines of text: what the others were sent
+is to it a line half written, which its own question ends. The last one is woken by a letter, which it must not get
+into its line."""
 
 
 def family_named(name: str) -> Family:

@@ -7,20 +7,23 @@ takes is measured by the packets that are heard when the device is opened, or fo
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from statistics import median
-from typing import Final
+from typing import Final, NamedTuple
 
-from lidario.errors import Unsupported
+from lidario.errors import ResponseTimeout, StreamFailed, Unsupported
 from lidario.families.base import Decoder, Known, NamedModel, RawStream, Script, Stream, raw_stream, told
-from lidario.families.unasked import LINKED, UnaskedDevice, begin, hear_runs
-from lidario.model import DeviceInfo, Health, ScanMode
+from lidario.families.unasked import LINKED, UnaskedDevice, begin, hear, hear_runs
+from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
+from lidario.wire.envelope import Request
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["Talkers", "TalkingDevice", "TalkingModel"]
+__all__ = ["Rotor", "Talkers", "TalkingDevice", "TalkingModel"]
 
 SPIN_UP_S: Final = 3.0
+SETTLE_S: Final = 0.02
+"""After a stop; no document demands it, and a packet takes less."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +39,8 @@ class TalkingModel:
         wire: Makes the format of its packets.
         decoder: Makes their decoder.
         note: What else it may be, where its packets do not tell.
+        start: What starts its motor and its stream; empty where it talks for as long as it has power.
+        stop: What stops both; empty likewise.
     """
 
     name: str
@@ -46,6 +51,22 @@ class TalkingModel:
     wire: Callable[[], StreamFormat]
     decoder: Callable[[], Decoder]
     note: str = ""
+    start: bytes = b""
+    stop: bytes = b""
+
+
+class Rotor(NamedTuple):
+    """How devices whose motor the host powers tell that it does not turn as it should.
+
+    Attributes:
+        wire: Makes a format of all their packets, also of those that say so.
+        rests_s: The longest time between two of those.
+        trouble: What is to be told of one; empty for one that measures.
+    """
+
+    wire: Callable[[], StreamFormat]
+    rests_s: float
+    trouble: Callable[[bytes], str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,13 +75,16 @@ class Talkers:
 
     Attributes:
         family: Short name of the family.
-        models: By their names.
-        unnamed: Which model it is, by packets in a row, where no user has named one.
+        models: Those that a user may name.
+        unnamed: Which model it is, where no user has named one: by packets, of which most are in a row.
         sample_us: What a sample takes, by packets in a row; 0 where they do not tell.
         heard: Packets in a row from which both are known.
         hear_s: How long so many may take.
         slowest_turn_s: Longest time that one revolution may take: at the lowest speed, and half as long again.
-        make: Makes a device of this family, of the model that a user has named, if any.
+        others: What else `unnamed` may return, where it is read in another way.
+        wires: What makes the formats in which a device may talk, the likeliest first; none for that of any model.
+        rotor: Where the host powers the motor.
+        linked: Packets in a row that are no chance.
     """
 
     family: str
@@ -70,43 +94,51 @@ class Talkers:
     heard: int
     hear_s: float
     slowest_turn_s: float
-    make: Callable[[Talkers, TalkingModel | None], TalkingDevice] = field(
-        default_factory=lambda: TalkingDevice, repr=False
-    )
+    others: tuple[TalkingModel, ...] = ()
+    wires: tuple[Callable[[], StreamFormat], ...] = ()
+    rotor: Rotor | None = None
+    linked: int = LINKED
 
     def device(self) -> TalkingDevice:
         """As `Family.device`."""
-        return self.make(self, None)
+        return TalkingDevice(self)
 
     @property
     def named(self) -> dict[str, NamedModel]:
         """As `Family.models`."""
         return {
-            name: NamedModel(model.baudrate, partial(self.make, self, model)) for name, model in self.models.items()
+            name: NamedModel(model.baudrate, partial(TalkingDevice, self, model))
+            for name, model in self.models.items()
         }
 
     @property
-    def any(self) -> TalkingModel:
-        """Any of them: the first one."""
-        return next(iter(self.models.values()))
+    def all(self) -> tuple[TalkingModel, ...]:
+        """All that is to be read in some way."""
+        return (*self.models.values(), *self.others)
+
+    def wires_of(self, named: TalkingModel | None) -> tuple[Callable[[], StreamFormat], ...]:
+        """The formats in which to look for packets, where the user has named a model or not."""
+        return (named.wire,) if named else self.wires or (self.all[0].wire,)
 
     def find_stream(self, data: memoryview, known: Known) -> RawStream | None:
         """As `Family.find_stream`: at the first packets in a row, which may tell the model."""
-        wire = (self.models[known.model] if known.model else self.any).wire()
-        for found in wire.header.finditer(data):
-            at = found.start()
-            rows = bytearray(data[at : at + self.heard * wire.longest])
-            run = wire.run(rows, 0)
-            if sum(block.packets for block in run.packets) >= LINKED:
-                heard = bytes(rows[: run.end])
-                model = self.models[known.model] if known.model else self.unnamed(heard)
-                sample_us = known.sample_us or self.sample_us(heard) or model.sample_us
-                return raw_stream(at, model.wire(), model.decoder(), sample_us, model.title, model.note)
+        named = self.models[known.model] if known.model else None
+        for made in self.wires_of(named):
+            wire = made()
+            for found in wire.header.finditer(data):
+                at = found.start()
+                rows = bytearray(data[at : at + (self.heard + 1) * wire.longest])
+                run = wire.run(rows, 0)
+                if sum(block.packets for block in run.packets) >= self.linked:
+                    heard = bytes(rows[: run.end])
+                    model = named or self.unnamed(heard)
+                    sample_us = known.sample_us or self.sample_us(heard) or model.sample_us
+                    return raw_stream(at, model.wire(), model.decoder(), sample_us, model.title, model.note)
         return None
 
     def stream_of(self, response_type: int) -> tuple[StreamFormat, Decoder] | None:
         """As `Family.stream_of`."""
-        made = ((model.wire(), model.decoder) for model in self.models.values())
+        made = ((model.wire(), model.decoder) for model in self.all)
         return next(((wire, decoder()) for wire, decoder in made if wire.response_type == response_type), None)
 
 
@@ -121,26 +153,86 @@ class TalkingDevice(UnaskedDevice):
     def __init__(self, talkers: Talkers, model: TalkingModel | None = None) -> None:
         self._talkers = talkers
         self._named = model
-        self._model = model or talkers.any
-        self._sample_us = self._model.sample_us
         self.patience_s: float = talkers.hear_s
+        if talkers.rotor is not None:
+            self.rests_s: float = talkers.rotor.rests_s
+        self._model = talkers.all[0]
+        if model is not None:
+            self._be(model)
+        self._sample_us = self._model.sample_us
+
+    def _be(self, model: TalkingModel) -> None:
+        """Be of this model. Before that it is not stopped."""
+        self._model = model
+        self.wake: bytes = model.start
+        self.can_be_stopped: bool = bool(model.stop)
+        if model.stop:
+            self.can_keep_spinning: bool = False
+        self.patience_s = SPIN_UP_S if model.start else self._talkers.hear_s
 
     def wire(self) -> StreamFormat:
         """As `UnaskedDevice.wire`."""
         return self._model.wire()
 
+    def stop(self) -> Request:
+        """As `Device.stop`."""
+        if not self.can_be_stopped:
+            return super().stop()
+        return Request("STOP", self._model.stop, settle=SETTLE_S, ends_stream=True)
+
+    def halt(self) -> tuple[Request, ...]:
+        """As `Device.halt`: the motor stops with the stream, where it can be stopped."""
+        return (self.stop(),)
+
+    def complete_probe(self) -> bytes:
+        """As `Device.complete_probe`: what has started it may have reached it though nothing came."""
+        return self._model.stop if self.can_be_stopped else b""
+
     def identify(self) -> Script[DeviceInfo]:
-        """As `Device.identify`: by its packets."""
-        runs = yield from hear_runs(self.wire, self._talkers.heard, self.patience_s, self.wake)
-        self._model = self._named or self._talkers.unnamed(max(runs, key=len))
+        """As `Device.identify`: by its packets. One that may have been stopped is started for that."""
+        runs = yield from self._hear()
+        self._be(self._named or self._talkers.unnamed(b"".join(runs)))
+        # The median, for a run with damage that a check value does not find may tell anything.
         told_us = [each for each in map(self._talkers.sample_us, runs) if each]
         self._sample_us = median(told_us) if told_us else self._model.sample_us
         return DeviceInfo(self._talkers.family, self._model.title, 0, "", 0, "")
 
+    def _hear(self) -> Script[tuple[bytes, ...]]:
+        of = self._talkers
+        wires = of.wires_of(self._named)
+        start = (self._named or of.all[0]).start
+        for number, wire in enumerate(wires):
+            try:
+                return (yield from hear_runs(wire, of.heard, of.hear_s, linked=of.linked))
+            except ResponseTimeout:
+                if number == len(wires) - 1 and not start:
+                    raise
+        # What starts it may reach it though nothing comes back: from now on it must be stopped.
+        self._be(self._named or of.all[0])
+        return (yield from hear_runs(wires[0], of.heard, SPIN_UP_S, start, of.linked))
+
     def health(self) -> Script[Health]:
-        """As `Device.health`: with a note where it may be another model."""
+        """As `Device.health`: a warning where the rotor does not turn, a note where it may be another model."""
+        trouble = yield from self._trouble()
+        if trouble:
+            return Health(HealthStatus.WARNING, 0, trouble)
         health = yield from super().health()
         return replace(health, note=self._model.note)
+
+    def explain_silence(self, lasted_s: float) -> Script[bool]:
+        """As `Device.explain_silence`.
+
+        Raises:
+            StreamFailed: The rotor does not turn as it should: no start would help.
+        """
+        trouble = yield from self._trouble()
+        if trouble:
+            raise StreamFailed(trouble)
+        return (yield from super().explain_silence(lasted_s))
+
+    def _trouble(self) -> Script[str]:
+        rotor = self._talkers.rotor
+        return "" if rotor is None else rotor.trouble((yield hear(rotor.wire(), 1, rotor.rests_s)))
 
     def modes(self) -> Script[tuple[ScanMode, ...]]:
         """As `Device.modes`: there is one."""

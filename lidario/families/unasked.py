@@ -35,7 +35,7 @@ def hear(wire: StreamFormat, packets: int = LINKED, timeout: float = 0.5, wake: 
 
 
 def hear_runs(
-    wire: Callable[[], StreamFormat], packets: int, timeout: float, wake: bytes = b""
+    wire: Callable[[], StreamFormat], packets: int, timeout: float, wake: bytes = b"", linked: int = LINKED
 ) -> Script[tuple[bytes, ...]]:
     """Hear so many packets in a row, or `RUNS` short runs where the line damages so much that they do not come.
 
@@ -44,20 +44,21 @@ def hear_runs(
         packets: How many packets tell what the device is.
         timeout: How long each run may take, in seconds.
         wake: As for `hear`.
+        linked: Packets of a short run.
 
     Returns:
         The bytes of each run. No packet is missing within one.
 
     Raises:
-        ResponseTimeout: No two packets came in a row.
+        ResponseTimeout: Not even a short run came.
     """
-    yield hear(wire(), LINKED, timeout, wake)
+    yield hear(wire(), linked, timeout, wake)
     try:
         return ((yield hear(wire(), packets, timeout)),)
     except ResponseTimeout:
         runs: list[bytes] = []
         for _ in range(RUNS):
-            runs.append((yield hear(wire(), LINKED, timeout)))
+            runs.append((yield hear(wire(), linked, timeout)))
         return tuple(runs)
 
 

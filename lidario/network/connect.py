@@ -197,12 +197,13 @@ def _remote(bus: Bus, key: str, status: Status, began: StreamBegan) -> Remote:
         raise ConnectFailed(
             f"zenoh:{key} sends packets of an unknown type, 0x{began.mode.response_type:02X}", reason="source"
         )
-    streams = RemoteStreams(family, status.about, status.modes, began)
+    raw = status.form == "raw"
+    streams = RemoteStreams(family, status.about, status.modes, began, raw=raw)
     port = RemotePort(bus, key, status.form, streams, _gid_of(status))
     bus.subscribe(status_key(key), port.learn)
     bus.watch_tokens(tokens_of(key), port.token_changed)
     bus.subscribe(key, port.receive)
-    return Remote(port, RemoteDevice(streams, raw=status.form == "raw"), family)
+    return Remote(port, RemoteDevice(streams, raw=raw), family)
 
 
 def _gid_of(status: Status) -> bytes:

@@ -1,48 +1,45 @@
 """A lidar of another machine, as the session sees it: it responds what it has told, and nothing can be set.
 
-It is a `RecordedDevice`: the scripts of the family run on the responses that its publisher has passed on. Only a
-stream of whole scans is started in another way, since it has no packets.
+It is a `RecordedDevice`: the scripts of the family run on the responses that its publisher has passed on. A stream
+of whole scans has no packets, and its format says so.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final, Self, TypeVar
+from typing import Final, TypeVar, cast
 
 from lidario.errors import Unsupported
-from lidario.families.base import Family, Script, Stream
+from lidario.families.base import Decoder, Family, Script, Stream
 from lidario.model import DeviceInfo, Health, ScanMode
 from lidario.recording.about import About
 from lidario.recording.chronicle import Responded, StreamBegan, StreamEvent
-from lidario.recording.device import PLAY, RecordedDevice
-from lidario.recording.read import StoredStream
-from lidario.wire.envelope import Expected, Request
+from lidario.recording.device import RecordedDevice
+from lidario.recording.read import Piece, StoredStream, StoredStreams
 from lidario.wire.events import Packets
 from lidario.wire.formats import NO_PACKET, Headings, StreamFormat
 
-__all__ = ["SCAN_TYPE", "RemoteDevice", "RemoteStreams"]
+__all__ = ["RemoteDevice", "RemoteStreams"]
 
 T = TypeVar("T")
 
-SCAN_TYPE: Final = 0
-"""Type of the descriptor that announces whole scans; no device has it."""
 MOST_RESPONSES: Final = 512
 LONGEST_RESPONSE: Final = 4096
 """Bytes of a response that is remembered, and of its request; a length in a request is one byte."""
-SLOWEST_TURN_S: Final = 10.0
 
 
-class RemoteStreams:
-    """What is known of the lidar; of `StoredStreams`, what a `RecordedDevice` needs.
+class RemoteStreams(StoredStreams):
+    """What is known of the lidar: what a `RecordedDevice` needs.
 
     Args:
         family: Whose packets it sends.
         about: What its publisher told.
         modes: Its scan modes, as far as they are known.
         began: The stream that runs.
+        raw: Whether its bytes arrive, else whole scans.
 
     Attributes:
         path: Empty: there is no file.
@@ -52,18 +49,13 @@ class RemoteStreams:
         streams: The stream that runs.
     """
 
-    def __init__(self, family: Family, about: About, modes: tuple[ScanMode, ...], began: StreamBegan) -> None:
-        self.path: Path = Path()
-        self.about: About = about
+    def __init__(
+        self, family: Family, about: About, modes: tuple[ScanMode, ...], began: StreamBegan, *, raw: bool = True
+    ) -> None:
+        super().__init__(Path())
+        self.about = about
         self.modes: tuple[ScanMode, ...] = modes
-        self.responses: dict[bytes, Responded] = {}
-        self.streams: tuple[StoredStream, ...] = (StoredStream(family, began),)
-        # The rest of what `StoredStreams` says; nobody asks for it.
-        self.damage: str = ""
-        self.size: int = 0
-        self.duration_ns: int = 0
-        self.timed: bool = True
-        self.away_ns: tuple[int, ...] = ()
+        self.streams = ((StoredStream if raw else _WholeScans)(family, began),)
         for event in about.events:
             self.learn(event)
 
@@ -72,7 +64,7 @@ class RemoteStreams:
         """The stream that runs."""
         return self.streams[0]
 
-    def pieces(self) -> Any:
+    def pieces(self) -> Iterator[Piece]:
         """Nothing is stored."""
         return iter(())
 
@@ -85,7 +77,7 @@ class RemoteStreams:
 
     def begin(self, began: StreamBegan) -> None:
         """Another stream runs now."""
-        self.streams = (StoredStream(self.stream.family, began),)
+        self.streams: tuple[StoredStream, ...] = (StoredStream(self.stream.family, began),)
 
 
 class RemoteDevice(RecordedDevice):
@@ -106,7 +98,7 @@ class RemoteDevice(RecordedDevice):
         self._foreign = streams.about.info.family != streams.stream.family.name
 
     def identify(self) -> Script[DeviceInfo]:
-        """As `Device.identify`."""
+        """What its publisher told."""
         yield from ()
         return self._streams.about.info
 
@@ -116,7 +108,7 @@ class RemoteDevice(RecordedDevice):
         return self._streams.about.health
 
     def modes(self) -> Script[tuple[ScanMode, ...]]:
-        """As `Device.modes`."""
+        """The scan modes, the one that runs marked as the typical one."""
         if self._raw:
             return (yield from super().modes())
         running = self._streams.stream.began.mode
@@ -135,18 +127,7 @@ class RemoteDevice(RecordedDevice):
             raise Unsupported(
                 f"this lidar is driven by its publisher, in mode {began.mode.name!r}: nothing can be set from here"
             )
-        if self._raw:
-            return (yield from super().start(mode))
-        wire = ScanMessages()
-        yield Request("PLAY", PLAY, Expected(SCAN_TYPE, wire.shortest, continuous=True), stream=wire)
-        return Stream(
-            format=wire,
-            decoder=_NoPackets(),
-            mode=began.mode,
-            sample_ns=began.sample_ns,
-            spin_up_s=0.0,
-            slowest_turn_s=SLOWEST_TURN_S,
-        )
+        return (yield from super().start(mode))
 
     def _recall(self, script: Script[T], what: str) -> Script[T]:
         if self._foreign:
@@ -174,37 +155,33 @@ class ScanMessages(StreamFormat):
     """The format of a stream of whole scans: there are no packets, and every byte is noise."""
 
     name = "scan messages"
-    response_type = SCAN_TYPE
+    response_type = 0
     header: re.Pattern[bytes] = re.compile(rb"(?!)")
     shortest = longest = samples = 1
     full_turn = 360
 
     def measure(self, data: bytearray, at: int) -> int:  # noqa: ARG002
-        """As `StreamFormat.measure`."""
+        """`NO_PACKET`: nothing begins here."""
         return NO_PACKET
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:  # noqa: ARG002
-        """As `StreamFormat.intact`."""
+        """False: there are none."""
         return False
 
     def headings(self, packets: Packets) -> Headings:  # noqa: ARG002
-        """As `StreamFormat.headings`."""
+        """None: there are no packets."""
         return []
 
 
 class _NoPackets:
-    """The decoder of a stream without packets; it is never called."""
-
-    def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Any:
-        raise NotImplementedError
+    """The decoder of a stream without packets: there is nothing to decode."""
 
     def tell_time(self, sample_ns: float) -> None:
         pass
 
-    def fork(self) -> Self:
-        return self
 
-    def decode_steady(
-        self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None
-    ) -> Any:
-        raise NotImplementedError
+class _WholeScans(StoredStream):
+    """A stream whose scans arrive whole."""
+
+    def _format(self) -> tuple[StreamFormat, Decoder]:
+        return ScanMessages(), cast("Decoder", _NoPackets())

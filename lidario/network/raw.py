@@ -7,25 +7,23 @@ second, and in the messages themselves where a stream begins or ends. Until it i
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import groupby
+from operator import attrgetter
 from typing import Final
 
 from lidario.families.base import Family
 from lidario.families.registry import FAMILIES
-from lidario.families.stream import Stream
 from lidario.network.messages import Entry, parse_raw_message
 from lidario.network.status import Status
-from lidario.recording.chronicle import MOST_NS, StreamBegan, StreamEnded, event_of
+from lidario.recording.chronicle import MOST_NS, StreamBegan, StreamEnded, StreamEvent, event_of
 from lidario.recording.read import StoredStream
-from lidario.revolution.assemble import Assembler, AssemblerStats
-from lidario.revolution.partial import parts_of
-from lidario.revolution.together import join_runs, slices
-from lidario.revolution.whole import assembler_of
+from lidario.revolution.assemble import AssemblerStats
+from lidario.revolution.pipeline import Pipeline
+from lidario.revolution.together import join_reads
 from lidario.scan import Scan
-from lidario.wire.events import Packets
-from lidario.wire.link import Link
 
-__all__ = ["Decoders", "RawDecoder", "joined", "time_here"]
+__all__ = ["Decoders", "RawDecoder", "in_order", "reads_here"]
 
 MOST_DECODER_BYTES: Final = 32 << 20
 """Of all decoders of a fleet: those of a thousand lidars."""
@@ -34,40 +32,27 @@ PACKET_BYTES: Final = 128
 """What a packet takes at most beside its bytes, about: when it came."""
 
 
-def time_here(at_ns: int, began: StreamBegan, wall_offset_ns: int) -> int | None:
-    """From the clock of the publisher of a stream to ours; both agree about the wall clock, as far as machines do.
+def in_order(entries: Iterable[Entry]) -> Iterator[list[Entry] | StreamEvent | None]:
+    """What a message holds: reads that follow each other together, and the events between them (None: unknown)."""
+    for is_event, group in groupby(entries, attrgetter("is_event")):
+        if is_event:
+            yield from (event_of(entry.data.decode("utf-8", "replace")) for entry in group)
+        else:
+            yield list(group)
+
+
+def reads_here(entries: Iterable[Entry], began: StreamBegan, wall_offset_ns: int) -> list[tuple[bytes, int]]:
+    """Reads with their times on the clock of this machine; both agree about the wall clock, as far as machines do.
+
+    Reads with a time that cannot be are left out: the sums of a scan's times would not fit in 64 bits.
 
     Args:
-        at_ns: A time of the publisher.
+        entries: What a publisher has read.
         began: Its stream.
         wall_offset_ns: Wall clock minus monotonic clock of this machine.
-
-    Returns:
-        None for a time that cannot be: the sums of a scan's times would not fit in 64 bits.
     """
-    here_ns = at_ns + began.wall_offset_ns - wall_offset_ns
-    return here_ns if abs(here_ns) < MOST_NS else None
-
-
-def joined(
-    reads: Sequence[tuple[bytes, int]], earliest_ns: int = -(1 << 63)
-) -> tuple[bytes, int, list[tuple[int, int]]]:
-    """Reads and their times as one piece, as `Receiver.data_received` takes it; at least one.
-
-    Args:
-        reads: The bytes, and when they were read. Time never goes back, whatever a message says.
-        earliest_ns: When what came before was read.
-    """
-    arrivals: list[tuple[int, int]] = []
-    size = 0
-    for data, at_ns in reads:
-        size += len(data)
-        earliest_ns = max(earliest_ns, at_ns)
-        if arrivals and arrivals[-1][1] == earliest_ns:
-            arrivals.pop()
-        arrivals.append((size, earliest_ns))
-    arrivals.pop()
-    return b"".join([data for data, _ in reads]), earliest_ns, arrivals
+    ahead_ns = began.wall_offset_ns - wall_offset_ns
+    return [(entry.data, entry.at_ns + ahead_ns) for entry in entries if abs(entry.at_ns + ahead_ns) < MOST_NS]
 
 
 class RawDecoder:
@@ -85,15 +70,13 @@ class RawDecoder:
         self._wall_offset_ns = wall_offset_ns
         self._family: Family | None = None
         self._began: StreamBegan | None = None
-        self._link = Link()
-        self._stream: Stream | None = None
-        self._assembler: Assembler | None = None
+        self._pipeline: Pipeline | None = None
         self._last_ns = -(1 << 63)
 
     @property
     def held(self) -> int:
         """Bytes that it takes, about: what it is itself, and the packets of the revolution in the making."""
-        longest = 0 if self._stream is None else self._stream.format.longest
+        longest = 0 if self._pipeline is None else self._pipeline.stream.format.longest
         return DECODER_BYTES + self.stats.unfinished_packets * (longest + PACKET_BYTES)
 
     def learn(self, status: Status) -> None:
@@ -119,39 +102,23 @@ class RawDecoder:
         return None if entries is None else self._decode(entries)
 
     def _decode(self, entries: Sequence[Entry]) -> Iterator[list[Scan]]:
-        reads: list[tuple[bytes, int]] = []
-        for entry in entries:
-            if entry.is_event:
-                yield from self._receive(reads)
-                reads = []
-                event = event_of(entry.data.decode("utf-8", "replace"))
-                if isinstance(event, StreamBegan):
-                    self._begin(event)
-                elif isinstance(event, StreamEnded):
-                    self._end()
-                yield []
-            elif self._began is not None:
-                here_ns = time_here(entry.at_ns, self._began, self._wall_offset_ns)
-                if here_ns is not None:
-                    reads.append((entry.data, here_ns))
-        yield from self._receive(reads)
-
-    def _receive(self, reads: Sequence[tuple[bytes, int]]) -> Iterator[list[Scan]]:
-        """Parse and decode what was read at those times."""
-        stream, assembler, runs = self._stream, self._assembler, list[Packets]()
-        if assembler is None or stream is None or not reads:
-            return
-        wire, sample_ns = stream.format, stream.sample_ns
-        data, now, arrivals = joined(reads, self._last_ns)
-        self._last_ns = now
-        for piece in slices(data, now, arrivals):
-            self._link.receive_data(*piece)
-            runs += [event for event in self._link.events_received() if isinstance(event, Packets)]
+        for each in in_order(entries):
+            if isinstance(each, list):
+                yield from self._receive(each)
+                continue
+            if isinstance(each, StreamBegan):
+                self._begin(each)
+            elif isinstance(each, StreamEnded):
+                self._end()
             yield []
-        for event in join_runs(runs):
-            if isinstance(event, Packets):
-                for part in parts_of(event, wire, sample_ns):
-                    yield from assembler.ends(part)
+
+    def _receive(self, entries: Sequence[Entry]) -> Iterator[list[Scan]]:
+        """Parse and decode what was read."""
+        if self._pipeline is None or self._began is None:
+            return
+        if reads := reads_here(entries, self._began, self._wall_offset_ns):
+            data, self._last_ns, arrivals = join_reads(reads, self._last_ns)
+            yield from self._pipeline.steps(data, self._last_ns, arrivals)
 
     def _begin(self, began: StreamBegan) -> None:
         if began == self._began:
@@ -159,17 +126,15 @@ class RawDecoder:
         self._end()
         if self._family is None or self._family.stream_in(began.mode) is None:
             return
-        stream = self._stream = StoredStream(self._family, began).open()
         self._began = began
-        self._link = Link()
-        self._link.enter_stream(stream.format)
-        self._assembler = assembler_of(stream, began.baudrate, self._wall_offset_ns, self.stats)
+        stream = StoredStream(self._family, began).open()
+        self._pipeline = Pipeline(stream, began.baudrate, self._wall_offset_ns, self.stats)
         self._last_ns = -(1 << 63)
 
     def _end(self) -> None:
-        if self._assembler is not None:
-            self._assembler.end()
-        self._began = self._assembler = None
+        if self._pipeline is not None:
+            self._pipeline.end()
+        self._began = self._pipeline = None
 
 
 class Decoders:

@@ -13,6 +13,10 @@ An FTDI adapter gathers bytes for 16 ms before it sends them on. Where its drive
 the port is open: then it is 1 ms. It is set before the first request, since changing it can hold up a stream for a
 quarter of a second, and given back when the port is closed. For a program that is killed its guard gives it back
 (`lidario.port.guard`); without one it stays until the adapter is unplugged. Who finds it set leaves it set.
+
+Drivers differ in what they count as wrong. Those of FTDI adapters and of the serial ports of a board (as of a
+Raspberry Pi) count everything. That of a CP2102 counts only where parity is checked, which no lidar has; those of
+the CH340 and the PL2303 count nothing. So zeros mean little there, and any other number means the same everywhere.
 """
 
 from __future__ import annotations
@@ -20,14 +24,20 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import struct
 import sys
+from pathlib import Path
 
 import serial
 
-from lidario.port import driver
+from lidario.model import LineErrors
 
-__all__ = ["FOREIGN", "Adapter"]
+__all__ = ["FOREIGN", "Adapter", "count_errors", "latency_ms"]
 
+ROOT = Path("/")
+_COUNTED = struct.Struct("=6I5I36x")
+"""Linux' ``struct serial_icounter_struct``: changes of four modem lines, bytes received and sent; then framing
+errors, overruns of the device, parity errors, breaks, overruns of the system's buffer; and a reserve."""
 _POSIX = os.name == "posix"
 _NO_LINES = (errno.ENOTTY, errno.EINVAL)
 """What a terminal without control lines says of them, such as a pseudo-terminal."""
@@ -80,7 +90,7 @@ class Adapter(serial.Serial):  # type: ignore[misc]
 
     def hurry(self) -> None:
         """Have an adapter that gathers bytes send them on at once, until the port is closed. Never raises."""
-        latency = driver.latency_ms(str(self.port), driver.ROOT)
+        latency = latency_ms(str(self.port), ROOT)
         if latency is None or latency <= 1:
             return
         with contextlib.suppress(*FOREIGN, NotImplementedError):
@@ -110,3 +120,42 @@ class Adapter(serial.Serial):  # type: ignore[misc]
         settings = termios.tcgetattr(self.fileno())
         settings[2] &= ~termios.HUPCL
         termios.tcsetattr(self.fileno(), termios.TCSANOW, settings)
+
+
+def count_errors(handle: int) -> LineErrors:
+    """What the driver has counted since the adapter was plugged in; zeros where it does not count.
+
+    Args:
+        handle: The descriptor of the open port.
+
+    Raises:
+        OSError: The driver cannot tell, or the port is gone.
+    """
+    if os.name != "posix":
+        return LineErrors()
+    import fcntl  # not on Windows
+    import termios
+
+    request = getattr(termios, "TIOCGICOUNT", None)
+    if request is None:  # only Linux has it
+        return LineErrors()
+    counted = fcntl.ioctl(handle, request, bytes(_COUNTED.size))
+    framing, overruns, parity, breaks, overflows = _COUNTED.unpack(counted)[6:]
+    return LineErrors(framing, parity, overruns + overflows, breaks)
+
+
+def latency_ms(port: str, root: Path = ROOT) -> int | None:
+    """For how many milliseconds the adapter of `port` gathers bytes; None where its driver has no such timer.
+
+    Only Linux' driver of FTDI adapters has one. It tells 1 while low latency is set.
+
+    Args:
+        port: As in ``/dev/ttyUSB0``.
+        root: The folder in which ``sys`` stands.
+    """
+    name = os.path.basename(os.path.realpath(port))
+    try:
+        told = (root / "sys/class/tty" / name / "device/latency_timer").read_text(encoding="ascii").strip()
+    except (OSError, ValueError):
+        return None
+    return int(told) if told.isdecimal() else None

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import TypeVar
 
-from lidario.port.start import start_thread
+from lidario.port.thread import start_thread
 
 __all__ = ["run_in_thread"]
 

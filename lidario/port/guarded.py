@@ -1,20 +1,72 @@
-"""What a port does for its guard: tells it what stops the device, before anything is written, and dismisses it."""
+"""What a port does for those who watch it.
+
+Its taps see every chunk in either direction: recordings, probing, and programs that ask. Its guard is told what
+stops the device, before anything is written, and is dismissed at the end.
+"""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
 from lidario.port.guard import Guard, start_guard
-from lidario.port.line import Line
-from lidario.port.tapped import Tapped
+from lidario.port.line import Line, Tap
 from lidario.wire.envelope import Request
 
-__all__ = ["Guarded", "Stops"]
+__all__ = ["Guarded", "Stops", "Tapped"]
+
+_log = logging.getLogger("lidario")
 
 Stops: TypeAlias = Callable[[], tuple[Sequence[Request], Sequence[Request], float]]
 """Gives the requests that leave the device still, those that may do so at the end, and when it listens at the
 latest, on the monotonic clock."""
+
+
+class Tapped:
+    """The base of `Port`: its taps.
+
+    Args:
+        name: What was opened, for messages.
+
+    Attributes:
+        name: What was opened, for messages.
+        taps: Who sees the chunks, in the order in which they were added.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name: str = name
+        self.taps: tuple[Tap, ...] = ()
+
+    def add_tap(self, tap: Tap) -> None:
+        """Have `tap` called with every chunk in either direction, after the taps that are there.
+
+        It must be quick. A tap that raises is removed and logged at WARNING.
+        """
+        self.taps = (*self.taps, tap)
+
+    def remove_tap(self, tap: Tap) -> None:
+        """Stop calling `tap`; ignored where it is not there."""
+        taps = list(self.taps)
+        if tap in taps:
+            taps.remove(tap)
+            self.taps = tuple(taps)
+
+    def show_reads(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]]) -> None:
+        """Show the taps what was collected from several reads, each by itself; as `Receiver.data_received`."""
+        begin = 0
+        for end, at_ns in (*arrivals, (len(data), now)):
+            self.show("in", data[begin:end], at_ns)
+            begin = end
+
+    def show(self, direction: str, data: bytes, now: int) -> None:
+        """Show a chunk to the taps. A tap that raises is removed, and has no other effect."""
+        for tap in self.taps:
+            try:
+                tap(direction, data, now)
+            except Exception:
+                self.remove_tap(tap)
+                _log.warning("the tap %r of %s raised an exception and was removed", tap, self.name, exc_info=True)
 
 
 class Guarded(Tapped):
@@ -61,11 +113,6 @@ class Guarded(Tapped):
         """Tell the guard what stops the device now."""
         if self._guard is not None and self._stops is not None:
             self._guard.tell(*self._stops())
-
-    def _tell_guard_of_change(self) -> None:
-        """Tell it that the device listens again, if it was told that it may not."""
-        if self._guard is not None and self._guard.awaits_change:
-            self.tell_guard()
 
     def _handle(self) -> int | None:
         """The descriptor of the open line; None where there is none."""

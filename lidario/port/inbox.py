@@ -15,6 +15,8 @@ import select
 import threading
 from collections.abc import Callable
 
+from lidario.port.line import Late
+
 __all__ = ["INBOX_BYTES", "Inbox", "Read", "make_read"]
 
 INBOX_BYTES = 1024 * 1024
@@ -65,17 +67,21 @@ class Inbox:
         handle: File descriptor of the terminal, non-blocking.
         clock: The time in nanoseconds.
         read: Reads a descriptor, as `make_read` makes it; by default one of its own.
+        late: Where it is counted what was dropped because the inbox was full, and how often the buffer was.
 
     Attributes:
         last_ns: When it was read last, whether or not anything was there.
-        overflow: Bytes that were read and dropped because the inbox was full.
-        full_reads: Reads that found the terminal's buffer full: what came since may be lost.
+        size: Bytes kept.
+        first_ns: When the first bytes that are kept were read; 0 when there are none.
     """
 
-    def __init__(self, handle: int, clock: Callable[[], int], read: Read | None = None) -> None:
+    def __init__(
+        self, handle: int, clock: Callable[[], int], read: Read | None = None, late: Late | None = None
+    ) -> None:
         self.last_ns: int = clock()
-        self.overflow: int = 0
-        self.full_reads: int = 0
+        self.size: int = 0
+        self.first_ns: int = 0
+        self._late = late or Late()
         self._handle = handle
         self._clock = clock
         # Its buffer is used under the lock of this inbox alone.
@@ -86,18 +92,6 @@ class Inbox:
         self._shared = True
         self._chunks: list[bytes] = []
         self._arrivals: list[tuple[int, int]] = []
-
-    @property
-    def size(self) -> int:
-        """Bytes kept."""
-        arrivals = self._arrivals
-        return arrivals[-1][0] if arrivals else 0
-
-    @property
-    def first_ns(self) -> int:
-        """When the first bytes that are kept were read; 0 when there are none."""
-        arrivals = self._arrivals
-        return arrivals[0][1] if arrivals else 0
 
     def share(self, shared: bool) -> None:
         """Allow or forbid reads of the other thread; when this returns, a read in progress has ended."""
@@ -115,13 +109,22 @@ class Inbox:
         """
         with self._lock:
             if not self._closed and (self._shared or not from_thread):
-                self._keep(self._read_all())
+                data = self._read_all()
+                now = self.last_ns = self._clock()
+                size = self.size + len(data)
+                if size > INBOX_BYTES:
+                    self._late.overflow_bytes += len(data)
+                elif data:
+                    self._chunks.append(data)
+                    self._arrivals.append((size, now))
+                    self.size, self.first_ns = size, self.first_ns or now
 
     def take(self) -> tuple[list[bytes], list[tuple[int, int]]]:
         """Return what was kept, and empty the inbox: the chunks, and how many bytes had come by when."""
         with self._lock:
             chunks, self._chunks = self._chunks, []
             arrivals, self._arrivals = self._arrivals, []
+            self.size = self.first_ns = 0
             return chunks, arrivals
 
     def peek(self) -> tuple[list[bytes], list[tuple[int, int]]]:
@@ -143,7 +146,7 @@ class Inbox:
                 data = self._read(self._handle)
                 if not data:
                     raise OSError("the line was hung up")
-            self.full_reads += len(data) >= _FULL_READ
+            self._late.full_reads += len(data) >= _FULL_READ
             while len(data) >= _FULL_READ and len(pieces) < _MOST_READS:
                 # All that waited gets one time, or else the last of it would seem to have come late.
                 pieces.append(data)
@@ -155,18 +158,6 @@ class Inbox:
                 raise
             data = b""
         return b"".join((*pieces, data)) if pieces else data
-
-    def _keep(self, data: bytes) -> None:
-        now = self._clock()
-        self.last_ns = now
-        if not data:
-            return
-        size = self.size + len(data)
-        if size > INBOX_BYTES:
-            self.overflow += len(data)
-            return
-        self._chunks.append(data)
-        self._arrivals.append((size, now))
 
 
 def _is_readable(handle: int) -> bool:

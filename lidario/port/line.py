@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 from lidario.errors import DeviceLost
 from lidario.model import LineErrors
 
-__all__ = ["Line", "Receiver", "Schedule", "Tap"]
+__all__ = ["Late", "Line", "Receiver", "Schedule", "Tap"]
 
 Tap = Callable[[str, bytes, int], None]
 """Sees every chunk: ``"in"`` or ``"out"``, the bytes, the time in nanoseconds of the event loop's clock."""
@@ -55,6 +56,19 @@ class Receiver(Protocol):
     def connection_lost(self, error: DeviceLost | None) -> None:
         """The port is dead, or closed as asked (None). Called once."""
         ...
+
+
+@dataclass(slots=True)
+class Late:
+    """What was lost, or may have been, because this computer read a line too late.
+
+    Attributes:
+        overflow_bytes: Bytes that were read and dropped, because the program did not take them for too long.
+        full_reads: Reads that found the system's buffer full: bytes that came since may be lost.
+    """
+
+    overflow_bytes: int = 0
+    full_reads: int = 0
 
 
 class Line(ABC):
@@ -118,16 +132,6 @@ class Line(ABC):
 
     def show_pending(self) -> None:  # noqa: B027 - only where a thread reads
         """Show the taps what was read and not shown yet, so that they see everything in the order of time."""
-
-    @property
-    def overflow_bytes(self) -> int:
-        """As `Port.overflow_bytes`."""
-        return 0
-
-    @property
-    def full_reads(self) -> int:
-        """As `Port.full_reads`."""
-        return 0
 
     @property
     def errors(self) -> LineErrors:

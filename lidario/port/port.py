@@ -1,9 +1,9 @@
 """An open line to a device, with one interface for serial ports, TCP connections and simulated devices.
 
 A `Port` belongs to the session. What carries its bytes is a `Line` (`lidario.port.line`). The port shows every
-chunk to the taps (`lidario.port.tapped`), hands received bytes to one `Receiver`, and says what the end of the line
-means. Exceptions of the operating system and of pyserial are translated to `lidario.errors` in this folder and
-nowhere else.
+chunk to the taps (`Tapped`), hands received bytes to one `Receiver`, and says what the end of the line means.
+Exceptions of the operating system and of pyserial are translated to `lidario.errors` in this folder and nowhere
+else.
 
 Three orders matter here:
 
@@ -29,7 +29,7 @@ from typing import Any
 from lidario.errors import DeviceLost
 from lidario.model import LineErrors
 from lidario.port.guarded import Guarded, Stops
-from lidario.port.line import Line, Receiver, Schedule
+from lidario.port.line import Late, Line, Receiver, Schedule
 
 __all__ = ["Port"]
 
@@ -47,11 +47,16 @@ class Port(Guarded, asyncio.Protocol):
     Attributes:
         name: What was opened, for messages.
         baudrate: Speed in bits a second; 0 where there is none.
+        late: What was lost because the event loop was blocked, or this computer busy.
+        is_closing: Whether it is closed, or will be.
+        is_live: Whether a device is at the other end, which can fall silent; a recording cannot.
+        length_s: As `Lidar.length_s`.
     """
 
     def __init__(self, name: str, baudrate: int = 0) -> None:
         super().__init__(name)
         self.baudrate: int = baudrate
+        self.late: Late = Late()
         self._loop = asyncio.get_running_loop()
         # uvloop's clock stands still while a callback runs and counts whole milliseconds; it is the monotonic one.
         self._exact = type(self._loop).__module__.split(".")[0] == "uvloop"
@@ -59,7 +64,9 @@ class Port(Guarded, asyncio.Protocol):
         self._line: Line | None = None
         self._receiver: Receiver | None = None
         self._untold: DeviceLost | None = None
-        self._closing = False
+        self.is_closing: bool = False
+        self.is_live: bool = True
+        self.length_s: float | None = None
         self._closed = self._loop.create_future()
         self._close_timer: asyncio.TimerHandle | None = None
         self._on_close: Callable[[], None] | None = None
@@ -70,27 +77,12 @@ class Port(Guarded, asyncio.Protocol):
     @property
     def is_open(self) -> bool:
         """Whether bytes can still be written."""
-        return self._line is not None and not self._line.is_closing() and not self.is_forked
-
-    @property
-    def is_closing(self) -> bool:
-        """Whether it is closed, or will be."""
-        return self._closing
+        return self._open_line() is not None
 
     @property
     def is_forked(self) -> bool:
         """Whether this process is a child of the one that opened the port: then the port is the parent's."""
         return os.getpid() != self._pid
-
-    @property
-    def is_live(self) -> bool:
-        """Whether a device is at the other end, which can fall silent; a recording cannot."""
-        return True
-
-    @property
-    def length_s(self) -> float | None:
-        """As `Lidar.length_s`."""
-        return None
 
     @property
     def wall_offset_ns(self) -> int:
@@ -99,16 +91,6 @@ class Port(Guarded, asyncio.Protocol):
 
     def follow(self, audience: Any) -> None:
         """Name the session to which a recording is played; a live device does not care."""
-
-    @property
-    def overflow_bytes(self) -> int:
-        """Bytes that were received and dropped because the event loop was blocked until the buffer was full."""
-        return 0 if self._line is None else self._line.overflow_bytes
-
-    @property
-    def full_reads(self) -> int:
-        """Reads that found the system's buffer full: this computer came so late that bytes may be lost."""
-        return 0 if self._line is None else self._line.full_reads
 
     @property
     def errors(self) -> LineErrors:
@@ -130,27 +112,31 @@ class Port(Guarded, asyncio.Protocol):
 
         Ignored on a dead port and in a forked child; never raises.
         """
-        line = self._line
-        if line is None or not self.is_open:
+        line = self._open_line()
+        if line is None:
             return
-        self.tell_guard()
+        if self._guard is not None:
+            self.tell_guard()
         if self._loop.is_closed():
             line.write_without_loop(data)
         else:
             line.write(data)
-        if self._taps:
+        if self.taps:
             line.show_pending()
             self.show("out", data, self.now())
 
     def set_baudrate(self, baudrate: int) -> None:
         """Change the speed of the line; bytes received at the old speed and not read yet are discarded.
 
+        Ignored where it is that speed already.
+
         Raises:
             ConnectFailed: The adapter cannot do that speed.
         """
-        if self._line is not None and self.is_open:
-            self._line.set_baudrate(baudrate)
-        self.baudrate = baudrate
+        if baudrate != self.baudrate:
+            if (line := self._open_line()) is not None:
+                line.set_baudrate(baudrate)
+            self.baudrate = baudrate
 
     def set_dtr(self, asserted: bool) -> None:
         """Put the control line DTR of a serial port in a state, also without a loop. Never raises.
@@ -158,9 +144,9 @@ class Port(Guarded, asyncio.Protocol):
         Ignored where there is no such line: on a pseudo-terminal, a network connection, a dead port, and in a
         forked child. Once it is asserted, it stays so when the port is closed.
         """
-        if self._line is not None and self.is_open:
+        if (line := self._open_line()) is not None:
             self.tell_guard()
-            self._line.set_dtr(asserted)
+            line.set_dtr(asserted)
 
     def set_polling(self, latency: float, schedule: Schedule | None) -> None:
         """Poll the line instead of being woken for each delivery. Only serial lines are polled; others ignore it.
@@ -172,20 +158,20 @@ class Port(Guarded, asyncio.Protocol):
 
         While there is a schedule, a thread reads the line too whenever it was unread for `schedule.interval`. So
         while the loop is blocked up to 1 MiB is kept, with the time of each read. What comes beyond that is counted
-        in `overflow_bytes`. C code that keeps the interpreter lock stops that thread, too.
+        in `late`. C code that keeps the interpreter lock stops that thread, too.
 
         Args:
             latency: Seconds between two polls; 0 to be woken for each delivery.
             schedule: Says when bytes are needed; None to poll every `latency` seconds and hold nothing.
         """
-        if self._line is not None and self.is_open and not self._loop.is_closed():
-            self._line.set_polling(latency, schedule)
+        line = self._open_line()
+        if line is not None and not self._loop.is_closed():
+            line.set_polling(latency, schedule)
 
     def set_repeat(self, request: bytes, interval: float) -> None:
         """While there is a schedule, have `request` written when it was not written for `interval` seconds.
 
-        A thread does that, so a device that must be kept going survives a program that blocks the event loop. A
-        device in memory lives on the loop, and ignores it.
+        A thread does that, so the device goes on while a program blocks the event loop; one in memory does not.
 
         Args:
             request: The bytes; none to write nothing any more, and then no write is in progress on return.
@@ -201,24 +187,25 @@ class Port(Guarded, asyncio.Protocol):
 
     def poll(self) -> None:
         """Read what is there now, and hand over everything that is held."""
-        if self._line is not None and self.is_open and not self._loop.is_closed():
-            self._line.poll()
+        line = self._open_line()
+        if line is not None and not self._loop.is_closed():
+            line.poll()
 
     def announce_close(self) -> None:
         """Say that `close_soon` will be called: from now on the end of the line is no loss."""
-        self._closing = True
+        self.is_closing = True
 
     def close_soon(self) -> None:
         """Begin to write out what is pending and to close the port, without waiting for it."""
-        self._closing = True
+        self.is_closing = True
         if self.is_forked:
             self._settle()
         elif self._line is not None and self._loop.is_closed():
             self._line.close_without_loop()
             self.closed()
-        elif self.is_open and self._line is not None:
-            self._line.close()
-            self._close_timer = self._loop.call_later(CLOSE_TIMEOUT_S, self._line.abort)
+        elif (line := self._open_line()) is not None:
+            line.close()
+            self._close_timer = self._loop.call_later(CLOSE_TIMEOUT_S, line.abort)
 
     async def wait_closed(self) -> None:
         """Return when the port is closed, about a second after `close_soon` at the latest.
@@ -241,17 +228,16 @@ class Port(Guarded, asyncio.Protocol):
     def abandon(self, stop_requests: bytes, listens_at: float = 0.0) -> None:
         """Finalizer of a session that was never closed: write `stop_requests` and close, even without a loop.
 
-        It blocks, for 50 ms at most, while the device does not listen. Does nothing in a forked child and on a port
-        that is closed already. Never raises.
+        Blocks for 50 ms at most. Does nothing on a closed port and in a forked child. Never raises.
 
         Args:
             stop_requests: What stops laser and motor.
             listens_at: When the device listens again, in seconds of the event loop's clock.
         """
-        line = self._line
-        if line is None or not self.is_open:
+        line = self._open_line()
+        if line is None:
             return
-        self._closing = True
+        self.is_closing = True
         wait = min(listens_at - self.now() * 1e-9, LONGEST_WAIT_S)
         if wait > 0:
             time.sleep(wait)
@@ -284,19 +270,23 @@ class Port(Guarded, asyncio.Protocol):
         self._line = transport
         _log.debug("%s is open", self.name)
 
-    def data_received(self, data: bytes) -> None:
-        """As `asyncio.Protocol`: show what was read just now, and hand it over."""
-        if self.is_forked:
-            return
-        now = self.now()
-        self.show("in", data, now)
-        self.hand_over(data, now)
+    def data_received(
+        self, data: bytes, now: int | None = None, arrivals: Sequence[tuple[int, int]] = (), *, shown: bool = False
+    ) -> None:
+        """As `asyncio.Protocol`, the one door for bytes: taps see those not `shown` before, then the receiver.
 
-    def hand_over(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]] = ()) -> None:
-        """Hand bytes to the receiver, as `Receiver.data_received`."""
+        `now` and `arrivals` are those of `Receiver.data_received`; without them, all was read just now.
+        """
+        if os.getpid() != self._pid:
+            return
+        now = self.now() if now is None else now
+        if self.taps and not shown:
+            self.show_reads(data, now, arrivals)
         if self._receiver is not None:
             self._receiver.data_received(data, now, arrivals)
-            self._tell_guard_of_change()
+            if self._guard is not None and self._guard.awaits_change:
+                # It was told that the device may not listen.
+                self.tell_guard()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """As `asyncio.Protocol`: the line is closed, and the receiver is told what it means.
@@ -309,17 +299,17 @@ class Port(Guarded, asyncio.Protocol):
         error = exc if isinstance(exc, DeviceLost) else None
         if error is None and self._explain_loss is not None:
             error = self._explain_loss()
-        if error is None and not self._closing:
+        if error is None and not self.is_closing:
             error = DeviceLost(f"{self.name} is gone: {exc or 'the other end closed it'}. Was it unplugged?")
             error.__cause__ = exc
         if error is not None:
             _log.debug("%s is lost: %s", self.name, error)
         receiver, self._receiver = self._receiver, None
         try:
-            if receiver is not None:
-                receiver.connection_lost(error)
-            else:
+            if receiver is None:
                 self._untold = error
+            else:
+                receiver.connection_lost(error)
         finally:
             self.closed()
 
@@ -339,7 +329,8 @@ class Port(Guarded, asyncio.Protocol):
             _log.warning("ending what serves %s failed", self.name, exc_info=True)
 
     def _open_line(self) -> Line | None:
-        return self._line if self.is_open else None
+        line = self._line
+        return None if line is None or line.is_closing() or os.getpid() != self._pid else line
 
     def _settle(self) -> None:
         if self._close_timer is not None:

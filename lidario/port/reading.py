@@ -28,7 +28,7 @@ __all__ = ["Reader"]
 
 HOLD_S = 0.5
 """Longest time for which bytes are held; below the 0.6 s after which the session takes silence for a failure
-(`lidario.session.running.SILENCE_S`)."""
+(`lidario.session.streaming.running.SILENCE_S`)."""
 HOLD_BYTES = 32 * 1024
 """Most bytes that are held: what `Link` takes in one piece."""
 _TIMER_S = 0.001
@@ -74,7 +74,7 @@ class Reader:
         self._timer: asyncio.TimerHandle | None = None
         # The thread knows the system's clock only: it is of no use to a loop with another one.
         self._real_time = abs(port.now() - time.monotonic_ns()) < _SAME_CLOCK_NS
-        self._inbox = Inbox(handle, time.monotonic_ns if self._real_time else port.now, read)
+        self._inbox = Inbox(handle, time.monotonic_ns if self._real_time else port.now, read, port.late)
         self._shown = 0
         self._guard: _Guard | None = None
         self._repeat: Repeat | None = None
@@ -86,16 +86,6 @@ class Reader:
     def repeated(self) -> int:
         """As `Port.repeated`."""
         return self._repeated + (0 if self._repeat is None else self._repeat.count)
-
-    @property
-    def overflow_bytes(self) -> int:
-        """Bytes that were read and dropped, because the program did not take them for too long."""
-        return self._inbox.overflow
-
-    @property
-    def full_reads(self) -> int:
-        """As `Inbox.full_reads`."""
-        return self._inbox.full_reads
 
     def start(self) -> None:
         """Begin to read; ignored when `stop` was called before."""
@@ -133,7 +123,7 @@ class Reader:
         if repeat is not None:
             repeat.stop()
             self._repeated += repeat.count
-            if self._port.is_tapped:
+            if self._port.taps:
                 self._written += repeat.take_written()
         if request and self._real_time and not self._stopped:
             self._repeat = Repeat(self._handle, request, interval, time.monotonic_ns, self._write)
@@ -155,9 +145,10 @@ class Reader:
         held, arrivals = self._inbox.take()
         shown, self._shown = self._shown, 0
         if held:
-            self._show(held, arrivals, shown)
+            if self._port.taps:
+                self._show(held, arrivals, shown)
             data = held[0] if len(held) == 1 else b"".join(held)
-            self._port.hand_over(data, arrivals.pop()[1], arrivals)
+            self._port.data_received(data, arrivals.pop()[1], arrivals, shown=True)
 
     def _tick(self) -> None:
         """A poll is due."""
@@ -190,7 +181,7 @@ class Reader:
         except OSError as error:
             self._lose(error)
             return
-        if self._port.is_tapped:
+        if self._port.taps:
             self.show_pending()
 
     def show_pending(self) -> None:
@@ -200,27 +191,23 @@ class Reader:
         self._show(held, arrivals, shown)
 
     def _show(self, held: list[bytes], arrivals: list[tuple[int, int]], shown: int) -> None:
-        if self._port.is_tapped:
-            chunks = [("in", data, now) for data, (_, now) in zip(held[shown:], arrivals[shown:], strict=True)]
-            written, self._written = self._written, []
-            if self._repeat is not None:
-                written += self._repeat.take_written()
-            if written:
-                chunks += [("out", data, now) for data, now in written]
-                chunks.sort(key=lambda chunk: chunk[2])
-            for direction, data, now in chunks:
-                self._port.show(direction, data, now)
+        chunks = [("in", data, now) for data, (_, now) in zip(held[shown:], arrivals[shown:], strict=True)]
+        written, self._written = self._written, []
+        if self._repeat is not None:
+            written += self._repeat.take_written()
+        if written:
+            chunks += [("out", data, now) for data, now in written]
+            chunks.sort(key=lambda chunk: chunk[2])
+        for direction, data, now in chunks:
+            self._port.show(direction, data, now)
 
     def _hand_over_if_due(self) -> None:
         if self._schedule is not None and self._inbox.size < HOLD_BYTES:
             now = self._port.now() * 1e-9
-            if now < self._held_until() and now < self._schedule.hold(now):
+            # A timer may come that little early.
+            if now < self._inbox.first_ns * 1e-9 + HOLD_S - _TIMER_S and now < self._schedule.hold(now):
                 return
         self.hand_over()
-
-    def _held_until(self) -> float:
-        """When what is held must be handed over; a timer may come that little early."""
-        return self._inbox.first_ns * 1e-9 + HOLD_S - _TIMER_S
 
     def _wait(self) -> None:
         """Wait for the next poll, or be woken by the next delivery where none of them may wait."""
@@ -242,8 +229,9 @@ class Reader:
             self.hand_over()
             return
         if self._inbox.size:
-            pause = max(0.0, min(pause, self._held_until() + _TIMER_S - now))
-        self._watch(False)
+            pause = max(0.0, min(pause, self._inbox.first_ns * 1e-9 + HOLD_S - now))
+        if self._watching:
+            self._watch(False)
         self._timer = self._loop.call_later(pause, self._tick)
 
     def _watch(self, on: bool) -> None:

@@ -26,10 +26,9 @@ import serial_asyncio
 
 from lidario.errors import ConnectFailed
 from lidario.model import LineErrors
-from lidario.port.adapter import FOREIGN, Adapter
+from lidario.port.adapter import FOREIGN, Adapter, count_errors
 from lidario.port.background import run_in_thread
 from lidario.port.diagnose import busy, held, is_pseudo_terminal, why_not_opened
-from lidario.port.driver import count_errors
 from lidario.port.left import POLL_S, WAIT_S, guard_is_left
 from lidario.port.line import Line, Schedule
 from lidario.port.polled import NO_HANDLE, Polled
@@ -170,14 +169,6 @@ class _SerialLine(Line):
 
     def show_pending(self) -> None:
         self._reader.show_pending()
-
-    @property
-    def overflow_bytes(self) -> int:
-        return self._reader.overflow_bytes
-
-    @property
-    def full_reads(self) -> int:
-        return self._reader.full_reads
 
     @property
     def errors(self) -> LineErrors:

@@ -206,7 +206,7 @@ class _MemoryTransport(Line):
         self._timer: asyncio.TimerHandle | None = None
         # As `open_serial` does.
         line.set_dtr(False, port.now())
-        self._arm()
+        self._arm(port.now())
 
     @property
     def is_open(self) -> bool:
@@ -219,20 +219,23 @@ class _MemoryTransport(Line):
     def write(self, data: bytes) -> None:
         if self._closing:
             return
+        now = self._port.now()
         try:
-            self._line.write(data, self._port.now())
+            self._line.write(data, now)
         except Exception as error:
             self._end(_failed(self._port.name, error))
         else:
-            self._arm()
+            self._arm(now)
 
     def set_baudrate(self, baudrate: int) -> None:
-        self._line.set_baudrate(baudrate, self._port.now())
-        self._arm()
+        now = self._port.now()
+        self._line.set_baudrate(baudrate, now)
+        self._arm(now)
 
     def set_dtr(self, asserted: bool) -> None:
-        self._line.set_dtr(asserted, self._port.now())
-        self._arm()
+        now = self._port.now()
+        self._line.set_dtr(asserted, now)
+        self._arm(now)
 
     def close(self) -> None:
         self._end(None)
@@ -252,14 +255,13 @@ class _MemoryTransport(Line):
     def close_without_loop(self) -> None:
         self._closing = True
 
-    def _arm(self) -> None:
+    def _arm(self, now: int) -> None:
         """Poll again when the device next has something to send, but at most once a tick."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
         if self._closing:
             return
-        now = self._port.now()
         try:
             due = self._line.wakeup(now)
         except Exception as error:
@@ -284,7 +286,7 @@ class _MemoryTransport(Line):
             return
         if data:
             self._port.data_received(data)
-        self._arm()
+        self._arm(now)
 
     def _end(self, error: Exception | None) -> None:
         if self._closing:

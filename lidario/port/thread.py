@@ -19,6 +19,7 @@ C code that keeps the interpreter lock for longer stops this thread too.
 
 from __future__ import annotations
 
+import _thread
 import os
 import threading
 import time
@@ -26,11 +27,11 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Protocol
 
+from lidario.latch import Latch
 from lidario.port.inbox import Inbox
 from lidario.port.repeat import Repeat
-from lidario.port.start import start_thread
 
-__all__ = ["ReadingThread", "Served", "Watched", "reading_thread"]
+__all__ = ["ReadingThread", "Served", "Watched", "reading_thread", "start_thread"]
 
 RECENT_SHARE = 0.15
 """Share of the interval: a port that the loop has read that recently is not read again now. The next step counts
@@ -41,7 +42,7 @@ LATENESS_FACTOR = 2.0
 """Safety factor on the observed lateness of the thread: as long as it is very late, ports are read more often."""
 RESERVE_SHARE = 0.1
 """Share of the interval by which a read may be late without ports being read more often. The kernel's buffer is
-full after 1.43 intervals (`BUFFER_SHARE` in `lidario.session.pace`). With 0.3 more was lost while a program
+full after 1.43 intervals (`BUFFER_SHARE` of `Pace`). With 0.3 more was lost while a program
 computed in Python and the machine was busy: the thread waits 5 ms for the interpreter then, and for a core."""
 LEAST_SHARE = 0.25
 """Share of the interval below which ports are not read closer, however late the thread is."""
@@ -49,6 +50,38 @@ JOIN_S = 0.1
 """Longest time for which ending the thread is waited for. It takes less than a tenth of a millisecond."""
 _FORGET = 0.95
 """Share of the greatest lateness that is remembered after another wake-up."""
+
+
+def start_thread(work: Callable[[], None], name: str) -> threading.Thread:
+    """Start a daemon thread, and return it when it has begun.
+
+    Where Ctrl-C ends the waiting, the thread does its work all the same, or was never started. So `work` must find
+    out itself whether anybody still needs it.
+
+    Args:
+        work: What it does.
+        name: Its name.
+
+    Raises:
+        RuntimeError: The system allows no more threads.
+    """
+    thread = threading.Thread(target=work, name=name, daemon=True)
+    begun = Latch()
+    failures: list[RuntimeError] = []
+
+    def start() -> None:
+        try:
+            thread.start()
+        except RuntimeError as error:
+            failures.append(error)
+        finally:
+            begun.set()
+
+    _thread.start_new_thread(start, ())
+    begun.wait()
+    if failures:
+        raise failures[0]
+    return thread
 
 
 class Served(Protocol):

@@ -34,33 +34,29 @@ class Turns:
         failed: Called with what was raised in a later turn; in the first one it reaches the caller of `add`.
 
     Attributes:
-        size: Of the work that waits, as it was given to `add`.
+        waiting: The work that waits, and its size as it was given to `add`.
+        size: Of all that waits.
     """
 
     def __init__(self, now: Callable[[], int], failed: Callable[[Exception], None]) -> None:
         self.size: int = 0
         self._now = now
         self._failed = failed
-        self._waiting: deque[tuple[Iterator[None], int]] = deque()
+        self.waiting: deque[tuple[Iterator[None], int]] = deque()
         self._busy = False
         self._due = False
         self._then: list[Callable[[], None]] = []
 
-    @property
-    def is_idle(self) -> bool:
-        """Whether nothing waits."""
-        return not self._waiting
-
     def add(self, steps: Iterable[None], size: int = 0) -> None:
         """Do this behind what waits; at once, as far as the time of this turn goes, where nothing does."""
-        self._waiting.append((iter(steps), size))
+        self.waiting.append((iter(steps), size))
         self.size += size
         if not (self._busy or self._due):
             self._go_on()
 
     def then(self, callback: Callable[[], None]) -> None:
         """Call this when all that waits is done, now if nothing does."""
-        if self._waiting:
+        if self.waiting:
             self._then.append(callback)
         else:
             callback()
@@ -69,8 +65,8 @@ class Turns:
         until = self._now() + TURN_NS
         self._busy = True
         try:
-            while self._waiting:
-                steps, size = self._waiting[0]
+            while self.waiting:
+                steps, size = self.waiting[0]
                 try:
                     for _ in steps:
                         if self._now() >= until:
@@ -79,7 +75,7 @@ class Turns:
                             return
                 except BaseException:
                     self._end_first(size)
-                    if self._waiting:
+                    if self.waiting:
                         self._due = True
                         asyncio.get_running_loop().call_soon(self._turn)
                     raise
@@ -88,7 +84,7 @@ class Turns:
             self._busy = False
 
     def _end_first(self, size: int) -> None:
-        self._waiting.popleft()
+        self.waiting.popleft()
         self.size -= size
 
     def _turn(self) -> None:
@@ -97,7 +93,7 @@ class Turns:
             self._go_on()
         except Exception as error:
             self._failed(error)
-        if not self._waiting:
+        if not self.waiting:
             then, self._then = self._then, []
             for callback in then:
                 callback()

@@ -18,11 +18,10 @@ from lidario.recording.opened import StoredFile
 from lidario.recording.raw import SEARCHED
 from lidario.recording.read import StoredStreams
 from lidario.revolution.assemble import AssemblerStats
-from lidario.revolution.together import join_runs
-from lidario.revolution.whole import assembler_of
+from lidario.revolution.pipeline import Pipeline
+from lidario.revolution.together import join_reads
 from lidario.scan import Scan
-from lidario.wire.events import Packets
-from lidario.wire.link import Link
+from lidario.wire.stats import LinkStats
 
 __all__ = ["FileDecoder", "decode_file", "decode_file_arrays"]
 
@@ -65,64 +64,58 @@ class FileDecoder:
     def _untimed(self) -> Iterator[Scan]:
         with StoredFile(self.recording.path, self.recording.size) as file:
             decoder = OfflineDecoder(file.read(SEARCHED), self._known)
-            self.stats = decoder.assembler_stats
+            self.stats = decoder.pipeline.stats
             file.seek(decoder.begin)
             yield from decoder.scans_of(_blocks_of(file))
-        self._count(decoder.link_stats.skipped_bytes, decoder.link_stats.packets)
+        self._count(decoder.pipeline.link.stats)
 
     def _timed(self) -> Iterator[Scan]:
-        number, link, assembler, offset_deg = -1, Link(), None, 0.0
+        number, offset_deg = -1, 0.0
+        pipeline: Pipeline | None = None
         last: Scan | None = None
-        for begun, data, arrivals, block_deg, behind in self._blocks():
-            if begun != number or assembler is None:
-                if assembler is not None:
-                    assembler.end()
-                    self._count(link.stats.skipped_bytes, link.stats.packets)
+        last_ns = -(1 << 63)
+        for begun, reads, block_deg, behind in self._blocks():
+            if begun != number or pipeline is None:
+                self._end(pipeline)
                 number = begun
                 stored = self.recording.streams[number]
-                stream = stored.open()
-                if stored.began.continues and last is not None:
+                began = stored.began
+                if began.continues and last is not None:
                     self.stats.leave_off(last)
-                link = Link()
-                link.enter_stream(stream.format)
-                assembler = assembler_of(stream, stored.began.baudrate, stored.began.wall_offset_ns, self.stats)
-                offset_deg = stored.began.zero_offset_deg
+                pipeline = Pipeline(stored.open(), began.baudrate, began.wall_offset_ns, self.stats)
+                offset_deg = began.zero_offset_deg
             if block_deg != offset_deg:
                 offset_deg = block_deg
-                assembler.set_zero_offset(offset_deg, behind=behind)
-            last_ns = arrivals.pop()[1]
-            link.receive_data(data, last_ns, arrivals)
-            for event in join_runs(list(link.events_received())):
-                if isinstance(event, Packets):
-                    for last in assembler.add(event):
-                        yield last
-                    if note := assembler.incoming.time.take_note():
-                        _log.warning("%s: %s", self.recording.path, note)
-        if assembler is not None:
-            assembler.end()
-            self._count(link.stats.skipped_bytes, link.stats.packets)
+                pipeline.assembler.set_zero_offset(offset_deg, behind=behind)
+            data, last_ns, arrivals = join_reads(reads, last_ns)
+            for last in pipeline.receive(data, last_ns, arrivals):
+                yield last
+            if note := pipeline.take_note():
+                _log.warning("%s: %s", self.recording.path, note)
+        self._end(pipeline)
 
-    def _blocks(self) -> Iterator[tuple[int, bytes, list[tuple[int, int]], float, bool]]:
-        """Pieces of one stream and zero-angle offset, joined; where in the block each one ends, and its time."""
-        number, size, last_ns, offset_deg, behind = -1, 0, 0, 0.0, False
-        parts: list[bytes] = []
-        arrivals: list[tuple[int, int]] = []
+    def _blocks(self) -> Iterator[tuple[int, list[tuple[bytes, int]], float, bool]]:
+        """Reads of one stream and zero-angle offset that are decoded together, and when each was."""
+        number, size, offset_deg, behind = -1, 0, 0.0, False
+        reads: list[tuple[bytes, int]] = []
         for piece in self.recording.pieces():
-            if parts and (piece.stream != number or piece.zero_offset_deg != offset_deg or size >= _BLOCK):
-                yield number, b"".join(parts), arrivals, offset_deg, behind
-                size, parts, arrivals = 0, [], []
+            if reads and (piece.stream != number or piece.zero_offset_deg != offset_deg or size >= _BLOCK):
+                yield number, reads, offset_deg, behind
+                size, reads = 0, []
             number, offset_deg, behind = piece.stream, piece.zero_offset_deg, piece.behind
-            # Time never goes back, whatever a file says.
-            last_ns = max(last_ns, piece.at_ns) if arrivals or size or last_ns else piece.at_ns
-            parts.append(piece.data)
+            reads.append((piece.data, piece.at_ns))
             size += len(piece.data)
-            arrivals.append((size, last_ns))
-        if parts:
-            yield number, b"".join(parts), arrivals, offset_deg, behind
+        if reads:
+            yield number, reads, offset_deg, behind
 
-    def _count(self, skipped: int, packets: int) -> None:
-        self.skipped_bytes += skipped
-        self.packets += packets
+    def _end(self, pipeline: Pipeline | None) -> None:
+        if pipeline is not None:
+            pipeline.end()
+            self._count(pipeline.link.stats)
+
+    def _count(self, found: LinkStats) -> None:
+        self.skipped_bytes += found.skipped_bytes
+        self.packets += found.packets
 
 
 def _blocks_of(file: StoredFile) -> Iterator[memoryview]:

@@ -8,17 +8,18 @@ both raise `Unsupported`, which says so.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TypeVar
 
 from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.base import Device, Script, Stream
 from lidario.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
+from lidario.recording.chronicle import Responded
 from lidario.recording.read import StoredStream, StoredStreams
 from lidario.wire.envelope import Expected, Request
 
-__all__ = ["PLAY", "RecordedDevice"]
+__all__ = ["PLAY", "RecordedDevice", "recalled"]
 
 T = TypeVar("T")
 
@@ -46,11 +47,11 @@ class RecordedDevice(Device):
         self._offset_deg: float | None = None
 
     def stop(self) -> Request:
-        """As `Device.stop`."""
+        """The request that stops it; nobody hears it."""
         return self._device.stop()
 
     def halt(self) -> tuple[Request, ...]:
-        """As `Device.halt`."""
+        """Only `stop`: there is no motor."""
         return (self._device.stop(),)
 
     def reset(self) -> Request:
@@ -58,7 +59,7 @@ class RecordedDevice(Device):
         return self._device.reset()
 
     def identify(self) -> Script[DeviceInfo]:
-        """As `Device.identify`."""
+        """What it had said it is."""
         try:
             return (yield from self._recall(self._device.identify(), "its information"))
         except Unsupported:
@@ -97,20 +98,20 @@ class RecordedDevice(Device):
             raise Unsupported("a recording cannot be forced to scan")
         current = self._current()
         stream = current.open()
-        expected = Expected(mode_type(current), current.began.packet_size, continuous=True)
+        expected = Expected(current.began.mode.response_type, current.began.packet_size, continuous=True)
         yield Request("PLAY", PLAY, expected, stream=stream.format)
         return replace(stream, zero_offset_deg=self.offset_of(stream.zero_offset_deg))
 
     def sample_rate(self) -> Script[SampleRate]:
-        """As `Device.sample_rate`."""
+        """What it had said; raises Unsupported where it was not asked."""
         return self._recall(self._device.sample_rate(), "its sample rate")
 
     def scan_frequency(self) -> Script[float]:
-        """As `Device.scan_frequency`."""
+        """What it had said; raises Unsupported where it was not asked."""
         return self._recall(self._device.scan_frequency(), "its scan frequency")
 
     def scan_frequency_range(self) -> Script[tuple[float, float]]:
-        """As `Device.scan_frequency_range`."""
+        """What it had said; raises Unsupported where it was not asked."""
         return self._recall(self._device.scan_frequency_range(), "its range of scan frequencies")
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:  # noqa: ARG002
@@ -118,7 +119,7 @@ class RecordedDevice(Device):
         raise Unsupported("the scan frequency of a recording cannot be set; ?rate=2 plays it faster")
 
     def zero_offset(self) -> Script[float]:
-        """As `Device.zero_offset`."""
+        """What it had said; raises Unsupported where it was not asked."""
         return self._recall(self._device.zero_offset(), "its zero-angle offset")
 
     def apply_zero_offset(self, on: bool) -> Script[float]:
@@ -131,7 +132,7 @@ class RecordedDevice(Device):
         return recorded_deg if self._offset_deg is None else self._offset_deg
 
     def network_address(self) -> Script[NetworkAddress]:
-        """As `Device.network_address`."""
+        """What it had said; raises Unsupported where it was not asked."""
         return self._recall(self._device.network_address(), "its network address")
 
     def set_network_address(self, address: NetworkAddress) -> Script[None]:  # noqa: ARG002
@@ -145,25 +146,33 @@ class RecordedDevice(Device):
     def _recall(self, script: Script[T], what: str) -> Script[T]:
         """Run a script of the family on the responses of the recording."""
         yield from ()
-        responses = self._recording.responses
-        try:
-            request = next(script)
-            while True:
-                found = responses.get(request.data)
-                if found is None and request.expects is not None:
-                    request = script.throw(ResponseTimeout(request.name, 0.0))
-                else:
-                    request = script.send(b"" if found is None else found.payload)
-        except StopIteration as stop:
-            result: T = stop.value
-            return result
-        except ResponseTimeout:
-            raise Unsupported(f"{self.told_by} does not tell {what}: the device was not asked for it") from None
-        except (RemoteProtocolError, ValueError, LookupError, ArithmeticError, struct.error) as error:
-            # Scripts rely on lengths that were checked when the response was received.
-            raise Unsupported(f"{self.told_by} does not tell {what}: what it holds cannot be read") from error
+        return recalled(script, self._recording.responses, f"{self.told_by} does not tell {what}")
 
 
-def mode_type(stream: StoredStream) -> int:
-    """The response type in the descriptor of a recorded stream."""
-    return stream.began.mode.response_type
+def recalled(script: Script[T], responses: Mapping[bytes, Responded], otherwise: str) -> T:
+    """Run a script on the latest responses to requests, without a device.
+
+    Args:
+        script: What is asked.
+        responses: By the bytes of their requests.
+        otherwise: What it means where they do not suffice, for messages.
+
+    Raises:
+        Unsupported: A response is missing, or cannot be read.
+    """
+    try:
+        request = next(script)
+        while True:
+            found = responses.get(request.data)
+            if found is None and request.expects is not None:
+                request = script.throw(ResponseTimeout(request.name, 0.0))
+            else:
+                request = script.send(b"" if found is None else found.payload)
+    except StopIteration as stop:
+        result: T = stop.value
+        return result
+    except ResponseTimeout:
+        raise Unsupported(f"{otherwise}: the device was not asked for it") from None
+    except (RemoteProtocolError, ValueError, LookupError, ArithmeticError, struct.error) as error:
+        # Scripts rely on lengths that were checked when the response was received.
+        raise Unsupported(f"{otherwise}: what it holds cannot be read") from error

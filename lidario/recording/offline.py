@@ -26,11 +26,9 @@ from lidario.families.base import Family, Known, RawStream, Stream
 from lidario.families.registry import FAMILIES, families_of_model, family_named
 from lidario.measured import later
 from lidario.recording.stored_times import StoredTimes
-from lidario.revolution.assemble import AssemblerStats
-from lidario.revolution.whole import assembler_of
+from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
-from lidario.wire.events import Packets
-from lidario.wire.link import Link, LinkStats
+from lidario.wire.link import Link
 
 __all__ = ["BLOCK", "OfflineDecoder", "RawBytes", "ScanArrays", "arrays_of", "decode", "decode_arrays"]
 
@@ -157,6 +155,7 @@ class OfflineDecoder:
         begin: Offset in `data` at which it begins.
         title: As `RawStream.title`.
         guess: As `RawStream.guess`.
+        pipeline: What decodes it; it counts what became of bytes and packets.
     """
 
     def __init__(self, data: RawBytes, known: Known = Known()) -> None:  # noqa: B008 - it cannot be changed
@@ -174,26 +173,10 @@ class OfflineDecoder:
         self.stream: Stream = found.stream
         self.title: str = found.title
         self.guess: str = found.guess
-        self._link = Link(BLOCK)
-        self._link.enter_stream(self.stream.format)
-        self._assembler = assembler_of(self.stream)
-        self._times = StoredTimes(self.stream)
+        link = Link(BLOCK)
+        link.enter_stream(self.stream.format)
+        self.pipeline: Pipeline = Pipeline(self.stream, link=link, clock=StoredTimes(self.stream))
         self._end_ns = self._behind_ns = 0
-
-    @property
-    def link_stats(self) -> LinkStats:
-        """What became of the bytes so far."""
-        return self._link.stats
-
-    @property
-    def assembler_stats(self) -> AssemblerStats:
-        """What became of the packets so far."""
-        return self._assembler.stats
-
-    @property
-    def elapsed_ns(self) -> int:
-        """Time that the samples decoded so far took."""
-        return self._times.elapsed_ns
 
     def __iter__(self) -> Iterator[Scan]:
         return self.scans_of(self._data[at : at + BLOCK] for at in range(self.begin, len(self._data), BLOCK))
@@ -204,11 +187,8 @@ class OfflineDecoder:
         Each is used up when the next one is asked for.
         """
         for block in blocks:
-            self._link.receive_data(block, 0)
-            for event in self._link.events_received():
-                if isinstance(event, Packets):
-                    yield from map(self._in_time, self._assembler.add(self._times.dated(event)))
-        self._assembler.end()
+            yield from map(self._in_time, self.pipeline.receive(block))
+        self.pipeline.end()
 
     def _in_time(self, scan: Scan) -> Scan:
         """The scan, not before the one before has ended: packets that are missing without a trace took time too."""

@@ -9,10 +9,10 @@ does not hold, as a device ignores a request that it does not know; each is logg
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
 
 from lidario.errors import RecordingError
-from lidario.recording.read import LONGEST_PAUSE_NS, Piece, StoredStreams
+from lidario.recording.player import Player
+from lidario.recording.read import Piece, StoredStreams
 from lidario.sim.device import Received
 from lidario.wire.envelope import REQUEST_MAGIC, encode_descriptor
 from lidario.wire.events import Descriptor
@@ -41,17 +41,12 @@ class PlayedDevice:
         self.finished: bool = False
         self.error: RecordingError | None = None
         self._recording = recording
-        self._rate = rate
         self._again = loop
         self._log: deque[Received] = deque(maxlen=MOST_LOGGED)
         self._incoming = bytearray()
         self._outgoing = bytearray()
         self._scanning = False
-        self._pieces: Iterator[Piece] = recording.pieces()
-        self._next: Piece | None = self._following()
-        self._number = 0
-        self._base: tuple[int, int] | None = None
-        self._reached_ns = 0
+        self._player = Player(recording, rate)
         device = recording.streams[0].family.device()
         self._talks = not any(stream.began.request for stream in recording.streams)
         stops = () if self._talks else (device.stop(), device.reset(), *device.halt())
@@ -68,12 +63,12 @@ class PlayedDevice:
 
     @property
     def log(self) -> list[Received]:
-        """As `SimulatedDevice.log`."""
+        """The latest requests, oldest first."""
         return list(self._log)
 
     @property
     def scanning(self) -> bool:
-        """As `SimulatedDevice.scanning`."""
+        """Whether the recording is played at the moment."""
         return self._scanning
 
     @property
@@ -82,7 +77,7 @@ class PlayedDevice:
         return self._scanning
 
     def receive(self, data: bytes, now: int) -> None:
-        """As `SimulatedDevice.receive`."""
+        """Take bytes that the host has sent; `now` in nanoseconds."""
         self._incoming += data
         while self._incoming:
             begin = self._incoming.find(REQUEST_MAGIC)
@@ -101,32 +96,28 @@ class PlayedDevice:
                     self._note(unknown, now, "the recording holds no response to it")
 
     def transmit(self, now: int) -> bytes:
-        """As `SimulatedDevice.transmit`."""
+        """The bytes that are due by `now`, in nanoseconds."""
         self._talk()
         while self._scanning and (due := self._due(now)) is not None and due <= now:
-            assert self._next is not None
-            self._outgoing += self._next.data
-            self._number = self._next.stream
-            self._reached_ns = self._next.at_ns
-            self._next = self._following()
-            if self._next is not None and self._next.stream != self._number:
-                # The pause between two streams is not played.
-                self._base = None
+            piece = self._peek()
+            assert piece is not None
+            self._outgoing += piece.data
+            self._player.take(piece)
         data = bytes(self._outgoing)
         self._outgoing.clear()
         return data
 
     def wakeup(self, now: int) -> int | None:
-        """As `SimulatedDevice.wakeup`."""
+        """When something is due next, in nanoseconds; None for never, as far as is known."""
         self._talk()
         if self._outgoing:
             return now
         return self._due(now) if self._scanning else None
 
-    def _following(self) -> Piece | None:
+    def _peek(self) -> Piece | None:
         """The next piece; None at the end, and where the file cannot be read any more."""
         try:
-            return next(self._pieces, None)
+            return self._player.peek()
         except RecordingError as error:
             self.error = self.error or error
             self.finished = True
@@ -134,32 +125,28 @@ class PlayedDevice:
 
     def _talk(self) -> None:
         """Begin unasked, where the recorded device had done so; never again behind the end."""
-        if self._talks and not self.finished and self._next is not None:
+        if self._talks and not self.finished and self._peek() is not None:
             self._scanning = True
 
     def _due(self, now: int) -> int | None:
         """When the next piece is; None at the end."""
-        if self._next is None:
-            self._pieces = self._recording.pieces()
-            self._next = self._following()
-            self._base = None
-            if not self._again or self._next is None or self.error is not None:
+        piece = self._peek()
+        if piece is None:
+            self._player.begin_anew()
+            piece = self._peek()
+            if not self._again or piece is None or self.error is not None:
                 self._scanning = False
                 self.finished = True
                 return None
-        if self._base is None or self._next.at_ns - self._reached_ns > LONGEST_PAUSE_NS:
-            self._base = (now, self._next.at_ns)
-            self._reached_ns = self._next.at_ns
-        began, first_ns = self._base
-        return began + round((self._next.at_ns - first_ns) / self._rate)
+        return self._player.due(piece, now)
 
     def _obey(self, request: bytes, now: int) -> None:
         found = self._recording.responses.get(request)
         if request in self._stops:
             self._scanning = False
         elif request in self._starts:
-            if not self._scanning and self._next is not None:
-                self._begin(self._next.stream)
+            if not self._scanning and (piece := self._peek()) is not None:
+                self._begin(piece.stream)
         elif self._scanning:
             self._note(request, now, "while it scans")
             return
@@ -174,7 +161,7 @@ class PlayedDevice:
             Descriptor(began.mode.response_type, began.packet_size, continuous=True)
         )
         self._scanning = True
-        self._base = None
+        self._player.rest()
 
     def _note(self, request: bytes, now: int, why: str) -> None:
         self._log.append(Received(now, request.hex(" "), request, not why, why))

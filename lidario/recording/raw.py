@@ -14,11 +14,13 @@ from lidario.errors import RecordingError
 from lidario.families.base import Known
 from lidario.model import DeviceInfo
 from lidario.recording.about import About
-from lidario.recording.chronicle import Responded, StreamBegan
+from lidario.recording.chronicle import StreamBegan
 from lidario.recording.offline import OfflineDecoder
 from lidario.recording.opened import StoredFile
-from lidario.recording.read import Piece, StoredStream
+from lidario.recording.read import Piece, StoredStream, StoredStreams
 from lidario.recording.stored_times import StoredTimes
+from lidario.revolution.incoming import Incoming
+from lidario.revolution.stats import AssemblerStats
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
 
@@ -30,8 +32,8 @@ SEARCHED = 1 << 20
 """Bytes from the beginning of a file in which its stream must begin."""
 
 
-class RawRecording:
-    """Bytes of one stream; implements `StoredStreams`.
+class RawRecording(StoredStreams):
+    """Bytes of one stream.
 
     Args:
         path: The file.
@@ -47,12 +49,7 @@ class RawRecording:
     """
 
     def __init__(self, path: Path, known: Known = Known()) -> None:  # noqa: B008 - it cannot be changed
-        self.path: Path = path
-        self.responses: dict[bytes, Responded] = {}
-        self.damage: str = ""
-        self.duration_ns: int = 0
-        self.timed: bool = False
-        self.away_ns: tuple[int, ...] = ()
+        super().__init__(path, timed=False)
         with StoredFile(path) as file:
             self.size: int = file.size
             head = file.read(SEARCHED)
@@ -83,7 +80,7 @@ class RawRecording:
         stream = self.streams[0].open()
         link = Link()
         link.enter_stream(stream.format)
-        times = StoredTimes(stream)
+        incoming = Incoming(stream, AssemblerStats(), StoredTimes(stream))
         at_ns = 0
         with StoredFile(self.path, self.size) as file:
             file.seek(self.streams[0].began.at)
@@ -91,5 +88,6 @@ class RawRecording:
                 link.receive_data(data, 0)
                 for event in link.events_received():
                     if isinstance(event, Packets):
-                        at_ns = times.dated(event).received_ns
+                        packets, _ = incoming.take(event)
+                        at_ns = packets.received_ns if packets.data else at_ns
                 yield Piece(0, at_ns, data, 0.0)

@@ -12,11 +12,12 @@ says.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import astuple, dataclass
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from lidario.errors import ConnectFailed, RecordingError
 from lidario.families.base import Decoder, Family, Stream
@@ -114,8 +115,12 @@ class StoredStream:
         return found
 
 
-class StoredStreams(Protocol):
+class StoredStreams(ABC):
     """What can be played.
+
+    Args:
+        path: The file.
+        timed: Whether it is known when each byte was read.
 
     Attributes:
         path: The file.
@@ -129,19 +134,21 @@ class StoredStreams(Protocol):
         away_ns: How long the device was away, each time that it was lost and the recording went on.
     """
 
-    path: Path
     about: About
-    responses: dict[bytes, Responded]
     streams: tuple[StoredStream, ...]
-    damage: str
-    size: int
-    duration_ns: int
-    timed: bool
-    away_ns: tuple[int, ...]
 
+    def __init__(self, path: Path, *, timed: bool = True) -> None:
+        self.path: Path = path
+        self.timed: bool = timed
+        self.responses: dict[bytes, Responded] = {}
+        self.damage: str = ""
+        self.size: int = 0
+        self.duration_ns: int = 0
+        self.away_ns: tuple[int, ...] = ()
+
+    @abstractmethod
     def pieces(self) -> Iterator[Piece]:
         """What was received in the streams, in order. Each call begins anew."""
-        ...
 
 
 def is_mcap(path: Path) -> bool:
@@ -154,8 +161,8 @@ def is_mcap(path: Path) -> bool:
         return file.read(len(MAGIC)) == MAGIC
 
 
-class McapRecording:
-    """A recording that `Lidar.record` made; implements `StoredStreams`.
+class McapRecording(StoredStreams):
+    """A recording that `Lidar.record` made.
 
     Args:
         path: The file, or a pattern.
@@ -169,14 +176,9 @@ class McapRecording:
     """
 
     def __init__(self, path: Path, paths: Sequence[Path] = ()) -> None:
-        self.path: Path = path
+        super().__init__(path)
         self._files = RecordedFiles(path, paths or (path,))
         self.paths: tuple[Path, ...] = self._files.paths
-        self.responses: dict[bytes, Responded] = {}
-        self.damage: str = ""
-        self.duration_ns: int = 0
-        self.timed: bool = True
-        self.away_ns: tuple[int, ...] = ()
         self.chunks: int = 0
         self._events: list[StreamEvent] = []
         about: About | None = None
@@ -194,17 +196,19 @@ class McapRecording:
             elif isinstance(record, Damage):
                 told[record.why] += 1
             elif isinstance(record, LineChanged):
-                self.away_ns = (*self.away_ns, record.away_ns)
+                self.away_ns: tuple[int, ...] = (*self.away_ns, record.away_ns)
             else:
                 self._events.append(record)
-        self.damage = "; ".join(f"{why} ({times} times)" if times > 1 else why for why, times in told.items())
+        self.damage: str = "; ".join(f"{why} ({times} times)" if times > 1 else why for why, times in told.items())
         if about is None:
             why = self.damage or "it says nothing of a lidar"
             raise RecordingError(f"{path} is not a recording of lidario: {why}")
-        self.about: About = about
+        self.about = about
         self.size: int = self._files.size
         if first is not None and last is not None:
-            self.duration_ns = max(0, last - first)
+            self.duration_ns: int = max(0, last - first)
+        if not about.info.family:
+            raise RecordingError(f"{path} is of a device that responds in no known way: nothing is decoded")
         try:
             self.streams: tuple[StoredStream, ...] = tuple(self._find_streams(family_named(about.info.family)))
         except ConnectFailed as error:
@@ -217,7 +221,7 @@ class McapRecording:
             stream.open()
 
     def pieces(self) -> Iterator[Piece]:
-        """As `StoredStreams.pieces`."""
+        """What was received in the streams, in order. Each call begins anew."""
         number = 0
         offset_ns = self.about.clock_offset_ns
         offsets, offset_deg = _offsets(self.streams[0])

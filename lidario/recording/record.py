@@ -23,7 +23,7 @@ from typing import Protocol
 from lidario.entered import Entered
 from lidario.errors import CannotRecord, LocalProtocolError
 from lidario.laserscans import LaserScans
-from lidario.port.start import start_thread
+from lidario.port.thread import start_thread
 from lidario.recording.about import About
 from lidario.recording.parts import Parts, Split, pattern_of
 from lidario.recording.write import FileWriter
@@ -54,7 +54,7 @@ class Recorded(Protocol):
 
     @property
     def sends_bytes(self) -> bool:
-        """As `lidario.families.base.Device.sends_bytes`."""
+        """Whether the device sends bytes, which can be recorded; else whole scans."""
         ...
 
     def begin_recording(self, recording: Recording) -> About:
@@ -181,7 +181,7 @@ class Recording(Entered):
     # ---------------------------------------------------------------------------- what the session calls
 
     def see_chunk(self, direction: str, data: bytes, now: int) -> None:
-        """As `Tap`."""
+        """A chunk passed the port at `now`, in nanoseconds; ``"in"`` or ``"out"``."""
         sent = direction == "out"
         if self._add(now, len(data), lambda writer, at_ns: writer.add_chunk(at_ns, sent, data)):
             self.chunks += 1
@@ -189,6 +189,10 @@ class Recording(Entered):
     def see_event(self, text: str, now: int) -> None:
         """Something was added to the chronicle; `text` is its line."""
         self._add(now, len(text), lambda writer, at_ns: writer.add_event(at_ns, text))
+
+    def see_texts(self, name: str, texts: dict[str, str], now: int) -> None:
+        """A named set of texts is to stand in the file, for who knows the name."""
+        self._add(now, sum(map(len, texts.values())), lambda writer, _: writer.add_metadata(name, texts))
 
     def see_scan(self, scan: Scan) -> None:
         """A scan was decoded."""

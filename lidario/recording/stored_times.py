@@ -13,6 +13,7 @@ from typing import Final
 from lidario.families.base import Stream
 from lidario.revolution.device_clock import StampReader
 from lidario.revolution.timing import DEVICE_DELAY_SAMPLES
+from lidario.wire.blocks import Block
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.formats import Ticks
 
@@ -43,11 +44,6 @@ class StoredTimes:
         self._believed: tuple[int, float] | None = None
         self._is_in_doubt = False
 
-    @property
-    def elapsed_ns(self) -> int:
-        """Time that everything so far took."""
-        return round(self._samples * self._sample_ns)
-
     def dated(self, packets: Packets) -> Packets:
         """The next packets, with the times at which they came."""
         wire, arrivals, done = self._wire, list[Arrival](), 0
@@ -56,8 +52,14 @@ class StoredTimes:
             self._samples += packets.skipped * samples / len(packets.data)
         told_ns = wire.told_sample_ns(packets)
         if told_ns is not None:
-            for number, sample_ns in enumerate(told_ns.tolist(), 1):
-                self._samples += wire.pitch * sample_ns / self._sample_ns
+            # Packets of one stream may hold more samples or fewer.
+            held = [
+                wire.pitch if wire.shortest == wire.longest else wire.samples_in((Block(size, 1),))
+                for size, count in packets.blocks
+                for _ in range(count)
+            ]
+            for number, (sample_ns, count) in enumerate(zip(told_ns.tolist(), held, strict=True), 1):
+                self._samples += count * sample_ns / self._sample_ns
                 arrivals.append((number, self._came()))
             return Packets(packets.data, packets.blocks, tuple(arrivals), packets.skipped)
         for at, missing in self._corrections(packets):

@@ -177,8 +177,15 @@ class FileWriter:
             self._add(SCAN_TOPIC, message.stamp_ns, message.to_cdr())
 
     def add_metadata(self, name: str, texts: dict[str, str]) -> None:
-        """Add a named set of texts, beside those of the recording, for who knows the name."""
+        """Add a named set of texts, beside those of the recording, for who knows the name.
+
+        They are handed to the operating system at once, in front of the chunk under way.
+
+        Raises:
+            CannotRecord: It does not take them.
+        """
         self._writer.add_metadata(name, texts)
+        self._write_out()
 
     def flush(self) -> None:
         """End the chunk and hand it to the operating system.

@@ -16,10 +16,9 @@ from dataclasses import replace
 
 from lidario.families.base import Samples, Stream
 from lidario.revolution.build import DatedRevolution, build_scan, turned_by
-from lidario.revolution.count import Beginning, RevolutionCount
-from lidario.revolution.ended import EndedRevolution
-from lidario.revolution.incoming import Incoming
-from lidario.revolution.judge import beginning_of, is_broken, is_complete, is_false_part, least_of, samples_missing
+from lidario.revolution.clock import Beginning, RevolutionClock
+from lidario.revolution.ended import EndedRevolution, is_complete
+from lidario.revolution.incoming import Clock, Incoming
 from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
 from lidario.revolution.seam import Seam, Split
 from lidario.revolution.sparse_speed import dated_angles
@@ -45,24 +44,30 @@ class Assembler:
         baudrate: Speed of the line in bits a second; 0 when bytes take no time.
         wall_offset_ns: Wall clock minus monotonic clock.
         stats: Counters to add to; fresh ones by default.
+        clock: What dates the packets, as for `Incoming`.
 
     Attributes:
         incoming: What comes; it knows how long a sample takes.
     """
 
     def __init__(
-        self, stream: Stream, baudrate: int = 0, wall_offset_ns: int = 0, stats: AssemblerStats | None = None
+        self,
+        stream: Stream,
+        baudrate: int = 0,
+        wall_offset_ns: int = 0,
+        stats: AssemblerStats | None = None,
+        clock: Clock | None = None,
     ) -> None:
         self.stats: AssemblerStats = stats or AssemblerStats()
         self._stream = stream
         self._byte_ns = byte_ns_at(baudrate)
         self._wall_offset_ns = wall_offset_ns
-        self.incoming: Incoming = Incoming(stream, self.stats)
+        self.incoming: Incoming = Incoming(stream, self.stats, clock)
         self._seam = Seam(stream.format.full_turn, stream.format.first_seam)
         self._endless_ns = _ENDLESS_TURNS * 1e9 * stream.slowest_turn_s
         self._most_bytes = stream.most_bytes
         self._partial = PartialRevolution(whole=False)
-        self._count = RevolutionCount(1e9 * stream.slowest_turn_s)
+        self._clock = RevolutionClock(1e9 * stream.slowest_turn_s)
         self._last_spanned_ns = 0.0
         # Several revolutions that end together are decoded at once, unless somebody wants parts of each.
         self._by_blocks = True
@@ -98,7 +103,7 @@ class Assembler:
             while done < len(splits):
                 left = len(splits) - done if self._by_blocks else 1
                 if left >= _WORTH_A_BLOCK and (
-                    self._next_offset_deg is not None or not is_ready(self._stream, self._partial, self._count)
+                    self._next_offset_deg is not None or not is_ready(self._stream, self._partial, self._clock)
                 ):
                     # Those behind a beginning or a gap teach what others are measured by. A block has one offset.
                     left = 1
@@ -144,7 +149,7 @@ class Assembler:
             offsets,
             splits,
             begin,
-            count=self._count,
+            clock=self._clock,
             last_spanned_ns=self._last_spanned_ns,
             byte_ns=self._byte_ns,
         )
@@ -154,7 +159,7 @@ class Assembler:
         last, stats = block.beginning, self.stats
         last.number = stats.scans + stats.missed_scans + len(block.revolutions) - 1
         last.packets_before = stats.all_packets + block.packets - last.packets
-        self._count.settle(last)
+        self._clock.settle(last)
         self._partial = block.next
         self._last_spanned_ns = block.revolutions[-1].spanned_ns
         self.stats.unfinished_packets += block.packets
@@ -170,7 +175,7 @@ class Assembler:
             self._stream = replace(self._stream, sample_ns=sample_ns)
             self.incoming.use_time_of(self._stream)
             # What is remembered of the revolutions before was reckoned by the other time.
-            self._count = RevolutionCount(1e9 * self._stream.slowest_turn_s)
+            self._clock = RevolutionClock(1e9 * self._stream.slowest_turn_s)
             self._last_spanned_ns = 0.0
 
     def end(self) -> None:
@@ -193,7 +198,7 @@ class Assembler:
             # It will never end as it should. Time alone is no bound: peers and files say what time it is.
             if partial.whole:
                 self.stats.break_scan()
-            self._count.restart()
+            self._clock.restart()
             self.stats.finish(self.stats.unfinished_packets, delivered=False)
             self._partial = PartialRevolution(whole=False)
 
@@ -207,9 +212,9 @@ class Assembler:
         if split.broken or split.moved:
             # Only the first mark may stand elsewhere by right. A false one moves the seam there and back.
             sure = partial.whole and not partial.moved and (split.broken or self._last_spanned_ns)
-            if sure and not (split.moved and is_false_part(ended)):
+            if sure and not (split.moved and ended.is_false_part):
                 self.stats.break_scan()
-            self._count.restart(split.seam / self._stream.format.full_turn)
+            self._clock.restart(split.seam / self._stream.format.full_turn)
             return None
         if partial.seam is None:
             # No split began the first part of a stream. It belongs to the seam that ends it.
@@ -222,8 +227,8 @@ class Assembler:
         gaps: list[tuple[int, int]] | None = []
         packets, revoked = partial.packets(), 0
         if packets is not None:
-            if self._count.needs_speed:
-                self._count.learn_speed(dated_angles(self._stream.format, packets))
+            if self._clock.needs_speed:
+                self._clock.learn_speed(dated_angles(self._stream.format, packets))
             room = 0 if arrays is None else len(arrays.angle)
             samples = self._decode(partial, packets, split, following, room)
             self.incoming.measure(samples, packets)
@@ -295,29 +300,21 @@ class Assembler:
         """Count a revolution; return what it took, NaN when unknown; None where it makes no scan."""
         partial, packets, samples, wire = ended.partial, ended.packets, ended.samples, self._stream.format
         if samples is not None:
-            ended.spanned_ns += samples_missing(ended, gap_behind=self._partial.carried is None) * ended.sample_ns
+            ended.spanned_ns += ended.missing_samples(gap_behind=self._partial.carried is None) * ended.sample_ns
             ordinary_ns = self._last_spanned_ns or ended.spanned_ns
-        broken = is_broken(ended, ordinary_ns)
+        broken = ended.is_broken(ordinary_ns)
         if partial.whole and not self._is_numbered and self._ended_at is not None:
-            least_ns = least_of(wire, ended, self._count.usual_ns)
+            least_ns = ended.least_ns(wire, self._clock.usual_ns)
             # Angles hide whole revolutions; so it counts when the packet behind it came.
             if least_ns and self._part(*self._ended_at).received_ns - ended.start_ns < least_ns:
                 return None
         if packets is None or samples is None or not (partial.whole or wire.first_seam is not None):
             # Where only marks tell where revolutions begin, the first part may be longer than one.
-            self._count.restart()
+            self._clock.restart()
             revolution_ns = math.nan
         else:
-            beginning = beginning_of(
-                wire,
-                ended,
-                packets,
-                samples,
-                gap_behind=self._partial.carried is None,
-                broken=broken,
-                number=number,
-                packets_before=packets_before - samples.lost - partial.lost_behind_carried - ended.revoked,
-            )
+            before = packets_before - samples.lost - partial.lost_behind_carried - ended.revoked
+            beginning = ended.beginning(wire, broken=broken, number=number, packets_before=before)
             revolution_ns = self._reckon(beginning)
         if not partial.whole:
             return None
@@ -343,7 +340,7 @@ class Assembler:
 
     def _reckon(self, beginning: Beginning) -> float:
         """Count what is missing since the revolution before; return what one takes, NaN when it was not seen."""
-        passed = self._count.follow(beginning)
+        passed = self._clock.follow(beginning)
         if passed.lost or passed.unseen:
             self.stats.lost_packets += passed.lost
             self.stats.missed_scans += passed.unseen - min(passed.unseen, self._told_unseen)

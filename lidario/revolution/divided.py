@@ -231,7 +231,10 @@ def join_pieces(pieces: Sequence[SampleArrays]) -> SampleArrays:
 
 
 def sum_of(pieces: Sequence[Samples]) -> Samples:
-    """What pieces of a revolution tell together, where nothing is missing among them; the arrays are the last's."""
+    """What pieces of a revolution tell together, where nothing is missing among them; the arrays are the last's.
+
+    So is the time of a sample, which where packets tell it is that of the revolution before their end.
+    """
     last = pieces[-1]
     packets = sum(len(piece.ends) for piece in pieces)
     ends: list[int] = []
@@ -242,13 +245,11 @@ def sum_of(pieces: Sequence[Samples]) -> Samples:
     sample_turns = sum(piece.ends[-1] / piece.revolution_samples for piece in pieces)
     told = [(len(piece.ends), piece.reported_rpm) for piece in pieces if not math.isnan(piece.reported_rpm)]
     rpm = sum(count * rpm for count, rpm in told) / sum(count for count, _ in told) if told else math.nan
-    turn = ends[-1] / sample_turns
     return replace(
         last,
         ends=ends,
         unbroken=packets,
         revolution_packets=packets / turns,
-        revolution_samples=turn,
+        revolution_samples=ends[-1] / sample_turns,
         reported_rpm=rpm,
-        sample_ns=60e9 / (rpm * turn) if last.sample_ns and rpm > 0 else 0.0,
     )

@@ -71,6 +71,9 @@ class DoubledPackets:
             same = []
         if int(headings[0]) == before:
             same = [0, *same]
+        if same and not same[0] and packets.skipped > len(self._last_packet):
+            # Something came between them. In a file nothing else tells how far they are apart.
+            same = same[1:]
         found = self._among(packets, same) if same else []
         if not same or same[-1] != packets.count - 1:
             self._alike = 1

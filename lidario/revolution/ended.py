@@ -1,15 +1,43 @@
-"""A revolution that has ended: its samples, what is missing in it, and its times, before it is judged."""
+"""A revolution that has ended: its samples, what is missing in it, its times, and whether it is one whole one."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 from lidario.families.base import Samples
+from lidario.revolution.clock import Beginning
 from lidario.revolution.partial import PartialRevolution, SampleArrays
+from lidario.wire.blocks import Block, some_blocks
 from lidario.wire.events import Packets
+from lidario.wire.formats import HEADING_MASK, StreamFormat
 
-__all__ = ["EndedRevolution"]
+__all__ = ["BROKEN_SHARE", "UNEVEN", "EndedRevolution", "is_complete", "packet_time", "share_before"]
+
+
+BROKEN_SHARE: Final = 0.9
+"""Share of a revolution that may be missing in time, not seen as a jump of the angle, before it is broken."""
+UNEVEN: Final = 1.5
+_FEWEST_PACKETS: Final = 3
+"""A revolution of which the angles are not certain is delivered when it has so many packets, and took at most so
+many times the time of what it holds and misses."""
+
+_FALSE_PART: Final = 0.5
+"""Part of a revolution below which what lies between two splits is none: one of the two was false. So there are
+never more scans than revolutions."""
+
+_ORDINARY: Final = 0.5
+"""Part of the longest packet of a format from which a packet is an ordinary one. The last packet of a revolution
+may be shorter, and a start packet is."""
+_FIRST_PACKETS: Final = 0.9
+_FIRST_SHARE: Final = 0.01
+"""Packets' arcs behind the seam, or share of 360 degrees, within which a revolution begins; farther on, its
+beginning was lost."""
+_BEFORE_SEAM: Final = 1 / 12
+"""Part of 360 degrees by which a heading may tremble back behind the seam."""
+_WHOLE: Final = 0.99
+"""Share of a revolution that samples without a gap must be, for their time to tell the speed."""
 
 
 # Not frozen: with so many fields that would cost as much as a call of numpy, once a revolution.
@@ -61,3 +89,125 @@ class EndedRevolution:
         """What a whole one takes, by the step of its angle; infinite where that is not sure."""
         samples = self.samples
         return samples.revolution_samples * self.sample_ns if samples and samples.certain else math.inf
+
+    def missing_samples(self, *, gap_behind: bool) -> float:
+        """How many samples the packets held that are missing in it.
+
+        Args:
+            gap_behind: Whether what is missing behind its last packet belongs to it.
+        """
+        samples = self.samples
+        if samples is None:
+            return 0.0
+        behind = samples.skipped_behind if gap_behind and samples.certain else 0
+        return _samples_of(samples, self.lost, sum([each for _, each in self.gaps or ()]) + behind)
+
+    def is_broken(self, ordinary_ns: float) -> bool:
+        """Whether parts of two revolutions may have met in it; it must be dated.
+
+        Args:
+            ordinary_ns: What the revolution before took.
+        """
+        packets, samples = self.packets, self.samples
+        if self.elapsed_ns > self.spanned_ns + BROKEN_SHARE * ordinary_ns:
+            return True
+        if packets is None or samples is None:
+            return False
+        if samples.certain:
+            # More than one revolution by its angles: they went back by so little that it looked like jitter.
+            skipped = sum([each for _, each in samples.gaps]) - samples.skipped_behind
+            missing = _samples_of(samples, samples.lost - samples.lost_behind, skipped)
+            return self.count + missing > UNEVEN * samples.revolution_samples
+        # Nothing must speak against the angles where their step is not certain.
+        expected_ns = (packets.count + samples.lost) * samples.ends[-1] / packets.count * self.sample_ns
+        return packets.count < _FEWEST_PACKETS or self.elapsed_ns > UNEVEN * expected_ns
+
+    @property
+    def is_false_part(self) -> bool:
+        """Whether so little of a revolution lies between two splits that one of them was false."""
+        samples = self.samples
+        return samples is not None and samples.certain and self.count < _FALSE_PART * samples.revolution_samples
+
+    def least_ns(self, wire: StreamFormat, usual_ns: float) -> float:
+        """The time below which this is only a part of a revolution; 0 where enough of one came. It must be dated.
+
+        Args:
+            wire: The format.
+            usual_ns: What a revolution takes, by those before; 0 where that is not known.
+        """
+        if wire.first_seam is None:
+            # Where only marks tell where revolutions begin, a check value keeps false ones away.
+            return 0.0
+        samples = self.samples
+        if samples is None or not samples.certain:
+            return _FALSE_PART * usual_ns
+        least_ns = _FALSE_PART * self.turn_ns
+        # What is missing at its beginning was lost.
+        if self.spanned_ns >= least_ns:
+            return 0.0
+        came_ns = self.spanned_ns + share_before(wire, self.partial, samples) * self.turn_ns
+        return 0.0 if came_ns >= least_ns else least_ns
+
+    def beginning(self, wire: StreamFormat, *, broken: bool, number: int, packets_before: int) -> Beginning:
+        """What it tells for counting; it has packets, and is dated. The arguments are as in `Beginning`."""
+        packets, samples = self.packets, self.samples
+        assert packets is not None
+        assert samples is not None
+        packet_ns, revolution_packets, ordinary = packet_time(wire, packets, samples, self.sample_ns)
+        return Beginning(
+            self.start_ns,
+            over=share_before(wire, self.partial, samples),
+            revolution_ns=self.turn_ns if samples.certain else 0.0,
+            revolution_packets=revolution_packets,
+            packet_ns=packet_ns,
+            packets=packets.count,
+            lost=samples.lost,
+            broken=broken,
+            number=number,
+            packets_before=packets_before,
+            ordinary=ordinary,
+            spanned_ns=self.spanned_ns if samples.certain and self.told else 0.0,
+        )
+
+
+def _samples_of(samples: Samples, lost: int, skipped: int) -> float:
+    """How many samples so many `lost` packets held, of which `skipped` are missing by the angles."""
+    # Damage spares short packets: the mean of those that came may be far below what a missing one held.
+    return max(lost * samples.ends[-1] / len(samples.ends), skipped)
+
+
+def is_complete(spanned_ns: float, revolution_ns: float) -> bool:
+    """Whether samples without a known gap take as long as the step of their angle says that a revolution takes."""
+    return spanned_ns > _WHOLE * revolution_ns
+
+
+def packet_time(
+    wire: StreamFormat, packets: Packets, samples: Samples, sample_ns: float
+) -> tuple[float, float, bool]:
+    """What a packet takes, how many a revolution has, and whether an ordinary one came: as in `Beginning`."""
+    revolution_ns = samples.revolution_samples * sample_ns if samples.certain else 0.0
+    revolution_packets = samples.revolution_packets
+    packet_ns = revolution_ns / revolution_packets if samples.certain else 0.0
+    if samples.certain and wire.shortest == wire.longest:
+        return packet_ns, revolution_packets, True
+    most = wire.samples_in((Block(wire.ordinary, 1),))
+    longest = wire.samples_in((Block(max([size for size, _ in packets.blocks]), 1),))
+    if longest < most * _ORDINARY:
+        # Damage spares the short packets: of those alone nobody knows what an ordinary one takes, but not more than
+        # the longest one. So never more packets are told as lost than were sent.
+        packet_ns = most * sample_ns
+        return packet_ns, revolution_ns / packet_ns, False
+    return packet_ns if samples.certain else longest * sample_ns, revolution_packets, True
+
+
+def share_before(wire: StreamFormat, revolution: PartialRevolution, samples: Samples) -> float:
+    """Share of the revolution before its first packet; 0 when that one is the first behind the seam."""
+    if revolution.carried is not None or not revolution.behind_gap:
+        return 0.0
+    run = revolution.runs[0]
+    blocks = some_blocks(run.blocks, 0, 1)
+    first = Packets(run.data[: blocks[0].size], blocks, ((1, 0),))
+    heading = int(wire.headings(first)[0]) & HEADING_MASK
+    over = (heading - (revolution.seam or 0)) % wire.full_turn / wire.full_turn
+    behind = over * samples.revolution_packets
+    return over if behind > _FIRST_PACKETS and _FIRST_SHARE < over < 1 - _BEFORE_SEAM else 0.0

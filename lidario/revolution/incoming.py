@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 from lidario.families.base import Samples, Stream
 from lidario.revolution.device_clock import DeviceClock
 from lidario.revolution.doubled import DoubledPackets
@@ -10,7 +12,15 @@ from lidario.revolution.stats import AssemblerStats
 from lidario.wire.events import Packets
 from lidario.wire.formats import Headings
 
-__all__ = ["Incoming"]
+__all__ = ["Clock", "Incoming"]
+
+
+class Clock(Protocol):
+    """Tells when packets came."""
+
+    def dated(self, packets: Packets) -> Packets:
+        """The next packets, with the times at which they came."""
+        ...
 
 
 class Incoming:
@@ -19,19 +29,21 @@ class Incoming:
     Args:
         stream: The stream.
         stats: Where packets are counted that came twice.
+        clock: What dates the packets; by default the device's clock, where they carry one.
 
     Attributes:
         time: How long a sample takes.
     """
 
-    def __init__(self, stream: Stream, stats: AssemblerStats) -> None:
+    def __init__(self, stream: Stream, stats: AssemblerStats, clock: Clock | None = None) -> None:
         stream.decoder.tell_time(stream.sample_ns)
         self.time: SampleTime = SampleTime(stream.sample_ns, timed=stream.timed)
         self._doubled = DoubledPackets(stream.format, stream.sample_ns, stats)
-        self._clock = DeviceClock(stream)
+        self._is_live = clock is None
+        self._clock: Clock = clock or DeviceClock(stream)
 
     def take(self, event: Packets) -> tuple[Packets, Headings]:
-        """The next packets, perhaps none, and their headings; none twice, and dated by the device's clock."""
+        """The next packets, perhaps none, and their headings; none twice, and dated."""
         event, headings = self._doubled.drop(event)
         return (self._clock.dated(event), headings) if event.data else (event, headings)
 
@@ -47,4 +59,5 @@ class Incoming:
         """A sample takes as long as this stream says from now on."""
         stream.decoder.tell_time(stream.sample_ns)
         self._doubled.tell_time(stream.sample_ns)
-        self._clock = DeviceClock(stream)
+        if self._is_live:
+            self._clock = DeviceClock(stream)

@@ -26,7 +26,7 @@ from lidario.families.base import Samples
 from lidario.measured import with_gaps
 from lidario.revolution.assemble import Assembler
 from lidario.revolution.build import turned_by
-from lidario.revolution.count import NOISE, Beginning
+from lidario.revolution.clock import NOISE, Beginning
 from lidario.revolution.divided import (
     RETREAT_PART,
     ROUNDING,
@@ -39,7 +39,7 @@ from lidario.revolution.divided import (
     reach,
     sum_of,
 )
-from lidario.revolution.judge import share_before
+from lidario.revolution.ended import share_before
 from lidario.revolution.partial import PartialRevolution
 from lidario.revolution.seam import Split
 from lidario.revolution.timing import earliest_ns
@@ -88,7 +88,9 @@ class SectorAssembler(Assembler):
         end = here.ends[here.at][0] if here.at < len(here.ends) else wire.full_turn
         # From the beginning of the last packet to the end of the sector.
         away = (end - here.passed) * self._usual_samples / wire.full_turn
-        more = float(max(1, math.ceil(away / each - ROUNDING)) * each)
+        # Where packets hold a sample more or fewer, a whole number of them may be off by two samples.
+        spare = ROUNDING if wire.shortest == wire.longest else 2 / each
+        more = float(max(1, math.ceil(away / each - spare)) * each)
         if end == wire.full_turn and wire.shortest != wire.longest:
             # The last packet is as short as need be, and so is the first one of the next revolution.
             more = max(1.0, away - each + 1)
@@ -233,7 +235,7 @@ class SectorAssembler(Assembler):
         stats, partial = self.stats, here.partial
         if stats.left_off is not None:
             stats.resume(start_ns)
-        if self._count.last is not None and here.decoded:
+        if self._clock.last is not None and here.decoded:
             samples = here.decoded[0]
             over = 0.0
             if partial.runs:
@@ -244,7 +246,7 @@ class SectorAssembler(Assembler):
             late = samples.certain and start_ns - from_end_ns > NOISE * turn_ns
             # A copy follows: at the end of the revolution more is known, and remembered.
             here.unseen = (
-                copy.copy(self._count)
+                copy.copy(self._clock)
                 .follow(
                     Beginning(
                         from_end_ns if late else start_ns,

@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 from lidario.families.base import SteadySamples, Stream
 from lidario.revolution.build import DatedRevolution, turned_by
-from lidario.revolution.count import NOISE, Beginning, RevolutionCount
-from lidario.revolution.judge import BROKEN_SHARE, UNEVEN, is_complete
+from lidario.revolution.clock import NOISE, Beginning, RevolutionClock
+from lidario.revolution.ended import BROKEN_SHARE, UNEVEN, is_complete
 from lidario.revolution.partial import PartialRevolution, SampleArrays
 from lidario.revolution.seam import Split
 from lidario.revolution.timing import earliest_ns
@@ -47,10 +47,10 @@ class SteadyBlock(NamedTuple):
     samples: SteadySamples
 
 
-def is_ready(stream: Stream, partial: PartialRevolution, count: RevolutionCount) -> bool:
+def is_ready(stream: Stream, partial: PartialRevolution, clock: RevolutionClock) -> bool:
     """Whether enough is known of the revolution in the making, and of the one before, for a block to begin."""
     known = partial.whole and not (partial.moved or partial.behind_gap or partial.carried_packets)
-    return known and stream.sample_ns > 0 and count.last is not None
+    return known and stream.sample_ns > 0 and clock.last is not None
 
 
 def decode_block(
@@ -61,7 +61,7 @@ def decode_block(
     splits: Sequence[Split],
     first: int,
     *,
-    count: RevolutionCount,
+    clock: RevolutionClock,
     last_spanned_ns: float,
     byte_ns: float,
 ) -> SteadyBlock | None:
@@ -76,7 +76,7 @@ def decode_block(
         offsets: Where each of them begins (`packet_offsets`).
         splits: Where revolutions end in it; at least one.
         first: The first packet of the event that was not yet used.
-        count: The revolutions so far.
+        clock: The revolutions so far.
         last_spanned_ns: What the revolution before took; 0 when that is not known.
         byte_ns: Nanoseconds that a byte takes on the line.
     """
@@ -111,7 +111,7 @@ def decode_block(
         _first_start(stream, partial, packets, samples, ends[0], arrived[0], late_ns[0]),
         *_later_starts(stream.sample_ns, room, samples, bounds, arrived, late_ns),
     ]
-    intervals = _intervals(stream.sample_ns, samples, bounds, starts, arrived, count, last_spanned_ns)
+    intervals = _intervals(stream.sample_ns, samples, bounds, starts, arrived, clock, last_spanned_ns)
     if intervals is None:
         return None
     return _block(
@@ -175,12 +175,12 @@ def _intervals(
     bounds: Sequence[int],
     starts: Sequence[int],
     arrived: Sequence[int],
-    count: RevolutionCount,
+    clock: RevolutionClock,
     last_spanned_ns: float,
 ) -> list[float] | None:
     """The time from the beginning of each revolution to the next.
 
-    None where one came late, or took more or less time than its angles tell. `judge` decides about those.
+    None where one came late, or took more or less time than its angles tell. `Assembler` decides about those.
     """
     spanned = [(end - begin) * sample_ns for begin, end in pairwise(bounds)]
     turns = [each * sample_ns for each in samples.revolution_samples]
@@ -193,7 +193,7 @@ def _intervals(
         ):
             return None
         ordinary_ns = spanned_ns
-    intervals = count.intervals(starts, turns)
+    intervals = clock.intervals(starts, turns)
     if intervals is not None and math.isnan(intervals[0]) and is_complete(spanned[0], turns[0]):
         intervals[0] = spanned[0]
     return intervals

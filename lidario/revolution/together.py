@@ -13,9 +13,9 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from lidario.wire.blocks import Block, join_blocks
-from lidario.wire.events import Arrival, Event, Packets
+from lidario.wire.events import Arrival, Packets
 
-__all__ = ["SLICE", "join_runs", "slices"]
+__all__ = ["SLICE", "join_reads", "join_runs", "slices"]
 
 SLICE: Final = 2048
 """Bytes that are parsed in one step. Those that look most like packets and are none take 2 us each."""
@@ -33,22 +33,29 @@ def slices(
         yield view[begin:end], arrivals[inside[1]][1] if inside[1] < len(arrivals) else now, came
 
 
-def join_runs(events: Sequence[Event]) -> list[Event]:
-    """The same events, where runs of packets that follow each other are one."""
-    joined: list[Event] = []
-    runs: list[Packets] = []
-    for event in events:
-        if isinstance(event, Packets):
-            runs.append(event)
-            continue
-        joined += _as_one(runs)
-        runs.clear()
-        joined.append(event)
-    joined += _as_one(runs)
-    return joined
+def join_reads(
+    reads: Sequence[tuple[bytes, int]], earliest_ns: int = -(1 << 63)
+) -> tuple[bytes, int, list[Arrival]]:
+    """Reads and their times as one piece, as `Receiver.data_received` takes it; at least one.
+
+    Args:
+        reads: The bytes, and when they were read. Time never goes back, whatever a message says.
+        earliest_ns: When what came before was read.
+    """
+    arrivals: list[Arrival] = []
+    size = 0
+    for data, at_ns in reads:
+        size += len(data)
+        earliest_ns = max(earliest_ns, at_ns)
+        if arrivals and arrivals[-1][1] == earliest_ns:
+            arrivals.pop()
+        arrivals.append((size, earliest_ns))
+    arrivals.pop()
+    return b"".join([data for data, _ in reads]), earliest_ns, arrivals
 
 
-def _as_one(runs: Sequence[Packets]) -> list[Packets]:
+def join_runs(runs: Sequence[Packets]) -> list[Packets]:
+    """Runs of packets that follow each other as one run; none of none."""
     if len(runs) <= 1:
         return list(runs)
     blocks: list[Block] = []

@@ -17,6 +17,7 @@ from lidario.families.base import Stream
 from lidario.measured import later
 from lidario.revolution.assemble import Assembler
 from lidario.revolution.build import DatedRevolution, turned_by
+from lidario.revolution.incoming import Clock
 from lidario.revolution.partial import SampleArrays, part_of
 from lidario.revolution.sectors import SectorAssembler
 from lidario.revolution.stats import AssemblerStats
@@ -37,9 +38,14 @@ class WholeAssembler(Assembler):
     """Builds the scans of one stream whose packets are whole scans; as `Assembler`."""
 
     def __init__(
-        self, stream: Stream, baudrate: int = 0, wall_offset_ns: int = 0, stats: AssemblerStats | None = None
+        self,
+        stream: Stream,
+        baudrate: int = 0,
+        wall_offset_ns: int = 0,
+        stats: AssemblerStats | None = None,
+        clock: Clock | None = None,
     ) -> None:
-        super().__init__(stream, baudrate, wall_offset_ns, stats)
+        super().__init__(stream, baudrate, wall_offset_ns, stats, clock)
         self._last_ns: int | None = None
 
     def ends(self, event: Packets) -> Iterator[list[Scan]]:
@@ -164,11 +170,15 @@ def sectors_of(scan: Scan, count: int) -> list[Sector]:
 
 
 def assembler_of(
-    stream: Stream, baudrate: int = 0, wall_offset_ns: int = 0, stats: AssemblerStats | None = None
+    stream: Stream,
+    baudrate: int = 0,
+    wall_offset_ns: int = 0,
+    stats: AssemblerStats | None = None,
+    clock: Clock | None = None,
 ) -> Assembler:
     """What builds the scans of a stream; the arguments are those of `Assembler`."""
     made = WholeAssembler if stream.format.whole else Assembler
-    return made(stream, baudrate, wall_offset_ns, stats)
+    return made(stream, baudrate, wall_offset_ns, stats, clock)
 
 
 def sector_assembler_of(other: Assembler, publish: Callable[[int, Sector], None]) -> SectorAssembler | WholeSectors:

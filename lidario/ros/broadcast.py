@@ -32,7 +32,7 @@ from lidario.network.status import Status
 from lidario.recording.about import About
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
-from lidario.session.log import Trouble
+from lidario.session.talking.trouble import Trouble
 from lidario.version import __version__
 
 __all__ = ["Broadcast", "Outlet"]

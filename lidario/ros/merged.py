@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -12,9 +13,11 @@ from lidario.arguments import shown
 from lidario.beams import NoReturn
 from lidario.errors import InvalidValue
 from lidario.merging import Merged
+from lidario.model import HealthStatus
 from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.status import Status
 from lidario.points import Motion, Mount
+from lidario.recording.about import About
 from lidario.ros.broadcast import Outlet
 from lidario.ros.diagnostics import diagnostics
 from lidario.ros.names import POINTCLOUD2, Distro
@@ -28,6 +31,8 @@ __all__ = ["MergedPublisher"]
 
 CLOUD_ENTITY: Final = 5
 """Behind those of `Publisher`."""
+_WORSE: Final = tuple(HealthStatus)
+"""From good to bad."""
 
 
 class MergedPublisher(Publisher):
@@ -38,8 +43,8 @@ class MergedPublisher(Publisher):
         async with MergedPublisher([front, rear]) as publisher:
             await publisher.run()
 
-    Or call `publish` with each cloud of `lidario.merged`. In the list of a fleet it stands under the name of the
-    first lidar; ``/diagnostics`` tells of each.
+    Or call `publish` with each cloud of `lidario.merged`. The list of a fleet names all of the lidars, the worst
+    health among them, and those that are away; ``/diagnostics`` tells of each.
 
     Args:
         lidars: Open lidars of this event loop.
@@ -48,10 +53,11 @@ class MergedPublisher(Publisher):
         topic: Name of the topic of the LaserScans, relative to `namespace` unless it begins with a slash.
         cloud_topic: Likewise of the PointCloud2.
         frame_id: Name of the robot's frame, in which all of it is.
-        beams: As for `Merged.to_laserscan`, and the three that follow.
+        beams: As for `Merged.to_laserscan`, and the four that follow.
         range_min: As there.
         range_max: As there.
         no_return: As there.
+        filtered: As there.
         domain: As for `Publisher`, and all that follow.
         distro: As there.
         router: As there.
@@ -76,6 +82,7 @@ class MergedPublisher(Publisher):
         range_min: float = 0.05,
         range_max: float | None = None,
         no_return: NoReturn = "inf",
+        filtered: NoReturn = "nan",
         domain: int = 0,
         distro: Distro = "jazzy",
         router: str = DEFAULT_ROUTER,
@@ -86,13 +93,14 @@ class MergedPublisher(Publisher):
         merged(*lidars, mounts=mounts, motion=motion)
         super().__init__(
             lidars[0], topic=topic, frame_id=frame_id, beams=beams, range_min=range_min, range_max=range_max,
-            no_return=no_return, domain=domain, distro=distro, router=router, namespace=namespace, node=node,
-            robot=robot,
+            no_return=no_return, filtered=filtered, domain=domain, distro=distro, router=router,
+            namespace=namespace, node=node, robot=robot,
         )  # fmt: skip
         self.lidars: tuple[Lidar, ...] = tuple(lidars)
         self._mounts, self._motion = mounts, motion
         self._beams, self._frame_id = beams, frame_id
         self._no_return: NoReturn = no_return
+        self._filtered: NoReturn = filtered
         self._range_min, self._range_max = range_min, range_max
         self._cloud_topic = self._node.topic(cloud_topic)
         self._cloud: Outlet | None = None
@@ -113,10 +121,22 @@ class MergedPublisher(Publisher):
             range_min=self._range_min,
             range_max=self._range_max,
             no_return=self._no_return,
+            filtered=self._filtered,
         )
         if self._cloud is not None:
             self._cloud.send(_cloud_of(scan, self._frame_id).to_cdr())
         self._count(self._scans is not None and self._scans.send(message.to_cdr()))
+
+    def status(self) -> Status:
+        """As `Publisher.status`, of all the lidars."""
+        away = " and ".join(each.info.serial for each in self.lidars if not each.is_connected)
+        return replace(super().status(), lost=f"{away} is away from its publisher" if away else "")
+
+    def _about(self) -> About:
+        infos = [lidar.info for lidar in self.lidars]
+        model, serial = (" and ".join(each) for each in zip(*((of.model, of.serial) for of in infos), strict=True))
+        worst = max((lidar.health for lidar in self.lidars), key=lambda health: _WORSE.index(health.status))
+        return replace(super()._about(), info=replace(infos[0], model=model, serial=serial), health=worst)
 
     def _stream(self, mode: str | int | None) -> MergedStream:
         return merged(*self.lidars, mounts=self._mounts, motion=self._motion, mode=mode)

@@ -153,7 +153,6 @@ class _RawFeed:
         self.end()
 
     def see_chunk(self, direction: str, data: bytes, now: int) -> None:
-        """As `Tap`."""
         if direction == "in":
             # A program that blocked its loop reads much at once; a message must not be too large.
             for at in range(0, len(data), COLLECT_BYTES):

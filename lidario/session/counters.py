@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from lidario.model import LineErrors, Stats
-from lidario.session.dialogue import Dialogue
-from lidario.session.running import Totals
+from lidario.session.streaming.running import Totals
+from lidario.session.talking.dialogue import Dialogue
 from lidario.wire.stats import LinkStats
 
 __all__ = ["Counters"]
@@ -25,8 +25,8 @@ class Counters:
         self._link += dialogue.stats
         self._errors += dialogue.errors
         # What was incomplete when the line was lost will never be complete.
-        self._link.skipped_bytes += dialogue.buffered
-        self._keepalives += dialogue.repeated
+        self._link.skipped_bytes += dialogue.link.buffered
+        self._keepalives += dialogue.port.repeated
         self._protection_stops += dialogue.protection_stops
 
     def stats(self, dialogue: Dialogue, totals: Totals, dropped: int, reconnects: int) -> Stats:
@@ -62,14 +62,14 @@ class Counters:
             parity_errors=errors.parity,
             overruns=errors.overruns,
             breaks=errors.breaks,
-            buffered=dialogue.buffered,
+            buffered=dialogue.link.buffered,
             late_responses=link.late_responses,
             scans=assembled.scans,
             broken_scans=assembled.broken_scans,
             missed_scans=assembled.missed_scans,
             dropped_scans=dropped,
             interruptions=totals.interruptions,
-            keepalives=totals.keepalives + self._keepalives + dialogue.repeated,
+            keepalives=totals.keepalives + self._keepalives + dialogue.port.repeated,
             restarts=totals.restarts,
             protection_stops=self._protection_stops + dialogue.protection_stops,
             reconnects=reconnects,

@@ -15,6 +15,7 @@ from __future__ import annotations
 import asyncio
 import os
 import weakref
+from collections.abc import Callable
 from types import TracebackType
 from typing import NoReturn, Self
 
@@ -27,15 +28,14 @@ from lidario.model import Health, ScanMode, Stats
 from lidario.port.line import Tap
 from lidario.recording.parts import Split
 from lidario.recording.record import Recording
-from lidario.session.connection import Connection
 from lidario.session.counters import Counters
-from lidario.session.let_go import abandon, if_alive, running_loop
-from lidario.session.line_changes import LineChanges
-from lidario.session.reconnect import Reconnector
+from lidario.session.finding.connection import At, Connection
+from lidario.session.finding.reconnect import Reconnector
 from lidario.session.recorded import RecordedSession
-from lidario.session.scanner import Scanner
+from lidario.session.streaming.line_changes import LineChanges
+from lidario.session.streaming.scanner import Scanner
 from lidario.session.streams import Streams
-from lidario.session.twin import twin_of
+from lidario.session.talking.trouble import twin_of
 
 __all__ = ["Lidar"]
 
@@ -51,7 +51,6 @@ class Lidar(Streams, AsyncOnly):
 
     Attributes:
         source: The source it was opened from.
-        info: What the device says it is.
         config: Its settings, of the file that `open_lidar` was given.
     """
 
@@ -67,26 +66,24 @@ class Lidar(Streams, AsyncOnly):
         reconnector: Reconnector | None = None,
         config: LidarConfig = LidarConfig(),  # noqa: B008 - it never changes
     ) -> None:
-        dialogue, device = connection.dialogue, connection.device
-        super().__init__(dialogue, device, Scanner(dialogue, device, latency), reconnector, connection.info)
+        at = At(connection.dialogue, connection.device, connection.info)
+        super().__init__(at, Scanner(at, latency), reconnector)
         self.source = source
         self.config = config
         self._scanner.usual_mode = config.mode
         self._keep_spinning = keep_spinning
-        dialogue.keep_spinning(keep_spinning)
-        self._scanner.take_note(health)
+        at.dialogue.stopper.keep_spinning = keep_spinning
+        self._scanner.inquiry.take_note(health)
         self._counters = Counters()
         if reconnector is not None:
-            reconnector.serve(if_alive(self._adopt), self._scanner.end, self._scanner.unused)
-            self._scanner.come_back_with(reconnector.begin)
+            reconnector.serve(_if_alive(self._adopt), self._scanner.failures.end, self._scanner.unused)
+            self._scanner.failures.come_back = reconnector.begin
         connection.port.follow(self._scanner)
         self._length_s = connection.port.length_s
-        self._recorded = RecordedSession(
-            dialogue, self._scanner, source, device.sends_bytes, lambda: (self.info, self.health), config.filters
-        )
+        self._recorded = RecordedSession(at, self._scanner, source, config.filters)
         self._closed = False
         self._loop = asyncio.get_running_loop()
-        self._abandoned = weakref.finalize(self, abandon, dialogue, self._scanner, reconnector)
+        self._abandoned = weakref.finalize(self, _abandon, at, self._scanner, reconnector)
         connection.half_open.release()
 
     def __repr__(self) -> str:
@@ -97,27 +94,27 @@ class Lidar(Streams, AsyncOnly):
     @property
     def is_scanning(self) -> bool:
         """Whether a stream runs or is about to; also for the second after its last reader has gone."""
-        return self._scanner.is_scanning
+        return self._scanner.control.is_scanning
 
     @property
     def is_connected(self) -> bool:
         """Whether there is a line to the device; False after its loss, also while the session comes back."""
-        return not self._closed and not self._scanner.is_away and self._dialogue.fatal is None
+        return not self._closed and not self._scanner.control.is_away and self._at.dialogue.fatal is None
 
     @property
     def can_be_stopped(self) -> bool:
         """Whether laser and motor can be switched off from here; False of a device that only talks."""
-        return self._device.can_be_stopped
+        return self._at.device.can_be_stopped
 
     @property
     def mode(self) -> ScanMode | None:
         """The scan mode that runs, if one does."""
-        return self._scanner.mode
+        return self._scanner.control.mode
 
     @property
     def baudrate(self) -> int:
         """Speed of the line in bits a second; 0 where it has none, or where it is unknown."""
-        return self._dialogue.baudrate
+        return self._at.dialogue.port.baudrate
 
     @property
     def length_s(self) -> float | None:
@@ -133,13 +130,13 @@ class Lidar(Streams, AsyncOnly):
     @property
     def health(self) -> Health:
         """What the device last said of its state, whether it was asked by the program or by the session."""
-        return self._scanner.health
+        return self._scanner.inquiry.health
 
     @property
     def stats(self) -> Stats:
         """Counters since the session was opened, summed over all lines to the device."""
         reconnects = 0 if self._reconnector is None else self._reconnector.count
-        return self._counters.stats(self._dialogue, self._scanner.totals, self._scanner.dropped, reconnects)
+        return self._counters.stats(self._at.dialogue, self._scanner.totals, self._scanner.hub.dropped, reconnects)
 
     def line_changes(self) -> LineChanges:
         """What becomes of the line, for ``async for``: lost, back, over; for programs that show it.
@@ -171,11 +168,11 @@ class Lidar(Streams, AsyncOnly):
         """
         self._check_open()
         callable_of(tap, "a tap")
-        self._dialogue.add_tap(tap)
+        self._at.dialogue.port.add_tap(tap)
 
     def untap(self, tap: Tap) -> None:
         """Stop calling `tap`. Ignored where it is not there."""
-        self._dialogue.remove_tap(tap)
+        self._at.dialogue.port.remove_tap(tap)
 
     def record(
         self,
@@ -240,10 +237,10 @@ class Lidar(Streams, AsyncOnly):
         """
         self._check_loop()
         self._closed = True
-        self._scanner.end(SessionClosed(f"the session on {self.source} was closed"))
+        self._scanner.failures.end(SessionClosed(f"the session on {self.source} was closed"))
         if self._reconnector is not None:
             self._reconnector.cancel()
-        await self._dialogue.close()
+        await self._at.dialogue.close()
         # Where the loop is closed the coroutine is being collected, and nothing can be waited for.
         ended = self._loop.is_closed()
         if self._reconnector is not None and not ended:
@@ -269,38 +266,60 @@ class Lidar(Streams, AsyncOnly):
 
     def _adopt(self, connection: Connection, health: Health) -> None:
         """There is a new line to the device: from now on it is the one of this session."""
-        old, new = self._dialogue, connection.dialogue
-        new.keep_spinning(self._keep_spinning)
-        for tap in old.taps:
-            new.add_tap(tap)
-        # The new finalizer first: a KeyboardInterrupt may come between the two.
-        former, self._abandoned = (
-            self._abandoned,
-            weakref.finalize(self, abandon, new, self._scanner, self._reconnector),
-        )
-        former.detach()
-        connection.half_open.release()
+        old, new = self._at.dialogue, connection.dialogue
+        new.stopper.keep_spinning = self._keep_spinning
+        for tap in old.port.taps:
+            new.port.add_tap(tap)
         self._counters.line_lost(old)
-        self._use(new, connection.device, connection.info)
-        self._scanner.take_note(health)
-        self._recorded.adopt(new)
-        self._scanner.adopt(new, connection.device)
+        at = self._at
+        # From here on the finalizer of the session leaves this device still.
+        at.dialogue, at.device, at.info = new, connection.device, connection.info
+        connection.half_open.release()
+        self._scanner.inquiry.take_note(health)
+        self._recorded.adopt()
+        self._scanner.adopt()
         if self._reconnector is not None and not self.is_scanning:
             self._reconnector.proven()
 
     def _check_open(self) -> None:
         if self._closed:
             raise SessionClosed(f"the session on {self.source} was closed; open_lidar() makes a new one")
-        fatal = self._scanner.over or (None if self._scanner.is_away else self._dialogue.fatal)
-        if fatal is not None:
+        over = self._scanner.failures.over
+        fatal = over or self._at.dialogue.fatal
+        if fatal is not None and (over is not None or not self._scanner.control.is_away):
             raise twin_of(fatal)
         if self._loop.is_closed():
             raise SessionClosed(f"the event loop in which the session on {self.source} was opened is closed")
         self._check_loop()
 
     def _check_loop(self) -> None:
-        if not self._loop.is_closed() and running_loop() not in (None, self._loop):
+        try:
+            running = asyncio.get_running_loop()
+        except RuntimeError:
+            return
+        if running is not self._loop and not self._loop.is_closed():
             raise LocalProtocolError(
                 f"the session on {self.source} belongs to another event loop: "
                 "use asyncio.run_coroutine_threadsafe() from other threads"
             )
+
+
+def _if_alive(adopt: Callable[[Connection, Health], None]) -> Callable[[Connection, Health], bool]:
+    """As `adopt`, a method, but without keeping its object alive; False when that is gone."""
+    method = weakref.WeakMethod(adopt)
+
+    def call(connection: Connection, health: Health) -> bool:
+        alive = method()
+        if alive is not None:
+            alive(connection, health)
+        return alive is not None
+
+    return call
+
+
+def _abandon(at: At, scanner: Scanner, reconnector: Reconnector | None) -> None:
+    """The session was never closed and nobody holds it any more, or the program ends: leave the device still."""
+    scanner.abandon()
+    at.dialogue.abandon()
+    if reconnector is not None:
+        reconnector.abandon()

@@ -16,7 +16,7 @@ from lidario.merging import OLDEST_S, Merged, MergedScans
 from lidario.points import Motion, Mount
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
-from lidario.session.stream import ScanStream
+from lidario.session.streaming.stream import ScanStream
 
 __all__ = ["MergedStream", "merged"]
 

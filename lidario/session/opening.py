@@ -16,11 +16,11 @@ from lidario.entered import AsyncOnly
 from lidario.errors import InvalidValue, LocalProtocolError, Unsupported
 from lidario.families.registry import check_family, check_source
 from lidario.port.guard import check_guard
-from lidario.session.connect import connect
-from lidario.session.discovery import find_source
-from lidario.session.handshake import healthy
+from lidario.session.finding.connect import connect
+from lidario.session.finding.discovery import find_source
+from lidario.session.finding.reconnect import Reconnect, Reconnector
 from lidario.session.lidar import Lidar
-from lidario.session.reconnect import Reconnect, Reconnector
+from lidario.session.talking.handshake import healthy
 from lidario.source import MOST_BAUD, Source, as_source
 
 if TYPE_CHECKING:

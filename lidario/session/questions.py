@@ -14,12 +14,12 @@ from lidario.arguments import finite, shown, whole, yes_or_no
 from lidario.errors import InvalidValue, RemoteProtocolError, Unsupported
 from lidario.families.base import Device, Script
 from lidario.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
-from lidario.session.dialogue import Dialogue
-from lidario.session.handshake import healthy, restart
-from lidario.session.modes import choose_mode, does_not_fit
-from lidario.session.reconnect import Reconnector
-from lidario.session.scanner import Scanner
-from lidario.session.stream import ScanStream
+from lidario.session.finding.connection import At
+from lidario.session.finding.reconnect import Reconnector
+from lidario.session.streaming.modes import choose_mode, does_not_fit
+from lidario.session.streaming.scanner import Scanner
+from lidario.session.streaming.stream import ScanStream
+from lidario.session.talking.handshake import healthy, restart
 
 __all__ = ["Questions"]
 
@@ -36,43 +36,31 @@ class Questions(ABC):
     """What `Lidar` asks and sets.
 
     Args:
-        dialogue: The conversation with the device.
-        device: The device as its family sees it.
+        at: Where the device is reached.
         scanner: Its stream.
         reconnector: Brings the session back, where that was asked for.
-        info: What the device said it is.
     """
 
-    def __init__(
-        self,
-        dialogue: Dialogue,
-        device: Device,
-        scanner: Scanner,
-        reconnector: Reconnector | None,
-        info: DeviceInfo,
-    ) -> None:
-        self.info: DeviceInfo = info
-        self._dialogue = dialogue
-        self._device = device
+    def __init__(self, at: At, scanner: Scanner, reconnector: Reconnector | None) -> None:
+        self._at = at
         self._scanner = scanner
         self._reconnector = reconnector
 
-    def _use(self, dialogue: Dialogue, device: Device, info: DeviceInfo) -> None:
-        """From now on the device is reached by this line."""
-        self.info = info
-        self._dialogue = dialogue
-        self._device = device
+    @property
+    def info(self) -> DeviceInfo:
+        """What the device last said it is."""
+        return self._at.info
 
     async def get_info(self) -> DeviceInfo:
         """Ask the device what it is; `info` has the result, too."""
-        self.info = await self._scanner.ask(self._open_device().identify)
-        return self.info
+        self._at.info = await self._scanner.ask(self._open_device().identify)
+        return self._at.info
 
     async def get_health(self) -> Health:
         """Ask the device how it is."""
         health = await self._scanner.ask(self._open_device().health)
         # Not later: the stream that this question interrupted is started by another task, in the next step.
-        self._scanner.take_note(health)
+        self._scanner.inquiry.take_note(health)
         return health
 
     async def get_modes(self) -> tuple[ScanMode, ...]:
@@ -121,7 +109,7 @@ class Questions(ABC):
         value = await self._scanner.ask(lambda: device.set_scan_frequency(hertz))
         await self._scanner.retune()
         self._remember("scan frequency", lambda device: device.set_scan_frequency(hertz))
-        if verify and self._scanner.is_scanning:
+        if verify and self._scanner.control.is_scanning:
             await self._turns_at(value)
         return value
 
@@ -214,21 +202,21 @@ class Questions(ABC):
         baudrate = whole(baudrate, "a baud rate")
         if not SLOWEST_LINE <= baudrate <= FASTEST_LINE:
             raise InvalidValue(f"{shown(baudrate)} is no speed from {SLOWEST_LINE} to {FASTEST_LINE} baud")
-        device, dialogue = self._open_device(), self._dialogue
-        before = dialogue.baudrate
+        device, dialogue = self._open_device(), self._at.dialogue
+        before = dialogue.port.baudrate
         if not before:
             raise Unsupported("the line to this device has no speed that can be changed")
         # A device that cannot do it at all says so first.
         device.set_baudrate(baudrate, before).close()
         modes = await self._scanner.modes()
-        misfit = does_not_fit(device, modes, self._scanner.mode or choose_mode(modes, None), baudrate)
+        misfit = does_not_fit(device, modes, self._scanner.control.mode or choose_mode(modes, None), baudrate)
         if misfit:
             raise InvalidValue(f"{baudrate} baud are too slow: {misfit}")
         try:
             await self._scanner.ask(lambda: device.set_baudrate(baudrate, before))
         except BaseException:
             # At once: the next request must be written at the speed that the device still has.
-            dialogue.set_baudrate(before)
+            dialogue.port.set_baudrate(before)
             raise
         await self.get_info()
 
@@ -245,12 +233,12 @@ class Questions(ABC):
         """
         self._open_device().reset()
         health = await self._scanner.between(self._reset, vital=True)
-        self._scanner.take_note(health)
+        self._scanner.inquiry.take_note(health)
         return health
 
     async def _reset(self) -> Health:
-        await restart(self._dialogue, self._device)
-        return await healthy(self._dialogue, self._device)
+        await restart(self._at.dialogue, self._at.device)
+        return await healthy(self._at.dialogue, self._at.device)
 
     async def _turns_at(self, hertz: float) -> None:
         measured, stream = float("nan"), ScanStream(self._scanner, None, 1, False, self._check_open)
@@ -275,9 +263,9 @@ class Questions(ABC):
 
     def _open_device(self) -> Device:
         self._check_open()
-        if self._scanner.is_away and self._reconnector is not None:
+        if self._reconnector is not None and self._scanner.control.is_away:
             raise self._reconnector.away_error()
-        return self._device
+        return self._at.device
 
     @abstractmethod
     def _check_open(self) -> None:

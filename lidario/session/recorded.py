@@ -9,13 +9,12 @@ from lidario.filters.base import Filter
 from lidario.recording.about import About
 from lidario.recording.chronicle import LineChanged, StreamEvent, moved, text_of
 from lidario.scan import Scan
-from lidario.session.dialogue import Dialogue
-from lidario.session.scanner import Scanner
+from lidario.session.finding.connection import At
+from lidario.session.streaming.scanner import Scanner
+from lidario.session.talking.dialogue import Dialogue
 from lidario.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from lidario.model import DeviceInfo, Health
     from lidario.recording.record import Recording
 
@@ -28,40 +27,29 @@ class RecordedSession:
     """Implements `Recorded`.
 
     Args:
-        dialogue: Carries the bytes.
-        scanner: Makes the scans.
+        at: Where the device is reached.
+        scanner: Makes the scans, and knows the health of the device.
         source: What was opened.
-        sends_bytes: As `Device.sends_bytes`.
-        told: The latest info and health of the device.
         filters: What every scan passes, of the settings.
     """
 
-    def __init__(
-        self,
-        dialogue: Dialogue,
-        scanner: Scanner,
-        source: str,
-        sends_bytes: bool,
-        told: Callable[[], tuple[DeviceInfo, Health]],
-        filters: tuple[Filter, ...] = (),
-    ) -> None:
-        self.sends_bytes: bool = sends_bytes
-        self._dialogue = dialogue
+    def __init__(self, at: At, scanner: Scanner, source: str, filters: tuple[Filter, ...] = ()) -> None:
+        self.sends_bytes: bool = at.device.sends_bytes
+        self._at = at
         self._scanner = scanner
         self._source = source
-        self._told = told
         self._filters = filters
         self._running: dict[Recording, _Watcher] = {}
 
     def begin_recording(self, recording: Recording) -> About:
         """As `Recorded`."""
-        dialogue, chronicle = self._dialogue, self._dialogue.chronicle
+        dialogue = self._at.dialogue
         # What was read and not parsed yet belongs to the time before.
-        dialogue.poll()
-        about = about_now(dialogue, *self._told(), self._source)
+        dialogue.port.poll()
+        about = about_now(dialogue, self._at.info, self._scanner.inquiry.health, self._source)
         watcher = self._running[recording] = _Watcher(recording, dialogue, self._filters)
-        chronicle.watch(watcher.see)
-        dialogue.add_tap(watcher.see_chunk)
+        dialogue.chronicle.watch(watcher.see)
+        dialogue.port.add_tap(watcher.see_chunk)
         self._scanner.watch(watcher.see_scan)
         return about
 
@@ -69,17 +57,15 @@ class RecordedSession:
         """As `Recorded`."""
         watcher = self._running.pop(recording, None)
         if watcher is not None:
-            self._dialogue.chronicle.unwatch(watcher.see)
-            self._dialogue.remove_tap(watcher.see_chunk)
+            self._at.dialogue.chronicle.unwatch(watcher.see)
+            self._at.dialogue.port.remove_tap(watcher.see_chunk)
             self._scanner.unwatch(watcher.see_scan)
 
-    def adopt(self, dialogue: Dialogue) -> None:
+    def adopt(self) -> None:
         """The session goes on over another line, which has the taps of the lost one, and so do its recordings."""
-        old, self._dialogue = self._dialogue, dialogue
         for watcher in self._running.values():
-            old.chronicle.unwatch(watcher.see)
-            watcher.change_line(dialogue)
-            dialogue.chronicle.watch(watcher.see)
+            watcher.change_line(self._at.dialogue)
+            self._at.dialogue.chronicle.watch(watcher.see)
 
     async def close(self) -> None:
         """End every recording of the session, and return when the files are complete."""
@@ -101,12 +87,12 @@ def about_now(dialogue: Dialogue, info: DeviceInfo, health: Health, source: str)
         info=info,
         health=health,
         source=source,
-        baudrate=dialogue.baudrate,
-        clock_offset_ns=dialogue.wall_offset_ns,
-        received_before=dialogue.bytes_fed,
+        baudrate=dialogue.port.baudrate,
+        clock_offset_ns=dialogue.port.wall_offset_ns,
+        received_before=dialogue.link.fed,
         lidario=__version__,
         recording=secrets.token_hex(_ID_BYTES),
-        began_ns=max(0, dialogue.now() + dialogue.wall_offset_ns),
+        began_ns=max(0, dialogue.port.now() + dialogue.port.wall_offset_ns),
         events=(*chronicle.responses.values(), *((chronicle.running,) if chronicle.running else ())),
     )
 
@@ -120,12 +106,12 @@ class _Watcher:
         self._filters = filters
         # What is added to the places of this line; and where the file is, which counts what it was given.
         self._shift = 0
-        self._place = dialogue.bytes_fed
-        self._last_ns = dialogue.now()
+        self._place = dialogue.link.fed
+        self._last_ns = dialogue.port.now()
 
     def see(self, event: StreamEvent) -> None:
         """Something was added to the chronicle."""
-        self._recording.see_event(text_of(moved(event, self._shift)), self._dialogue.now())
+        self._recording.see_event(text_of(moved(event, self._shift)), self._dialogue.port.now())
 
     def see_scan(self, scan: Scan) -> None:
         """A scan was made; a recording has what a reader gets."""
@@ -143,8 +129,8 @@ class _Watcher:
     def change_line(self, dialogue: Dialogue) -> None:
         """The session goes on over that line, whose first bytes were not seen here."""
         self._dialogue = dialogue
-        self._shift = self._place - dialogue.bytes_fed
-        away_ns = max(0, dialogue.now() - self._last_ns)
-        self.see(LineChanged(dialogue.bytes_fed, away_ns))
+        self._shift = self._place - dialogue.link.fed
+        away_ns = max(0, dialogue.port.now() - self._last_ns)
+        self.see(LineChanged(dialogue.link.fed, away_ns))
         for response in dialogue.chronicle.responses.values():
             self.see(response)

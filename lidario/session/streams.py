@@ -10,8 +10,8 @@ from lidario.errors import LocalProtocolError
 from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.session.questions import Questions
-from lidario.session.sectors import DEFAULT_DEGREES, SectorStream
-from lidario.session.stream import ScanStream, filters_of
+from lidario.session.streaming.sectors import DEFAULT_DEGREES, SectorStream
+from lidario.session.streaming.stream import ScanStream, filters_of
 
 __all__ = ["Streams"]
 

@@ -112,11 +112,11 @@ class Chassis(ABC, Generic[StreamT]):
 
     @abstractmethod
     def receive(self, data: bytes, now: int) -> None:
-        """As `SimulatedDevice.receive`."""
+        """Take bytes that the host has sent; `now` in nanoseconds."""
 
     @abstractmethod
     def wakeup(self, now: int) -> int | None:
-        """As `SimulatedDevice.wakeup`."""
+        """When something is due next, in nanoseconds; None for never, as far as is known."""
 
     def transmit(self, now: int) -> bytes:
         """Hand out the bytes whose last bit has left the device by `now`, and forget them."""

@@ -126,7 +126,7 @@ class PtyServer(Server):
             self._master, self._slave, self._held = -1, -1, self._slave
 
     def close(self) -> None:
-        """As `Server.close`."""
+        """Stop serving; then the name of the port is free again. Harmless when done before."""
         try:
             super().close()
         finally:
@@ -253,20 +253,7 @@ class TcpServer(_AddressServer):
 
 
 class UdpServer(_AddressServer):
-    """A simulated Ethernet device: it responds to whoever wrote last, by UDP.
-
-    Args:
-        device: The device.
-        host: Address to listen on.
-        port: Port to listen on; 0 = any free one.
-        faults: What happens to its bytes on the way.
-
-    Attributes:
-        address: Host and port that it listens on.
-
-    Raises:
-        OSError: The address cannot be listened on.
-    """
+    """A simulated Ethernet device: it responds to whoever wrote last, by UDP. The rest is as with `TcpServer`."""
 
     def __init__(
         self,

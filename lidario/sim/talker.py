@@ -2,6 +2,7 @@
 
 A family's device adds how packets are made. `PacedByAngle` is one that measures at angles, as turrets of robot
 vacuums do: a packet has its place in the revolution, and when it is made follows from the speed of the rotor.
+`PacedByTime` takes its samples at equal times, wherever the rotor stands.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from lidario.sim.chassis import Chassis
 from lidario.sim.motor import Motor
 from lidario.sim.world import WorldLike
 
-__all__ = ["PacedByAngle", "Running", "Talker", "TalkerProfile"]
+__all__ = ["PacedByAngle", "PacedByTime", "Running", "Talker", "TalkerProfile"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -66,16 +67,20 @@ class Running:
 
 
 class Talker(Chassis[Running]):
-    """One that talks from power-up on; what the host sends is not seen.
+    """One that talks from power-up on; what the host sends is not seen, unless a device derived from it does.
 
     Args:
         profile: What it is.
         world: What it sees; the furnished room by default.
         seed: Decides noise, first angle and intensities.
+
+    Attributes:
+        waits: Whether it is silent until it is started.
     """
 
     greeting: bytes = b""
     """What it says when it has booted."""
+    waits: bool = False
 
     def __init__(self, profile: TalkerProfile, world: WorldLike | None, seed: int) -> None:
         super().__init__(profile.baudrate, world, seed, profile.model)
@@ -125,7 +130,7 @@ class Talker(Chassis[Running]):
         self._up = _BLOCKED
 
     def freeze(self, now: int) -> None:
-        """As `Chassis.freeze`."""
+        """From `now` on neither send nor obey anything, until the next `reboot`."""
         super().freeze(now)
         self._up = _BLOCKED
 
@@ -136,6 +141,9 @@ class Talker(Chassis[Running]):
         """It has been on for long when it is first heard."""
         if self._up is None:
             self._up = self._now = now
+            if self.waits:
+                self._up = 0
+                return
             self._spin_at_once(self._rpm, now - 20_000_000)
             # The first byte that is heard stands in the middle of a packet, wherever the seed says.
             self._begin(now - int(self._random.integers(1, 20_000_000)))
@@ -156,11 +164,17 @@ class Talker(Chassis[Running]):
         self._begin(max(at, self._motor.stable_at or 0))
         self._up = 0
 
+    def _stop(self, now: int) -> None:
+        """It was stopped: nothing more, until it is started."""
+        self._end_stream(now)
+        self._motor.set_rpm(0.0, now)
+        self._up = 0
+
     def _restart(self, now: int, up: int) -> None:
         self._forget(now)
         self._recover()
         self._motor.set_rpm(0.0, now)
-        self._deaf_until, self._deaf_why, self._up = up, "still booting", up
+        self._deaf_until, self._deaf_why, self._up = up, "still booting", 0 if self.waits else up
 
 
 class PacedByAngle(Talker):
@@ -217,3 +231,38 @@ class PacedByAngle(Talker):
             self._queue.push(data, at, size=len(data), period=1)
         stream.packets += _TOGETHER
         stream.ready = made[-1]
+
+
+class PacedByTime(Talker):
+    """One that takes its samples at equal times.
+
+    Attributes:
+        samples: Samples of a packet.
+        rate: Samples a second.
+    """
+
+    samples: int
+    rate: float
+
+    @abstractmethod
+    def _pack(self, turns: Floats, seconds: Floats, rpm: float) -> bytes:
+        """Packets of one size, by where the rotor stood and when; shape (packets, samples)."""
+
+    def _begin(self, origin: int) -> None:
+        stream = self._stream = Running(origin)
+        stream.ready = self._ready(stream)
+
+    def _ready(self, stream: Running) -> int:
+        return stream.origin + round((stream.packets + 1) * self.samples * 1e9 / self.rate)
+
+    def _make(self, stream: Running) -> None:
+        first = stream.packets * self.samples
+        numbers = np.arange(first, first + _TOGETHER * self.samples, dtype=np.float64)
+        times = stream.origin + numbers * (1e9 / self.rate)
+        rows = (_TOGETHER, self.samples)
+        rpm = self._motor.rpm(int(times[0]))
+        data = self._pack(self._motor.turns(times).reshape(rows), times.reshape(rows) * 1e-9, rpm)
+        period = round(self.samples * 1e9 / self.rate)
+        self._queue.push(data, stream.ready, size=len(data) // _TOGETHER, period=period)
+        stream.packets += _TOGETHER
+        stream.ready = self._ready(stream)

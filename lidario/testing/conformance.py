@@ -2,7 +2,7 @@
 
 ::
 
-    pytest --pyargs lidario.testing.conformance --lidar-device /dev/ttyUSB0
+    pytest --pyargs lidario.testing.conformance --lidario-device /dev/ttyUSB0
 
 Without the option the simulated lidar is tried. One test is one rule. A rule that does not apply to the device is
 skipped, and says why. What was measured is printed: ``-rA`` shows it.
@@ -68,7 +68,7 @@ class Runner:
 
 @pytest.fixture(scope="module")
 def lidar_bench(request: pytest.FixtureRequest) -> Iterator[Runner]:
-    """The device of ``--lidar-device``, open; a simulated one without."""
+    """The device of ``--lidario-device``, open; a simulated one without."""
     given: str | None = request.config.getoption(OPTION)
     source = SimulatedLidar() if given is None else given
     runner = Runner(source)

@@ -173,17 +173,17 @@ class SimulatedLidar:
         return self._device.motor_on
 
     def receive(self, data: bytes, now: int) -> None:
-        """As `lidario.SimulatedDevice.receive`."""
+        """Take bytes that the host has sent; `now` in nanoseconds."""
         self._begin(now)
         self._line.write(data, now)
 
     def transmit(self, now: int) -> bytes:
-        """As `lidario.SimulatedDevice.transmit`."""
+        """The bytes that are due by `now`, in nanoseconds."""
         self._now = now
         return self._line.read(now)
 
     def wakeup(self, now: int) -> int | None:
-        """As `lidario.SimulatedDevice.wakeup`."""
+        """When something is due next, in nanoseconds; None for never, as far as is known."""
         self._begin(now)
         return self._line.wakeup(now)
 

@@ -77,7 +77,7 @@ class Drive:
         return self._at(np.asarray(times_ns, np.float64) * 1e-9)
 
     def ranges_mm(self, angles_deg_clockwise: Floats, t_seconds: Floats, /) -> Floats:
-        """As `lidario.WorldLike.ranges_mm`."""
+        """Distances in millimetres at those angles and times; float64, 0 where nothing is hit."""
         angles = np.atleast_1d(np.asarray(angles_deg_clockwise, np.float64))
         seconds = np.broadcast_to(np.asarray(t_seconds, np.float64), angles.shape)
         if not len(angles):

@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 __all__ = ["OPTION", "lidar_recording", "lidar_source", "pytest_addoption", "pytest_configure", "simulated_lidar"]
 
 OPTION = "--lidar-source"
-"""Also ``--lidar-device``: what conformance is tried on is a device."""
+"""Also ``--lidario-device``: what conformance is tried on is a device."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the option that gives tests another lidar than the simulated one."""
     parser.getgroup("lidario").addoption(
         OPTION,
-        "--lidar-device",
+        "--lidario-device",
         metavar="SOURCE",
         help="what the fixture lidar_source is, and what lidario.testing.conformance tries: /dev/ttyUSB0, ...; a "
         "simulated lidar by default",

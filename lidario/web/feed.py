@@ -11,11 +11,23 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, Literal
 from urllib.parse import parse_qsl, urlencode
 
-from lidario import DeviceInfo, Lidar, LidarConfig, LidarError, RecordingError, Scan, Stats, open_lidar
+from lidario import (
+    Config,
+    DeviceInfo,
+    Lidar,
+    LidarConfig,
+    LidarError,
+    RecordingError,
+    Scan,
+    Stats,
+    open_lidar,
+    read_config,
+)
 from lidario.filters import Filter
 from lidario.web.keeper import Keeper
 from lidario.web.traffic import Traffic, traffic
@@ -58,7 +70,9 @@ class Feed:
         rate: How many times as fast as it was recorded it is played.
         keeper: Records it; None where it may not be recorded, as a recording.
         config: Its settings, once it was opened.
-        drawn: Filters that viewers have drawn, for what is shown.
+        saved: The filters of its settings.
+        drawn: Filters that viewers have added, and have not saved.
+        removed: Filters, among both, that viewers have taken away, and have not saved.
         on_scan: Called with this feed for each scan.
         on_change: Called with this feed for each change of state.
     """
@@ -80,7 +94,9 @@ class Feed:
         self.reason: str = ""
         self.info: DeviceInfo | None = None
         self.config: LidarConfig = LidarConfig()
+        self.saved: tuple[Filter, ...] = ()
         self.drawn: list[Filter] = []
+        self.removed: list[Filter] = []
         self._config = config
         self.latest: Scan | None = None
         self.line: Traffic | None = None
@@ -98,6 +114,11 @@ class Feed:
         self._begin_s = _number(options.get("from"), 0.0)
         self._first_ns: int | None = None
         self._moved = asyncio.Event()
+
+    @property
+    def filters(self) -> tuple[Filter, ...]:
+        """What its scans pass."""
+        return tuple(each for each in (*self.saved, *self.drawn) if each not in self.removed)
 
     @property
     def reached_s(self) -> float:
@@ -156,9 +177,12 @@ class Feed:
 
     async def _read(self, source: str) -> None:
         loop = asyncio.get_running_loop()
-        opening = open_lidar(source, reconnect=True, guard=self._guard, config=self._config)
+        config = Config() if self._config is None else read_config(self._config)
+        # The filters are here alone: a viewer may take away what stands in the file, too.
+        opening = open_lidar(source, reconnect=True, guard=self._guard, config=_without_filters(config))
         async with opening as lidar, lidar.scans(self.mode) as scans:
-            self.config = lidar.config
+            self.config = config.of(lidar.info.serial)
+            self.saved = self.config.filters
             self.info, self.length_s, self._first_ns = lidar.info, lidar.length_s, None
             if self.length_s is not None:
                 self.keeper = None
@@ -168,7 +192,7 @@ class Feed:
                 beside.append(asyncio.create_task(self.keeper.serve(lidar)))
             try:
                 async for scan in scans:
-                    self.latest = scan.filtered(*self.drawn) if self.drawn else scan
+                    self.latest = scan.filtered(*self.filters)
                     self._first_ns = scan.stamp_ns if self._first_ns is None else self._first_ns
                     self.scans += 1
                     self._attempts = 0
@@ -204,6 +228,11 @@ class Feed:
         self.losses += self.state != "lost"
         self.state, self.reason, self.line = "lost", reason, None
         self.on_change(self)
+
+
+def _without_filters(config: Config) -> Config:
+    others = {serial: replace(each, filters=()) for serial, each in config.lidars.items()}
+    return replace(config, default=replace(config.default, filters=()), lidars=others)
 
 
 def _number(text: str | None, otherwise: float) -> float:

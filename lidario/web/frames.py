@@ -129,7 +129,7 @@ def pack_state(
             "colour": mount.colour,
             "play": _play(feed),
             "record": _record(feed),
-            "shapes": shapes_of((*feed.config.filters, *feed.drawn)),
+            "shapes": shapes_of(feed.filters),
         }
         for feed, mount in zip(feeds, mounts, strict=True)
     ]

@@ -1,7 +1,8 @@
 """What a viewer draws to be left out of the scans: boxes in the robot's frame, and sectors around one lidar.
 
-What is drawn holds at once for what the page shows. Only when a viewer asks for it, it is written into the file of
-settings, where every other program finds it. A box is for all lidars: the robot's body is in the way of each.
+What is drawn holds at once for what the page shows, and what is taken away does no longer, whether it was drawn or
+stands in the file. Only when a viewer asks for it, that is written into the file of settings, where every other
+program finds it. A box is for all lidars: the robot's body is in the way of each.
 """
 
 from __future__ import annotations
@@ -19,14 +20,19 @@ from lidario.web.feed import Feed
 __all__ = ["Masks"]
 
 MOST: Final = 50
-"""Drawn ones that are not saved; each costs some microseconds a scan."""
+"""Changes that are not saved; each drawn filter costs some microseconds a scan."""
+ROUNDED_M: Final = 0.0006
+ROUNDED: Final = math.radians(0.006)
+"""A viewer names the shape that it takes away by figures that it has rounded."""
 _NUMBER: Final = r"(-?\d{1,3}(?:\.\d{1,3})?)"
 _BOX: Final = re.compile(rf"b{_NUMBER} {_NUMBER} {_NUMBER} {_NUMBER}", re.ASCII)
-_SECTOR: Final = re.compile(rf"s(\d{{1,2}}) {_NUMBER} {_NUMBER}", re.ASCII)
+_SECTOR: Final = re.compile(rf"(s|x)(\d{{1,2}}) {_NUMBER} {_NUMBER}", re.ASCII)
+_NO_BOX: Final = re.compile(rf"x{_NUMBER} {_NUMBER} {_NUMBER} {_NUMBER}", re.ASCII)
+_Change = tuple[list[Filter], Filter]
 
 
 class Masks:
-    """The drawn filters of a page.
+    """What viewers add to the filters of a page, and take away from them.
 
     Args:
         feeds: What is shown.
@@ -44,7 +50,7 @@ class Masks:
         self._feeds = tuple(feeds)
         self._place_of = places
         self._path = path
-        self._drawn: list[list[tuple[Feed, Filter]]] = []
+        self._changes: list[list[_Change]] = []
 
     def receive(self, message: str) -> bool:
         """Take in a viewer's message; False where it is none of these."""
@@ -53,15 +59,27 @@ class Masks:
         if box := _BOX.fullmatch(message):
             x1, x2, y1, y2 = map(float, box.groups())
             sides = min(x1, x2), max(x1, x2), min(y1, y2), max(y1, y2)
-            self._add([(feed, BoxFilter(*sides, mount=self._place_of(feed))) for feed in self._feeds])
-        elif (sector := _SECTOR.fullmatch(message)) and int(sector[1]) < len(self._feeds):
-            begin, end = math.radians(float(sector[2])), math.radians(float(sector[3]))
+            self._add([(feed.drawn, BoxFilter(*sides, mount=self._place_of(feed))) for feed in self._feeds])
+        elif box := _NO_BOX.fullmatch(message):
+            gone = tuple(map(float, box.groups()))
+            self._add(
+                [(feed.removed, each) for feed in self._feeds for each in feed.filters if _is_box(each, gone)]
+            )
+        elif (sector := _SECTOR.fullmatch(message)) and int(sector[2]) < len(self._feeds):
+            begin, end = math.radians(float(sector[3])), math.radians(float(sector[4]))
             if not 0.0 < end - begin <= math.tau:
                 return False
-            self._add([(self._feeds[int(sector[1])], AngularBoundsFilter([(begin, end)], invert=True))])
+            # Of a lidar that is turned on the robot, the page may count on beyond a turn.
+            turns = math.tau * round(begin / math.tau)
+            turns += math.tau * (end - turns > math.tau)
+            feed, window = self._feeds[int(sector[2])], (begin - turns, end - turns)
+            if sector[1] == "s":
+                self._add([(feed.drawn, AngularBoundsFilter([window], invert=True))])
+            else:
+                self._add(_without_sector(feed, window))
         elif message == "undo":
-            for feed, drawn in self._drawn.pop() if self._drawn else ():
-                feed.drawn.remove(drawn)
+            for changed, made in self._changes.pop() if self._changes else ():
+                changed.remove(made)
         elif message == "save":
             self._save()
         else:
@@ -70,29 +88,58 @@ class Masks:
 
     def state(self) -> dict[str, Any]:
         """What viewers are told."""
-        return {"may": self._path is not None, "unsaved": len(self._drawn), "said": self.said}
+        return {"may": self._path is not None, "unsaved": len(self._changes), "said": self.said}
 
-    def _add(self, made: list[tuple[Feed, Filter]]) -> None:
-        if len(self._drawn) < MOST:
-            self._drawn.append(made)
-            for feed, drawn in made:
-                feed.drawn.append(drawn)
+    def _add(self, changes: list[_Change]) -> None:
+        if changes and len(self._changes) < MOST:
+            self._changes.append(changes)
+            for changed, made in changes:
+                changed.append(made)
 
     def _save(self) -> None:
         assert self._path is not None
         try:
             for feed in self._feeds:
-                own = [drawn for group in self._drawn for of, drawn in group if of is feed]
-                if own and feed.info is not None:
-                    if not feed.info.serial and len(self._feeds) > 1:
-                        raise InvalidValue(
-                            f"{feed.source} tells no serial number: settings cannot tell it from others"
-                        )
-                    # Boxes were drawn from where the lidar is shown; without that place they would be elsewhere.
-                    save_config(self._path, feed.info.serial, mount=self._place_of(feed), filters=own)
-            read_config(self._path)
+                drawn = [each for each in feed.drawn if each not in feed.removed]
+                gone = [each for each in feed.removed if each in feed.saved]
+                if feed.info is None or not (drawn or gone):
+                    continue
+                if not feed.info.serial and len(self._feeds) > 1:
+                    raise InvalidValue(f"{feed.source} tells no serial number: settings cannot tell it from others")
+                # Boxes were drawn from where the lidar is shown; without that place they would be elsewhere.
+                save_config(self._path, feed.info.serial, mount=self._place_of(feed), filters=drawn, without=gone)
+            config = read_config(self._path)
         except LidarError as error:
             self.said = str(error).partition("\n")[0]
         else:
-            self._drawn.clear()
+            self._changes.clear()
+            for feed in self._feeds:
+                feed.drawn.clear()
+                feed.removed.clear()
+                feed.saved = config.of("" if feed.info is None else feed.info.serial).filters
             self.said = f"saved in {self._path}"
+
+
+def _is_box(each: Filter, sides: tuple[float, ...]) -> bool:
+    if not isinstance(each, BoxFilter) or each.invert:
+        return False
+    own = each.min_x, each.max_x, each.min_y, each.max_y
+    return all(abs(one - other) < ROUNDED_M for one, other in zip(own, sides, strict=True))
+
+
+def _without_sector(feed: Feed, window: tuple[float, float]) -> list[_Change]:
+    """What takes this sector away; a filter of several keeps the others."""
+    changes: list[_Change] = []
+    for each in feed.filters:
+        if not isinstance(each, AngularBoundsFilter) or not each.invert:
+            continue
+        left = [own for own in each.windows if not _is_window(own, window)]
+        if len(left) < len(tuple(each.windows)):
+            changes.append((feed.removed, each))
+            if left:
+                changes.append((feed.drawn, AngularBoundsFilter(left, invert=True)))
+    return changes
+
+
+def _is_window(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    return all(abs(math.remainder(a - b, math.tau)) < ROUNDED for a, b in zip(one, other, strict=True))

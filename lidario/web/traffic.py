@@ -58,7 +58,7 @@ class Traffic:
 
     @property
     def trouble(self) -> str:
-        """As `lidario.Stats.line_trouble`."""
+        """What the driver has counted, with what it is mostly a sign of; empty where it has counted nothing."""
         return Stats(
             framing_errors=self.framing_errors,
             parity_errors=self.parity_errors,

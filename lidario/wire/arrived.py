@@ -16,33 +16,22 @@ from lidario.wire.formats import StreamFormat
 __all__ = ["ArrivedBytes", "NoiseSearch"]
 
 
-class ArrivedBytes:
+class ArrivedBytes(list[Arrival]):
     """Which bytes had come when. They are counted from the first one ever fed, so they stay right in any buffer."""
-
-    def __init__(self) -> None:
-        self._arrivals: list[Arrival] = []
-
-    def __bool__(self) -> bool:
-        return bool(self._arrivals)
 
     def add(self, fed: int, arrivals: Sequence[Arrival]) -> None:
         """Bytes come behind so many that were fed, with these arrivals."""
-        self._arrivals += [(fed + size, at_ns) for size, at_ns in arrivals]
+        self += [(fed + size, at_ns) for size, at_ns in arrivals]
 
     def keep(self, begin: int, fed: int, now: int) -> None:
         """So many bytes were fed, the last one now; those before `begin` are understood."""
-        self._arrivals = [each for each in (*self._arrivals, (fed, now)) if each[0] > begin]
-
-    def clear(self) -> None:
-        """All bytes are understood, or too few are left for a packet."""
-        if self._arrivals:
-            self._arrivals = []
+        self[:] = [each for each in (*self, (fed, now)) if each[0] > begin]
 
     def of(self, offsets: Sequence[int], begin: int, now: int) -> tuple[Arrival, ...]:
         """How many packets had come when; `offsets` (`packet_offsets`) count from `begin` in all that was fed."""
         found: list[Arrival] = []
         done, count = 0, len(offsets) - 1
-        for fed, at_ns in self._arrivals:
+        for fed, at_ns in self:
             complete = bisect_right(offsets, fed - begin) - 1
             if complete > done:
                 found.append((complete, at_ns))
@@ -53,7 +42,7 @@ class ArrivedBytes:
 
     def last_until(self, at_ns: int) -> int:
         """How many bytes had been fed when all of this time had come: some had, and more came later."""
-        return max(size for size, came_ns in self._arrivals if came_ns <= at_ns)
+        return max(size for size, came_ns in self if came_ns <= at_ns)
 
 
 class NoiseSearch:

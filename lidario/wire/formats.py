@@ -166,11 +166,20 @@ class StreamFormat(ABC):
         return NO_PACKET
 
     def run(self, data: bytearray, at: int) -> Stretch:
-        """The intact packets that follow each other from `at`, and nothing behind them. Default: of one size."""
-        size, begin = self.shortest, at
-        while len(data) - at >= size and self.measure(data, at) == size and self.intact(data, at, size):
-            at += size
-        return Stretch((Block(size, (at - begin) // size),) if at > begin else (), at, at)
+        """The intact packets that follow each other from `at`, and nothing behind them."""
+        found: list[Block] = []
+        size = count = 0
+        while len(data) - at >= self.shortest:
+            of_next = self.measure(data, at)
+            if not 0 < of_next <= len(data) - at or not self.intact(data, at, of_next):
+                break
+            if of_next != size and count:
+                found.append(Block(size, count))
+                count = 0
+            size, count, at = of_next, count + 1, at + of_next
+        if count:
+            found.append(Block(size, count))
+        return Stretch(tuple(found), at, at)
 
     def next_stretch(self, data: bytearray, at: int) -> Stretch:
         """The next packets, or the noise or record at `at`; `end` equal to `at` means: wait for more bytes."""
@@ -191,8 +200,9 @@ class StreamFormat(ABC):
         noise = self._end_of_noise(data, at)
         self._due -= noise - at
         if noise == at and self._in_step:
-            # The packet that was waited for begins right here, and it is whole.
-            return self.run(data, at)
+            # What was waited for begins right here, and it is whole.
+            run = self.run(data, at)
+            return run if run.packets else Stretch((), at, at + self._whole_record(data, at))
         return Stretch((), at, noise)
 
     def _decidable(self, data: bytearray, at: int, size: int) -> bool:
@@ -214,6 +224,11 @@ class StreamFormat(ABC):
             size = self.measure(data, place)
             if size == 0 or size > len(data) - place:
                 return place
+            if size == NO_PACKET and self.self_evident:
+                record = self.other_record(data, place)
+                if record != NO_PACKET:
+                    self._in_step = 0 < record <= len(data) - place
+                    return place
             if size > 0 and self.intact(data, place, size):
                 proof = self._proof(data, place, size, due=at + self._due)
                 if proof is None:

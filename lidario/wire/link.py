@@ -43,6 +43,8 @@ class Link:
     Attributes:
         state: What arriving bytes mean at the moment.
         stats: Running totals.
+        fed: Bytes fed so far: all that were received, but for those of `discard_data`.
+        stream_at: Place in the bytes fed where the packets of the latest stream begin: behind its descriptor.
     """
 
     def __init__(self, slice_size: int = _SLICE) -> None:
@@ -57,20 +59,10 @@ class Link:
         self._abandoned = False
         self._unasked = False
         self._noise = 0
-        self._fed = 0
+        self.fed: int = 0
         self._arrivals = ArrivedBytes()
-        self._stream_at = 0
+        self.stream_at: int = 0
         self._heard, self._heard_packets = b"", 0
-
-    @property
-    def fed(self) -> int:
-        """Bytes fed so far: all that were received, but for those of `discard_data`."""
-        return self._fed
-
-    @property
-    def stream_at(self) -> int:
-        """Place in the bytes fed where the packets of the latest stream begin: behind its descriptor."""
-        return self._stream_at
 
     @property
     def buffered(self) -> int:
@@ -96,14 +88,15 @@ class Link:
         """
         self.stats.bytes_received += len(data)
         if arrivals:
-            self._arrivals.add(self._fed, arrivals)
+            self._arrivals.add(self.fed, arrivals)
         size, view = self._slice_size, memoryview(data)
         for start in range(0, len(view), size):
             self._feed(view[start : start + size], now)
-        if self._format is not None and len(self._buffer) >= self._format.shortest:
+        if self._format is not None and len(self._buffer.data) >= self._format.shortest:
             # Behind damage, what follows decides whether it is a packet: then it came before that.
-            self._arrivals.keep(self._fed - len(self._buffer), self._fed, now)
+            self._arrivals.keep(self.fed - len(self._buffer), self.fed, now)
         else:
+            # All bytes are understood, or too few are left for a packet.
             self._arrivals.clear()
 
     def discard_data(self, size: int, *, shown: bool = False) -> None:
@@ -112,7 +105,7 @@ class Link:
         The bytes around them are parsed as they come: a packet that is cut short is damage like any other. They
         count as fed where they were `shown`: recordings have them.
         """
-        self._fed += size if shown else 0
+        self.fed += size if shown else 0
         self.stats.bytes_received += size
         self.stats.discarded_bytes += size
 
@@ -147,7 +140,7 @@ class Link:
             self.state = LinkState.AWAIT_RESPONSE
         elif request.stream is not None:
             self.enter_stream(request.stream)
-            self._stream_at = self._fed
+            self.stream_at = self.fed
         self._outgoing += request.data
 
     def data_to_send(self) -> bytes:
@@ -182,7 +175,7 @@ class Link:
 
     def _feed(self, data: bytes | bytearray | memoryview, now: int) -> None:
         self._buffer.append(data)
-        self._fed += len(data)
+        self.fed += len(data)
         state = self.state
         if state is _AWAIT_RESPONSE:
             if self._format is None:
@@ -194,7 +187,7 @@ class Link:
             self._stream(now)
         elif state is LinkState.DRAINING or (state is LinkState.IDLE and self._unasked):
             self.stats.drained_bytes += self._buffer.clear()
-        elif state is LinkState.IDLE:
+        elif state is LinkState.IDLE and self._buffer.data:
             self.stats.stray_bytes += self._buffer.clear()
 
     def _await_response(self, now: int) -> None:
@@ -205,20 +198,25 @@ class Link:
         if request.expects.lines:
             self._await_lines(request, request.expects, now)
             return
+        admits = request.admits if request.others else request.expects.admits
         while True:
-            stray, descriptor = find_descriptor(buffer.data, request.admits)
-            self._stray(stray)
+            stray, descriptor = find_descriptor(buffer.data, admits)
+            if stray:
+                self._stray(stray)
             if descriptor is None:
                 return
             if descriptor.continuous:
                 self._enter_stream(request, descriptor, DESCRIPTOR_SIZE)
                 return
-            if len(buffer) < DESCRIPTOR_SIZE + descriptor.size or self._respond(request.expects, descriptor, now):
+            if len(buffer.data) < DESCRIPTOR_SIZE + descriptor.size:
+                return
+            if self._respond(request.expects, descriptor, now):
                 return
 
     def _await_lines(self, request: Request, expected: Expected, now: int) -> None:
         stray, size, payload = find_lines(self._buffer.data, expected)
-        self._stray(stray)
+        if stray:
+            self._stray(stray)
         if expected.continuous and payload == expected.accepted:
             self._enter_stream(request, Descriptor(expected.type, 0, continuous=True), size)
         elif payload is not None:
@@ -253,7 +251,7 @@ class Link:
 
     def _respond(self, expected: Expected, descriptor: Descriptor, now: int) -> bool:
         """Take the response at the front of the buffer; False when it belongs to an earlier request."""
-        payload = self._buffer.peek(descriptor.size, DESCRIPTOR_SIZE)
+        payload = bytes(self._buffer.data[DESCRIPTOR_SIZE : DESCRIPTOR_SIZE + descriptor.size])
         if not payload.startswith(expected.prefix):
             self.stats.late_responses += 1
             self._stray(1)
@@ -266,8 +264,9 @@ class Link:
         if self._abandoned:
             self.stats.late_responses += 1
         else:
-            came = self._arrivals.of((0, size), self._fed - len(self._buffer), now)
-            self._events.append(Response(response_type, payload, came[-1][1]))
+            if self._arrivals:
+                now = self._arrivals.of((0, size), self.fed - len(self._buffer), now)[-1][1]
+            self._events.append(Response(response_type, payload, now))
         self._buffer.skip(size)
         self.stats.response_bytes += size
         self._end_waiting()
@@ -276,7 +275,7 @@ class Link:
         """A stream was announced by the first `size` bytes of the buffer."""
         self._buffer.skip(size)
         self.stats.response_bytes += size
-        self._stream_at = self._fed - len(self._buffer)
+        self.stream_at = self.fed - len(self._buffer)
         if self._abandoned:
             self.stats.late_responses += 1
             self._drain()
@@ -320,7 +319,7 @@ class Link:
                 came: tuple[Arrival, ...] = ((count, now),)
                 apart = False
                 if arrivals:
-                    fed = self._fed - size
+                    fed = self.fed - size
                     came = arrivals.of(packet_offsets(blocks), fed + at, now)
                     if skipped and search is not None and came[0][1] < now:
                         apart = not search.finds(data, arrivals.last_until(came[0][1]) - fed)
@@ -336,7 +335,7 @@ class Link:
             self._buffer.skip(at)
 
     def _skip(self, wire: StreamFormat, data: bytearray, start: int, end: int) -> None:
-        if not self._noise and wire.other_record(data, start) == end - start:
+        if (wire.self_evident or not self._noise) and wire.other_record(data, start) == end - start:
             self.stats.records += 1
             self.stats.record_bytes += end - start
             return
@@ -344,6 +343,5 @@ class Link:
         self.stats.skipped_bytes += end - start
 
     def _stray(self, size: int) -> None:
-        if size:
-            self.stats.stray_bytes += size
-            self._buffer.skip(size)
+        self.stats.stray_bytes += size
+        self._buffer.skip(size)

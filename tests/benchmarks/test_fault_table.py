@@ -12,7 +12,7 @@ from benchmarks.faults import FAILURES, ROWS, Outcome, judge
 from benchmarks.models import SUFFERERS
 from benchmarks.report import Setting
 from lidario.revolution.seam import Seam
-from lidario.session.running import Running
+from lidario.session.streaming.running import Running
 from lidario.sim.faults import FAULTS
 
 pytestmark = pytest.mark.discards("the device boots, is frozen or has no power")
@@ -28,7 +28,8 @@ EVERY_PLACE = [(model, row) for model in MODELS[:2] for row in ROWS] + [
 
 
 class Bounds(NamedTuple):
-    """What a device may lose: least scans, packets until one is recognised, packets beyond the damage, points."""
+    """What a device may lose: least scans, packets until one is recognised, packets beyond the damage, points;
+    how much is told, and how many turns of a reboot."""
 
     # With 300 ms for each response, it takes 4 s to ask for its modes and the limits of its speed.
     scans: int = 45
@@ -36,6 +37,7 @@ class Bounds(NamedTuple):
     beyond: int = 2
     wrong: float = 0.002
     told: float = 0.9
+    missed: int = 5
 
 
 BOUNDS = {
@@ -52,7 +54,18 @@ BOUNDS = {
     "ydlidar-x4": Bounds(scans=45),
     "ydlidar-g2": Bounds(told=0.7),
     "ydlidar-tmini": Bounds(told=0.7),
+    # A piece of the line that comes twice holds two or three of its packets: the angle seems to go back.
+    "neato-xv11": Bounds(scans=43, beyond=500, missed=3),
+    # What follows a reboot is not the first turn that a seam begins.
+    "camsense-x1": Bounds(beyond=60, told=0.8, missed=3),
+    "irobotix-delta2a": Bounds(told=0.8, missed=3),
+    "hlds-lds01": Bounds(scans=42, beyond=130, told=0.7, missed=2),
+    # One packet of 2134 bytes is a whole scan.
+    "hokuyo-urg04lx": Bounds(scans=14, told=0.8),
 }
+ONLY_TALK = ("ldrobot-ld06", "ydlidar-x2", "neato-xv11", "camsense-x1", "irobotix-delta2a")
+NO_SCAN_IS_WHOLE = [("hokuyo-urg04lx", row) for row in ("drop:1%", "flip:1%")]
+"""Of 2134 bytes, and responses of a few hundred, one in a hundred is damaged."""
 SCANS = [(1.0 + 0.1 * number, 3200, 0) for number in range(80)]
 
 
@@ -73,15 +86,15 @@ def test_no_fault_makes_it_hang_or_crash_or_be_silent(where: tuple[str, str]) ->
         unannounced = found.told.get("stray_bytes", 0) > 10_000
         assert unannounced or found.recovered <= bounds.recovered
         if fault in ("reboot", "protect"):
-            assert found.told["missed_scans"] >= 5
+            assert found.told["missed_scans"] >= bounds.missed
         elif row not in ("babble:1000", "flip:1%", "drop:1%"):
             assert found.beyond <= bounds.beyond
         assert found.wrong < bounds.wrong
         assert unannounced or found.told.get("lost_packets", 0) >= bounds.told * found.damaged
     elif fault == "protect":
         # Of those that only talk, nobody but the one who cuts the power can restart the motor.
-        assert model in ("ldrobot-ld06", "ydlidar-x2")
-    elif fault not in ("garbage", "freeze", "babble"):
+        assert model in ONLY_TALK
+    elif fault not in ("garbage", "freeze", "babble") and (model, row) not in NO_SCAN_IS_WHOLE:
         assert found.again.startswith("scans after")
 
 

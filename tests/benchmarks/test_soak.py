@@ -11,7 +11,7 @@ from benchmarks.soak.__main__ import live
 from benchmarks.soak.line import DAMAGES
 from benchmarks.soak.watch import Broken
 from lidario.session.lidar import Lidar
-from lidario.session.stopper import Stopper
+from lidario.session.talking.stopper import Stopper
 from lidario.sim.faults import FAULTS
 from tests.support import ledger
 

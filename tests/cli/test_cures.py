@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import lidario
-from lidario.session import discovery
+from lidario.session.finding import discovery
 from lidario.testing import make_scan
 from tests.cli.processes import invoke, invoke_driven
 

@@ -11,7 +11,7 @@ import lidario
 from lidario.cli.doctor import Finding, of_adapter, of_machine
 from lidario.cli.machine import ADAPTERS, Machine
 from lidario.cli.udev import general, is_unique, rule_for
-from lidario.session.discovery import KNOWN_ADAPTERS
+from lidario.session.finding.discovery import KNOWN_ADAPTERS
 from tests.cli.processes import invoke, invoke_driven
 
 PORT = lidario.PortInfo("/dev/ttyUSB9", "", "CP2102", "CP2102 bridge")

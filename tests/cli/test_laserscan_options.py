@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from lidario import save_config
+from lidario.filters import AngularBoundsFilter
 from tests.cli.processes import invoke
 from tests.support.messages import scans_of_file
 
@@ -29,6 +32,21 @@ def test_record_and_export_make_the_messages_that_are_asked_for(tmp_path: Path) 
             assert message.time_increment > 0
             # Ninety degrees, and half a turn of the preset.
             assert message.angle_max - math.pi / 90 == pytest.approx(-math.pi / 2, abs=1e-5)
+
+
+def test_a_filtered_beam_is_what_was_asked_for(tmp_path: Path) -> None:
+    path, exported, config = tmp_path / "run.mcap", tmp_path / "exported.mcap", tmp_path / "a.toml"
+    save_config(config, "", filters=[AngularBoundsFilter([(0.5, 1.5)], invert=True)])
+    told = ("--config", str(config), "--filtered", "inf")
+    done = invoke("record", "sim://rplidar-c1", "-n", "3", "-o", str(path), "--scans", *told)
+    assert done.exit_code == 0, done.stderr
+    done = invoke("export", str(path), str(exported), *told[:3], "zero")
+    assert done.exit_code == 0, done.stderr
+    for file, value in ((path, np.inf), (exported, 0.0)):
+        for message in scans_of_file(file):
+            turned = message.angle_min + message.angle_increment * np.arange(len(message.ranges))
+            inside = np.abs(np.remainder(turned, math.tau) - 1.0) < 0.48
+            assert (np.asarray(message.ranges)[inside] == value).all()
 
 
 @pytest.mark.parametrize(

@@ -3,17 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 import lidario
-from lidario.merging import MergedScans
+from lidario.merging import Merged, MergedScans
 
 __all__ = ["SETTINGS_CALLS"]
 
 CLOUD = np.random.default_rng(1).uniform(-2.0, 2.0, (60, 2))
+LAID = lidario.Registration(lidario.Mount(), 0.01, 1.0, 0.0)
+EMPTY = np.zeros((0, 2), np.float32)
+SEEN = Merged(lidario.merge(), 0, 0, 0.1, (), 12.0, EMPTY, EMPTY)
+OF_LASERSCAN = ("beams", "frame_id", "range_min", "range_max", "no_return", "filtered")
+
+
+def laserscan(name: str, value: Any) -> object:
+    return SEEN.to_laserscan(**{name: value})
+
+
 SETTINGS_CALLS: dict[str, Callable[[Any], Any]] = {
+    "looseness": lambda value: lidario.looseness(value, CLOUD, LAID),
+    "looseness(second)": lambda value: lidario.looseness(CLOUD, value, LAID),
+    "looseness(found)": lambda value: lidario.looseness(CLOUD, CLOUD, value),
     "merged": lidario.merged,
     "merged(mounts)": lambda value: lidario.merged(mounts=value),
     "merged(motion)": lambda value: MergedScans([lidario.Mount()], value),
@@ -27,5 +41,7 @@ SETTINGS_CALLS: dict[str, Callable[[Any], Any]] = {
     "save_config(serial)": lambda value: lidario.save_config("/dev/null/x", value),
     "save_config(mount)": lambda value: lidario.save_config("/dev/null/x", "serial", mount=value),
     "save_config(filters)": lambda value: lidario.save_config("/dev/null/x", "serial", filters=value),
+    "save_config(without)": lambda value: lidario.save_config("/dev/null/x", "serial", without=value),
     "open_lidar(config)": lambda value: lidario.open_lidar("sim://rplidar-s2", config=value),
+    **{f"Merged.{name}": partial(laserscan, name) for name in OF_LASERSCAN},
 }

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from lidario import InvalidValue, Mount, read_config, save_config
-from lidario.filters import AngularBoundsFilter, BoxFilter, MedianFilter, PolygonFilter
+from lidario.filters import AngularBoundsFilter, BoxFilter, MedianFilter, PolygonFilter, ShadowsFilter
 from tests.config.test_read import WHOLE, written
 
 
@@ -65,3 +65,27 @@ def test_a_link_stays_a_link(tmp_path: Path) -> None:
     save_config(link, "a", mount=Mount(2.0))
     assert link.is_symlink()
     assert read_config(path).of("a").mount == Mount(2.0)
+
+
+@pytest.mark.parametrize("inline", [False, True])
+def test_filters_are_taken_away_and_all_else_stays(tmp_path: Path, inline: bool) -> None:
+    body = "filter = 'BoxFilter', min_x = -0.3, max_x = 0.3, min_y = -0.2, max_y = 0.2"
+    posts = "filter = 'AngularBoundsFilter', windows = [[1, 2]], invert = true"
+    lines = (
+        [f"filters = [{{{body}}}, {{filter = 'ShadowsFilter'}}]", "[lidars.a]", f"filters = [{{{posts}}}]"]
+        if inline
+        else [
+            *("[[default.filters]]", *body.split(", "), "[[default.filters]] # mine", "filter = 'ShadowsFilter'"),
+            *("[[lidars.a.filters]]", posts.replace(", w", "\nw").replace(", i", "\ni")),
+        ]
+    )
+    path = written(tmp_path, "\n".join(["[default]", "speed_rpm = 500", *lines, "mount = {x = 1}" * inline]))
+    gone = BoxFilter(-0.3, 0.3, -0.2, 0.2, mount=Mount(1.0)), AngularBoundsFilter([(1.0, 2.0)], invert=True)
+    save_config(path, "A", filters=[MedianFilter()], without=[gone[0]])
+    assert read_config(path).of("a").filters == (ShadowsFilter(), gone[1], MedianFilter())
+    save_config(path, "a", without=gone)
+    assert read_config(path).of("a").filters == (ShadowsFilter(), MedianFilter())
+    assert read_config(path).default.speed_rpm == 500
+    save_config(path, "a", without=[ShadowsFilter(), MedianFilter()])
+    assert read_config(path).of("a").filters == ()
+    assert "filters" not in path.read_text()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from typing import Any
 
 import pytest
 
@@ -10,6 +11,7 @@ import lidario
 from lidario.conformance import RULES, Bench, Origin, Outcome, Rule, open_bench, rule_named
 from lidario.testing import SimulatedLidar
 from tests.conformance.bench import judge
+from tests.conformance.wrapped import HeldBack
 from tests.support.loop import driven
 
 
@@ -31,7 +33,16 @@ def test_a_rule_that_does_not_end_is_ended() -> None:
     assert 2.0 <= verdicts[0].seconds < 2.5
 
 
-@pytest.mark.parametrize("after_s", [0.2, 0.4, 1.0, 4.0, 7.9, 12.3])
+@pytest.mark.parametrize("model", ["rplidar-s2", "ydlidar-x2", "ydlidar-4ros"])
+def test_bytes_that_are_held_back_are_no_stream_that_goes_on(model: str) -> None:
+    rules = [rule for rule in RULES if rule.name in ("silent-at-rest", "stop-while-asking", "stands-at-the-end")]
+    for rule in rules:
+        device: Any = HeldBack(lidario.simulate(model, spin_up=0))
+        (verdict,) = judge(device, [rule])
+        assert verdict.outcome is not Outcome.BROKEN, verdict
+
+
+@pytest.mark.parametrize("after_s", [0.2, 0.4, 1.0, 4.0, 7.9, 12.6])
 @driven
 async def test_a_cancelled_bench_leaves_the_device_still(after_s: float) -> None:
     device = lidario.simulate(spin_up=0)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidario.conformance.hidden import hide
+from lidario.conformance.hidden import REACH, Numbers, hide
 
 TEXT = b"H0906091"
 VALUES = bytes([2, 0, 1, 9, 0x42, 7, 1, 3, 0, 0, 0, 5, 1, 1, 8, 8])
@@ -51,7 +51,11 @@ def test_reads_may_divide_it(cuts: list[int]) -> None:
     data = b"\xa5\x5a" + BYTES + b"\x01\x02" + BYTES[:12]
     places = sorted({0, len(data), *(each for each in cuts if each < len(data))})
     chunks = [data[a:b] for a, b in pairwise(places)]
-    found = hidden.in_chunks(chunks)
+    numbers = Numbers()
+    numbers.add(BYTES.hex(), [BYTES])
+    found = [
+        numbers.in_bytes(data[a:b], data[max(0, a - REACH) : a], data[b : b + REACH]) for a, b in pairwise(places)
+    ]
     assert [len(each) for each in found] == [len(each) for each in chunks]
     assert b"".join(found) == b"\xa5\x5a" + hidden.instead + b"\x01\x02" + hidden.instead[:12]
 

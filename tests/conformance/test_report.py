@@ -29,7 +29,10 @@ from lidario.conformance import kept as module_kept
 from lidario.conformance.report import REPORT, _report_of
 from lidario.families.registry import FAMILIES
 from lidario.recording.about import About
-from lidario.recording.write import FileWriter
+from lidario.recording.chronicle import Responded, event_of
+from lidario.recording.mcap_records import Metadata, read_records
+from lidario.recording.opened import StoredFile
+from lidario.recording.write import EVENTS_TOPIC, FileWriter
 from tests.conformance import defects
 from tests.conformance.bench import judge
 from tests.support.loop import DrivenLoop, run_driven
@@ -51,12 +54,12 @@ def make(device: lidario.SimulatedDevice, path: Path, rules: Sequence[Rule] = RU
         assert isinstance(loop, DrivenLoop)
         async with await open_bench(device) as bench:
             bench.pause = loop.block
-            reporter = Reporter(bench, {"adapter": "CP2102"})
-            await reporter.run(rules)
+            async with Reporter(bench, path, {"adapter": "CP2102"}) as reporter:
+                await reporter.run(rules)
             return bench.lidar.info.serial, reporter
 
     serial, reporter = run_driven(main)
-    return serial, reporter.write(path)
+    return serial, reporter.report()
 
 
 @pytest.mark.parametrize("model", ONE_OF_EACH)
@@ -72,11 +75,11 @@ def test_a_report_is_a_recording_that_others_read(model: str, tmp_path: Path) ->
     # The reader of the package, which checks every sum.
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
-        texts = {each.name: each.metadata for each in reader.iter_metadata()}
+        texts = [each.metadata for each in reader.iter_metadata() if each.name == REPORT]
         topics = {channel.topic for _, channel, _ in reader.iter_messages()}
     assert topics == {"/lidar/raw", "/lidar/events"}
-    assert len(texts[REPORT]["tried"].splitlines()) == len(RULES)
-    assert json.loads(texts[REPORT]["modes"])[0]["name"] == report.modes[0].name
+    assert sum("tried" in each for each in texts) == len(RULES)
+    assert json.loads(next(each["modes"] for each in texts if "modes" in each))[0]["name"] == report.modes[0].name
     # And our own: each mode was read for some scans.
     summary = lidario.summarize(path)
     assert set(summary.modes) == {mode.name for mode in report.modes}
@@ -121,22 +124,32 @@ def test_a_defect_stands_in_the_file(defect: str, tmp_path: Path) -> None:
 
 async def test_what_was_cut_off_is_written_as_far_as_it_came(tmp_path: Path) -> None:
     path = tmp_path / "report.mcap"
-    async with await open_bench(lidario.simulate("rplidar-s2", spin_up=0)) as bench:
-        reporter = Reporter(bench, {})
-        begun = asyncio.Event()
+    begun = asyncio.Event()
 
-        def began(rule: Rule) -> None:
-            if rule is RULES[4]:
-                begun.set()
+    def began(rule: Rule) -> None:
+        if rule is RULES[4]:
+            begun.set()
 
-        running = asyncio.ensure_future(reporter.run(RULES, on_begin=began))
-        await begun.wait()
-        running.cancel()
-        await asyncio.wait([running])
-    report = reporter.write(path)
+    async def reports() -> None:
+        async with (
+            await open_bench(lidario.simulate("rplidar-s2", spin_up=0)) as bench,
+            Reporter(bench, path) as reporter,
+        ):
+            await reporter.run(RULES, on_begin=began)
+
+    running = asyncio.ensure_future(reports())
+    await begun.wait()
+    running.cancel()
+    await asyncio.wait([running])
+    assert running.cancelled()
+    report = read_report(path)
     assert not report.is_complete
     assert [each.outcome for each in report.tried[:4]] == [Outcome.HELD] * 4
-    assert {each.text for each in read_report(path).tried[4:]} == {"the report was ended before"}
+    assert [each.rule for each in report.tried] == [rule.name for rule in RULES]
+    assert {each.text for each in report.tried[4:]} == {"the report was ended before"}
+    # The file is complete, as far as it goes.
+    with path.open("rb") as file:
+        assert make_reader(file, validate_crcs=True).get_summary() is not None
 
 
 async def test_the_names_of_ports_and_numbers_are_in_no_text(tmp_path: Path) -> None:
@@ -145,11 +158,109 @@ async def test_the_names_of_ports_and_numbers_are_in_no_text(tmp_path: Path) -> 
 
     rule = replace(rule_named("identity-in-time"), check=tells)
     source = "sim://rplidar-s2?via=memory"
-    async with await open_bench(source) as bench:
-        reporter = Reporter(bench, {})
+    async with (
+        await open_bench(source) as bench,
+        Reporter(bench, tmp_path / "report.mcap") as reporter,
+    ):
         await reporter.run((rule,))
-    report = reporter.report()
+    report = read_report(tmp_path / "report.mcap")
     assert report.tried[0].text == f"simulated is {report.about.info.serial}"
+
+
+def test_a_device_that_protects_itself_is_reported_and_its_motor_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "report.mcap"
+    device = lidario.simulate("rplidar-s2", spin_up=0)
+    device.faults_cleared_by_reset = False  # type: ignore[attr-defined]
+    device.protection_stop(0x8004)  # type: ignore[attr-defined]
+    make(device, path)
+    report = read_report(path)
+    assert report.is_complete
+    told = {each.rule: each for each in report.tried}
+    assert told["health-in-time"].outcome is Outcome.BROKEN
+    assert "code 32772" in told["health-in-time"].text
+    assert told["identity-in-time"].outcome is Outcome.HELD
+    assert told["modes-start"].text == "it protects itself, so its motor is not started"
+    assert report.about.health.status is lidario.HealthStatus.ERROR
+    assert not any("scan" in each.name for each in device.log)
+
+
+def test_every_number_that_a_device_tells_is_hidden(tmp_path: Path) -> None:
+    path = tmp_path / "report.mcap"
+    serial, report = make(defects.changes_serial(lidario.simulate("rplidar-s2", spin_up=0)), path, RULES[:3])
+    second = bytes(range(16))
+    assert report.tried[2].outcome is Outcome.BROKEN
+    assert "and now says" in report.tried[2].text
+    data = path.read_bytes()
+    for number in (bytes.fromhex(serial), second):
+        assert number not in data
+        for text in (number.hex(), number.hex().upper()):
+            assert text.encode() not in data
+    # The two are told from each other all the same.
+    payloads = {
+        each.payload
+        for each in (event_of(text) for text in texts_in(path))
+        if isinstance(each, Responded) and len(each.payload) == 20
+    }
+    assert len(payloads) == 2
+
+
+def texts_in(path: Path) -> list[str]:
+    """The lines of the chronicle."""
+    with path.open("rb") as file:
+        found = [
+            message.data
+            for _, channel, message in make_reader(file).iter_messages()
+            if channel.topic == EVENTS_TOPIC
+        ]
+    lines = [str(data[8:-1], "utf-8") for data in found]
+    with StoredFile(path) as stored:
+        (about,) = [
+            record.texts
+            for record in read_records(stored)
+            if isinstance(record, Metadata) and record.name == "lidario"
+        ]
+    return [*about["events"].split("\n"), *lines]
+
+
+def test_what_was_measured_is_in_a_table(tmp_path: Path) -> None:
+    path = tmp_path / "report.mcap"
+    make(lidario.simulate("rplidar-s2", spin_up=0), path)
+    figures = {each.name: each for one in read_report(path).tried for each in one.figures}
+    assert figures["sample of DenseBoost"].value == pytest.approx(31.25, rel=0.01)
+    assert figures["sample of DenseBoost"].unit == "us"
+    assert figures["scan frequency of Standard"].value == pytest.approx(10.0, rel=0.01)
+    # The simulated device boots for a second.
+    assert figures["boot"].value == pytest.approx(1.0, abs=0.3)
+    told, passed = (
+        figures[f"revolutions {word} around a pause of 0.4 s"].value for word in ("told of", "that passed")
+    )
+    assert told == pytest.approx(passed, abs=0.5)
+    assert str(figures["boot"]).endswith(" s")
+
+
+def test_what_keeps_a_stream_going_is_measured(tmp_path: Path) -> None:
+    rules = [rule_named("protection-keeps"), rule_named("protection-stops")]
+    _, report = make(lidario.simulate("ydlidar-4ros"), tmp_path / "report.mcap", rules)
+    figures = {each.name: each.value for one in report.tried for each in one.figures}
+    assert figures["requests that keep it going, in 5 s"] >= 2
+    assert 2.5 < figures["stream without a request"] < 4.0
+
+
+def test_a_file_that_is_cut_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
+    path = tmp_path / "report.mcap"
+    make(lidario.simulate("ldrobot-ld19"), path)
+    whole = read_report(path)
+    data = path.read_bytes()
+    counts = []
+    for share in (0.2, 0.6, 0.99):
+        path.write_bytes(data[: int(share * len(data))])
+        cut = read_report(path)
+        assert [each.rule for each in cut.tried] == [rule.name for rule in RULES]
+        held = cut.with_outcome(Outcome.HELD)
+        assert held == whole.with_outcome(Outcome.HELD)[: len(held)]
+        counts.append(len(held))
+    assert counts == sorted(counts)
+    assert counts[0] < counts[2]
 
 
 def test_what_is_too_much_is_counted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ __all__ = [
     "DeafAfterResponse",
     "DeafAfterStop",
     "Defective",
+    "HeldBack",
     "Skips",
     "StartsOnce",
     "StopsLate",
@@ -99,6 +100,28 @@ class StopsLate(Defective):
             at, data = self.held.pop(0)
             self.device.receive(data, at)
         return super().transmit(now)
+
+
+class HeldBack(Defective):
+    """What it sends arrives 50 ms later, as through a network or a busy computer; that is no defect of it."""
+
+    def __init__(self, device: Any) -> None:
+        super().__init__(device)
+        self.held: list[tuple[int, bytes]] = []
+
+    def transmit(self, now: int) -> bytes:
+        sent = super().transmit(now)
+        if sent:
+            self.held.append((now + 50 * MS, sent))
+        data = b""
+        while self.held and self.held[0][0] <= now:
+            data += self.held.pop(0)[1]
+        return data
+
+    def wakeup(self, now: int) -> int | None:
+        at = super().wakeup(now)
+        ahead = self.held[0][0] if self.held else at
+        return ahead if at is None or ahead is None else min(at, ahead)
 
 
 class Chatters(Defective):

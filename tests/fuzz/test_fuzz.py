@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidario.errors import ConnectFailed
-from lidario.session.dialogue import Dialogue
+from lidario.session.talking.dialogue import Dialogue
 from tests.fuzz import targets
 from tests.fuzz.__main__ import main
 from tests.fuzz.packets import packets_of

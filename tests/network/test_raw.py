@@ -16,10 +16,11 @@ from lidario.network.bus import Sample
 from lidario.network.device import RemoteStreams
 from lidario.network.keys import Attachment, parse_attachment
 from lidario.network.messages import MOST_RAW_BYTES, Entry, encode_raw_message, parse_raw_message
-from lidario.network.raw import RawDecoder, joined
+from lidario.network.raw import RawDecoder
 from lidario.network.senders import RIVAL_S, Known, OneSender, Senders
 from lidario.network.status import Status
 from lidario.recording.chronicle import MOST_NS, Responded, StreamBegan, StreamEnded, text_of
+from lidario.revolution.together import join_reads
 from lidario.ros import waiting
 from lidario.ros.broadcast import Outlet
 from lidario.ros.share import Share
@@ -194,11 +195,11 @@ def test_a_message_that_is_too_large_is_none(sent: Sent) -> None:
 
 
 def test_reads_of_one_message_are_one_piece_with_their_times() -> None:
-    assert joined([(b"ab", 5)]) == (b"ab", 5, [])
-    assert joined([(b"ab", 5), (b"", 6), (b"c", 9)]) == (b"abc", 9, [(2, 5), (2, 6)])
+    assert join_reads([(b"ab", 5)]) == (b"ab", 5, [])
+    assert join_reads([(b"ab", 5), (b"", 6), (b"c", 9)]) == (b"abc", 9, [(2, 5), (2, 6)])
     # Time never goes back, neither in a message nor behind the one before.
-    assert joined([(b"a", 5), (b"b", 3), (b"c", 7)], 4) == (b"abc", 7, [(2, 5)])
-    assert joined([(b"a", 5), (b"b", 6)], 8) == (b"ab", 8, [])
+    assert join_reads([(b"a", 5), (b"b", 3), (b"c", 7)], 4) == (b"abc", 7, [(2, 5)])
+    assert join_reads([(b"a", 5), (b"b", 6)], 8) == (b"ab", 8, [])
 
 
 def test_decoders_are_bounded_by_what_they_hold(sent: Sent, monkeypatch: pytest.MonkeyPatch) -> None:

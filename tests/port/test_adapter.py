@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from lidario.errors import ConnectFailed, DeviceLost
-from lidario.port.adapter import Adapter
-from lidario.port.driver import latency_ms
+from lidario.port.adapter import Adapter, latency_ms
 from lidario.port.serial import open_serial
 from tests.support.drivers import LOW_LATENCY, SPEED_FLAG, FakeDriver
 from tests.support.ports import Sink, another_program, terminal_pair

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from lidario.port.inbox import INBOX_BYTES, Inbox, make_read
+from lidario.port.line import Late
 from tests.support.ports import terminal_pair
 
 FULL = 4095
@@ -32,8 +33,8 @@ class Script:
             raise result
         return result
 
-    def inbox(self) -> Inbox:
-        return Inbox(-1, lambda: self.now, self.read)
+    def inbox(self, late: Late | None = None) -> Inbox:
+        return Inbox(-1, lambda: self.now, self.read, late)
 
 
 @pytest.fixture
@@ -75,11 +76,12 @@ def test_bytes_before_an_error_are_kept() -> None:
 
 def test_beyond_a_mebibyte_bytes_are_dropped_and_counted() -> None:
     piece = bytes(1000)
-    inbox = Script(*[piece] * 1100).inbox()
+    late = Late()
+    inbox = Script(*[piece] * 1100).inbox(late)
     for _ in range(1100):
         inbox.read()
     kept = INBOX_BYTES // 1000 * 1000
-    assert (inbox.size, inbox.overflow) == (kept, 1_100_000 - kept)
+    assert (inbox.size, late.overflow_bytes) == (kept, 1_100_000 - kept)
     chunks, arrivals = inbox.take()
     assert sum(map(len, chunks)) == arrivals[-1][0] == kept
 
@@ -164,16 +166,17 @@ def test_a_read_that_finds_the_buffer_full_is_counted() -> None:
         tty.setraw(theirs)
         os.set_blocking(theirs, False)
         os.set_blocking(ours, False)
-        inbox = Inbox(theirs, lambda: 1)
+        late = Late()
+        inbox = Inbox(theirs, lambda: 1, late=late)
         os.write(ours, bytes(1000))
         inbox.read()
-        assert inbox.full_reads == 0
+        assert late.full_reads == 0
         written = 0
         with contextlib.suppress(BlockingIOError):
             while written < 100_000:
                 written += os.write(ours, bytes(4096))
         inbox.read()
-        assert inbox.full_reads == 1
+        assert late.full_reads == 1
     finally:
         os.close(ours)
         os.close(theirs)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from lidario.model import LineErrors
-from lidario.port.driver import count_errors
+from lidario.port.adapter import count_errors
 from lidario.port.serial import open_serial
 from tests.support.drivers import FakeDriver
 from tests.support.ports import Sink, terminal_pair

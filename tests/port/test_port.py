@@ -136,7 +136,7 @@ def test_a_closed_loop_does_not_keep_the_motor_on() -> None:
     rig = make_rig("rplidar")
     with served(rig) as server:
         loop = asyncio.new_event_loop()
-        lidar: Lidar | None = loop.run_until_complete(open_lidar(server.path)._open())
+        lidar: Lidar | None = loop.run_until_complete(open_lidar(server.path).__aenter__())
         assert lidar is not None
         stream = lidar.scans()
         loop.run_until_complete(stream.__anext__())

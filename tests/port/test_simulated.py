@@ -174,7 +174,7 @@ async def test_abandoned_in_memory_the_device_gets_the_stop_requests() -> None:
     rig = make_rig("rplidar")
     lidar = await open_lidar(rig.device)
     await anext(lidar.scans())
-    port = lidar._dialogue._port
+    port = lidar._at.dialogue.port
     assert rig.device.scanning
     port.abandon(b"\xa5\x25")
     assert not rig.device.scanning

@@ -144,7 +144,7 @@ async def test_beyond_a_mebibyte_the_port_tells_what_it_dropped(monkeypatch: pyt
         port.attach(sink)
         port.set_polling(0.005, Steady())
         sent, deadline = 0, time.monotonic() + PATIENCE_S
-        while port.overflow_bytes < 2000 and time.monotonic() < deadline:
+        while port.late.overflow_bytes < 2000 and time.monotonic() < deadline:
             sent += os.write(master, bytes(1000))
             time.sleep(0.03)  # noqa: ASYNC251 - a program that blocks its loop
         port.poll()
@@ -154,7 +154,7 @@ async def test_beyond_a_mebibyte_the_port_tells_what_it_dropped(monkeypatch: pyt
         while not sink.data.endswith(b"next"):
             assert time.monotonic() < deadline
             port.poll()
-        assert port.overflow_bytes + len(sink.data) == sent + 4
+        assert port.late.overflow_bytes + len(sink.data) == sent + 4
         await port.close()
 
 

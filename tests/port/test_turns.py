@@ -35,7 +35,7 @@ class Worked:
             raise ZeroDivisionError(name)
 
     async def end(self) -> None:
-        while not self.all.is_idle:
+        while self.all.waiting:
             self.turns.append(len(self.done))
             await asyncio.sleep(0)
 
@@ -44,7 +44,7 @@ async def test_what_takes_no_time_is_done_at_once() -> None:
     worked = Worked()
     worked.all.add(worked.steps("a", 1000, each_ns=0), 7)
     assert len(worked.done) == 1000
-    assert worked.all.is_idle
+    assert not worked.all.waiting
     assert worked.all.size == 0
 
 
@@ -86,7 +86,7 @@ async def test_a_failure_in_the_first_turn_reaches_the_caller_and_a_later_one_is
     worked = Worked()
     with pytest.raises(ZeroDivisionError, match="a"):
         worked.all.add(worked.steps("a", 1, fails=True))
-    assert worked.all.is_idle
+    assert not worked.all.waiting
     worked.all.add(worked.steps("b", 9, fails=True), 5)
     worked.all.add(worked.steps("c", 1), 5)
     await worked.end()

@@ -15,7 +15,7 @@ from lidario import ConnectFailed, DeviceLost, open_lidar
 from lidario.families.registry import FAMILIES
 from lidario.model import LineErrors
 from lidario.port.udp import open_udp
-from lidario.session.silence import ReceivedInSilence
+from lidario.session.finding.silence import ReceivedInSilence
 from lidario.sim.rooms import make_world
 from lidario.sim.serve import UdpServer
 from lidario.source import as_source
@@ -81,7 +81,7 @@ def test_each_request_is_a_datagram_of_its_own(library: ModuleType, peer: socket
 
     async def main() -> None:
         source = "udp://{}:{}?family=rplidar".format(*peer.getsockname())
-        opening = asyncio.ensure_future(open_lidar(source)._open())
+        opening = asyncio.ensure_future(open_lidar(source).__aenter__())
         loop = asyncio.get_running_loop()
         first = await loop.run_in_executor(None, peer.recv, 100)
         assert first == b"\xa5\x25"
@@ -177,7 +177,7 @@ async def test_abandoned_writes_the_stop_requests(peer: socket.socket) -> None:
 async def test_an_ethernet_model_is_simulated_by_udp() -> None:
     async with asyncio.timeout(PATIENCE_S), open_lidar("sim://rplidar-t1") as lidar:
         assert lidar.info.model == "RPLIDAR T1M1"
-        assert lidar._dialogue.baudrate == 0
+        assert lidar._at.dialogue.port.baudrate == 0
         assert (await lidar.scan()).mode == "DenseBoost"
 
 

@@ -4,22 +4,12 @@ from itertools import accumulate
 
 import pytest
 
-from lidario.revolution.assemble import Assembler
-from lidario.revolution.together import join_runs
-from lidario.scan import Scan
-from lidario.wire.events import Arrival, Packets
-from lidario.wire.link import Link
+from lidario.revolution.pipeline import Pipeline
 from tests.reference import damage
 from tests.support.cases import KINDS, Case
 from tests.support.recorded import assert_same_scans
 from tests.support.samples import one_a_parser
 from tests.support.streams import cut_up, open_stream, stream_of
-
-
-def scans_of(link: Link, assembler: Assembler, data: bytes, now: int, arrivals: list[Arrival]) -> list[Scan]:
-    link.receive_data(data, now, arrivals)
-    packets = [event for event in join_runs(link.events_received()) if isinstance(event, Packets)]
-    return [scan for event in packets for scan in assembler.add(event)]
 
 
 @one_a_parser(KINDS)
@@ -32,13 +22,10 @@ def test_joined_reads_give_the_same_scans(case: Case, hits: float, seed: int) ->
     # Mostly a packet or two; now and then what a line held back for most of a revolution, or two.
     pieces = list(cut_up(raw, [*[171] * 20, turn + 31 * seed, *[97] * 30, 2 * turn + 17 * seed]))
     times = [round(end * case.byte_ns) for end in accumulate(map(len, pieces))]
-    link, assembler, alone = open_stream(case), Assembler(stream_of(case)), list[Scan]()
-    for piece, now in zip(pieces, times, strict=True):
-        alone += scans_of(link, assembler, piece, now, [])
+    one_by_one, whole = (Pipeline(stream_of(case), link=open_stream(case)) for _ in range(2))
+    alone = [scan for piece, now in zip(pieces, times, strict=True) for scan in one_by_one.receive(piece, now)]
     ends = list(accumulate(map(len, pieces)))
-    together = scans_of(
-        open_stream(case), Assembler(stream_of(case)), raw, times[-1], list(zip(ends, times, strict=True))[:-1]
-    )
+    together = whole.receive(raw, times[-1], list(zip(ends, times, strict=True))[:-1])
     assert alone
     assert len(alone) == len(together)
     assert_same_scans(alone, together)

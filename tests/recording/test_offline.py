@@ -150,13 +150,13 @@ def test_damage_is_counted_and_raises_nothing(case: Case) -> None:
     decoder = OfflineDecoder(case.descriptor + damaged, Known(case.truth.family))
     scans = list(decoder)
     assert len(scans) >= len(case.turns) - 2
-    assert decoder.link_stats.skipped_bytes > 0
-    assert decoder.assembler_stats.lost_packets > 0
+    assert decoder.pipeline.link.stats.skipped_bytes > 0
+    assert decoder.pipeline.stats.lost_packets > 0
     assert all(earlier.stamp_ns < later.stamp_ns for earlier, later in pairwise(scans))
-    link = decoder._link
+    link = decoder.pipeline.link
     assert_link_closes(link)
-    assert sum(getattr(decoder.assembler_stats, name) for name in PACKETS) == link.stats.packets
-    assert decoder.assembler_stats.unfinished_packets == 0
+    assert sum(getattr(decoder.pipeline.stats, name) for name in PACKETS) == link.stats.packets
+    assert decoder.pipeline.stats.unfinished_packets == 0
 
 
 def test_damaged_bytes_take_the_time_of_the_samples_they_held() -> None:

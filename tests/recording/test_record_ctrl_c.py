@@ -17,7 +17,7 @@ from tests.support.loop import DrivenLoop
 @pytest.mark.exhaustive("stride", sample=[4], full=[1])
 def test_ctrl_c_at_every_call_of_starting(stride: int, tmp_path: Path) -> None:
     with StartedThreads() as started, closing(DrivenLoop()) as loop:
-        lidar = loop.run_until_complete(make_rig("rplidar").open()._open())
+        lidar = loop.run_until_complete(make_rig("rplidar").open().__aenter__())
         number, place = stride // 2, "at first"
         while place:
             recording = lidar.record(tmp_path / f"{number}.mcap")
@@ -30,7 +30,7 @@ def test_ctrl_c_at_every_call_of_starting(stride: int, tmp_path: Path) -> None:
                 loop.run_until_complete(recording.close())
             assert not recording.is_running, place
             assert not lidar._recorded._running, place
-            assert not lidar._dialogue.taps, place
+            assert not lidar._at.dialogue.port.taps, place
             started.all_ended(place)
             number += stride
         assert number > 40

@@ -5,9 +5,10 @@ anything but blocks of ``MD`` or ``ME`` whose check characters hold, and skips t
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from itertools import groupby
 from typing import NamedTuple
+
+from tests.reference.samples import Sample
 
 
 class Field(NamedTuple):
@@ -20,18 +21,6 @@ class Field(NamedTuple):
 
 
 URG = Field()
-
-
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """One measurement."""
-
-    packet: int  # index into the packets given to decode()
-    index: int  # place inside that packet
-    raw_deg: float  # where the beam is
-    angle_deg: float  # the same, 0 <= angle_deg < 360
-    distance_mm: float  # 0 = no return
-    quality: int | None
 
 
 def number(text: str) -> int:

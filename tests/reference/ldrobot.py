@@ -7,25 +7,14 @@ packet with its check value nor one of the two known records, which it leaves ou
 
 import math
 import struct
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Literal
+
+from tests.reference.samples import Sample, u16
 
 PACKET_BYTES = 47
 SAMPLES = 12
 RECORD_BYTES = {0xE0: 4, 0x0F: 23}
-
-
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """One measurement."""
-
-    packet: int  # index into the packets given to decode()
-    index: int  # place inside that packet
-    raw_deg: float  # where the beam is; may pass 360 inside a packet
-    angle_deg: float  # where the target is, 0 <= angle_deg < 360
-    distance_mm: float  # 0 = no return
-    quality: int
 
 
 def crc8(data: bytes) -> int:
@@ -75,11 +64,11 @@ def decode(packets: Sequence[bytes], *, lens: Literal["", "ld08", "ld14"] = "") 
     samples: list[Sample] = []
     shift = 0.0
     for number, packet in enumerate(packets):
-        first = _u16(packet, 4) % 36000
-        way = (_u16(packet, 42) - first) % 36000
+        first = u16(packet, 4) % 36000
+        way = (u16(packet, 42) - first) % 36000
         for index in range(SAMPLES):
             raw_deg = (first * 11 + way * index) / 1100
-            distance_mm = float(_u16(packet, 6 + 3 * index))
+            distance_mm = float(u16(packet, 6 + 3 * index))
             if lens == "ld14" and distance_mm:
                 shift = shift_deg(distance_mm)
             elif lens == "ld08":
@@ -87,23 +76,3 @@ def decode(packets: Sequence[bytes], *, lens: Literal["", "ld08", "ld14"] = "") 
             angle_deg = (raw_deg - shift) % 360.0
             samples.append(Sample(number, index, raw_deg, angle_deg, distance_mm, packet[8 + 3 * index]))
     return samples
-
-
-def revolutions(samples: Iterable[Sample]) -> list[list[Sample]]:
-    """Whole turns only: one begins with the first sample at or past 0, where the beam angle falls."""
-    turns: list[list[Sample]] = []
-    current: list[Sample] | None = None
-    previous: Sample | None = None
-    for sample in samples:
-        if previous is not None and previous.raw_deg % 360 - sample.raw_deg % 360 > 180:
-            if current is not None:
-                turns.append(current)
-            current = []
-        if current is not None:
-            current.append(sample)
-        previous = sample
-    return turns
-
-
-def _u16(data: bytes, offset: int) -> int:
-    return int.from_bytes(data[offset : offset + 2], "little")

@@ -10,9 +10,10 @@ for, nor steps too large to be true.
 """
 
 import zlib
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from math import trunc
+
+from tests.reference.samples import Sample, u16
 
 STANDARD = 0x81
 CAPSULE = 0x82
@@ -27,18 +28,6 @@ PACKET_SAMPLES = {0x81: 1, 0x82: 32, 0x83: 96, 0x84: 96, 0x85: 40, 0x86: 64}
 # Formats whose packets carry only a start angle: decoding one takes the start angle of the next.
 CAPSULE_TYPES = (0x82, 0x84, 0x85, 0x86)
 START_OFFSET = {0x82: 2, 0x84: 2, 0x85: 2, 0x86: 8}
-
-
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """One measurement."""
-
-    packet: int  # index into the packets given to decode()
-    index: int  # place inside that packet
-    raw_deg: float  # where the beam is: before corrections of the single sample, may pass 360 inside a packet
-    angle_deg: float  # where the target is: corrected, 0 <= angle_deg < 360
-    distance_mm: float  # 0 = no return
-    quality: int | None  # None if the format carries none
 
 
 # ---------------------------------------------------------------------------------------------------- packets
@@ -84,12 +73,12 @@ def _fault(response_type: int, packet: bytes) -> str | None:
 
 def start_q6(response_type: int, packet: bytes) -> int:
     """Start angle of a capsule in 1/64°."""
-    return _u16(packet, START_OFFSET[response_type]) & 0x7FFF
+    return u16(packet, START_OFFSET[response_type]) & 0x7FFF
 
 
 def is_reset(response_type: int, packet: bytes) -> bool:
     """Whether the encoder was (re)started before this capsule, so that it does not continue the last one."""
-    return _u16(packet, START_OFFSET[response_type]) & 0x8000 != 0
+    return u16(packet, START_OFFSET[response_type]) & 0x8000 != 0
 
 
 # ---------------------------------------------------------------------------------------------------- samples
@@ -128,8 +117,8 @@ def decode(response_type: int, packets: Sequence[bytes]) -> list[Sample]:
 
 def _decode_81(number: int, packet: bytes) -> Sample:
     """5 bytes: quality and start bits, angle q6 above a check bit, distance q2."""
-    angle_deg = (_u16(packet, 1) >> 1) / 64
-    distance_mm = _u16(packet, 3) / 4
+    angle_deg = (u16(packet, 1) >> 1) / 64
+    distance_mm = u16(packet, 3) / 4
     return Sample(number, 0, angle_deg, wrap(angle_deg), distance_mm, packet[0] & 0xFC)
 
 
@@ -138,7 +127,7 @@ def _decode_83(number: int, packet: bytes) -> list[Sample]:
     samples = []
     for index in range(96):
         offset = 9 + 8 * index
-        angle_deg = _u16(packet, offset) * 90 / 16384
+        angle_deg = u16(packet, offset) * 90 / 16384
         distance_mm = _u32(packet, offset + 2) / 4
         samples.append(Sample(number, index, angle_deg, wrap(angle_deg), distance_mm, packet[offset + 6]))
     return samples
@@ -149,7 +138,7 @@ def _decode_82(number: int, packet: bytes, following: bytes) -> list[Sample]:
     samples = []
     for cabin in range(16):
         offset = 4 + 5 * cabin
-        words = (_u16(packet, offset), _u16(packet, offset + 2))
+        words = (u16(packet, offset), u16(packet, offset + 2))
         low_bits = (packet[offset + 4] & 0x0F, packet[offset + 4] >> 4)
         for half in (0, 1):
             index = 2 * cabin + half
@@ -218,7 +207,7 @@ def _decode_85(number: int, packet: bytes, following: bytes) -> list[Sample]:
     samples = []
     for index in range(40):
         raw_deg = _beam_deg(DENSE_CAPSULE, packet, following, index)
-        distance_mm = float(_u16(packet, 4 + 2 * index))
+        distance_mm = float(u16(packet, 4 + 2 * index))
         samples.append(Sample(number, index, raw_deg, wrap(raw_deg), distance_mm, None))
     return samples
 
@@ -229,7 +218,7 @@ def _decode_86(number: int, packet: bytes, following: bytes, previous_q2: int) -
     for cabin in range(32):
         offset = 10 + 5 * cabin
         high = packet[offset + 4]
-        words = (_u16(packet, offset) | (high & 0x0F) << 16, _u16(packet, offset + 2) | (high >> 4) << 16)
+        words = (u16(packet, offset) | (high & 0x0F) << 16, u16(packet, offset + 2) | (high >> 4) << 16)
         for half in (0, 1):
             index = 2 * cabin + half
             distance_mm, quality = _scaled_86(words[half])
@@ -255,28 +244,6 @@ def _scaled_86(word: int) -> tuple[int, int]:
     return 5 * (word >> 2 & 0x1FFF) + 24567, word >> 15 << 3
 
 
-# ------------------------------------------------------------------------------------------------ revolutions
-
-
-def revolutions(samples: Iterable[Sample]) -> list[list[Sample]]:
-    """Whole turns only: the samples before the first passage of 0° and those after the last one are left out.
-
-    A turn begins with the first sample at or past 0°: where the beam angle falls by more than half a turn.
-    """
-    turns: list[list[Sample]] = []
-    current: list[Sample] | None = None  # None until the first passage
-    previous: Sample | None = None
-    for sample in samples:
-        if previous is not None and previous.raw_deg % 360 - sample.raw_deg % 360 > 180:
-            if current is not None:
-                turns.append(current)
-            current = []
-        if current is not None:
-            current.append(sample)
-        previous = sample
-    return turns
-
-
 # ---------------------------------------------------------------------------------------------------- helpers
 
 
@@ -294,10 +261,6 @@ def _beam_deg(response_type: int, packet: bytes, following: bytes, index: int) -
         way_q6 += 360 * 64
     count = PACKET_SAMPLES[response_type]
     return (first_q6 * count + way_q6 * index) / (64 * count)
-
-
-def _u16(data: bytes, offset: int) -> int:
-    return int.from_bytes(data[offset : offset + 2], "little")
 
 
 def _u32(data: bytes, offset: int) -> int:

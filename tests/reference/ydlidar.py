@@ -9,6 +9,9 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from tests.reference import samples
+from tests.reference.samples import u16
+
 HEADER_BYTES = 10
 MAX_SAMPLES = 255  # the field is a byte; no document bounds it
 
@@ -28,16 +31,10 @@ FOUR_ROS = Kind()
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class Sample(samples.Sample):
     """One measurement."""
 
-    packet: int  # index into the packets given to decode()
-    index: int  # place inside that packet
-    raw_deg: float  # first angle plus steps: may pass 360 inside a packet
-    angle_deg: float  # 0 <= angle_deg < 360
-    distance_mm: float  # 0 = no return
-    quality: int | None  # None: the 4ROS sends no intensity
-    start: bool  # belongs to a start packet
+    start: bool  # whether its packet is a start packet
 
 
 def split(raw: bytes, kind: Kind = FOUR_ROS) -> list[bytes]:
@@ -56,7 +53,7 @@ def split(raw: bytes, kind: Kind = FOUR_ROS) -> list[bytes]:
         packet = raw[offset : offset + size]
         if len(packet) < size:
             raise ValueError(f"packet at byte {offset}: incomplete")
-        if checksum(packet, kind) != _u16(packet, 8):
+        if checksum(packet, kind) != u16(packet, 8):
             raise ValueError(f"packet at byte {offset}: wrong checksum")
         packets.append(packet)
         offset += len(packet)
@@ -67,13 +64,13 @@ def checksum(packet: bytes, kind: Kind = FOUR_ROS) -> int:
     """XOR of all 16-bit words but the checksum itself; a byte of intensity counts as a word."""
     result = 0
     for offset in (0, 2, 4, 6):
-        result ^= _u16(packet, offset)
+        result ^= u16(packet, offset)
     for offset in range(HEADER_BYTES, len(packet), kind.sample_bytes):
         if kind.sample_bytes == 3:
             result ^= packet[offset]
         elif kind.sample_bytes == 4:
-            result ^= _u16(packet, offset)
-        result ^= _u16(packet, offset + kind.sample_bytes - 2)
+            result ^= u16(packet, offset)
+        result ^= u16(packet, offset + kind.sample_bytes - 2)
     return result
 
 
@@ -94,8 +91,8 @@ def decode(packets: Sequence[bytes], kind: Kind = FOUR_ROS) -> list[Sample]:
     samples: list[Sample] = []
     for number, packet in enumerate(packets):
         count = packet[3]
-        first_q6 = _u16(packet, 4) >> 1
-        way_q6 = (_u16(packet, 6) >> 1) - first_q6
+        first_q6 = u16(packet, 4) >> 1
+        way_q6 = (u16(packet, 6) >> 1) - first_q6
         if way_q6 < 0:
             way_q6 += 360 * 64
         for index in range(count):
@@ -105,13 +102,13 @@ def decode(packets: Sequence[bytes], kind: Kind = FOUR_ROS) -> list[Sample]:
                 # One division, so rounded only once.
                 raw_deg = (first_q6 * (count - 1) + way_q6 * index) / (64 * (count - 1))
             offset = HEADER_BYTES + kind.sample_bytes * index
-            word = _u16(packet, offset + kind.sample_bytes - 2)
+            word = u16(packet, offset + kind.sample_bytes - 2)
             distance_mm = (word & 0xFFFC if kind.flags else word) / kind.unit
             quality = None
             if kind.intensity_bits == 10:
                 quality = packet[offset] | (word & 3) << 8
             elif kind.intensity_bits == 16:
-                quality = _u16(packet, offset)
+                quality = u16(packet, offset)
             elif kind.intensity_bits:
                 quality = packet[offset]
             angle_deg = (raw_deg + (correction_deg(distance_mm) if kind.triangle else 0.0)) % 360.0
@@ -134,7 +131,3 @@ def revolutions(samples: Iterable[Sample]) -> list[list[Sample]]:
         if current is not None:
             current.append(sample)
     return turns
-
-
-def _u16(data: bytes, offset: int) -> int:
-    return int.from_bytes(data[offset : offset + 2], "little")

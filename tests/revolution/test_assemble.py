@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from lidario.families.rplidar.simulated import packers
 from lidario.revolution.assemble import Assembler, AssemblerStats
-from lidario.revolution.count import Beginning, Passed, RevolutionCount
+from lidario.revolution.clock import Beginning, Passed, RevolutionClock
 from lidario.scan import Scan
 from tests.support.cases import CASES, Case, named
 from tests.support.numbered import BAUD, DENSE, SAMPLE_NS, TURN, Arrival, assemble, numbered, numbers, on_time
@@ -118,13 +118,13 @@ def test_a_gap_behind_the_first_packet_of_a_stream_is_not_stretched_over(
 ) -> None:
     """That packet crosses the seam. How far it reaches is only known when the revolution has ended."""
     first, before = TURN - 512, list[int]()
-    follow = RevolutionCount.follow
+    follow = RevolutionClock.follow
 
-    def followed(self: RevolutionCount, here: Beginning) -> Passed:
+    def followed(self: RevolutionClock, here: Beginning) -> Passed:
         before.append(here.packets_before)
         return follow(self, here)
 
-    monkeypatch.setattr(RevolutionCount, "follow", followed)
+    monkeypatch.setattr(RevolutionClock, "follow", followed)
     scans = assemble(*without(numbered(24 * 4, 960, first), *range(1, 1 + lost)))
     assert [scan.lost_packets for scan in scans] == [lost, 0, 0]
     # Only the first packet came before the first whole revolution. Those that are missing belong to it.

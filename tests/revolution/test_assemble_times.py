@@ -5,11 +5,12 @@ import pytest
 
 from lidario.families.ydlidar import formats as ydlidar_formats
 from lidario.revolution.assemble import Assembler
+from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
 from lidario.wire.events import Packets
 from tests.support.cases import CASES, KINDS, Case, named
 from tests.support.numbered import BAUD, DENSE, SAMPLE_NS, TURN, WIRE_NS, assemble, numbered, on_time
-from tests.support.streams import arrived, cut_up, open_stream, stream_of
+from tests.support.streams import arrived, assembled, cut_up, open_stream, stream_of
 
 
 def test_stamps_are_exact_on_a_line_that_delays_nothing() -> None:
@@ -89,14 +90,8 @@ def test_a_sample_rate_nobody_tells_is_measured() -> None:
 @pytest.mark.exhaustive("chunk", sample=[512, 4096], full=[512, 2048, 4096, 8192])
 def test_bytes_that_come_late_together_cost_no_turn(case: Case, chunk: int) -> None:
     """As after a blocked event loop: chunks that hold more than a turn, and seams between them."""
-    link, assembler, at = open_stream(case), Assembler(stream_of(case)), 0
-    for piece in cut_up(case.raw, chunk):
-        at += len(piece)
-        link.receive_data(piece, round(at * case.byte_ns))
-        for event in link.events_received():
-            assert isinstance(event, Packets)
-            assembler.add(event)
-    assert (assembler.stats.scans, assembler.stats.broken_scans) == (len(case.turns), 0)
+    found = assembled(case, case.raw, chunk)
+    assert (found.stats.scans, found.stats.broken_scans) == (len(case.turns), 0)
 
 
 @pytest.mark.parametrize("case", KINDS, ids=named)
@@ -106,7 +101,7 @@ def test_what_lay_uncut_tells_the_time_as_well(case: Case, chunk: int) -> None:
     results = []
     for hold_ns in (0, 80_000_000):
         random = np.random.default_rng(5)
-        link, assembler, at, scans = open_stream(case), Assembler(stream_of(case), BAUD), 0, list[Scan]()
+        pipeline, at, scans = Pipeline(stream_of(case), BAUD, link=open_stream(case)), 0, list[Scan]()
         pending, reads, until = b"", list[tuple[int, int]](), 0
         for piece in cut_up(case.raw, chunk):
             at += len(piece)
@@ -115,13 +110,10 @@ def test_what_lay_uncut_tells_the_time_as_well(case: Case, chunk: int) -> None:
             if now < until:
                 reads.append((len(pending), now))
                 continue
-            link.receive_data(pending, now, reads)
+            if made := pipeline.receive(pending, now, reads):
+                scans += made
+                until = now + hold_ns
             pending, reads = b"", []
-            for event in link.events_received():
-                assert isinstance(event, Packets)
-                for scan in assembler.add(event):
-                    scans.append(scan)
-                    until = now + hold_ns
         results.append(scans)
     at_once, held = results
     assert len(held) >= len(case.turns) - 1

@@ -11,11 +11,10 @@ from itertools import pairwise
 import pytest
 
 from benchmarks.streams import KINDS, capture
-from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.revolution.assemble import AssemblerStats
+from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
 from lidario.wire.envelope import DESCRIPTOR_SIZE
-from lidario.wire.events import Packets
-from lidario.wire.link import Link
 
 SECONDS = 4.5
 HOLDS = 4095
@@ -30,19 +29,12 @@ REVOLUTION_S = {"4ROS points": 1 / 7}
 
 def read_at(name: str, reads: Sequence[float]) -> tuple[list[Scan], AssemblerStats, int]:
     """Scans, counters and packets of a stream that is read at such times, in seconds from its beginning."""
-    kind, link = KINDS[name], Link()
-    stream, raw = kind.stream(), capture(kind, SECONDS)
-    link.send_request(kind.request(stream.format))
-    link.receive_data(raw[:DESCRIPTOR_SIZE], 0)
-    link.events_received()
-    assembler, scans, a_second = Assembler(stream), list[Scan](), (len(raw) - DESCRIPTOR_SIZE) / SECONDS
+    raw, pipeline, scans = capture(KINDS[name], SECONDS), Pipeline(KINDS[name].stream()), list[Scan]()
+    a_second = (len(raw) - DESCRIPTOR_SIZE) / SECONDS
     for before, now in pairwise((0.0, *reads)):
         begin, end = (DESCRIPTOR_SIZE + round(at * a_second) for at in (before, now))
-        link.receive_data(raw[begin : min(end, begin + HOLDS)], round(now * 1e9))
-        for event in link.events_received():
-            if isinstance(event, Packets):
-                scans += assembler.add(event)
-    return scans, assembler.stats, link.stats.packets
+        scans += pipeline.receive(raw[begin : min(end, begin + HOLDS)], round(now * 1e9))
+    return scans, pipeline.stats, pipeline.link.stats.packets
 
 
 def read_times(blocks: Sequence[tuple[float, float]] = ()) -> list[float]:

@@ -82,7 +82,8 @@ def test_it_is_what_the_slowest_revolution_can_hold_twice(case: Case) -> None:
     # Whatever is claimed.
     most = replace(stream, sample_ns=0.0).most_bytes
     assert most == replace(stream, sample_ns=1e-3).most_bytes == replace(stream, slowest_turn_s=3600.0).most_bytes
-    assert stream.most_bytes <= most < 1 << 20
+    # A packet of one sample would be mostly head.
+    assert stream.most_bytes <= most < 2 << 20
 
 
 def test_what_is_left_when_it_is_given_up_midway_is_counted() -> None:

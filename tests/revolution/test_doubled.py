@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from lidario.families.base import Known
+from lidario.recording.offline import OfflineDecoder
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.revolution.doubled import without
 from lidario.scan import Scan
@@ -58,6 +60,30 @@ def test_it_costs_nothing(case: Case, data: st.DataObject) -> None:
         np.testing.assert_array_equal(scan.device_angles, other.device_angles)
         np.testing.assert_array_equal(scan.device_distances, other.device_distances)
         assert scan.seq == other.seq
+
+
+@pytest.mark.parametrize("case", WITH_A_CHECK, ids=named)
+def test_it_takes_no_time_in_a_file(case: Case) -> None:
+    """There the samples are counted to tell the time, and those that came twice were measured once."""
+
+    def found(packets: list[bytes]) -> tuple[list[Scan], AssemblerStats]:
+        raw = b"".join([case.told, case.descriptor, *packets])
+        decoder = OfflineDecoder(raw, Known(case.truth.family, sample_us=case.sample_us))
+        # In as many blocks as a long file has.
+        parts = [raw[at : at + 700] for at in range(decoder.begin, len(raw), 700)]
+        return list(decoder.scans_of(parts)), decoder.pipeline.stats
+
+    packets = list(case.packets)
+    plain, before = found(packets)
+    doubled = [
+        packet for number, packet in enumerate(packets) for packet in [packet] * (2 if number % 7 == 3 else 1)
+    ]
+    scans, stats = found(doubled)
+    assert stats == replace(before, doubled_packets=len(doubled) - len(packets))
+    assert [(scan.seq, len(scan)) for scan in scans] == [(scan.seq, len(scan)) for scan in plain]
+    for scan, other in zip(scans, plain, strict=True):
+        # Other blocks are rounded elsewhere.
+        assert scan.stamp_ns == pytest.approx(other.stamp_ns, abs=10)
 
 
 @pytest.mark.parametrize("case", WITH_A_CHECK, ids=named)

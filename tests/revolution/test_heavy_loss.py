@@ -7,11 +7,10 @@ import pytest
 
 from benchmarks import damage
 from benchmarks.streams import KINDS, capture
-from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.revolution.assemble import AssemblerStats
+from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
 from lidario.wire.envelope import DESCRIPTOR_SIZE
-from lidario.wire.events import Packets
-from lidario.wire.link import Link
 from tests.support.turns_4ros import SAMPLE_NS, scans_of, turn_of
 
 SECONDS = 6.0
@@ -22,7 +21,7 @@ def thinned(name: str, share: float, seed: int) -> tuple[list[Scan], AssemblerSt
     """Scans, counters and the number of packets that came, of six seconds that lose a share of their bytes."""
     raw = np.frombuffer(capture(KINDS[name], SECONDS), np.uint8)[DESCRIPTOR_SIZE:]
     left = np.flatnonzero(np.random.default_rng(seed).random(len(raw)) >= share)
-    scans, stats, packets, _ = damage._received(KINDS[name], raw[left], left)
+    scans, stats, packets, _ = damage.received(KINDS[name], raw[left], left)
     return scans, stats, packets
 
 
@@ -53,19 +52,14 @@ def test_never_more_than_were_lost(name: str, share: float, seed: int) -> None:
 
 def test_a_false_mark_just_behind_the_beginning_makes_no_scan_of_what_lies_before_it() -> None:
     """It moves the seam by less than a twelfth of a revolution, and nothing checks that it is one."""
-    kind, link = KINDS["0x81 nodes"], Link()
+    kind = KINDS["0x81 nodes"]
     raw = np.frombuffer(capture(kind, 1.5), np.uint8)
     left = np.random.default_rng(0).random(len(raw) - DESCRIPTOR_SIZE) >= 0.02
-    link.send_request(kind.request(kind.make_format()))
-    link.receive_data(raw[:DESCRIPTOR_SIZE].tobytes(), 0)
-    link.events_received()
-    assembler, scans = Assembler(kind.stream()), list[Scan]()
+    pipeline, scans = Pipeline(kind.stream()), list[Scan]()
     for begin in range(0, len(left), 512):
         part = slice(begin, begin + 512)
-        link.receive_data(raw[DESCRIPTOR_SIZE:][part][left[part]].tobytes(), round(1.5e9 * part.stop / len(raw)))
-        for event in link.events_received():
-            assert isinstance(event, Packets)
-            scans += assembler.add(event)
+        came = raw[DESCRIPTOR_SIZE:][part][left[part]].tobytes()
+        scans += pipeline.receive(came, round(1.5e9 * part.stop / len(raw)))
     assert len(scans) >= 9
     assert min(len(scan) for scan in scans) > 2000
 
@@ -123,7 +117,7 @@ def test_a_stretch_in_which_hardly_a_packet_comes_is_told_when_it_has_ended(name
     places = np.arange(len(raw))
     bad = (places > len(raw) * 0.4) & (places < len(raw) * 0.7)
     left = places[~bad | (np.random.default_rng(1).random(len(raw)) >= 0.1)]
-    scans, stats, packets, _ = damage._received(KINDS[name], raw[left], left)
+    scans, stats, packets, _ = damage.received(KINDS[name], raw[left], left)
     clean, _, sent = thinned(name, 0.0, 1)
     assert len(scans) + stats.missed_scans == len(clean)
     # Of a 4ROS, short packets come all the time.

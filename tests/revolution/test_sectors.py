@@ -17,11 +17,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidario.revolution.assemble import Assembler, AssemblerStats
-from lidario.revolution.sectors import SectorAssembler
+from lidario.revolution.assemble import AssemblerStats
+from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
 from lidario.sector import Sector
-from lidario.wire.events import Packets
 from tests.reference import damage
 from tests.support.cases import CASES, KINDS, Case, most_or_all
 from tests.support.harm import messes
@@ -52,7 +51,7 @@ def divided(
     times: Callable[[int], int] | None = None,
     **changes: object,
 ) -> Divided:
-    link = open_stream(case)
+    pipeline = Pipeline(described(case, **changes), link=open_stream(case))
     sectors: dict[int, list[Sector]] = defaultdict(list)
     order: list[Scan | Sector] = []
 
@@ -60,19 +59,15 @@ def divided(
         sectors[count].append(sector)
         order.append(sector)
 
-    assembler = SectorAssembler(Assembler(described(case, **changes)), publish)
-    assembler.divide(parts)
+    pipeline.divide(parts, publish)
     clock = times or (lambda offset: round(offset * case.byte_ns))
     scans: list[Scan] = []
     pieces = list(cut_up(raw, chunks))
     for chunk, end in zip(pieces, accumulate(map(len, pieces)), strict=True):
-        link.receive_data(chunk, clock(end))
-        for event in link.events_received():
-            if isinstance(event, Packets):
-                made = assembler.add(event)
-                scans += made
-                order += made
-    return Divided(scans, sectors, assembler.stats, order)
+        made = pipeline.receive(chunk, clock(end))
+        scans += made
+        order += made
+    return Divided(scans, sectors, pipeline.stats, order)
 
 
 def assert_sum(found: Divided, count: int, *, stamps_ns: float) -> None:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from lidario.families.base import Samples
 from lidario.families.rplidar.formats import DenseFormat
-from lidario.revolution.count import PATIENCE, Beginning, RevolutionCount
+from lidario.revolution.clock import PATIENCE, Beginning, RevolutionClock
 from lidario.revolution.ended import EndedRevolution
 from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
 from lidario.revolution.timing import first_sample_ns
@@ -124,14 +124,15 @@ def test_counting_revolutions(
                 packets=80 - 5 * lost,
                 lost=5 * lost,
                 broken=False,
-                number=number,
-                packets_before=80 * number,
             )
         )
         start_ns += turn_ns * (1 + missing * (number + 1 == at))
         turn_ns *= speed
-    count = RevolutionCount()
-    told = [count.follow(beginning).unseen for beginning in beginnings]
+    clock, told = RevolutionClock(), list[int]()
+    for here in beginnings:
+        here.number = len(told) + sum(told)
+        here.packets_before = 80 * here.number
+        told.append(clock.follow(here).unseen)
     # Where no packet is known to be missing, late stamps might be all, until they have stayed late.
     noticed = at < len(beginnings) - (0 if gap else PATIENCE)
     assert sum(told) == (missing if noticed else 0)

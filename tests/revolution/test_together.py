@@ -5,28 +5,29 @@ from itertools import pairwise
 import pytest
 
 from lidario.revolution.together import join_runs, slices
-from lidario.wire.events import Descriptor, Event, Packets, Response
+from lidario.wire.events import Packets
+from lidario.wire.link import Link
 from tests.support.cases import CASES, Case, named
 from tests.support.streams import cut_up, open_stream
 
-RESPONSE = Response(1, b"", 0)
 
-
-def events_of(case: Case, chunk: int, every: int) -> list[Event]:
-    """The events of its stream in chunks, as many of which arrive at the same time."""
+def runs_of(case: Case, chunk: int, every: int) -> list[Packets]:
+    """The packets of its stream in chunks, as many of which arrive at the same time."""
     link = open_stream(case)
     for number, piece in enumerate(cut_up(case.raw, chunk)):
         link.receive_data(piece, number // every)
-    return list(link.events_received())
+    return packets_of(link)
+
+
+def packets_of(link: Link) -> list[Packets]:
+    return [event for event in link.events_received() if isinstance(event, Packets)]
 
 
 @pytest.mark.parametrize("case", CASES, ids=named)
 @pytest.mark.parametrize("every", [1, 3, 10**6])
 def test_they_are_joined_with_the_time_of_each_read(case: Case, every: int) -> None:
-    events = events_of(case, 1000, every)
-    (whole,) = join_runs(events)
-    assert isinstance(whole, Packets)
-    runs = [event for event in events if isinstance(event, Packets)]
+    runs = runs_of(case, 1000, every)
+    (whole,) = join_runs(runs)
     assert whole.data == b"".join(run.data for run in runs)
     assert whole.count == sum(run.count for run in runs) == whole.arrivals[-1][0]
     assert sum(block.size * block.packets for block in whole.blocks) == len(whole.data)
@@ -43,16 +44,6 @@ def test_they_are_joined_with_the_time_of_each_read(case: Case, every: int) -> N
     assert {at: count for count, at in whole.arrivals} == expected
 
 
-def test_what_stands_between_them_keeps_its_place() -> None:
-    run = next(event for event in events_of(CASES[0], 1000, 1) if isinstance(event, Packets))
-    descriptor = Descriptor(0, 0, continuous=True)
-    events: list[Event] = [RESPONSE, descriptor, run, run, RESPONSE, run]
-    joined = join_runs(events)
-    assert [type(event) for event in joined] == [Response, Descriptor, Packets, Response, Packets]
-    assert joined[-1] is run
-    assert join_runs([]) == []
-
-
 @pytest.mark.parametrize("case", CASES[::4], ids=named)
 @pytest.mark.parametrize("most", [100, 1000, 10**6])
 def test_slices_are_the_same_bytes_with_the_same_times(case: Case, most: int) -> None:
@@ -64,5 +55,5 @@ def test_slices_are_the_same_bytes_with_the_same_times(case: Case, most: int) ->
         assert len(piece) <= most
         assert all(0 < size < len(piece) for size, _ in came)
         cut.receive_data(piece, now, came)
-    assert join_runs(cut.events_received()) == join_runs(whole.events_received())
+    assert join_runs(packets_of(cut)) == join_runs(packets_of(whole))
     assert cut.stats == whole.stats

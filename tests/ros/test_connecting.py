@@ -89,7 +89,7 @@ async def test_a_missing_package_is_one_sentence(monkeypatch: pytest.MonkeyPatch
 
 
 async def test_cancelling_an_opening_leaves_nothing(router: Router) -> None:
-    opening = asyncio.ensure_future(lidario.open_lidar(f"zenoh:nothing/there?router={router.address}")._open())
+    opening = asyncio.ensure_future(lidario.open_lidar(f"zenoh:nothing/there?router={router.address}").__aenter__())
     await asyncio.sleep(0.05)  # anywhere on the way: wherever that is, nothing may be left
     opening.cancel()
     with pytest.raises(asyncio.CancelledError):

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import signal
+from collections.abc import Awaitable, Callable
 from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
@@ -13,32 +15,23 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 
 import lidario
-from lidario import InvalidValue, Mount
+from lidario import InvalidValue, Mount, read_config
+from lidario.filters import BoxFilter
+from lidario.model import DeviceInfo, Health, HealthStatus
 from lidario.network.bus import Bus
 from lidario.ros import MergedPublisher
 from lidario.ros.names import DIAGNOSTICS, LASERSCAN, POINTCLOUD2, Node
 from lidario.testing import make_scan
+from lidario.web.feed import Feed
+from lidario.web.masks import Masks
 from tests.cli.processes import BOUND, invoke, started
 from tests.support.network import until
+from tests.support.pages import blocks
 from tests.support.router import Router
-from tests.test_examples import load
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 ONE, TWO = (f"sim://rplidar-c1?via=memory&serial={each * 32}" for each in "AB")
-BODY = "".join(
-    f"""
-[lidars.{each * 32}]
-mount = {{ x = {x}, yaw_deg = {yaw} }}
-[[lidars.{each * 32}.filters]]
-filter = "BoxFilter"
-min_x = -3.0
-max_x = 3.0
-min_y = 0.0
-max_y = 9.0
-"""
-    for each, x, yaw in (("A", 0.2, 0), ("B", -0.2, 180))
-)
-"""All on the left of the robot is left out, and all in front on the right is not."""
+SHOWN = blocks((Path(__file__).parents[2] / "docs" / "several-lidars.md").read_text(encoding="utf-8"))
 
 
 class Heard:
@@ -64,25 +57,55 @@ class Heard:
         assert scan.header.frame_id == frame
         assert len(scan.ranges) == 720
         turned = scan.angle_min + scan.angle_increment * np.arange(720)
-        assert np.isinf(scan.ranges[abs(turned - 1.57) < 0.3]).all()
+        # What filters took out is unknown, and not free.
+        assert np.isnan(scan.ranges[abs(turned - 1.57) < 0.3]).all()
         assert np.isfinite(scan.ranges[abs(turned + 1.57) < 0.3]).any()
 
 
 @pytest.fixture
 def settings(tmp_path: Path) -> Path:
+    """What a viewer has saved: all on the left of the robot is left out, and all in front on the right is not."""
     path = tmp_path / "lidario.toml"
-    path.write_text(BODY.replace("mount =", 'frame = "front"\nmount ='))
+    path.write_text("".join(f'[lidars.{each * 32}]\nframe = "front"\n' for each in "AB"))
+    mounts = {"A": Mount(0.2), "B": Mount(-0.2, 0.0, math.pi)}
+    feeds = [Feed(each) for each in mounts]
+    for feed in feeds:
+        feed.info = DeviceInfo("rplidar", "C1M1", 1, "1.0", 1, feed.source * 32)
+    masks = Masks(feeds, lambda feed: mounts[feed.source], path)
+    assert masks.receive("b-3.000 3.000 0.000 9.000")
+    assert masks.receive("save")
+    assert masks.said == f"saved in {path}"
     return path
 
 
-async def test_masked_robot(router: Router, settings: Path) -> None:
-    """The program of the docs."""
+def whole_program(router: Router, settings: Path, front: str, rear: str) -> Callable[[], Awaitable[None]]:
+    """The `main` of docs/several-lidars.md, for these lidars."""
+    (program,) = (block for block in SHOWN if block.title == "masked_robot.py")
+    assert len(program.text.splitlines()) < 30
+    text = program.text.removesuffix("lidario.run(main())\n")
+    for old, new in (
+        ("/dev/ttyUSB0", front),
+        ("/dev/ttyUSB1", rear),
+        ("lidario.toml", str(settings)),
+        ("[front, rear])", f"[front, rear], router={router.address!r})"),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    names: dict[str, Any] = {}
+    exec(compile(text, program.title, "exec"), names)
+    main: Callable[[], Awaitable[None]] = names["main"]
+    return main
+
+
+async def test_the_program_of_the_docs(router: Router, settings: Path, capsys: pytest.CaptureFixture[str]) -> None:
     async with AsyncExitStack() as stack:
         bus = await Bus.open(router.address)
         stack.push_async_callback(bus.close)
         heard = Heard(bus, 0)
-        await load("masked_robot").main(ONE, TWO, str(settings), 5, router.address)
-        await until(lambda: len(heard.scans) >= 4 and len(heard.clouds) >= 4)
+        running = asyncio.ensure_future(whole_program(router, settings, ONE, TWO)())
+        await until(lambda: len(heard.scans) >= 4 and len(heard.clouds) >= 4 and bool(heard.health))
+        running.cancel()
+        await asyncio.wait([running])
         heard.check()
         names = {
             status.name
@@ -90,6 +113,40 @@ async def test_masked_robot(router: Router, settings: Path) -> None:
             for status in STORE.deserialize_cdr(each.payload, "diagnostic_msgs/msg/DiagnosticArray").status  # type: ignore[attr-defined]
         }
         assert {name.split()[-1] for name in names} == {"A" * 32, "B" * 32}
+    said = capsys.readouterr().out
+    assert "drive: " in said
+    assert said.endswith("stop: the program ends\n")
+
+
+@pytest.mark.parametrize(
+    ("one", "two", "words"),
+    [
+        ("&fault=unplug:2s", "", "silent: (0,)"),
+        ("&fault=unplug:2s", "&fault=unplug:2s", "both lidars are silent"),
+        ("&fault=silent:2s", "&fault=silent:2s", "both lidars are silent"),
+    ],
+)
+async def test_the_robot_of_the_docs_stands_where_a_lidar_has_failed(
+    one: str, two: str, words: str, router: Router, settings: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    running = asyncio.ensure_future(whole_program(router, settings, ONE + one, TWO + two)())
+    said = ""
+    async with asyncio.timeout(BOUND):
+        while "drive: " not in said or words not in said.rpartition("drive: ")[2]:
+            await asyncio.sleep(0.1)
+            said += capsys.readouterr().out
+    running.cancel()
+    await asyncio.wait([running])
+
+
+def test_the_settings_of_the_docs_mask_the_body_for_both(tmp_path: Path) -> None:
+    (shown,) = (block for block in SHOWN if block.title == "lidario.toml")
+    path = tmp_path / shown.title
+    path.write_text(shown.text)
+    config = read_config(path)
+    body = (-0.3, 0.3, -0.25, 0.25)
+    for serial, mount in (("AB" * 16, Mount(0.2)), ("CD" * 16, Mount(-0.2, 0.0, math.pi))):
+        assert config.of(serial).filters == (BoxFilter(*body, mount=mount),)
 
 
 async def test_the_command_publishes_two_as_one(router: Router, settings: Path) -> None:
@@ -122,6 +179,23 @@ async def test_settings_of_one_are_seen_by_a_subscriber(router: Router, settings
     assert not np.isfinite(scan.ranges[abs(turned - 1.57) < 0.3]).any()
 
 
+async def test_the_list_of_a_fleet_names_both_and_who_is_away(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with (
+        lidario.open_lidar(ONE) as one,
+        lidario.open_lidar(TWO + "&fault=unplug:1s", reconnect=True) as two,
+    ):
+        publisher, one_health = MergedPublisher([one, two], mounts=[Mount(), Mount()]), one.health
+        info = publisher.status().about.info
+        assert (info.model, info.serial) == (f"{one.info.model} and {two.info.model}", f"{'A' * 32} and {'B' * 32}")
+        assert publisher.status().lost == ""
+        async with two.scans():
+            await until(lambda: not two.is_connected)
+        assert publisher.status().lost == f"{'B' * 32} is away from its publisher"
+        sick = Health(HealthStatus.ERROR, 3)
+        monkeypatch.setattr(lidario.Lidar, "health", property(lambda of: sick if of is two else one_health))
+        assert publisher.status().about.health == sick
+
+
 async def test_what_is_no_cloud(router: Router) -> None:
     async with lidario.open_lidar(ONE) as lidar:
         publisher = MergedPublisher([lidar], mounts=[Mount()], router=router.address)
@@ -142,3 +216,9 @@ def test_options_that_do_not_go_with_several(arguments: tuple[str, ...], words: 
     done = invoke("publish", ONE, TWO, *arguments)
     assert done.exit_code == 2
     assert words in done.stderr.replace("\n", " ")
+
+
+def test_a_recording_is_of_another_time_than_a_lidar() -> None:
+    done = invoke("publish", ONE, "run.mcap", "--ros")
+    assert done.exit_code == 2
+    assert "a recording is of another time" in done.stderr

@@ -44,7 +44,10 @@ def scans_of(model: str, *, spin_up: float = 0.0, fault: str = "") -> list[Scan]
 
     async def main() -> list[Scan]:
         device = SimulatedLidar(model, walls=WALLS, spin_up=spin_up, fault=fault)
-        async with lidario.open_lidar(device) as lidar, lidar.scans(depth=COUNT) as stream:
+        async with (
+            lidario.open_lidar(device, family=model.partition("-")[0]) as lidar,
+            lidar.scans(depth=COUNT) as stream,
+        ):
             return [await anext(stream) for _ in range(COUNT)]
 
     return run_driven(main)

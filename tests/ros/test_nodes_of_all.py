@@ -41,7 +41,7 @@ def recorded(path: Path, model: str, trouble: str, *, scans: bool) -> None:
     async def main() -> None:
         device = SimulatedLidar(model, walls=WALLS, **TROUBLE[trouble])  # type: ignore[arg-type]
         async with (
-            lidario.open_lidar(device) as lidar,
+            lidario.open_lidar(device, family=model.partition("-")[0]) as lidar,
             lidar.record(path, scans=scans) as recording,
             lidar.scans(depth=COUNT) as stream,
         ):

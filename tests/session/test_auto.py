@@ -14,9 +14,9 @@ import pytest
 from lidario import ConnectFailed, list_lidars, open_lidar
 from lidario.families.registry import family_named
 from lidario.port.simulated import connect_in_memory
-from lidario.session import remembered
-from lidario.session.connect import _find_by_dtr, _Try, connect
-from lidario.session.discovery import PortInfo
+from lidario.session.finding import listening
+from lidario.session.finding.connect import _find_by_dtr, _Try, connect
+from lidario.session.finding.discovery import PortInfo
 from lidario.source import parse_source
 from lidario.testing import SimulatedLidar
 from tests.support.devices import make_rig
@@ -26,13 +26,13 @@ from tests.support.speeds import serial_in_memory
 ONE_OF_EACH: dict[str, tuple[float, int]] = {
     # seconds, bytes written
     "rplidar-s2": (0.2, 12),
-    "rplidar-a1": (0.6, 30),
-    "rplidar-c1": (0.7, 42),
+    "rplidar-a1": (0.65, 32),
+    "rplidar-c1": (0.75, 44),
     "ydlidar-4ros": (0.3, 10),
-    "ydlidar-g2": (0.55, 28),
-    "ydlidar-tmini-pro": (0.55, 28),
+    "ydlidar-g2": (0.6, 30),
+    "ydlidar-tmini-pro": (0.6, 30),
     "ydlidar-x4": (1.5, 60),
-    "ydlidar-f4": (0.75, 40),
+    "ydlidar-f4": (0.8, 42),
     "ydlidar-s4b": (3.8, 60),
     "ydlidar-x2": (2.4, 60),
     "ldrobot-ld06": (0.4, 0),
@@ -42,6 +42,11 @@ ONE_OF_EACH: dict[str, tuple[float, int]] = {
     "hokuyo-urg04lx": (0.6, 40),
     "hokuyo-utm30lx": (0.6, 40),
     "neato-xv11": (0.7, 0),
+    "camsense-x1": (0.7, 0),
+    "irobotix-delta2a": (0.7, 0),
+    "irobotix-delta2g": (0.7, 0),
+    "hlds-lds01": (0.7, 1),
+    "hlds-lds01-2016": (1.0, 30),
 }
 """Bounds on what is measured, until it is known and left as it was. LDROBOT devices are found without a byte; a
 model of a family with others that obey, after it went on in spite of two STOPs; the LD14P is left with one."""
@@ -59,7 +64,7 @@ def made(model: str) -> Any:
 def test_auto_finds_each_in_turn(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
     device = made(model)
     written = serial_in_memory(monkeypatch, only=device)
-    monkeypatch.setattr("lidario.session.discovery.list_serial_ports", lambda: [port("only")])
+    monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", lambda: [port("only")])
     longest, most = ONE_OF_EACH[model]
 
     @driven
@@ -79,11 +84,29 @@ def test_auto_finds_each_in_turn(model: str, monkeypatch: pytest.MonkeyPatch) ->
     main()
 
 
+@pytest.mark.parametrize(
+    ("model", "title"),
+    [("camsense-lds08rr", "LDS08RR of Camsense"), ("irobotix-lds08rr", "LDS08RR of 3irobotix")],
+)
+def test_a_name_that_two_families_have_is_that_of_the_one_that_is_heard(
+    model: str, title: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    serial_in_memory(monkeypatch, only=made(model))
+
+    @driven
+    async def main() -> None:
+        async with open_lidar("serial://only?model=lds08rr") as lidar:
+            assert (lidar.info.family, lidar.info.model) == (model.partition("-")[0], title)
+            await lidar.scan()
+
+    main()
+
+
 def test_one_that_was_stopped_is_woken(monkeypatch: pytest.MonkeyPatch) -> None:
     device = made("ldrobot-ld14p")
     device.spin_up_s = 1.0
     serial_in_memory(monkeypatch, only=device)
-    monkeypatch.setattr("lidario.session.discovery.list_serial_ports", lambda: [port("only")])
+    monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", lambda: [port("only")])
 
     @driven
     async def main() -> None:
@@ -115,20 +138,50 @@ def test_a_motor_switched_on_by_dtr_has_time_to_turn(options: str, monkeypatch: 
     main()
 
 
-OTHERS = ("rplidar-a1", "ydlidar-tmini-pro", "ldrobot-ld14p", "ydlidar-s4b", "neato-xv11")
+TOGETHER = (
+    "rplidar-s2",
+    "rplidar-c1",
+    "ydlidar-4ros",
+    "ydlidar-x4",
+    "ydlidar-f4",
+    "ydlidar-x2",
+    "ldrobot-ld06",
+    "ldrobot-stl27l",
+    "ldrobot-ld14",
+    "hokuyo-urg04lx",
+    "neato-xv11",
+    "camsense-x1",
+    "irobotix-delta2a",
+    "irobotix-delta2g",
+    "hlds-lds01",
+)
+TALKING = (
+    "ydlidar-x4-pro",
+    "ldrobot-ld06",
+    "ldrobot-ld14",
+    "ldrobot-stl27l",
+    "neato-xv11",
+    "camsense-x1",
+    "irobotix-delta2a",
+    "irobotix-delta2d",
+    "irobotix-delta2g",
+    "hlds-lds01",
+)
 
 
-def test_all_of_them_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    models = [model for model in ONE_OF_EACH if model not in OTHERS]
+def test_fifteen_of_them_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    models = TOGETHER
     serial_in_memory(monkeypatch, **{model: made(model) for model in models})
-    monkeypatch.setattr("lidario.session.discovery.list_serial_ports", lambda: [port(model) for model in models])
+    monkeypatch.setattr(
+        "lidario.session.finding.discovery.list_serial_ports", lambda: [port(model) for model in models]
+    )
 
     @driven
     async def main() -> None:
         loop = asyncio.get_running_loop()
         began = loop.time()
         found = await list_lidars()
-        assert len(found) == 12
+        assert len(found) == 15
         assert [each.info.family if each.info else "" for each in found] == [
             model.partition("-")[0] for model in models
         ]
@@ -138,11 +191,50 @@ def test_all_of_them_together(monkeypatch: pytest.MonkeyPatch) -> None:
     main()
 
 
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.3])
+def test_none_is_taken_for_another_where_packets_are_lost(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of those that are found by listening; the marks of two of them are the same."""
+    random = np.random.default_rng(7)
+    for seed in range(5):
+        devices = {model: make_rig(model.partition("-")[0], model, seed=seed).device for model in TALKING}
+        for device in devices.values():
+            _lose(device, share, random)
+        serial_in_memory(monkeypatch, **devices)
+        monkeypatch.setattr(
+            "lidario.session.finding.discovery.list_serial_ports", lambda: [port(model) for model in TALKING]
+        )
+
+        @driven
+        async def main() -> None:
+            found = await list_lidars()
+            told = {each.port.path: each.info.family if each.info else each.error for each in found}
+            assert told == {model: model.partition("-")[0] for model in TALKING}
+            models = {each.port.path: each.info.model for each in found if each.info}
+            assert models["irobotix-delta2g"] == "Delta-2G or LDS08RR"
+            assert models["irobotix-delta2a"] == "Delta-2A, 2B or 2D"
+
+        main()
+
+
+def _lose(device: Any, share: float, random: np.random.Generator) -> None:
+    """Leave out packets on their way into the line."""
+    push = device._queue.push
+
+    def some(data: bytes, ready: int, *, size: int = 0, period: int = 0) -> None:
+        size = size or len(data)
+        rows = [data[at : at + size] for at in range(0, len(data), size or 1)]
+        for number, row in enumerate(rows):
+            if random.random() >= share:
+                push(row, ready + number * period, size=len(row), period=period)
+
+    device._queue.push = some
+
+
 def test_the_last_one_at_an_adapter_is_tried_first(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
     link = tmp_path / "usb-adapter"
     link.symlink_to(tmp_path / "ttyUSB0")
-    monkeypatch.setattr(remembered, "BY_ID", tmp_path)
-    monkeypatch.setattr(remembered, "_found", {})
+    monkeypatch.setattr(listening, "BY_ID", tmp_path)
+    monkeypatch.setattr(listening, "_found", {})
     path = str(tmp_path / "ttyUSB0")
     written = serial_in_memory(monkeypatch, **{path: made("ydlidar-f4")})
 
@@ -164,13 +256,13 @@ def test_the_last_one_at_an_adapter_is_tried_first(monkeypatch: pytest.MonkeyPat
 def test_nothing_is_remembered_of_a_port_without_a_lasting_name(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Any
 ) -> None:
-    monkeypatch.setattr(remembered, "BY_ID", tmp_path / "absent")
-    assert remembered.adapter_of("/dev/ttyUSB0") is None
-    monkeypatch.setattr(remembered, "BY_ID", tmp_path)
-    assert remembered.adapter_of("/dev/ttyUSB0") is None
+    monkeypatch.setattr(listening, "BY_ID", tmp_path / "absent")
+    assert listening.adapter_of("/dev/ttyUSB0") is None
+    monkeypatch.setattr(listening, "BY_ID", tmp_path)
+    assert listening.adapter_of("/dev/ttyUSB0") is None
 
 
-@pytest.mark.parametrize(("noise", "longest"), [(False, 9.0), (True, 16.0)])
+@pytest.mark.parametrize(("noise", "longest"), [(False, 11.0), (True, 16.0)])
 def test_a_port_where_nothing_responds_is_given_up_in_time(
     noise: bool, longest: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:

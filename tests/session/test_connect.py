@@ -11,8 +11,8 @@ from lidario.families.rplidar.simulated.packers import pack_dense
 from lidario.port.port import Port
 from lidario.port.simulated import connect_in_memory
 from lidario.scan import Scan
-from lidario.session.discovery import PortInfo
-from lidario.session.silence import ReceivedInSilence
+from lidario.session.finding.discovery import PortInfo
+from lidario.session.finding.silence import ReceivedInSilence
 from lidario.sim.device import Received
 from tests.support.devices import make_rig
 from tests.support.loop import driven
@@ -78,7 +78,7 @@ async def test_auto_takes_the_only_lidar_that_answers(monkeypatch: pytest.Monkey
     rig = make_rig("ydlidar")
     with SpeedPtyServer(rig.device) as server, babbling(b"") as silent:
         ports = [PortInfo(server.path, "", "CP2102", ""), PortInfo(silent, "", "CP2102", "")]
-        monkeypatch.setattr("lidario.session.discovery.list_serial_ports", lambda: ports)
+        monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", lambda: ports)
         async with open_lidar() as lidar:
             assert lidar.info.family == "ydlidar"
             serial = lidar.info.serial
@@ -93,7 +93,7 @@ async def test_auto_does_not_choose_among_several(monkeypatch: pytest.MonkeyPatc
     one, two = make_rig("rplidar", seed=1), make_rig("rplidar", seed=2)
     with SpeedPtyServer(one.device) as first, SpeedPtyServer(two.device) as second:
         ports = [PortInfo(server.path, "", "CP2102", "") for server in (first, second)]
-        monkeypatch.setattr("lidario.session.discovery.list_serial_ports", lambda: ports)
+        monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", lambda: ports)
         with pytest.raises(ConnectFailed, match=r"2 lidars respond(.|\n)*S2M1") as caught:
             await open_lidar("auto")
         assert caught.value.reason == "ambiguous"
@@ -103,7 +103,7 @@ async def test_auto_does_not_write_to_strange_adapters(monkeypatch: pytest.Monke
     rig = make_rig("rplidar")
     with SpeedPtyServer(rig.device) as server:
         port = PortInfo(server.path, "", "", "somebody's Arduino")
-        monkeypatch.setattr("lidario.session.discovery.list_serial_ports", lambda: [port])
+        monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", lambda: [port])
         with pytest.raises(ConnectFailed, match=server.path) as caught:
             await open_lidar("auto")
         assert caught.value.reason == "missing"
@@ -124,7 +124,7 @@ def test_what_came_back_is_said(babble: bytes, verdict: str, monkeypatch: pytest
     async def open_babbler(path: str, _: int) -> Port:
         return connect_in_memory(Babbler(babble), name=path)
 
-    monkeypatch.setattr("lidario.session.connect.open_serial", open_babbler)
+    monkeypatch.setattr("lidario.session.finding.connect.open_serial", open_babbler)
 
     @driven
     async def main() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from lidario import ConnectFailed, DeviceInfo, list_serial_ports
-from lidario.session.discovery import Found, PortInfo, find_source
+from lidario.session.finding.discovery import Found, PortInfo, find_source
 from lidario.source import parse_source
 
 
@@ -33,7 +33,7 @@ def test_known_adapters_and_stable_names_are_found(monkeypatch: pytest.MonkeyPat
         Port(str(device), 0x10C4, 0xEA60, "CP2102 USB to UART"),
     ]
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: listed)
-    monkeypatch.setattr("lidario.session.discovery._BY_ID", by_id)
+    monkeypatch.setattr("lidario.session.finding.discovery._BY_ID", by_id)
     found = {port.path: port for port in list_serial_ports()}
     assert set(found) == {port.device for port in listed}
     assert found[str(device)].adapter == "CP2102"
@@ -50,7 +50,7 @@ async def test_ports_are_listed_off_the_event_loop(monkeypatch: pytest.MonkeyPat
         threads.append(threading.current_thread())
         return []
 
-    monkeypatch.setattr("lidario.session.discovery.list_serial_ports", ports)
+    monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", ports)
     with pytest.raises(ConnectFailed, match="no lidar found"):
         await find_source(parse_source("auto"))
     assert len(threads) == 2
@@ -63,7 +63,7 @@ async def test_a_family_chooses_among_the_lidars_that_are_found(monkeypatch: pyt
     async def lidars() -> list[Found]:
         return [Found(PortInfo(f"/dev/{info.family}", "", "", ""), info, 115200, "") for info in infos]
 
-    monkeypatch.setattr("lidario.session.discovery.list_lidars", lidars)
+    monkeypatch.setattr("lidario.session.finding.discovery.list_lidars", lidars)
     assert (await find_source(parse_source("auto"), "ydlidar")).address == "/dev/ydlidar"
     assert (await find_source(parse_source("id:rplidar"), "rplidar")).address == "/dev/rplidar"
     with pytest.raises(ConnectFailed, match="2 lidars respond"):

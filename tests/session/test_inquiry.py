@@ -9,6 +9,7 @@ from collections.abc import Callable
 import pytest
 
 from lidario import DeviceFault, Lidar, StreamFailed
+from lidario.revolution.seam import Seam
 from tests.support.devices import Rig, both_families, left_still, make_rig, names
 from tests.support.loop import DrivenLoop, driven, run_driven
 
@@ -107,7 +108,7 @@ async def test_a_second_protection_stop_within_a_minute_is_raised(family: str) -
 @both_families
 @driven
 async def test_after_a_while_a_protection_stop_is_cured_again(family: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lidario.session.inquiry.PERIOD_S", 5.0)
+    monkeypatch.setattr("lidario.session.streaming.inquiry.PERIOD_S", 5.0)
     rig = make_rig(family)
     async with rig.open() as lidar, lidar.scans() as stream:
         for count in (1, 2):
@@ -226,14 +227,14 @@ async def test_a_dead_device_is_told_of_within_a_second(family: str) -> None:
 
 @both_families
 @driven
-async def test_a_rotor_that_stalls_is_told_of_within_three_slow_revolutions(family: str) -> None:
+async def test_a_rotor_that_stalls_is_told_of_within_three_slow_revolutions(
+    family: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     rig = make_rig(family)
     async with rig.open() as lidar:
 
         def stall() -> None:
-            running = lidar._scanner._control._running
-            assert running is not None
-            running._assembler._seam.splits = lambda headings: []  # type: ignore[method-assign]
+            monkeypatch.setattr(Seam, "splits", lambda self, headings: [])
 
         text, after = await error_of(lidar, stall)
         assert "no full revolution" in text
@@ -313,7 +314,7 @@ def test_whatever_is_done_while_the_device_is_asked(family: str, harm: str, act:
                 rig.device.protection_stop(CODE)
             else:
                 fall_silent(rig)
-            while lidar._scanner._control.failure is None:
+            while lidar._scanner.control.failure is None:
                 await asyncio.sleep(0.001)
             for _ in range(step):
                 await asyncio.sleep(0)

@@ -154,7 +154,7 @@ async def test_a_reset_keeps_what_the_program_has_set(wanted: bool) -> None:
 @driven
 async def test_without_it_the_device_stops(monkeypatch: pytest.MonkeyPatch) -> None:
     """The two tests above can fail."""
-    monkeypatch.setattr("lidario.session.running.Running._keep_alive", lambda self: None)
+    monkeypatch.setattr("lidario.session.streaming.running.Running._keep_alive", lambda self: None)
     rig = make_rig("ydlidar")
     async with rig.open() as lidar:
         await lidar.set_power_down_protection(True)

@@ -10,7 +10,7 @@ import pytest
 
 import lidario
 from lidario.errors import Busy
-from lidario.session.line_changes import MOST, LineChange, LineChanges, LineWatch
+from lidario.session.streaming.line_changes import MOST, LineChange, LineChanges, LineWatch
 from tests.support.cable import cable_to
 from tests.support.devices import both_families, make_rig
 from tests.support.loop import driven

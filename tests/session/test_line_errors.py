@@ -13,7 +13,7 @@ from lidario import StreamFailed
 from lidario.families.registry import FAMILIES
 from lidario.model import LineErrors
 from lidario.port.port import Port
-from lidario.session.silence import ReceivedInSilence
+from lidario.session.finding.silence import ReceivedInSilence
 from lidario.source import as_source
 from tests.cli.processes import invoke_driven
 from tests.support.cable import cable_to

@@ -7,7 +7,7 @@ import pytest
 from lidario import InvalidValue, Unsupported, open_lidar
 from lidario.families.registry import FAMILIES
 from lidario.families.rplidar.device import RplidarDevice
-from lidario.session.modes import does_not_fit
+from lidario.session.streaming.modes import does_not_fit
 from tests.support.devices import left_still, make_rig, names
 from tests.support.loop import driven
 
@@ -106,6 +106,6 @@ def test_each_mode_of_each_model_fits_its_own_line(which: tuple[str, str]) -> No
         async with rig.open() as lidar:
             modes = await lidar.get_modes()
             for mode in modes:
-                assert does_not_fit(lidar._device, modes, mode, lidar.baudrate) == ""
+                assert does_not_fit(lidar._at.device, modes, mode, lidar.baudrate) == ""
 
     main()

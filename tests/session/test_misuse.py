@@ -13,7 +13,7 @@ import pytest
 
 import lidario
 from lidario import InternalError, InvalidValue, LocalProtocolError, SessionClosed
-from lidario.session.log import Trouble
+from lidario.session.talking.trouble import Trouble
 from tests.support.devices import both_families, left_still, make_rig, take
 from tests.support.loop import driven
 
@@ -137,7 +137,7 @@ async def test_a_mistake_of_ours_in_a_start_ends_the_session_and_stops_the_devic
         def blunder(*_: object, **__: object) -> None:
             raise IndexError("a bug")
 
-        lidar._device.start = blunder  # type: ignore[method-assign, assignment]
+        lidar._at.device.start = blunder  # type: ignore[method-assign, assignment]
         with pytest.raises(InternalError, match=r"IndexError\('a bug'\).*report"):
             await lidar.scan()
         with pytest.raises(InternalError):
@@ -168,7 +168,7 @@ def test_trouble_is_told_at_most_once_a_second(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = 100.0
-    monkeypatch.setattr("lidario.session.log.time.monotonic", lambda: now)
+    monkeypatch.setattr("lidario.session.talking.trouble.time.monotonic", lambda: now)
     trouble = Trouble(logging.getLogger("lidario"))
     for _ in range(50):
         trouble.tell("revolutions discarded: %d", 3)

@@ -281,7 +281,7 @@ async def test_a_session_that_is_abandoned_is_left_still(model: str) -> None:
     lidar = await rig.open()
     stream = lidar.scans()
     await anext(stream)
-    lidar._dialogue.abandon()
+    lidar._at.dialogue.abandon()
     assert left_still(rig)
     await asyncio.sleep(0.1)
     await lidar.close()

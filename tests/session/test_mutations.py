@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import pytest
 
-from lidario.session.dialogue import Dialogue
-from lidario.session.readiness import Readiness
-from lidario.session.stopper import Stopper
+from lidario.session.talking.dialogue import Dialogue
+from lidario.session.talking.readiness import Readiness
+from lidario.session.talking.stopper import Stopper
 from tests.session import test_slow_responses as slow
 from tests.session.test_two_tasks import (
     Work,
@@ -32,12 +32,15 @@ def without_the_pause_behind_a_request(patch: pytest.MonkeyPatch) -> None:
     One of the two is enough: the line has to be quiet for longer than the device is deaf.
     """
 
-    async def not_drained(self: Dialogue) -> bool:
-        self._link.drained()
+    async def not_drained(self: Dialogue, *, stop: bool = True) -> bool:
+        if stop:
+            await self._until_it_listens()
+            self.write((self._device.stop(),))
+        self.link.drained()
         return True
 
     patch.setattr(Readiness, "pause", lambda self, settle: None)
-    patch.setattr(Dialogue, "drain", not_drained)
+    patch.setattr(Dialogue, "quieten", not_drained)
 
 
 def without_the_end_of_a_start(patch: pytest.MonkeyPatch) -> None:
@@ -77,7 +80,7 @@ def test_the_matrix_notices(
 
 def test_the_matrix_notices_where_the_device_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without an end of the waiting, a question goes on until it has waited long enough for its response."""
-    monkeypatch.setattr("lidario.session.waiting.Waiting._raise", lambda self, error: None)
+    monkeypatch.setattr("lidario.session.talking.waiting.Waiting._raise", lambda self, error: None)
     with pytest.raises(AssertionError, match=r"ask x b_closes at step .*: it waited for"):
         two_tasks("rplidar", ask, b_closes, 1, silent_cell)
 

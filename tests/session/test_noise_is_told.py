@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from lidario import StreamFailed, open_lidar
-from lidario.revolution import assemble
+from lidario.revolution.ended import EndedRevolution
 from tests.support.loop import driven
 
 pytestmark = pytest.mark.discards("a line full of noise, and one that drops bytes")
@@ -19,7 +19,7 @@ async def test_a_line_that_is_never_quiet_is_not_called_a_device_that_goes_on_se
     async with open_lidar("sim://rplidar-s2?via=memory&fault=babble:1000&seed=3") as lidar:
         with pytest.MonkeyPatch.context() as patch:
             # As if too little came through for a scan.
-            patch.setattr(assemble, "is_broken", lambda *_, **__: True)
+            patch.setattr(EndedRevolution, "is_broken", lambda *_: True)
             with pytest.raises(StreamFailed, match="the device does not hear them, or it is noise on the line"):
                 async with asyncio.timeout(BOUND_S), lidar.scans() as stream:
                     async for _ in stream:
@@ -32,7 +32,7 @@ async def test_revolutions_that_damage_spoils_are_not_called_a_blocked_rotor() -
         await anext(stream)
         with pytest.MonkeyPatch.context() as patch:
             # As if every revolution were damaged too much.
-            patch.setattr(assemble, "is_broken", lambda *_, **__: True)
+            patch.setattr(EndedRevolution, "is_broken", lambda *_: True)
             with pytest.raises(StreamFailed, match=r"no full revolution .*: \d+ packets of it are damaged"):
                 async with asyncio.timeout(BOUND_S):
                     async for _ in stream:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidario.scan import Scan
-from lidario.session.pace import (
+from lidario.session.streaming.pace import (
     BUFFER_BYTES,
     BUFFER_SHARE,
     GUARD_S,

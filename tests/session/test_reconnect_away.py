@@ -18,8 +18,8 @@ from lidario import (
     SessionClosed,
     open_lidar,
 )
-from lidario.session.dialogue import Dialogue
-from lidario.session.reconnect import Step
+from lidario.session.finding.reconnect import Step
+from lidario.session.talking.dialogue import Dialogue
 from tests.support.cable import cable_to
 from tests.support.coming_back import (
     causes,
@@ -219,7 +219,7 @@ async def test_a_mistake_of_ours_ends_the_session(monkeypatch: pytest.MonkeyPatc
             async def fail(*_: object) -> None:
                 raise ZeroDivisionError
 
-            monkeypatch.setattr("lidario.session.places.Places.candidates", fail)
+            monkeypatch.setattr("lidario.session.finding.places.Places.candidates", fail)
             async with lidar.scans() as stream:
                 await anext(stream)
                 cable.pull()

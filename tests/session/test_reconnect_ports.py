@@ -16,7 +16,7 @@ import serial
 
 from lidario import DeviceLost, Reconnect, Scan, ScanStream, open_lidar
 from lidario.port.background import run_in_thread
-from lidario.session.discovery import PortInfo
+from lidario.session.finding.discovery import PortInfo
 from lidario.sim.serve import TcpServer
 from tests.cli.processes import served
 from tests.support.children import is_still, requests, until
@@ -72,7 +72,7 @@ async def test_under_another_name_held_for_a_while_beside_other_ports(
             paths = [bystander.path, *([server.path] if server.plugged.is_set() else [])]
             return [PortInfo(path, "", "CP2102", "") for path in paths]
 
-        monkeypatch.setattr("lidario.session.discovery.list_serial_ports", listed)
+        monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", listed)
         source = f"id:{device.serial.hex()}" if by == "id" else first
         async with open_lidar(source, reconnect=True) as lidar, lidar.scans() as stream:
             await anext(stream)
@@ -105,7 +105,7 @@ async def test_two_that_change_their_names_at_once(monkeypatch: pytest.MonkeyPat
         def listed() -> list[PortInfo]:
             return [PortInfo(each.path, "", "CP2102", "") for each in (one, two) if each.plugged.is_set()]
 
-        monkeypatch.setattr("lidario.session.discovery.list_serial_ports", listed)
+        monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", listed)
         policy = Reconnect(limit_s=BOUND_S)
         async with (
             open_lidar(one.path, family="rplidar", reconnect=policy) as a,

@@ -14,8 +14,8 @@ import pytest
 
 from lidario.revolution.assemble import Assembler
 from lidario.revolution.sectors import SectorAssembler
-from lidario.session.pace import Pace
-from lidario.session.sectors import SectorPace
+from lidario.session.streaming.pace import Pace
+from lidario.session.streaming.sectors import SectorPace
 from tests.support.cases import KINDS, Case, named
 from tests.support.streams import in_one_run, stream_of
 

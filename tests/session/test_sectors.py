@@ -15,7 +15,7 @@ from lidario.blocking import open_sync
 from lidario.port.line import Schedule
 from lidario.port.port import Port
 from lidario.revolution.sectors import SectorAssembler
-from lidario.session.sectors import sectors_of
+from lidario.session.streaming.sectors import sectors_of
 from tests.support.cable import cable_to
 from tests.support.devices import EVERY_FAMILY, both_families, left_still, make_rig
 from tests.support.loop import driven

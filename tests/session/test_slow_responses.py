@@ -204,7 +204,7 @@ async def test_a_silent_port_is_not_waited_for() -> None:
     rig = make_rig("rplidar")
     rig.device.mute = True
     loop = asyncio.get_running_loop()
-    opening = asyncio.ensure_future(rig.open()._open())
+    opening = asyncio.ensure_future(rig.open().__aenter__())
     await asyncio.sleep(2.0)
     opening.cancel()
     began = loop.time()

@@ -16,7 +16,7 @@ import pytest
 from lidario.families.registry import FAMILIES
 from lidario.families.rplidar import commands as rplidar
 from lidario.families.rplidar.nodes import NodeFormat
-from lidario.session.stopper import Stopper
+from lidario.session.talking.stopper import Stopper
 from lidario.wire.envelope import Request
 from tests.support.loop import driven
 

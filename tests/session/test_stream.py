@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lidario import Busy, DeviceLost, InvalidValue, Scan
-from lidario.session.stream import Hub, Mailbox
+from lidario.session.streaming.stream import Hub, Mailbox
 from tests.support.loop import driven
 
 

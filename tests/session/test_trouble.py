@@ -17,7 +17,7 @@ from lidario import (
     StreamFailed,
     open_lidar,
 )
-from lidario.port.port import Port
+from lidario.revolution.seam import Seam
 from tests.support.devices import Rig, both_families, left_still, make_rig, names, take
 from tests.support.loop import DrivenLoop, driven
 
@@ -208,7 +208,7 @@ async def test_a_stream_that_turns_to_noise_ends_and_leaves_nothing_behind(famil
             rig.device.transmit = lambda now: random.bytes(len(clean(now)))
             await until_it_fails(stream, "only noise arrives")
             assert lidar.stats.skipped_bytes > 10_000
-            assert lidar._dialogue.buffered < 4096
+            assert lidar._at.dialogue.link.buffered < 4096
             rig.device.transmit = clean
         assert len(await take(lidar, 1)) == 1
     assert left_still(rig)
@@ -216,30 +216,26 @@ async def test_a_stream_that_turns_to_noise_ends_and_leaves_nothing_behind(famil
 
 @both_families
 @driven
-async def test_a_rotor_that_stands_still_is_noticed(family: str) -> None:
+async def test_a_rotor_that_stands_still_is_noticed(family: str, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = make_rig(family)
     async with rig.open() as lidar, lidar.scans() as stream:
         await anext(stream)
-        running = lidar._scanner._control._running
-        assert running is not None
-        running._assembler._seam.splits = lambda headings: []  # type: ignore[method-assign]
+        monkeypatch.setattr(Seam, "splits", lambda self, headings: [])
         await until_it_fails(stream, "no full revolution")
     assert left_still(rig)
 
 
 @both_families
 @driven
-async def test_a_mistake_of_ours_ends_the_stream_and_says_so(family: str) -> None:
+async def test_a_mistake_of_ours_ends_the_stream_and_says_so(family: str, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = make_rig(family)
 
-    def blunder(event: object) -> list[Scan]:
+    def blunder(seam: Seam, headings: object) -> list[Scan]:
         raise IndexError("a bug")
 
     async with rig.open() as lidar, lidar.scans() as stream:
         await anext(stream)
-        running = lidar._scanner._control._running
-        assert running is not None
-        running._assembler._seam.splits = blunder  # type: ignore[assignment, method-assign]
+        monkeypatch.setattr(Seam, "splits", blunder)
         with pytest.raises(InternalError, match=r"IndexError\('a bug'\).*report") as caught:
             while True:
                 await anext(stream)
@@ -277,17 +273,16 @@ async def test_a_device_that_does_not_stop_is_reported(family: str) -> None:
 
 @both_families
 @driven
-async def test_bytes_that_a_full_port_dropped_are_told(family: str, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_bytes_that_a_full_port_dropped_are_told(family: str) -> None:
     rig = make_rig(family)
-    dropped = 0
-    monkeypatch.setattr(Port, "overflow_bytes", property(lambda self: dropped))
     async with rig.open() as lidar, lidar.scans() as stream:
         await anext(stream)
         before = lidar.stats
         assert before.discarded_bytes == 0
-        dropped = 5000
+        late = lidar._at.dialogue.port.late
+        late.overflow_bytes = 5000
         await anext(stream)
-        dropped = 5100
+        late.overflow_bytes = 5100
         await anext(stream)
         after = lidar.stats
     assert after.discarded_bytes == 5100

@@ -324,7 +324,7 @@ def test_opening_is_cancelled(family: str, stride: int) -> None:
         loop = asyncio.get_running_loop()
         assert isinstance(loop, DrivenLoop)
         before = loop.turns
-        task = asyncio.ensure_future(rig.open()._open())
+        task = asyncio.ensure_future(rig.open().__aenter__())
 
         def act(now: int) -> None:
             if now == before + step:

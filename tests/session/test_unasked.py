@@ -20,7 +20,7 @@ from tests.support.loop import driven
 
 TALKING = [name for name, profile in LDROBOT.items() if not profile.commands]
 TALKING += [name for name, other in YDLIDAR.items() if not other.commands]
-ALIKE = ("neato",)
+ALIKE = ("neato", "camsense", "irobotix")
 """Families of which all models only talk, and tell their speed."""
 TALKING += [name for family in ALIKE for name in family_named(family).simulated]
 OTHERS = {
@@ -30,7 +30,9 @@ OTHERS = {
 }
 """What else some could be, as far as anybody knows."""
 NAMED = {"ydlidar-x4-pro": "x4pro", "ydlidar-s2-pro": "s2pro"}
-talkers = pytest.mark.parametrize("model", ["ldrobot-ld06", "ydlidar-x2", "neato-xv11"])
+talkers = pytest.mark.parametrize(
+    "model", ["ldrobot-ld06", "ydlidar-x2", "neato-xv11", "camsense-x1", "irobotix-delta2a"]
+)
 
 
 def rig_of(model: str) -> Rig:
@@ -68,7 +70,7 @@ def test_every_one_of_them_is_opened_read_and_left(model: str, caplog: pytest.Lo
             profile = rig.device.profile
             rpm = 0.6 * profile.factory_speed if model in YDLIDAR else 60 * profile.hertz
             if getattr(profile, "tells_speed", True):
-                assert scans[-1].reported_rpm in (300.0, 360.0, 600.0)
+                assert scans[-1].reported_rpm in (300.0, 312.0, 315.0, 360.0, 600.0)
             else:
                 assert math.isnan(scans[-1].reported_rpm)
             assert scans[-1].rpm == pytest.approx(rpm, rel=0.02)
@@ -144,7 +146,7 @@ def test_one_on_a_damaged_line_is_opened_all_the_same(model: str, fault: str) ->
     @driven
     async def main() -> None:
         async with open_lidar(f"sim://{model}?via=memory&seed=1&fault={fault}") as lidar:
-            assert lidar.info.model.startswith(("LDROBOT LD06", "YDLIDAR X2", "XV-11"))
+            assert lidar.info.model.startswith(("LDROBOT LD06", "YDLIDAR X2", "XV-11", "Camsense X1", "Delta-2A"))
             scans = await take(lidar, 5)
             assert sum(map(len, scans)) > 500
 

@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from lidario import Health, Lidar, SessionClosed
-from lidario.session.waiting import Awaited, Waiting
+from lidario.session.talking.waiting import Awaited, Waiting
 from tests.support.devices import Rig, both_families, left_still, make_rig, names, take
 from tests.support.loop import driven
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import math
 import re
-from collections.abc import Sequence
 
 import pytest
 
@@ -13,7 +12,7 @@ from lidario import ScanStream, StreamFailed
 from lidario.model import LineErrors
 from lidario.port.port import Port
 from lidario.revolution.seam import Seam
-from lidario.session.log import Trouble
+from lidario.session.talking.trouble import Trouble
 from tests.support.devices import Rig, both_families, left_still, make_rig
 from tests.support.loop import DrivenLoop, driven
 
@@ -61,10 +60,10 @@ async def test_what_is_held_is_read_before_a_device_counts_as_silent(
     family: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As on a terminal whose bytes nobody has read because its timers are late."""
-    hand_over, held = Port.hand_over, bytearray()
+    data_received, held = Port.data_received, bytearray()
     polls = 0
 
-    def hold(self: Port, data: bytes, now: int, arrivals: Sequence[tuple[int, int]] = ()) -> None:
+    def hold(self: Port, data: bytes) -> None:
         held.extend(data)
 
     def poll(self: Port) -> None:
@@ -73,12 +72,12 @@ async def test_what_is_held_is_read_before_a_device_counts_as_silent(
         data = bytes(held)
         held.clear()
         if data:
-            hand_over(self, data, self.now())
+            data_received(self, data)
 
     rig = make_rig(family)
     async with rig.open() as lidar, lidar.scans(depth=100) as stream:
         await anext(stream)
-        monkeypatch.setattr(Port, "hand_over", hold)
+        monkeypatch.setattr(Port, "data_received", hold)
         monkeypatch.setattr(Port, "poll", poll)
         for _ in range(30):
             await anext(stream)

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,25 +11,9 @@ from lidario.families.base import Decoder
 from lidario.wire.envelope import Request
 from lidario.wire.formats import StreamFormat
 from tests.reference import golden
+from tests.reference.samples import Sample, revolutions
 
 __all__ = ["Case", "Sample"]
-
-
-class Sample(Protocol):
-    """What both scalar references call a sample."""
-
-    @property
-    def packet(self) -> int: ...
-    @property
-    def index(self) -> int: ...
-    @property
-    def raw_deg(self) -> float: ...
-    @property
-    def angle_deg(self) -> float: ...
-    @property
-    def distance_mm(self) -> float: ...
-    @property
-    def quality(self) -> int | None: ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,13 +51,13 @@ class Case:
     sample_us: float
     split: Callable[[bytes], list[bytes]]
     decode: Callable[[Sequence[bytes]], Sequence[Sample]]
-    revolutions: Callable[[Iterable[Sample]], Sequence[Sequence[Sample]]]
     lookahead: bool
     contents: Callable[["Case", np.random.Generator, NDArray[np.int64], bool], list[bytes]]
     seal: Callable[["Case", bytes], bytes]
     even: bool = True
     exact: bool = False
     told: bytes = b""
+    revolutions: Callable[[Iterable[Sample]], Sequence[Sequence[Sample]]] = revolutions
     intensity_bits: int = 8
     layout: object = None
 

@@ -69,7 +69,7 @@ class FakeDriver:
         if root is not None:
             self._timer = root / "sys/class/tty" / os.path.basename(path) / "device/latency_timer"
             self._timer.parent.mkdir(parents=True)
-            patch.setattr("lidario.port.driver.ROOT", root)
+            patch.setattr("lidario.port.adapter.ROOT", root)
             self.show_latency()
         patch.setattr(fcntl, "ioctl", self._ioctl)
         patch.setattr(os, "open", self._open)

@@ -16,7 +16,7 @@ import pytest
 from lidario.model import Stats
 from lidario.revolution.assemble import AssemblerStats
 from lidario.session.lidar import Lidar
-from lidario.session.scanner import Scanner
+from lidario.session.streaming.scanner import Scanner
 from lidario.wire.link import Link
 
 __all__ = ["BYTES", "PACKETS", "Ledgers", "assert_link_closes", "assert_stats_close", "ledgers_made"]
@@ -96,13 +96,13 @@ def ledgers_made() -> Iterator[Ledgers]:
 
     def lidar_made(self: Lidar, *args: Any, **kwargs: Any) -> None:
         make_lidar(self, *args, **kwargs)
-        found.sessions.append((ref(self), [self._dialogue._link], self._scanner.totals.assembled))
+        found.sessions.append((ref(self), [self._at.dialogue.link], self._scanner.totals.assembled))
 
-    def adopted(self: Scanner, dialogue: Any, device: Any) -> None:
+    def adopted(self: Scanner) -> None:
         for _, links, assembled in found.sessions:
             if assembled is self.totals.assembled:
-                links.append(dialogue._link)
-        adopt(self, dialogue, device)
+                links.append(self._at.dialogue.link)
+        adopt(self)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Link, "__init__", link_made)

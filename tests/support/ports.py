@@ -165,4 +165,4 @@ def impatient(patch: pytest.MonkeyPatch) -> None:
     Models that are dark while DTR is cleared are not looked for.
     """
     families = tuple(replace(each, timing=replace(each.timing, forget_s=0.3), by_dtr={}) for each in FAMILIES)
-    patch.setattr("lidario.session.connect.FAMILIES", families)
+    patch.setattr("lidario.session.finding.connect.FAMILIES", families)

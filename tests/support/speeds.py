@@ -74,7 +74,7 @@ def serial_in_memory(patch: pytest.MonkeyPatch, **devices: Any) -> list[tuple[in
         port.connection_made(_MemoryTransport(asyncio.get_running_loop(), port, line))
         return port
 
-    patch.setattr("lidario.session.connect.open_serial", open_serial)
+    patch.setattr("lidario.session.finding.connect.open_serial", open_serial)
     return written
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from lidario.families.base import Stream
 from lidario.model import ScanMode
 from lidario.revolution.assemble import AssemblerStats
-from lidario.revolution.whole import assembler_of
+from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
 from lidario.wire.blocks import Block, join_blocks, packet_offsets
 from lidario.wire.events import Descriptor, Event, Packets
@@ -195,17 +195,14 @@ def assembled(case: Case, raw: bytes, chunks: Chunks = 64, times: Callable[[int]
         chunks: How they are cut.
         times: Arrival of the n-th byte; by default at the device's own pace.
     """
-    link, assembler = open_stream(case), assembler_of(stream_of(case))
+    pipeline = Pipeline(stream_of(case), link=open_stream(case))
     byte_ns = case.byte_ns
     clock = times or (lambda offset: round(offset * byte_ns))
     scans: list[Scan] = []
     pieces = list(cut_up(raw, chunks))
     for chunk, end in zip(pieces, accumulate(map(len, pieces)), strict=True):
-        link.receive_data(chunk, clock(end))
-        for event in link.events_received():
-            if isinstance(event, Packets):
-                scans += assembler.add(event)
-    return Assembled(scans, assembler.stats, link.stats)
+        scans += pipeline.receive(chunk, clock(end))
+    return Assembled(scans, pipeline.stats, pipeline.link.stats)
 
 
 def turn_times(case: Case) -> list[float]:

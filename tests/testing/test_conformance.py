@@ -27,7 +27,7 @@ def test_the_simulated_lidar_keeps_every_rule(tmp_path: Path, ini: str, options:
 
 def test_what_is_no_device_says_so(tmp_path: Path) -> None:
     (tmp_path / "pytest.ini").write_text(STRICT_INI, encoding="utf-8")
-    ran = run_pytest(tmp_path, "-p", "no:asyncio", *SUITE, "--lidar-device", "corridor.mcap")
+    ran = run_pytest(tmp_path, "-p", "no:asyncio", *SUITE, "--lidario-device", "corridor.mcap")
     assert ran.outcomes == {"error": len(RULES)}
     assert "rules are tried on a device" in ran.text
 

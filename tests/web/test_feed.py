@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import asyncio
 from contextlib import suppress
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 import lidario
+from lidario import save_config
+from lidario.filters import AngularBoundsFilter
 from lidario.web.feed import Feed
 from tests.support.loop import driven
 
@@ -33,6 +37,21 @@ async def test_it_reads_and_measures_the_line() -> None:
     assert feed.line is not None
     assert 0.03 < feed.line.damaged < 0.15
     assert feed.line.load == pytest.approx(0.67, abs=0.03)
+    await ended(task)
+
+
+@driven
+async def test_what_the_settings_leave_out_is_left_out_until_a_viewer_takes_it_away(tmp_path: Path) -> None:
+    path, half = tmp_path / "a.toml", AngularBoundsFilter([(0.0, 3.0)], invert=True)
+    save_config(path, "", filters=[half])
+    feed = Feed(S2, config=str(path))
+    task = asyncio.create_task(feed.run())
+    await asyncio.sleep(4)
+    assert feed.latest is not None
+    np.testing.assert_array_equal(feed.latest.left_out, (feed.latest.angles >= 0) & (feed.latest.angles <= 3))
+    feed.removed.append(half)
+    await asyncio.sleep(0.5)
+    assert not feed.latest.left_out.any()
     await ended(task)
 
 
@@ -72,7 +91,7 @@ class Away:
     def __init__(self) -> None:
         self.asked: list[tuple[str, float]] = []
 
-    def __call__(self, source: str, *, reconnect: bool, guard: bool, config: str | None) -> object:
+    def __call__(self, source: str, *, reconnect: bool, guard: bool, config: lidario.Config) -> object:
         assert reconnect
         assert not guard
         self.asked.append((source, asyncio.get_running_loop().time()))

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+from mcap.reader import make_reader
+from rosbags.typesys import Stores, get_typestore
 
-from lidario import Mount, read_config
-from lidario.filters import AngularBoundsFilter, BoxFilter
+from lidario import Mount, read_config, save_config
+from lidario.filters import AngularBoundsFilter, BoxFilter, ShadowsFilter
 from lidario.model import DeviceInfo
+from lidario.testing import make_scan
 from lidario.web.feed import Feed
 from lidario.web.masks import Masks
 from tests.cli.processes import invoke, line_of, started
@@ -40,8 +45,70 @@ def test_boxes_are_for_all_and_sectors_for_one(tmp_path: Path) -> None:
     assert masks.receive("undo")  # harmless
 
 
+def test_what_stands_in_the_file_is_taken_away(tmp_path: Path) -> None:
+    path = tmp_path / "a.toml"
+    body, shadows = BoxFilter(-0.5, 0.5, -0.25, 0.25), ShadowsFilter()
+    posts = AngularBoundsFilter([(1.0, 1.2), (-2.0, -1.5)], invert=True)
+    save_config(path, "", filters=[body, shadows])
+    save_config(path, "S0", mount=Mount(0.2), filters=[posts])
+    shown = feeds(2)
+    for number, feed in enumerate(shown):
+        feed.saved = read_config(path).of(f"S{number}").filters
+    masks = Masks(shown, lambda feed: Mount(0.2) if feed is shown[0] else Mount(), path)
+    assert masks.receive("x-0.500 0.500 -0.250 0.250")
+    assert masks.receive(f"x0 {math.degrees(1.0):.2f} {math.degrees(1.2):.2f}")
+    left = AngularBoundsFilter([(-2.0, -1.5)], invert=True)
+    assert [feed.filters for feed in shown] == [(shadows, left), (shadows,)]
+    masks.receive("undo")
+    assert shown[0].filters == (shadows, posts)
+    masks.receive("undo")
+    assert shown[1].filters == (body, shadows)
+    assert masks.state()["unsaved"] == 0
+    for message in ("x-0.500 0.500 -0.250 0.250", "b1 2 1 2", "x1.000 2.000 1.000 2.000", "x0 -114.59 -85.94"):
+        assert masks.receive(message)
+    masks.receive("save")
+    assert masks.said == f"saved in {path}"
+    saved = read_config(path)
+    assert saved.default.filters == (shadows,)
+    assert saved.of("s0").filters == (shadows, AngularBoundsFilter([(1.0, 1.2)], invert=True))
+    assert saved.of("s1").filters == (shadows,)
+    assert [feed.filters for feed in shown] == [saved.of("s0").filters, saved.of("s1").filters]
+    assert masks.receive("x5 5 5 5")  # nobody has it
+    assert masks.state()["unsaved"] == 0
+
+
 @pytest.mark.parametrize(
-    "message", ["b1 2 3", "b1 2 3 4 5", "s9 1 2", "s0 30 10", "s0 0 400", "b1e9 2 3 4", "bnan 1 1 1", "saved", ""]
+    ("told", "window"),
+    [("-370.00 -350.00", (-10, 10)), ("355.00 365.00", (-5, 5)), ("170.00 500.00", (170, 140)), ("-180 180", None)],
+)
+def test_sectors_of_a_lidar_that_is_turned_on_the_robot(
+    tmp_path: Path, told: str, window: tuple[float, float] | None
+) -> None:
+    """The page counts on beyond a turn there."""
+    shown = feeds(1)
+    assert Masks(shown, lambda _: Mount(yaw=3.0), tmp_path / "a.toml").receive(f"s0 {told}")
+    scan = make_scan(np.radians(np.arange(-179.5, 180.0)), 2.0).filtered(*shown[0].filters)
+    degrees = np.degrees(scan.angles)
+    inside = np.ones(360, bool) if window is None else (degrees - window[0]) % 360 < (window[1] - window[0]) % 360
+    np.testing.assert_array_equal(scan.left_out, inside)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        "x1 2 3",
+        "x9 1 2",
+        "x0 nan 1",
+        "b1 2 3",
+        "b1 2 3 4 5",
+        "s9 1 2",
+        "s0 30 10",
+        "s0 0 400",
+        "b1e9 2 3 4",
+        "bnan 1 1 1",
+        "saved",
+        "",
+    ],
 )
 def test_strange_messages_are_refused(tmp_path: Path, message: str) -> None:
     assert not Masks(feeds(1), lambda _: Mount(), tmp_path / "a.toml").receive(message)
@@ -103,8 +170,27 @@ def test_a_box_and_a_sector_are_drawn_and_saved(
         assert begin == pytest.approx(math.atan2(0.5, 2), abs=0.03)
         assert finish == pytest.approx(math.atan2(2, 1.5), abs=0.03)
         page.key("m")
+        page.until("view.mask === 'remove' && /shall be seen again/.test(document.body.innerText)")
+        page.key("m")
+        page.until("view.mask === ''")
         page.click("#keep")
         page.until("masks.unsaved === 0 && /saved in/.test(document.body.innerText)")
+        kept = path.read_text()
+        page.key("m")
+        page.key("m")
+        page.key("m")
+        page.until("view.mask === 'remove'")
+        middle = page.ask("place(0, -2)")
+        page.drag(middle, middle)
+        page.until(f"masks.unsaved === 1 && lidars[0].shapes.length === 1 && {inside} > 0")
+        page.key("u")
+        page.until(f"masks.unsaved === 0 && {inside} === 0")
+        beside = page.ask("place(1.75, 1.25)")
+        page.drag(beside, beside)
+        page.until("masks.unsaved === 1 && lidars[0].shapes.length === 1")
+        page.key("u")
+        page.until("masks.unsaved === 0")
+        assert path.read_text() == kept
         end(process, page)
     own = read_config(path).of("AB" * 16)
     box, sector = own.filters
@@ -112,8 +198,25 @@ def test_a_box_and_a_sector_are_drawn_and_saved(
     assert (box.min_x, box.max_x, box.min_y, box.max_y) == pytest.approx((-2, 2, -3.5, -0.5), abs=0.05)
     assert isinstance(sector, AngularBoundsFilter)
     assert path.read_text().startswith("# mine\n")
-    done = invoke("scan", S2, "--json", "--config", str(path))
+    check_recording(tmp_path, path, begin, finish)
+
+
+def check_recording(tmp_path: Path, settings: Path, begin: float, finish: float) -> None:
+    """A recording with scans has nothing in the sector that was drawn, nor in the box, read by others' programs."""
+    run = tmp_path / "run.mcap"
+    done = invoke("record", S2, "-o", str(run), "-n", "3", "--scans", "--config", str(settings))
     assert done.exit_code == 0, done.stderr
+    store, count = get_typestore(Stores.ROS2_JAZZY), 0
+    with run.open("rb") as file:
+        for _, _, message in make_reader(file).iter_messages(["/scan"]):
+            scan: Any = store.deserialize_cdr(message.data, "sensor_msgs/msg/LaserScan")
+            angles = np.remainder(scan.angle_min + np.arange(len(scan.ranges)) * scan.angle_increment, math.tau)
+            assert np.isnan(scan.ranges[(angles > begin + 0.01) & (angles < finish - 0.01)]).all()
+            x, y = scan.ranges * np.cos(angles), scan.ranges * np.sin(angles)
+            assert not ((abs(x) < 1.9) & (y > -3.4) & (y < -0.6)).any()
+            assert np.isfinite(scan.ranges).sum() > 1000
+            count += 1
+    assert count == 3
 
 
 def test_the_network_may_not_write_unless_a_file_is_named(opened: Open) -> None:

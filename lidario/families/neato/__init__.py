@@ -31,7 +31,8 @@ FAMILY: Final = Family(
         # It cannot be restarted from here; the rotor takes its time after the text that a boot prints.
         boot_s=3.0,
         boot_poll_s=0.25,
-        forget_s=0.5,
+        # It hears nothing. One that has just been given power sends a second or two later.
+        forget_s=3.0,
         probe_s=0.12,
     ),
     device=TALKERS.device,

@@ -1,4 +1,4 @@
-"""The packets of one stretch of stream, decoded at once into arrays, as `lidario.families.arcs` tells.
+"""The packets of one stretch of stream, decoded at once into arrays, as `lidario.families.slots` tells.
 
 A sample stands at a whole degree, counted in the sense in which the rotor turns: counter-clockwise in an XV-11 (the
 viewer in Xevel/NXV11 plots it so), clockwise in the others. Weak returns are delivered: in the recording their
@@ -8,16 +8,13 @@ is the largest one that is told; 1202 is the largest one in the recording.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from lidario.families.arcs import ArcDecoder, Decoded
-from lidario.families.neato.formats import FIRST, FULL_TURN, PACKET, PACKETS, SAMPLES
-from lidario.families.slots import SlotWheel
-from lidario.families.spans import Arcs, Heads
-from lidario.wire.events import Packets
+from lidario.families.neato.formats import PACKET, SAMPLES
+from lidario.families.slots import DegreeDecoder, Returns
 
 __all__ = ["BackDecoder", "PacketDecoder", "rpm_of"]
 
@@ -25,49 +22,26 @@ _NONE: Final = 0x8000
 _MILLIMETRES: Final = 0x3FFF
 
 
-class PacketDecoder(ArcDecoder):
-    """Decodes the packets of one stream of a rotor that turns clockwise."""
+class PacketDecoder(DegreeDecoder):
+    """Decodes the packets of one stream; of a rotor that turns clockwise, unless `back`."""
 
-    by_angle = True
+    def __init__(self, *, back: bool = False) -> None:
+        super().__init__(PACKET, SAMPLES, back=back)
 
-    def __init__(self) -> None:
-        super().__init__(FULL_TURN, SlotWheel(FULL_TURN, PACKETS))
+    def _returns(self, rows: NDArray[Any]) -> Returns:
+        words = rows["samples"]["distance"]
+        strength = np.minimum(rows["samples"]["strength"] >> 3, 255)
+        return Returns(np.where(words & _NONE, 0, words & _MILLIMETRES), strength)
 
-    def _heads(self, packets: Packets, following: bytes | None) -> Heads:
-        rows = np.frombuffer(packets.data, PACKET)
-        after = None if following is None else (following[1] - FIRST) * SAMPLES
-        return Heads((rows["number"].astype(np.int32) - FIRST) * SAMPLES, after, SAMPLES, None, rows)
-
-    def _samples(
-        self,
-        packets: Packets,  # noqa: ARG002
-        heads: Heads,
-        arcs: Arcs,  # noqa: ARG002
-        ends: Sequence[int],
-        room: int,
-    ) -> Decoded:
-        size = room + ends[-1]
-        angle, distance = np.empty(size, np.float32), np.empty(size, np.float32)
-        intensity = np.empty(size, np.uint8)
-        measured, rows = heads.read["samples"], (-1, SAMPLES)
-        words = measured["distance"]
-        distance[room:].reshape(rows)[...] = np.where(words & _NONE, 0, words & _MILLIMETRES)
-        intensity[room:].reshape(rows)[...] = np.minimum(measured["strength"] >> 3, 255)
-        angle[room:].reshape(rows)[...] = self._clockwise(heads.first[:, None] + np.arange(SAMPLES))
-        return Decoded(angle, distance, intensity)
-
-    def _clockwise(self, turned: np.ndarray) -> np.ndarray:
-        return turned
-
-    def _reported_rpm(self, heads: Heads, begin: int, end: int) -> float:
-        return float(heads.read["speed"][begin:end].mean()) / 64
+    def _rpm(self, read: NDArray[Any]) -> NDArray[np.float64]:
+        return read["speed"] / 64.0
 
 
 class BackDecoder(PacketDecoder):
     """Decodes the packets of one stream of an XV-11, which turns counter-clockwise."""
 
-    def _clockwise(self, turned: np.ndarray) -> np.ndarray:
-        return -turned % FULL_TURN
+    def __init__(self) -> None:
+        super().__init__(back=True)
 
 
 def rpm_of(packets: bytes) -> float:

@@ -8,15 +8,12 @@ from __future__ import annotations
 
 from typing import Final
 
-from lidario.errors import StreamFailed
-from lidario.families.base import Script
 from lidario.families.neato.decode import BackDecoder, PacketDecoder, rpm_of
-from lidario.families.neato.formats import FULL_TURN, SLOWEST, AnySpeed, BackFormat, PacketFormat
-from lidario.families.talking import Talkers, TalkingDevice, TalkingModel
-from lidario.families.unasked import hear
-from lidario.model import Health, HealthStatus
+from lidario.families.neato.formats import SLOWEST, AnySpeed, BackFormat, PacketFormat
+from lidario.families.slots import FULL_TURN
+from lidario.families.talking import Rotor, Talkers, TalkingModel
 
-__all__ = ["TALKERS", "NeatoDevice"]
+__all__ = ["TALKERS"]
 
 _USUAL_US: Final = 60e6 / (300 * FULL_TURN)
 _SENSE_UNKNOWN: Final = (
@@ -29,38 +26,14 @@ _UNNAMED: Final = TalkingModel(
 )
 
 
-class NeatoDevice(TalkingDevice):
-    """One of these devices."""
-
-    # Two packets a revolution at 50 revolutions a minute, as the recording has it.
-    rests_s: float = 0.8
-
-    def health(self) -> Script[Health]:
-        """As `Device.health`: a warning where the rotor is too slow."""
-        slow = yield from self._slow()
-        return Health(HealthStatus.WARNING, 0, slow) if slow else (yield from super().health())
-
-    def explain_silence(self, lasted_s: float) -> Script[bool]:
-        """As `Device.explain_silence`.
-
-        Raises:
-            StreamFailed: The rotor is too slow: no start would help.
-        """
-        slow = yield from self._slow()
-        if slow:
-            raise StreamFailed(slow)
-        return (yield from super().explain_silence(lasted_s))
-
-    def _slow(self) -> Script[str]:
-        """What is to be told of a rotor that is too slow; empty where it is not."""
-        packets = yield hear(AnySpeed(), 1, self.rests_s)
-        rpm = rpm_of(packets)
-        if rpm * 64 >= SLOWEST:
-            return ""
-        return (
-            f"the motor does not turn as it should: {rpm:.0f} revolutions a minute, and below {SLOWEST / 64:.0f} "
-            "nothing is measured. The host powers it: about 3 V, regulated to 300 revolutions a minute"
-        )
+def _too_slow(packets: bytes) -> str:
+    rpm = rpm_of(packets)
+    if rpm * 64 >= SLOWEST:
+        return ""
+    return (
+        f"the motor does not turn as it should: {rpm:.0f} revolutions a minute, and below {SLOWEST / 64:.0f} "
+        "nothing is measured. The host powers it: about 3 V, regulated to 300 revolutions a minute"
+    )
 
 
 TALKERS: Final = Talkers(
@@ -79,6 +52,7 @@ TALKERS: Final = Talkers(
     hear_s=0.5,
     # At 200 revolutions a minute.
     slowest_turn_s=0.45,
-    make=NeatoDevice,
+    # Two packets a revolution at 50 revolutions a minute, as the recording has it.
+    rotor=Rotor(AnySpeed, 0.8, _too_slow),
 )
 """The family's models."""

@@ -22,19 +22,17 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from lidario.families.slots import FIRST, FULL_TURN
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings
 from lidario.wire.rows import Fold15, RowFormat
 
-__all__ = ["FULL_TURN", "PACKET", "PACKETS", "SAMPLES", "SIZE", "SLOWEST", "BackFormat", "PacketFormat"]
+__all__ = ["PACKET", "PACKETS", "SAMPLES", "SIZE", "SLOWEST", "BackFormat", "PacketFormat"]
 
 HEAD: Final = 0xFA
-FIRST: Final = 0xA0
 PACKETS: Final = 90
 SIZE: Final = 22
 SAMPLES: Final = 4
-FULL_TURN: Final = 360
-"""360 degrees in degrees."""
 SLOWEST: Final = 200 * 64
 """The speed below which nothing is measured, as packets state it."""
 CHECK: Final = Fold15(10)

@@ -37,7 +37,6 @@ def _case(name: str) -> Case:
         sample_us=sample_us,
         split=ldrobot.split,
         decode=partial(ldrobot.decode, lens=lens),
-        revolutions=ldrobot.revolutions,  # type: ignore[arg-type]
         lookahead=False,
         contents=_contents,
         seal=_sealed,

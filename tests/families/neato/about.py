@@ -36,7 +36,6 @@ def _case(name: str, *, back: bool) -> Case:
         sample_us=sample_us,
         split=neato.split,
         decode=partial(neato.decode, back=back),
-        revolutions=neato.revolutions,  # type: ignore[arg-type]
         lookahead=False,
         even=False,
         contents=_contents,

@@ -38,7 +38,6 @@ def _case(name: str) -> Case:
         sample_us=sample_us,
         split=partial(rplidar.split, answer),
         decode=partial(rplidar.decode, answer),
-        revolutions=rplidar.revolutions,  # type: ignore[arg-type]
         lookahead=answer in rplidar.CAPSULE_TYPES,
         contents=_contents,
         seal=_sealed,

@@ -11,6 +11,7 @@ import pytest
 from lidario.sim.rooms import make_world
 from lidario.sim.world import World
 from tests.reference import rplidar
+from tests.reference.samples import revolutions
 from tests.support.simulated_rplidar import (
     EXPRESS_1,
     GET_HEALTH,
@@ -98,7 +99,7 @@ class TestStream:
             bench.run(20 * MS)
             stream = bench.ask(begin(mode), 600 * MS)
             packets = packets_of(mode.format, stream[stream.index(b"\xa5\x5a") + 7 :])
-            turns = rplidar.revolutions(rplidar.decode(mode.format, packets))
+            turns = revolutions(rplidar.decode(mode.format, packets))
             assert len(turns) >= 3
             for turn in turns:
                 assert len(turn) == pytest.approx(samples * 600 / rpm, abs=1.5)
@@ -195,7 +196,7 @@ class TestEndOfStream:
         stream = bench.ask(begin(mode), 400 * MS)
         stream += bench.ask(framed(0xA8, struct.pack("<H", 900)), 4 * SECOND)
         samples = rplidar.decode(mode.format, packets_of(mode.format, stream[7:]))
-        turns = rplidar.revolutions(samples)
+        turns = revolutions(samples)
         assert len(turns[0]) == pytest.approx(1.5 * len(turns[-1]), rel=0.01)
         # It turns faster each time, and nowhere jumps.
         assert all(len(turn) <= len(before) + 2 for before, turn in pairwise(turns))

@@ -182,7 +182,7 @@ def test_a_line_without_a_speed_has_none_to_change() -> None:
     @driven
     async def main() -> None:
         async with rig.open() as lidar:
-            lidar._dialogue._port.baudrate = 0
+            lidar._at.dialogue.port.baudrate = 0
             with pytest.raises(Unsupported, match="no speed"):
                 await lidar.set_baudrate(921_600)
 

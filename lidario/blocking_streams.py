@@ -1,0 +1,105 @@
+"""What is read in ``for``: the streams and iterators that `lidario.SyncLidar` makes."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import suppress
+from typing import Generic, Self, TypeVar
+
+from lidario.entered import Closing
+from lidario.errors import LidarError, SessionClosed
+from lidario.scan import Scan
+from lidario.sector import Sector
+from lidario.session.loop_thread import LoopThread
+from lidario.session.streaming.line_changes import LineChange, LineChanges
+from lidario.session.streaming.stream import ReaderStream
+
+__all__ = ["SyncLineChanges", "SyncScanStream", "SyncSectorStream"]
+
+T = TypeVar("T")
+
+
+class SyncReaderStream(Closing, Generic[T]):
+    """What `SyncScanStream` and `SyncSectorStream` are: a stream that is read in the session's own thread.
+
+    Args:
+        thread: Where the session lives.
+        stream: The stream there.
+        lidar: The session; held, so that it is not closed while somebody reads.
+    """
+
+    def __init__(self, thread: LoopThread, stream: ReaderStream[T], lidar: object) -> None:
+        self._thread = thread
+        self._stream = stream
+        self._lidar = lidar
+
+    @property
+    def dropped(self) -> int:
+        """Scans, or sectors, that this reader has missed so far."""
+        return self._stream.dropped
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> T:
+        try:
+            taken = self._thread.call(_next, self._stream)
+        except BaseException:
+            self._release()
+            raise
+        if taken is None:
+            raise StopIteration
+        return taken
+
+    def close(self) -> None:
+        """Leave the stream. The last one to be left stops laser and motor. Harmless when done before."""
+        with suppress(SessionClosed):
+            self._thread.call(self._stream.aclose)
+
+    def _release(self) -> None:
+        async def release() -> None:
+            self._stream.release()
+
+        with suppress(LidarError):
+            self._thread.call(release)
+
+
+class SyncScanStream(SyncReaderStream[Scan]):
+    """An iterator of full revolutions; made by `SyncLidar.scans`.
+
+    As `ScanStream`, with ``for`` and ``with``: scans come in while the program does something else, and the reader
+    gets the latest one. The device begins to scan at the first ``next``. Ctrl-C, or any other exception that is
+    raised while it waits, leaves the stream; the last stream to be left stops laser and motor a second later.
+    """
+
+
+class SyncSectorStream(SyncReaderStream[Sector]):
+    """An iterator of parts of revolutions; made by `SyncLidar.sectors`.
+
+    As `SectorStream`, with ``for`` and ``with``. It begins, ends and is left as a `SyncScanStream`.
+    """
+
+
+class SyncLineChanges:
+    """An iterator of `LineChange`; as `LineChanges`, with ``for``. Ctrl-C ends only the waiting."""
+
+    def __init__(self, thread: LoopThread, changes: LineChanges) -> None:
+        self._thread = thread
+        self._changes = changes
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> LineChange:
+        try:
+            change = self._thread.call(_next, self._changes)
+        except SessionClosed:
+            change = None
+        if change is None:
+            raise StopIteration
+        return change
+
+
+async def _next(stream: AsyncIterator[T]) -> T | None:
+    # StopAsyncIteration cannot pass through a future.
+    return await anext(stream, None)

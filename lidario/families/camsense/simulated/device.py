@@ -1,0 +1,113 @@
+"""The device side: samples at equal times, as long as there is power; it hears nothing.
+
+While its rotor speeds up it sends packets without angles, as users of a real one saw. No document says how long it
+boots or what it does when its rotor is blocked: half a second, and it falls silent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from lidario.families.camsense.simulated.packers import pack_packet
+from lidario.sim.chassis import Maker, maker
+from lidario.sim.talker import PacedByTime
+from lidario.sim.world import WorldLike
+
+__all__ = ["PROFILES", "Profile", "SimulatedCamsense", "describe", "make_simulated"]
+
+Floats = npt.NDArray[np.float64]
+
+_ZERO = 0xA000
+_TURN = 360 * 64
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """What kind of device it is.
+
+    Attributes:
+        name: Its name in ``sim://`` sources.
+        model: Decides what is random.
+        samples: Samples of a packet.
+        reach_mm: Nearest and farthest distance.
+        baudrate: Speed of its line.
+        rate: Samples a second.
+        hertz: Revolutions a second.
+        commands: Whether it hears requests.
+    """
+
+    name: str
+    model: int
+    samples: int
+    reach_mm: tuple[float, float] = (80.0, 8000.0)
+    baudrate: int = 115_200
+    rate: float = 2080.0
+    hertz: float = 5.2
+    commands: bool = False
+
+
+PROFILES = {profile.name: profile for profile in (Profile("camsense-x1", 1, 8), Profile("camsense-lds08rr", 8, 12))}
+
+
+class SimulatedCamsense(PacedByTime):
+    """One simulated device; obeys `lidario.sim.device.SimulatedDevice`.
+
+    Args:
+        profile: What it is.
+        world: What it sees; the furnished room by default.
+        serial: Not used: it tells no serial number.
+        seed: Decides noise and first angle.
+
+    Attributes:
+        profile: What it is; this and more as in `Chassis`.
+    """
+
+    def __init__(
+        self,
+        profile: Profile,
+        *,
+        world: WorldLike | None = None,
+        serial: bytes | str | None = None,  # noqa: ARG002
+        seed: int = 0,
+    ) -> None:
+        super().__init__(profile, world, seed)
+        self.profile: Profile = profile
+        self.samples: int = profile.samples
+        self.rate: float = profile.rate
+        none = [0.0] * profile.samples, [0] * profile.samples
+        self.greeting: bytes = b"".join(
+            pack_packet(at, at, *none, rpm=60.0 + at / 500) for at in (0, 0, _ZERO, _ZERO)
+        )
+
+    def _pack(self, turns: Floats, seconds: Floats, rpm: float) -> bytes:
+        beam = turns * 360.0
+        # Where the return at the true distance lies beside the beam; the second look is at the right place.
+        distance = np.hypot(self._stated(self._world.ranges_mm(beam.ravel() + 11.0, seconds.ravel())), 20.0)
+        beside = 101.0 - np.degrees(np.arctan(np.sqrt(np.maximum(distance**2 - 400.0, 1.0)) / 20.0))
+        seen = self._world.ranges_mm(beam.ravel() + beside, seconds.ravel())
+        nearest, farthest = self.profile.reach_mm
+        stated = np.where((seen >= nearest) & (seen <= farthest), self._stated(seen), 0.0).reshape(beam.shape)
+        quality = np.where(stated > 0, np.clip(104 - stated / 80, 6, 104), 0).astype(int)
+        angles = _ZERO + np.floor(turns * _TURN).astype(np.int64) % _TURN
+        return b"".join(
+            pack_packet(int(at[0]), int(at[-1]), row.tolist(), each.tolist(), rpm=rpm)
+            for at, row, each in zip(angles, stated, quality, strict=True)
+        )
+
+    @staticmethod
+    def _stated(mm: Floats) -> Floats:
+        """What is stated of a true distance from the axis."""
+        return np.sqrt(np.maximum(mm**2 - 400.0, 0.0))
+
+
+make_simulated: Maker[SimulatedCamsense] = maker(SimulatedCamsense, PROFILES)
+"""Builds a simulated device by the name of its profile, such as ``"camsense-x1"``."""
+
+
+def describe(model: str) -> str:
+    """What a model is, in a few words."""
+    profile = PROFILES[model]
+    return f"{profile.baudrate} baud, {profile.rate:.0f}/s; only talks"

@@ -1,0 +1,37 @@
+"""The packets of one stretch of stream, decoded at once into arrays, as `lidario.families.slots` tells.
+
+ROBOTIS' driver stores sample k at 359 - k degrees counter-clockwise, so the device counts clockwise; exactly
+mirrored it would be 360 - k, which is what is given here. Intensities have no documented scale; they are
+divided by 32, so that 8160 is the largest one that is told.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.families.hlds.formats import PACKET, SAMPLES
+from lidario.families.slots import DegreeDecoder, Returns
+
+__all__ = ["PacketDecoder", "rpm_of"]
+
+
+class PacketDecoder(DegreeDecoder):
+    """Decodes the packets of one stream."""
+
+    def __init__(self) -> None:
+        super().__init__(PACKET, SAMPLES)
+
+    def _returns(self, rows: NDArray[Any]) -> Returns:
+        samples = rows["samples"]
+        return Returns(samples["distance"], np.minimum(samples["intensity"] >> 5, 255))
+
+    def _rpm(self, read: NDArray[Any]) -> NDArray[np.float64]:
+        return read["speed"] / 10.0
+
+
+def rpm_of(packets: bytes) -> float:
+    """The speed that packets tell, revolutions a minute."""
+    return float(np.median(np.frombuffer(packets, PACKET)["speed"])) / 10

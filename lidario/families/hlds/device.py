@@ -1,0 +1,59 @@
+"""The one model: whether its packets have a check value that holds, is heard when it is opened.
+
+The letter ``b`` starts motor and stream, ``e`` stops both; nothing is responded (ROBOTIS' driver,
+``lds_driver.cpp``). Since firmware 2017.10 it starts by itself when it gets power.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from lidario.families.hlds.decode import PacketDecoder, rpm_of
+from lidario.families.hlds.formats import SIZE, CheckedFormat, PacketFormat, checked
+from lidario.families.slots import FULL_TURN
+from lidario.families.talking import Talkers, TalkingModel
+
+__all__ = ["TALKERS"]
+
+_UNCHECKED: Final = TalkingModel(
+    "",
+    "HLDS LDS-01",
+    230_400,
+    60e6 / (300 * FULL_TURN),
+    3.5,
+    PacketFormat,
+    PacketDecoder,
+    note="its packets have no check value that is known: damage in them cannot be told from measurements",
+    start=b"b",
+    stop=b"e",
+)
+_CHECKED: Final = replace(_UNCHECKED, wire=CheckedFormat, note="")
+
+
+def _model_of(packets: bytes) -> TalkingModel:
+    """By chance a check value holds in one packet of 16 thousand; some of these may be damaged."""
+    rows = np.frombuffer(packets, np.uint8).reshape(-1, SIZE)
+    return _CHECKED if 2 * np.count_nonzero(checked(rows)) > len(rows) else _UNCHECKED
+
+
+def _sample_us(packets: bytes) -> float:
+    rpm = rpm_of(packets)
+    return 60e6 / (rpm * FULL_TURN) if rpm else 0.0
+
+
+TALKERS: Final = Talkers(
+    family="hlds",
+    models={},
+    unnamed=_model_of,
+    sample_us=_sample_us,
+    # A revolution: what holds for so many is a rule.
+    heard=60,
+    hear_s=0.5,
+    # 200 revolutions a minute; no document says what is the least.
+    slowest_turn_s=0.45,
+    others=(_UNCHECKED, _CHECKED),
+)
+"""The family's model, as it is read with a check value and without."""

@@ -1,0 +1,121 @@
+"""The measurement packet ``FA A0`` to ``FA DB``: 42 bytes with six samples, 60 of them in a revolution.
+
+Layout (ROBOTIS' driver ``hls_lfcd_lds_driver``, ``hlds_laser_publisher.cpp``), little-endian::
+
+    0   FA
+    1   u8      A0 + number of the packet, 0 to 59: its first sample stands at 6 times as many degrees
+    2   u16     speed of the rotor, 1/10 revolutions a minute
+    4   6 x     u16 intensity; u16 distance in mm, 0 where nothing came back; u16 reserved
+    40  2 bytes a check value, of which no document is public
+
+The driver checks the first two bytes and nothing else. A user of the vendor's specification takes a packet whose
+last two bytes are equal (Jatin1o1/LDS-01-Lidar-Python): a sum of bytes, sent twice; that it is FF less the sum is a
+guess. Community ports take the check value of the XV-11 and were never run with a device. So a device is first read
+as one without a check value, and what it sends tells whether one of the two holds (`device`).
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.families.slots import FIRST, FULL_TURN
+from lidario.wire.events import Packets
+from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings
+from lidario.wire.rows import Fold15, RowFormat
+
+__all__ = ["PACKET", "SAMPLES", "SIZE", "CheckedFormat", "PacketFormat", "checked"]
+
+HEAD: Final = 0xFA
+PACKETS: Final = 60
+SIZE: Final = 42
+SAMPLES: Final = 6
+FOLD: Final = Fold15(20)
+CHECKED: Final = 40
+"""Bytes before the check value."""
+
+SAMPLE: Final = np.dtype([("intensity", "<u2"), ("distance", "<u2"), ("reserved", "<u2")])
+PACKET: Final = np.dtype(
+    [("mark", "u1"), ("number", "u1"), ("speed", "<u2"), ("samples", SAMPLE, SAMPLES), ("check", "u1", 2)]
+)
+
+
+class PacketFormat(RowFormat):
+    """Packets that are believed when the next one follows where it must. The types are our own numbers."""
+
+    name = "FA A0, 42 bytes"
+    response_type = 0x42
+    header: re.Pattern[bytes] = re.compile(rb"\xfa[\xa0-\xdb]", re.DOTALL)
+    shortest = SIZE
+    longest = SIZE
+    samples = SAMPLES
+    full_turn = FULL_TURN
+
+    def measure(self, data: bytearray, at: int) -> int:
+        """As `StreamFormat.measure`: known when the beginning of the next packet is there."""
+        begin = data[at : at + 2]
+        if begin[0] != HEAD or (len(begin) > 1 and not FIRST <= begin[1] < FIRST + PACKETS):
+            return NO_PACKET
+        return SIZE if len(data) - at >= SIZE + 2 else 0
+
+    def intact(self, data: bytearray, at: int, size: int) -> bool:
+        """As `StreamFormat.intact`."""
+        return data[at + size] == HEAD and data[at + size + 1] - FIRST == (data[at + 1] - FIRST + 1) % PACKETS
+
+    def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
+        marks, numbers = (
+            np.frombuffer(bytes(data[at + place : at + place + count * SIZE + 1 : SIZE]), np.uint8)
+            for place in (0, 1)
+        )
+        intact = np.zeros(count, np.bool_)
+        # Of the last one the next may not be there yet.
+        known = min(len(marks), len(numbers)) - 1
+        place = numbers[: known + 1].astype(np.int32) - FIRST
+        right = (marks[: known + 1] == HEAD) & (place >= 0) & (place < PACKETS)
+        intact[:known] = right[:-1] & right[1:] & (place[1:] == (place[:-1] + 1) % PACKETS)
+        return intact
+
+    def headings(self, packets: Packets) -> Headings:
+        """As `StreamFormat.headings`, in degrees that the rotor has turned."""
+        turned = (np.frombuffer(packets.data, PACKET)["number"].astype(np.int32) - FIRST) * SAMPLES
+        return turned if len(turned) >= HEADINGS_WORTH_AN_ARRAY else turned.tolist()
+
+    def told_sample_ns(self, packets: Packets) -> NDArray[np.float64]:
+        """As `StreamFormat.told_sample_ns`: a degree at the speed that the packet tells."""
+        speeds = np.frombuffer(packets.data, PACKET)["speed"].astype(np.float64) / 10
+        return 60e9 / (np.maximum(speeds, 1.0) * FULL_TURN)
+
+
+class CheckedFormat(PacketFormat):
+    """The same packets, of a device of which one of the two check values holds."""
+
+    response_type = 0x43
+
+    def measure(self, data: bytearray, at: int) -> int:
+        """As `StreamFormat.measure`."""
+        begin = data[at : at + 2]
+        if begin[0] != HEAD or (len(begin) > 1 and not FIRST <= begin[1] < FIRST + PACKETS):
+            return NO_PACKET
+        return SIZE if len(begin) == 2 else 0
+
+    def intact(self, data: bytearray, at: int, size: int) -> bool:  # noqa: ARG002
+        """As `StreamFormat.intact`."""
+        value = 0xFF - (sum(data[at : at + CHECKED]) & 0xFF)
+        return data[at + CHECKED] == data[at + CHECKED + 1] == value or FOLD.holds(data, at)
+
+    def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
+        rows = np.frombuffer(data, np.uint8, count * SIZE, at).reshape(count, SIZE)
+        number = rows[:, 1]
+        marked = (rows[:, 0] == HEAD) & (number >= FIRST) & (number < FIRST + PACKETS)
+        intact: NDArray[np.bool_] = checked(rows) & marked
+        return intact
+
+
+def checked(rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Of which packets one of the two check values holds; `rows` has the shape (n, 42)."""
+    value = 0xFF - (rows[:, :CHECKED].sum(axis=1, dtype=np.uint32) & 0xFF)
+    twice: NDArray[np.bool_] = (rows[:, CHECKED] == value) & (rows[:, CHECKED + 1] == value)
+    return twice | FOLD.of_rows(rows)

@@ -1,0 +1,1 @@
+"""The device side, written from the documents alone: it shares nothing with the driver."""

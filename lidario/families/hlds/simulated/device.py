@@ -1,0 +1,113 @@
+"""The device side: ``b`` starts motor and stream, ``e`` stops both, and nothing is responded.
+
+It measures at whole degrees, clockwise. Firmware since 2017.10 starts by itself when it gets power; before that it
+waits for ``b``. No document says how long it boots or what it does with other bytes: half a second, and nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from lidario.families.hlds.simulated.packers import pack_packet
+from lidario.sim.chassis import Maker, maker
+from lidario.sim.talker import PacedByAngle
+from lidario.sim.world import WorldLike
+
+__all__ = ["PROFILES", "Profile", "SimulatedHlds", "describe", "make_simulated"]
+
+Floats = npt.NDArray[np.float64]
+
+_NAMES = {ord("b"): "start", ord("e"): "stop"}
+_REACH_MM = (120.0, 3500.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """What kind of device it is.
+
+    Attributes:
+        name: Its name in ``sim://`` sources.
+        model: Decides what is random.
+        waits: Whether it waits for ``b`` when it has got power.
+        baudrate: Speed of its line.
+        hertz: Revolutions a second.
+        commands: Whether it hears requests.
+    """
+
+    name: str
+    model: int
+    waits: bool = False
+    baudrate: int = 230_400
+    hertz: float = 5.0
+    commands: bool = True
+
+
+PROFILES = {
+    profile.name: profile for profile in (Profile("hlds-lds01", 1), Profile("hlds-lds01-2016", 2, waits=True))
+}
+
+
+class SimulatedHlds(PacedByAngle):
+    """One simulated device; obeys `lidario.sim.device.SimulatedDevice`.
+
+    Args:
+        profile: What it is.
+        world: What it sees; the furnished room by default.
+        serial: Not used: it tells no serial number.
+        seed: Decides noise and first angle.
+
+    Attributes:
+        profile: What it is; this and more as in `Chassis`.
+        check: The last two bytes of its packets; None for the usual ones.
+    """
+
+    slots = 60
+
+    def __init__(
+        self,
+        profile: Profile,
+        *,
+        world: WorldLike | None = None,
+        serial: bytes | str | None = None,  # noqa: ARG002
+        seed: int = 0,
+    ) -> None:
+        super().__init__(profile, world, seed)
+        self.profile: Profile = profile
+        self.waits: bool = profile.waits
+        self.check: bytes | None = None
+
+    def receive(self, data: bytes, now: int) -> None:
+        """Take bytes that the host sent: each is a request of its own."""
+        self._advance(now)
+        for byte in data:
+            name, why = _NAMES.get(byte), self._deaf_why if now < self._deaf_until else ""
+            if name is None:
+                continue
+            if not why and name == "stop":
+                self._stop(now)
+            elif not why and self._stream is None:
+                self._start(now)
+            self._log.add(now, name, bytes((byte,)), why)
+
+    def _samples(self, rpm: float) -> int:  # noqa: ARG002
+        return 6
+
+    def _pack(self, slot: int, millimetres: Floats, rpm: float) -> bytes:
+        nearest, farthest = _REACH_MM
+        seen = np.where((millimetres >= nearest) & (millimetres <= farthest), millimetres, 0.0)
+        strength = np.where(seen > 0, np.clip(4000 - seen, 200, 4000), 0).astype(int)
+        return pack_packet(slot, seen.tolist(), strength.tolist(), rpm=rpm, check=self.check)
+
+
+make_simulated: Maker[SimulatedHlds] = maker(SimulatedHlds, PROFILES)
+"""Builds a simulated device by the name of its profile, such as ``"hlds-lds01"``."""
+
+
+def describe(model: str) -> str:
+    """What a model is, in a few words."""
+    profile = PROFILES[model]
+    waits = "; firmware before 2017.10, which waits to be started" if profile.waits else ""
+    return f"{profile.baudrate} baud, 1800/s{waits}"

@@ -1,0 +1,124 @@
+"""The frames of one stretch of stream, decoded at once into arrays, as `lidario.families.arcs` tells.
+
+The samples of a frame divide its part of the revolution evenly, clockwise (3irobotix's specification): the angle of
+sample i of N is start + i * 360 / (16 N) degrees, 15 for a Delta-2G. So how long one takes follows from the speed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.families.arcs import Decoded, in_turn
+from lidario.families.irobotix.formats import DATA, FULL_TURN, FifteenFormat, FrameFormat, head_of
+from lidario.families.slots import SlotDecoder
+from lidario.families.spans import Arcs, Heads
+from lidario.wire.blocks import packet_offsets
+from lidario.wire.events import Packets
+
+__all__ = ["FifteenDecoder", "FrameDecoder", "frames_a_turn", "sample_us"]
+
+
+class FrameDecoder(SlotDecoder):
+    """Decodes the frames of one stream.
+
+    Attributes:
+        frames: Frames of a revolution.
+    """
+
+    frames: int = FrameFormat.frames
+
+    def __init__(self) -> None:
+        super().__init__(FULL_TURN, self.frames)
+
+    def _heads(self, packets: Packets, following: bytes | None) -> Heads:
+        rows, begins = np.frombuffer(packets.data, np.uint8), np.array(packet_offsets(packets.blocks)[:-1])
+        first = (rows[begins + DATA + 3].astype(np.int32) << 8 | rows[begins + DATA + 4]) % FULL_TURN
+        counts = np.repeat(
+            np.array([_samples_of(size) for size, _ in packets.blocks], np.int32),
+            [count for _, count in packets.blocks],
+        )
+        after = None if following is None else (following[DATA + 3] << 8 | following[DATA + 4]) % FULL_TURN
+        return Heads(first, after, counts, None, rows[begins + DATA])
+
+    def _samples(
+        self,
+        packets: Packets,
+        heads: Heads,
+        arcs: Arcs,  # noqa: ARG002 - each has its part of the revolution
+        ends: Sequence[int],
+        room: int,
+    ) -> Decoded:
+        size = room + ends[-1]
+        angle, distance = np.empty(size, np.float32), np.empty(size, np.float32)
+        intensity = np.empty(size, np.uint8)
+        raw = np.frombuffer(packets.data, np.uint8)
+        at, place, packet = room, 0, 0
+        for frame, count in packets.blocks:
+            each = _samples_of(frame)
+            until, behind = at + each * count, place + frame * count
+            measured = raw[place:behind].reshape(count, frame)[:, head_of(frame) : -2].reshape(count, each, 3)
+            intensity[at:until].reshape(count, each)[...] = measured[:, :, 0]
+            quarters = measured[:, :, 1].astype(np.uint16) << 8 | measured[:, :, 2]
+            np.divide(quarters, 4, out=distance[at:until].reshape(count, each), casting="same_kind")
+            # In parts of a sample, whole numbers below 2^24, so that the division alone rounds.
+            parts = self.frames * each
+            first = heads.first[packet : packet + count, None] * np.int64(parts)
+            beam = (first + np.arange(each) * FULL_TURN) % (FULL_TURN * parts)
+            angle[at:until].reshape(count, each)[...] = beam / (100.0 * parts)
+            at, place, packet = until, behind, packet + count
+        in_turn(angle[room:], 360, back=False)
+        return Decoded(angle, distance, intensity)
+
+    def _lost(self, heads: Heads, at: int, skipped: int, step: float) -> int:  # noqa: ARG002
+        assert not isinstance(heads.counts, int)
+        return round(skipped / int(heads.counts[at]))
+
+    def _revolution_packets(self, heads: Heads, samples: float, begin: int, end: int) -> float:  # noqa: ARG002
+        return float(self.frames)
+
+    def _rpm(self, read: NDArray[np.uint8]) -> NDArray[np.float64]:
+        return read * np.float64(3.0)
+
+
+class FifteenDecoder(FrameDecoder):
+    """Decodes the frames of one stream of a Delta-2G or LDS08RR."""
+
+    frames: int = FifteenFormat.frames
+
+
+def frames_a_turn(packets: bytes) -> int:
+    """How many frames a revolution has, by some of them, the first of which begins at 0: how far they are apart."""
+    apart = np.diff(_told(packets)[0], prepend=0) % FULL_TURN
+    return min((FrameFormat.frames, FifteenFormat.frames), key=lambda frames: _unlike(apart, FULL_TURN // frames))
+
+
+def sample_us(packets: bytes) -> float:
+    """What a sample takes, by frames in a row; 0 where they do not tell."""
+    _, counts, speeds = _told(packets)
+    a_second = float(np.median(counts)) * float(np.median(speeds)) / 20 * frames_a_turn(packets)
+    return 1e6 / a_second if a_second else 0.0
+
+
+def _unlike(apart: NDArray[np.int64], slot: int) -> int:
+    """How far these ways are from being whole slots."""
+    beyond = apart % slot
+    return int(np.minimum(beyond, slot - beyond).sum())
+
+
+def _samples_of(size: int) -> int:
+    return (size - head_of(size) - 2) // 3
+
+
+def _told(packets: bytes) -> tuple[NDArray[np.int64], list[int], list[int]]:
+    """Where each frame begins, how many samples it has, and its speed."""
+    starts, counts, speeds, at = [], [], [], 0
+    while at < len(packets):
+        size = packets[at + 2] + 2
+        starts.append(packets[at + DATA + 3] << 8 | packets[at + DATA + 4])
+        counts.append(_samples_of(size))
+        speeds.append(packets[at + DATA])
+        at += size
+    return np.array(starts, np.int64), counts, speeds

@@ -1,0 +1,58 @@
+"""The models: how many frames a revolution has tells two kinds apart, and each kind measures alike."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from lidario.families.irobotix.decode import FifteenDecoder, FrameDecoder, frames_a_turn, sample_us
+from lidario.families.irobotix.formats import DATA, RECORD, AnyFrame, FifteenFormat, FrameFormat
+from lidario.families.talking import Rotor, Talkers, TalkingModel
+
+__all__ = ["TALKERS"]
+
+
+def _sixteen(name: str, title: str, baudrate: int, us: float) -> TalkingModel:
+    return TalkingModel(name, title, baudrate, us, 8.0, FrameFormat, FrameDecoder)
+
+
+def _fifteen(name: str, title: str) -> TalkingModel:
+    return TalkingModel(name, title, 115_200, 1e6 / 1890, 8.0, FifteenFormat, FifteenDecoder)
+
+
+_UNNAMED: Final = {
+    16: _sixteen("", "Delta-2A, 2B or 2D", 230_400, 200.0),
+    15: _fifteen("", "Delta-2G or LDS08RR"),
+}
+
+
+def _trouble(packets: bytes) -> str:
+    if packets[5] != RECORD:
+        return ""
+    return (
+        f"the motor does not turn as it should: {packets[DATA] * 3} revolutions a minute, and nothing is measured. "
+        "The host powers it: about 3.3 V, regulated to 240 to 600 revolutions a minute"
+    )
+
+
+TALKERS: Final = Talkers(
+    family="irobotix",
+    models={
+        "delta2a": _sixteen("delta2a", "Delta-2A", 230_400, 200.0),
+        "delta2b": _sixteen("delta2b", "Delta-2B", 230_400, 200.0),
+        "delta2d": _sixteen("delta2d", "Delta-2D", 115_200, 500.0),
+        "delta2g": _fifteen("delta2g", "Delta-2G"),
+        "lds08rr": _fifteen("lds08rr", "LDS08RR of 3irobotix"),
+    },
+    unnamed=lambda packets: _UNNAMED[frames_a_turn(packets)],
+    sample_us=sample_us,
+    heard=6,
+    hear_s=0.5,
+    # At four revolutions a second.
+    slowest_turn_s=0.4,
+    # Frames are long, and each is self-evident.
+    linked=1,
+    others=tuple(_UNNAMED.values()),
+    # A frame, at one revolution a second.
+    rotor=Rotor(AnyFrame, 0.2, _trouble),
+)
+"""The family's models."""

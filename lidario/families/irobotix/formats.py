@@ -1,0 +1,159 @@
+"""The frames ``AA 00``: measurements of one sixteenth or fifteenth of a revolution, big-endian.
+
+Layout (3irobotix's SDK 1.7.1, its protocol documents of the Delta-2A and 2D)::
+
+    0   AA
+    1   u16     length, all but the sum: 8 and the data
+    3   u8      version: 01, 10 and 00 occur
+    4   61
+    5   u8      AD measurement; AE the rotor is too slow or too fast; A9, AB others
+    6   u16     length of the data
+    8   data
+        u16     sum of all bytes before
+
+Data of AD::
+
+    0   u8      speed of the rotor, 1/20 revolutions a second
+    1   i16     calibration, which the vendor's SDK does not apply either
+    3   u16     angle of the first sample, 1/100 degrees
+   (5   u16     angle of the last one: of a Delta-2D; the length of the data tells)
+        N x     u8 signal; u16 distance in quarter millimetres, 0 where nothing came back
+
+How many samples a frame has, changes with the speed and from frame to frame. Two thirds of a head are fixed and the
+lengths must agree, so with the sum a frame is self-evident.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.wire.blocks import Block, packet_offsets
+from lidario.wire.events import Packets
+from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings, StreamFormat
+
+__all__ = ["DATA", "FULL_TURN", "RECORD", "AnyFrame", "FifteenFormat", "FrameFormat", "head_of"]
+
+MARK: Final = b"\xaa\x00"
+FIXED: Final = 0x61
+MEASUREMENT: Final = 0xAD
+RECORD: Final = 0xAE
+RECORDS: Final[dict[int, int | None]] = {RECORD: 1, 0xA9: None, 0xAB: None}
+"""Commands of other frames, and how long their data are, where that is known."""
+DATA: Final = 8
+SUM: Final = 2
+HEADS: Final = (5, 7)
+SAMPLE: Final = 3
+FULL_TURN: Final = 36_000
+"""360 degrees in hundredths of a degree."""
+MOST_SAMPLES: Final = 80
+"""The vendor's SDK takes the length as one byte."""
+
+
+def head_of(size: int) -> int:
+    """Bytes before the samples of a measurement of that size, its head included."""
+    return DATA + HEADS[(size - DATA - SUM - HEADS[0]) % SAMPLE != 0]
+
+
+class FrameFormat(StreamFormat):
+    """Frames of which a revolution has sixteen: Delta-2A, 2B, 2D. The types are our own numbers.
+
+    Attributes:
+        frames: Frames of a revolution.
+    """
+
+    frames: int = 16
+
+    name = "AA 00"
+    response_type = 0xAD
+    header: re.Pattern[bytes] = re.compile(re.escape(MARK), re.DOTALL)
+    shortest = DATA + HEADS[0] + SAMPLE + SUM
+    longest = DATA + HEADS[1] + SAMPLE * MOST_SAMPLES + SUM
+    samples = 1
+    full_turn = FULL_TURN
+    self_evident = True
+
+    def measure(self, data: bytearray, at: int) -> int:
+        """As `StreamFormat.measure`."""
+        size = _frame(data, at, MEASUREMENT)
+        if size > 0 and (size < self.shortest or (size - DATA - SUM) % SAMPLE not in (1, 2)):
+            return NO_PACKET
+        return min(size, self.longest) if size <= self.longest else NO_PACKET
+
+    def intact(self, data: bytearray, at: int, size: int) -> bool:
+        """As `StreamFormat.intact`."""
+        return _sum_holds(data, at, size)
+
+    def headings(self, packets: Packets) -> Headings:
+        """As `StreamFormat.headings`, in 1/100 degrees."""
+        data, begins = packets.data, packet_offsets(packets.blocks)[:-1]
+        if len(begins) >= HEADINGS_WORTH_AN_ARRAY:
+            rows, at = np.frombuffer(data, np.uint8), np.array(begins)
+            starts: NDArray[np.int32] = rows[at + DATA + 3].astype(np.int32) << 8 | rows[at + DATA + 4]
+            return starts % FULL_TURN
+        return [(data[at + DATA + 3] << 8 | data[at + DATA + 4]) % FULL_TURN for at in begins]
+
+    def samples_in(self, blocks: Iterable[Block]) -> int:
+        """As `StreamFormat.samples_in`."""
+        return sum([(size - head_of(size) - SUM) // SAMPLE * count for size, count in blocks])
+
+    def told_sample_ns(self, packets: Packets) -> NDArray[np.float64]:
+        """As `StreamFormat.told_sample_ns`: a frame's part of a revolution at the speed that it tells."""
+        begins = np.array(packet_offsets(packets.blocks))
+        speeds = np.frombuffer(packets.data, np.uint8)[begins[:-1] + DATA] / 20.0
+        sizes = np.diff(begins)
+        counts = (sizes - DATA - HEADS[0] - SUM) // SAMPLE
+        taken: NDArray[np.float64] = 1e9 / (np.maximum(speeds, 0.05) * self.frames * counts)
+        return taken
+
+    def other_record(self, data: bytearray, at: int) -> int:
+        """As `StreamFormat.other_record`: a frame that is no measurement."""
+        size = _frame(data, at, *RECORDS)
+        if size <= 0:
+            return size
+        length = RECORDS[data[at + 5]]
+        if size > self.longest or length not in (None, size - DATA - SUM):
+            return NO_PACKET
+        if len(data) - at < size:
+            return 0
+        return size if _sum_holds(data, at, size) else NO_PACKET
+
+
+class FifteenFormat(FrameFormat):
+    """The same frames, of which a revolution has fifteen: Delta-2G, LDS08RR."""
+
+    frames: int = 15
+    response_type = 0xAE
+
+
+class AnyFrame(FrameFormat):
+    """All frames: what tells that the rotor does not turn as it should."""
+
+    shortest = DATA + 1 + SUM
+
+    def measure(self, data: bytearray, at: int) -> int:
+        """As `StreamFormat.measure`."""
+        size = _frame(data, at, MEASUREMENT, RECORD)
+        return size if size <= self.longest else NO_PACKET
+
+
+def _frame(data: bytearray, at: int, *commands: int) -> int:
+    """Length of the frame of one of these commands that begins at `at`, by its own head; as `measure`."""
+    head = data[at : at + DATA]
+    if not MARK.startswith(head[:2]) or (len(head) > 4 and head[4] != FIXED):
+        return NO_PACKET
+    if len(head) > 5 and head[5] not in commands:
+        return NO_PACKET
+    if len(head) < DATA:
+        return 0
+    size = (head[6] << 8 | head[7]) + DATA
+    return size + SUM if size == head[2] else NO_PACKET
+
+
+def _sum_holds(data: bytearray, at: int, size: int) -> bool:
+    end = at + size - SUM
+    return sum(data[at:end]) & 0xFFFF == data[end] << 8 | data[end + 1]

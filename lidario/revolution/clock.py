@@ -1,0 +1,340 @@
+"""How many revolutions passed from one beginning to the next, and how long one takes, by the time.
+
+Angles repeat with each revolution: whether one or five have passed unseen, only the time can tell. So one beginning
+is the *anchor*: the last one up to which everything is counted. From it the clock says when the next one is due, in
+two ways: by the speed, and by what the samples since took, which is exact while a rotor changes its speed.
+
+Time stamps may be late, never early, as after a blocked event loop. A beginning that is late by less than a part
+of a revolution is the next anchor. One that is late by whole ones has missed so many, at once where packets are
+known to be missing. Where the angles show no gap, the anchor stays, and they are counted only when the stamps stay
+late: what seems missing comes back when the stamps are right again.
+
+Behind a restart, and where so little comes that no speed is sure, the anchor stays too, and what has passed is
+counted when a speed is known. Where not even that is, the time that a packet takes tells how many are missing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+from lidario.revolution.sparse_speed import SparseSpeed
+
+__all__ = ["NOISE", "Beginning", "Passed", "RevolutionClock"]
+
+NOISE: Final = 0.35
+"""Revolutions by which the time between two beginnings may be off, by late stamps and an uneven rotor."""
+ALIKE: Final = 1.5
+"""Times that a revolution may take longer or shorter than the one before, where most of it did not come."""
+FEWEST_PACKETS: Final = 6
+"""Packets of a revolution from which its speed is believed; no mode has fewer. Of a few packets, all others being
+lost, the gaps may be alike by chance, and then tell of a rotor that is many times too fast."""
+MORE_THAN_ONE: Final = 1.005
+"""Times the packets of a revolution from which a broken one holds parts of two for certain; where it has 33 and a
+third, it has 34 by right at times."""
+PATIENCE: Final = 2
+"""Revolutions for which stamps must stay late, where no packet is known to be missing."""
+UNEVEN_SPEED: Final = 0.005
+"""Part of the revolutions of a long time that are not counted, since the speed may have been lower for a while."""
+EXACT: Final = 0.15
+"""Revolutions by which a time may miss a whole number, to be where counting goes on from."""
+AGREEMENT: Final = 0.0125
+"""Part by which the speed by the time may differ from that by the angles, where packets are missing: what stood
+before a gap is dated by a read that was completed behind it."""
+LEAST_SHARE: Final = 0.9
+"""Share of a revolution that must lie between two beginnings for their time to tell its speed. What a stamp is late
+by is divided by that share, and the part with which a stream begins has few packets to be dated by: seen live, 2 ms
+in 0.09 of a revolution made 833 revolutions a minute of 708."""
+
+
+@dataclass(slots=True)
+class Beginning:
+    """What is known of a revolution when it has ended.
+
+    Attributes:
+        start_ns: When its first sample was measured.
+        over: Share of the revolution that was over by then: 0, unless its beginning was lost.
+        revolution_ns: What a whole revolution takes at its speed; 0 when that is not known.
+        revolution_packets: How many packets a whole revolution has; 0 when that is not known.
+        packet_ns: What a packet takes on average; 0 when that is not known.
+        packets: How many came.
+        lost: How many are known to be missing in it or right behind it.
+        broken: Whether parts of several revolutions may have met in it, so that `lost` is not all.
+        number: Its number, by what was counted until then; that of the one before, where it is only a part and has
+            none.
+        packets_before: Packets that came, or are counted as lost, before it.
+        ordinary: Whether `packet_ns` is that of an ordinary packet. If not, only short ones came, and it is that of
+            the longest packet of the format.
+        borrowed: Whether its speed is that of a revolution before, since its own is not known.
+        spanned_ns: What its samples took, and those that are known to be missing; 0 when that is not known.
+    """
+
+    start_ns: int
+    over: float
+    revolution_ns: float
+    revolution_packets: float
+    packet_ns: float
+    packets: int
+    lost: int
+    broken: bool
+    number: int = 0
+    packets_before: int = 0
+    ordinary: bool = True
+    borrowed: bool = False
+    spanned_ns: float = 0.0
+
+    @property
+    def tells_time(self) -> bool:
+        """Whether its samples tell when the next one begins, if no whole revolution is missing between them."""
+        return self.spanned_ns > 0 and self.revolution_ns > 0 and not (self.broken or self.borrowed)
+
+
+class Passed(NamedTuple):
+    """What lay between two beginnings.
+
+    Attributes:
+        unseen: Whole revolutions of which nothing came.
+        lost: Packets that are missing beyond those that the angles told.
+        revolution_ns: What the one between them took; NaN where they were not next to each other, or too little of
+            it lies between them.
+    """
+
+    unseen: int
+    lost: int
+    revolution_ns: float
+
+
+class RevolutionClock:
+    """Follows the beginnings of revolutions through one stream.
+
+    Args:
+        slowest_ns: What a revolution takes at most.
+    """
+
+    def __init__(self, slowest_ns: float = 1e9) -> None:
+        self._search = SparseSpeed(slowest_ns)
+        self._anchor: Beginning | None = None
+        # Whether all since the anchor is to be counted: nothing else tells what passed.
+        self._is_open = False
+        # What the samples since the anchor took, and how many beginnings were late since then.
+        self._spanned_ns = 0.0
+        self._waited = 0
+        self._last: Beginning | None = None
+        self._sure: Beginning | None = None
+        self._seam = 0.0
+        self._packet_ns = 0.0
+        self._ordinary = False
+
+    @property
+    def usual_ns(self) -> float:
+        """What a revolution takes at the latest speed that was sure; 0 while none was."""
+        return 0.0 if self._sure is None else self._sure.revolution_ns
+
+    @property
+    def needs_speed(self) -> bool:
+        """Whether no speed was ever sure by packets that follow each other, so that `learn_speed` helps."""
+        return self._sure is None or self._sure.borrowed
+
+    @property
+    def last(self) -> Beginning | None:
+        """The revolution before; None while the next one is not simply one more.
+
+        So it is where nothing is known of it, where the stamps are late at the moment, and where the next one
+        has to tell the speed, or how many passed since the anchor.
+        """
+        return None if self._waited or self._is_open or self.needs_speed else self._last
+
+    def learn_speed(self, packets: Iterable[tuple[float, int]]) -> None:
+        """Packets came: where each begins, in revolutions, and when it came."""
+        for angle, at_ns in packets:
+            self._search.add(angle, at_ns)
+        revolution_ns = self._search.revolution_ns()
+        if revolution_ns:
+            each = revolution_ns / self._packet_ns if self._packet_ns else 0.0
+            self._sure = Beginning(
+                0, 0.0, revolution_ns, each, self._packet_ns, packets=0, lost=0, broken=False, borrowed=True
+            )
+
+    def restart(self, seam: float | None = None) -> None:
+        """The stream began anew: nothing is known of the revolution before.
+
+        Args:
+            seam: Where revolutions begin from now on, in revolutions from the first of these places; None when they
+                begin where they did.
+        """
+        self._last, self._waited = None, 0
+        if seam is None or seam == self._seam:
+            return
+        if self._anchor is not None:
+            # To the nearer of two beginnings: then rather too few revolutions are told than too many.
+            over = (self._anchor.over + self._seam - seam) % 1
+            self._anchor.over = over if over < 0.5 else over - 1
+        self._seam = seam
+
+    def intervals(self, starts: Sequence[int], revolutions_ns: Sequence[float]) -> list[float] | None:
+        """What each took by the time between beginnings, as `follow` tells it, where none is missing; else None.
+
+        Nothing is remembered before `settle`.
+
+        Args:
+            starts: When the revolutions that follow the last one began.
+            revolutions_ns: What each takes by its angles.
+        """
+        last = self.last
+        if last is None or not last.revolution_ns:
+            return None
+        before_ns, ordinary_ns, share, gap = last.start_ns, last.revolution_ns, 1 - last.over, last.lost > 0
+        found: list[float] = []
+        for start_ns, revolution_ns in zip(starts, revolutions_ns, strict=True):
+            elapsed = start_ns - before_ns
+            alike = 1 / ALIKE < revolution_ns / ordinary_ns < ALIKE
+            if not alike or elapsed <= 0 or abs(elapsed / ordinary_ns - share) >= NOISE:
+                return None
+            found.append(_interval(elapsed, share, ordinary_ns, gap=gap))
+            before_ns, ordinary_ns, share, gap = start_ns, revolution_ns, 1, False
+        return found
+
+    def settle(self, last: Beginning) -> None:
+        """Remember revolutions that `intervals` has told, by the last of them."""
+        self._last = self._sure = last
+        self._be_anchor(last)
+
+    def follow(self, here: Beginning) -> Passed:
+        """Tell what passed since the beginning before; it is one revolution on by the angles."""
+        last, self._last = self._last, here
+        self._correct_packet(here)
+        self._correct_speed(here, last)
+        anchor = self._anchor
+        if anchor is None:
+            self._be_anchor(here)
+            return Passed(0, 0, math.nan)
+        elapsed = here.start_ns - anchor.start_ns
+        if self._sure is None:
+            # One without a gap whose speed is told already follows the one before; nothing passed in between.
+            self._is_open |= not here.revolution_ns or here.lost > 0
+            return Passed(0, self._missing(here, elapsed)[0], math.nan)
+        if last is None or not last.revolution_ns or self.needs_speed or self._is_open or self._was_wrong(last):
+            unseen, lost = self._count_all(here, anchor, elapsed)
+        else:
+            unseen, lost = self._count_late(here, last, anchor, elapsed)
+        return Passed(unseen, lost, math.nan if unseen else self._between(here, last))
+
+    def _count_all(self, here: Beginning, anchor: Beginning, elapsed: float) -> tuple[int, int]:
+        """Revolutions and packets that are missing since the anchor, where nothing else tells what passed."""
+        lost, untold = self._missing(here, elapsed)
+        turns = elapsed / here.revolution_ns + anchor.over - here.over
+        unseen = int(turns * (1 - UNEVEN_SPEED) + NOISE) - (here.number - anchor.number)
+        # Counting goes on from here, unless it is too vague when this one began.
+        self._is_open = self._sure is not here and abs(turns - round(turns)) >= EXACT
+        if not self._is_open:
+            # Where too many were counted, that many are left out later.
+            self._be_anchor(here, unseen, lost + untold)
+        return max(0, unseen), lost
+
+    def _count_late(self, here: Beginning, last: Beginning, anchor: Beginning, elapsed: float) -> tuple[int, int]:
+        """Revolutions and packets that are missing, by how much later this beginning is than it was due."""
+        self._spanned_ns += last.spanned_ns if last.tells_time else math.nan
+        share = here.number - anchor.number + here.over - anchor.over
+        late = elapsed / last.revolution_ns - share
+        if not math.isnan(self._spanned_ns):
+            # A rotor changes its speed; the time that a sample takes stays.
+            late = min(late, (elapsed - self._spanned_ns) / last.revolution_ns, key=abs)
+        # More than one revolution has: an outage of almost one lies in it, and its angles fell back by little.
+        most = max(MORE_THAN_ONE * last.revolution_packets, last.revolution_packets + 1)
+        gap = last.lost > 0 or (last.broken and last.packets >= most)
+        unseen = 0
+        if late >= 1 - NOISE:
+            self._waited += 1
+            if not gap and self._waited <= PATIENCE:
+                return 0, 0
+            unseen = int(late + NOISE)
+        lost = round(unseen * last.revolution_packets)
+        if last.broken:
+            # So little of it came that its angles do not tell what is missing. Of two witnesses the lesser is told.
+            by_clock = self._missing_by_clock(here, elapsed if unseen else min(elapsed, share * last.revolution_ns))
+            if unseen:
+                lost = min(lost, by_clock)
+            elif by_clock > max(last.packets, FEWEST_PACKETS):
+                lost = by_clock
+        self._be_anchor(here, unseen, lost)
+        return unseen, lost
+
+    def _was_wrong(self, last: Beginning) -> bool:
+        """Whether another speed is sure now than the one that was taken for that of the last revolution."""
+        return not (last.tells_time or 1 / ALIKE < self.usual_ns / last.revolution_ns < ALIKE)
+
+    def _be_anchor(self, here: Beginning, unseen: int = 0, lost: int = 0) -> None:
+        here.number += unseen
+        here.packets_before += lost
+        self._anchor, self._is_open, self._waited, self._spanned_ns = here, False, 0, 0.0
+
+    def _missing_by_clock(self, here: Beginning, elapsed: float) -> int:
+        """Packets missing since the anchor beyond those known, by what one takes."""
+        if not self._packet_ns or self._anchor is None:
+            return 0
+        return max(0, round(elapsed / self._packet_ns) - (here.packets_before - self._anchor.packets_before))
+
+    def _missing(self, here: Beginning, elapsed: float) -> tuple[int, int]:
+        """The same of a long time, and how many more there may be, if the speed never was lower."""
+        sure = self._missing_by_clock(here, elapsed * (1 - UNEVEN_SPEED))
+        return (sure, self._missing_by_clock(here, elapsed) - sure) if sure > FEWEST_PACKETS else (0, 0)
+
+    def _between(self, here: Beginning, last: Beginning | None) -> float:
+        """What the revolution between two beginnings took by the time; NaN where that is not well known."""
+        if last is None or not last.revolution_ns or self.needs_speed:
+            return math.nan
+        elapsed, share = here.start_ns - last.start_ns, 1 + here.over - last.over
+        return _interval(elapsed, share, last.revolution_ns, gap=here.lost > 0 or last.lost > 0)
+
+    def _correct_packet(self, here: Beginning) -> None:
+        """Where only short packets came, take what an ordinary one took before."""
+        if here.ordinary and here.packet_ns:
+            self._packet_ns, self._ordinary = here.packet_ns, True
+        elif self._ordinary:
+            here.packet_ns = self._packet_ns
+            here.revolution_packets = here.revolution_ns / here.packet_ns
+        else:
+            self._packet_ns = max(self._packet_ns, here.packet_ns)
+
+    def _correct_speed(self, here: Beginning, last: Beginning | None) -> None:
+        """Where the speed is not sure, take the one before: a rotor keeps its speed.
+
+        Sure is what the time confirms, and of the first revolution what it tells if enough came of it. Gaps that
+        are alike by chance tell of another speed.
+        """
+        sure = self._sure
+        enough = here.packets >= FEWEST_PACKETS and here.lost <= here.packets
+        if here.revolution_ns and not here.broken and enough:
+            if last is None:
+                confirmed = sure is None
+            else:
+                elapsed = (here.start_ns - last.start_ns) / here.revolution_ns
+                confirmed = abs(elapsed - (1 + here.over - last.over)) < NOISE
+                if last.tells_time and not confirmed:
+                    late_ns = here.start_ns - last.start_ns - last.spanned_ns
+                    confirmed = abs(late_ns) < NOISE * last.revolution_ns
+            if confirmed:
+                self._sure = here
+                return
+        if sure is not None:
+            here.revolution_ns, here.revolution_packets = sure.revolution_ns, sure.revolution_packets
+            here.borrowed = True
+        elif here.broken or not enough:
+            here.revolution_ns = 0.0
+
+
+def _interval(elapsed: float, share: float, ordinary_ns: float, *, gap: bool) -> float:
+    """What a revolution took of which `share` lies between two beginnings; NaN where that is not well known.
+
+    Args:
+        elapsed: Nanoseconds from one beginning to the other.
+        share: The part of the revolution that this was.
+        ordinary_ns: What one takes by the angles.
+        gap: Whether packets are missing in it or beside it.
+    """
+    if elapsed <= 0 or share < LEAST_SHARE or abs(elapsed / ordinary_ns - share) >= NOISE:
+        return math.nan
+    took = elapsed / share
+    return math.nan if gap and abs(took / ordinary_ns - 1) >= AGREEMENT else took

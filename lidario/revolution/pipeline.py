@@ -1,0 +1,129 @@
+"""The bytes of one stream become scans: parsed, joined, dated and assembled.
+
+Sessions, files and the messages of other machines pass through the same `Pipeline`; they differ in who holds the
+parser and in how much is done at once. A session parses for itself, since its line carries responses, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TypeAlias
+
+from lidario.families.base import Stream
+from lidario.revolution.assemble import Assembler
+from lidario.revolution.incoming import Clock
+from lidario.revolution.partial import MOST_IN_A_PART, parts_of
+from lidario.revolution.sectors import SectorAssembler
+from lidario.revolution.stats import AssemblerStats
+from lidario.revolution.together import join_runs, slices
+from lidario.revolution.whole import WholeSectors, assembler_of, sector_assembler_of
+from lidario.scan import Scan
+from lidario.sector import Sector
+from lidario.wire.events import Arrival, Packets
+from lidario.wire.link import Link
+
+__all__ = ["Pipeline"]
+
+RawBytes: TypeAlias = bytes | bytearray | memoryview
+
+
+class Pipeline:
+    """Makes scans of the bytes of one stream.
+
+    Args:
+        stream: The stream, as its family described it.
+        baudrate: Speed of the line in bits a second; 0 when bytes take no time.
+        wall_offset_ns: Wall clock minus monotonic clock.
+        stats: Counters to add to; fresh ones by default.
+        link: The parser; by default one to which the packets come at once, without a descriptor.
+        clock: What dates packets that were stored without times, as for `Incoming`.
+
+    Attributes:
+        stream: The stream.
+        link: The parser.
+        assembler: Builds the scans.
+    """
+
+    def __init__(
+        self,
+        stream: Stream,
+        baudrate: int = 0,
+        wall_offset_ns: int = 0,
+        stats: AssemblerStats | None = None,
+        *,
+        link: Link | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        self.stream: Stream = stream
+        self.link: Link = link or Link()
+        if link is None:
+            self.link.enter_stream(stream.format)
+        self.assembler: Assembler = assembler_of(stream, baudrate, wall_offset_ns, stats, clock)
+        self._is_stored = clock is not None
+        self._ended = False
+
+    @property
+    def stats(self) -> AssemblerStats:
+        """What became of the packets."""
+        return self.assembler.stats
+
+    def receive(self, data: RawBytes, now: int = 0, arrivals: Sequence[Arrival] = ()) -> list[Scan]:
+        """Take bytes, all at once; return the scans that they complete. The arguments are those of `Link`."""
+        runs = self._parse(data, now, arrivals)
+        # What is counted to tell the time is counted between the places where bytes were skipped.
+        runs = runs if self._is_stored else join_runs(runs)
+        return [scan for packets in runs for scan in self.assembler.add(packets)]
+
+    def steps(self, data: bytes, now: int, arrivals: Sequence[Arrival] = ()) -> Iterator[list[Scan]]:
+        """As `receive`, in steps of bounded work: between two of them, other tasks may run."""
+        runs: list[Packets] = []
+        for piece in slices(data, now, arrivals):
+            runs += self._parse(*piece)
+            yield []
+        for packets in join_runs(runs):
+            yield from self.take(packets)
+
+    def take(self, packets: Packets) -> Iterator[list[Scan]]:
+        """Take packets that were parsed elsewhere, in steps of bounded work.
+
+        Those that are left when it is closed, when the stream is ended or when it is divided meanwhile are counted
+        as discarded.
+        """
+        assembler, left = self.assembler, packets.count
+        few = left <= MOST_IN_A_PART
+        try:
+            for part in (packets,) if few else parts_of(packets, self.stream.format, self.stream.sample_ns):
+                left -= part.count
+                for scans in assembler.ends(part):
+                    yield scans
+                    if self._ended or assembler is not self.assembler:
+                        return
+        finally:
+            self.stats.discarded_packets += left
+
+    def divide(
+        self, parts: Iterable[int], publish: Callable[[int, Sector], None]
+    ) -> SectorAssembler | WholeSectors:
+        """Publish sectors from the next revolution on; returns what builds scans and sectors from now on.
+
+        Args:
+            parts: How many sectors each revolution is divided into; several sizes at the same time, or none.
+            publish: Called with how many sectors of its size a revolution has, and the sector.
+        """
+        if not isinstance(self.assembler, SectorAssembler | WholeSectors):
+            self.assembler = sector_assembler_of(self.assembler, publish)
+        self.assembler.divide(parts)
+        return self.assembler
+
+    def take_note(self) -> str:
+        """What is to be told of the time of a sample, once; empty where nothing is."""
+        return self.assembler.incoming.time.take_note()
+
+    def end(self) -> None:
+        """The stream has ended: the revolution in the making is discarded. Harmless when done before."""
+        self._ended = True
+        self.assembler.end()
+
+    def _parse(self, data: RawBytes, now: int, arrivals: Sequence[Arrival]) -> list[Packets]:
+        self.link.receive_data(data, now, arrivals)
+        return [event for event in self.link.events_received() if isinstance(event, Packets)]

@@ -1,0 +1,117 @@
+"""Where a device is reached: what opening it gives, and what a session changes when it comes back by another line.
+
+A recording and the lidar of another machine tell themselves what they are, so they are opened here. A port is
+looked at in `lidario.session.finding.connect`.
+"""
+
+from __future__ import annotations
+
+import weakref
+from dataclasses import dataclass, replace
+
+from lidario.families.base import Device, Family
+from lidario.model import DeviceInfo
+from lidario.port.background import run_in_thread
+from lidario.port.port import Port
+from lidario.session.talking.dialogue import Dialogue
+from lidario.source import Source
+
+__all__ = ["At", "Connection", "HalfOpen", "connect_recording", "connect_remote"]
+
+_NO_TIME_S = 0.001
+
+
+class HalfOpen:
+    """Leaves a device still that is being opened, when the program ends before anybody holds its session.
+
+    Ctrl-C is raised wherever the interpreter is, also between two statements that belong together. So this is made
+    before anything is written, and lives in the frames that open the device; when they are gone, its finalizer
+    writes the stop requests. The session lets go of it as soon as it has a finalizer of its own.
+
+    Args:
+        dialogue: The dialogue with the device.
+    """
+
+    def __init__(self, dialogue: Dialogue) -> None:
+        self._finalizer = weakref.finalize(self, dialogue.abandon)
+
+    def release(self) -> None:
+        """Somebody else takes care of the device from now on, or nobody has responded."""
+        self._finalizer.detach()
+
+
+@dataclass(frozen=True, slots=True)
+class Connection:
+    """A device that responds.
+
+    Attributes:
+        port: The line.
+        family: Whose dialect it speaks.
+        device: The device as that family sees it.
+        dialogue: The conversation with it.
+        info: What it says it is.
+        half_open: Leaves it still, until a session takes care of it.
+    """
+
+    port: Port
+    family: Family
+    device: Device
+    dialogue: Dialogue
+    info: DeviceInfo
+    half_open: HalfOpen
+
+
+@dataclass(slots=True)
+class At:
+    """Where the device of one session is reached now: shared by all its objects, and changed by `Lidar` alone.
+
+    Attributes:
+        dialogue: The conversation with the device.
+        device: The device as its family sees it.
+        info: What it last said it is.
+    """
+
+    dialogue: Dialogue
+    device: Device
+    info: DeviceInfo
+
+
+async def connect_recording(source: Source, family: str | None) -> Connection:
+    """A recording: nothing is probed, and its device says what it had said.
+
+    Raises:
+        RecordingError: Nothing can be read of it.
+    """
+    # A fifth of the import time, for those who need it.
+    from lidario.recording.device import RecordedDevice
+    from lidario.recording.files import open_stored_source
+    from lidario.recording.port import ReplayPort, pieces_from
+
+    # The file is gone through once: an hour takes a second.
+    recording = await run_in_thread(lambda: open_stored_source(source, family))
+    pieces = await run_in_thread(lambda: pieces_from(recording, source.begin_s))
+    port = ReplayPort(recording, rate=source.rate, loop=source.options.get("loop") == "1", pieces=pieces)
+    device = RecordedDevice(recording, lambda: port.stream)
+    port.offset_of = device.offset_of
+    own = recording.streams[0].family
+    # Nothing is under way on this line, so nothing has to be waited for.
+    dialogue = Dialogue(port, device, replace(own.timing, quiet_s=_NO_TIME_S, boot_poll_s=_NO_TIME_S))
+    info = await dialogue.run(device.identify())
+    return Connection(port, own, device, dialogue, info, HalfOpen(dialogue))
+
+
+async def connect_remote(source: Source) -> Connection:
+    """Another machine's lidar: its publisher says what it is, and drives it.
+
+    Raises:
+        ConnectFailed: No router, nobody publishes under that key, or several do.
+        Unsupported: The package that is needed is not installed.
+    """
+    from lidario.network.connect import open_remote  # for those who need it
+
+    remote = await open_remote(source)
+    dialogue = Dialogue(
+        remote.port, remote.device, replace(remote.family.timing, quiet_s=_NO_TIME_S, boot_poll_s=_NO_TIME_S)
+    )
+    info = await dialogue.run(remote.device.identify())
+    return Connection(remote.port, remote.family, remote.device, dialogue, info, HalfOpen(dialogue))

@@ -1,0 +1,180 @@
+"""Finding lidars: which ports there are, and which device responds on each.
+
+A port is written to without being named only when its USB adapter is one that lidars come with: an unexpected
+byte can reset another device, such as an Arduino. Families share adapters, so only the protocol tells them apart.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal
+
+from lidario.arguments import path_of, shown
+from lidario.errors import ConnectFailed, ConnectReason, InvalidValue, LidarError
+from lidario.families.registry import FAMILIES
+from lidario.model import DeviceInfo
+from lidario.port.background import run_in_thread
+from lidario.session.finding.connect import connect
+from lidario.source import Source
+
+__all__ = ["Found", "PortInfo", "find_source", "list_lidars", "list_serial_ports"]
+
+KNOWN_ADAPTERS: Final = {
+    (0x10C4, 0xEA60): "CP2102",
+    (0x1A86, 0x7523): "CH340",
+    (0x1A86, 0x55D4): "CH9102",
+    (0x0483, 0x5740): "STM32 virtual port",
+    (0x067B, 0x2303): "PL2303",
+    (0x0403, 0x6001): "FT232",
+    (0x0403, 0x6015): "FT231X",
+}
+"""USB vendor and product of the adapters that lidars are sold with."""
+
+_BY_ID = Path("/dev/serial/by-id")
+
+
+@dataclass(frozen=True, slots=True)
+class PortInfo:
+    """A serial port of this machine.
+
+    Attributes:
+        path: What to open.
+        by_id: A name that stays the same when ports are plugged in another order; empty where there is none.
+        adapter: The adapter's name if lidars come with it, else empty.
+        description: What the system says of it.
+    """
+
+    path: str
+    by_id: str
+    adapter: str
+    description: str
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """Which device is at a port.
+
+    Attributes:
+        port: The port.
+        info: What the device says it is; None when none was found.
+        baudrate: Speed at which it responded; 0 when none was found.
+        error: Why none was found; empty when one was.
+        reason: The same in one word, as in `ConnectFailed`; empty when one was found.
+    """
+
+    port: PortInfo
+    info: DeviceInfo | None
+    baudrate: int
+    error: str
+    reason: ConnectReason | Literal[""] = ""
+
+
+def list_serial_ports() -> list[PortInfo]:
+    """Every serial port of this machine, by path; nothing is opened. It reads files: about 10 ms."""
+    from serial.tools import list_ports  # slow to import, and seldom needed
+
+    stable = {}
+    if _BY_ID.is_dir():
+        stable = {os.path.realpath(link): str(link) for link in _BY_ID.iterdir()}
+    return [
+        PortInfo(
+            path=port.device,
+            by_id=stable.get(os.path.realpath(port.device), ""),
+            adapter=KNOWN_ADAPTERS.get((port.vid, port.pid), "") if port.vid is not None else "",
+            description=port.description if port.description != "n/a" else "",
+        )
+        for port in sorted(list_ports.comports(), key=lambda port: str(port.device))
+    ]
+
+
+async def list_lidars(paths: Iterable[str | os.PathLike[str]] = ()) -> list[Found]:
+    """Ask which device is at each port, at all ports at the same time.
+
+    A device that streams is stopped by this. Where no port has a lidar, all are asked again for 8 s, which is
+    enough for a lidar that boots. Cancelling leaves every port closed.
+
+    Args:
+        paths: Ports to ask, whatever adapter they have; none: every port with an adapter that lidars come with.
+
+    Returns:
+        One entry for each port that was asked. Errors of a port are in its entry; none is raised.
+
+    Raises:
+        InvalidValue: `paths` is no list of paths, as the path of one port is none.
+    """
+    if isinstance(paths, str | bytes) or not isinstance(paths, Iterable):
+        raise InvalidValue(f"write list_lidars(['/dev/ttyUSB0']): it takes a list of ports, not {shown(paths)}")
+    names = [str(path_of(path, "a port")) for path in paths]
+    named = {name: PortInfo(name, "", "", "") for name in names}
+    # Off the loop: it reads a few files of each port.
+    ports = list(named.values()) or [port for port in await run_in_thread(list_serial_ports) if port.adapter]
+    found: list[Found] = []
+    for patient in (False, True):
+        found = await asyncio.gather(*(_ask(port, patient=patient) for port in ports))
+        if any(each.info is not None for each in found):
+            break
+    return found
+
+
+async def find_source(source: Source, family: str | None = None) -> Source:
+    """The source to open for ``auto`` and ``id:``; any other as it is.
+
+    Args:
+        source: What the user named.
+        family: The family that its device must have; None for any.
+
+    Raises:
+        ConnectFailed: No lidar responds, or several do (reason ``ambiguous``); the text lists them.
+    """
+    if source.kind not in ("auto", "id"):
+        return source
+    found = await list_lidars()
+    responding = [each for each in found if each.info is not None]
+    if source.kind == "id":
+        wanted = source.address.casefold()
+        responding = [each for each in responding if each.info and each.info.serial.casefold() == wanted]
+    if family is not None:
+        responding = [each for each in responding if each.info and each.info.family == family]
+    if len(responding) == 1:
+        best = responding[0]
+        own = best.info.family if best.info else ""
+        return Source(best.port.path, "serial", best.port.path, {"baud": str(best.baudrate), "family": own})
+    if responding:
+        raise _several(responding)
+    others = [] if found else [port.path for port in await run_in_thread(list_serial_ports)]
+    raise _none(source, family, found, others)
+
+
+async def _ask(port: PortInfo, *, patient: bool) -> Found:
+    try:
+        connection = await connect(Source(port.path, "serial", port.path), patient=patient)
+    except LidarError as error:
+        reason: ConnectReason = error.reason if isinstance(error, ConnectFailed) else "silent"
+        return Found(port, None, 0, str(error), reason)
+    await connection.dialogue.close()
+    return Found(port, connection.info, connection.port.baudrate, "")
+
+
+def _none(source: Source, family: str | None, found: list[Found], others: list[str]) -> ConnectFailed:
+    kind = "lidar" if family is None else f"lidar of the family {family!r}"
+    what = f"no {kind} with serial number {source.address}" if source.kind == "id" else f"no {kind} found"
+    if not found:
+        tried = "no port has an adapter that lidars come with"
+        cure = f"; name the port if it is one of {', '.join(others)}" if others else ". Is it plugged in?"
+        without = f"\nWithout a lidar, a simulated one does: sim://{FAMILIES[0].simulated[0]}"
+        return ConnectFailed(f"{what}: {tried}{cure}{without}", reason="missing")
+    lines = "".join(f"\n{each.port.path}: {each.error or _title(each)}" for each in found)
+    return ConnectFailed(f"{what} on {len(found)} port(s) tried:{lines}", reason="missing")
+
+
+def _several(found: list[Found]) -> ConnectFailed:
+    lines = "".join(f"\n{each.port.path}: {_title(each)}" for each in found)
+    return ConnectFailed(f"{len(found)} lidars respond; name one:{lines}", reason="ambiguous")
+
+
+def _title(found: Found) -> str:
+    return f"{found.info.model}, serial number {found.info.serial}" if found.info else ""

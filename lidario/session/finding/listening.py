@@ -1,0 +1,141 @@
+"""Listening before anything is written: a device that streams already tells its family and its speed by that.
+
+It streams because a program that used it was killed. Asking at speeds that are not its own would be in vain for a
+second or more, and what it sends meanwhile hides its responses. Packets carry check values, so some of them in a
+row are no chance, and at a wrong speed there are none.
+
+Where nothing at all arrives at one speed, nothing streams at any: a receiver at a wrong speed hears garbage, not
+silence. So a device at rest is listened to once, and only a device that streams at every speed.
+
+Which lidar was found last behind which USB adapter is remembered, so that it is tried first when its port is
+opened again. An adapter is known by its name in ``/dev/serial/by-id``, which contains its serial number. Names such
+as ``/dev/ttyUSB0`` are given anew with each plugging in, so nothing is kept for them. It is kept in the process,
+not in a file: a library does not write to a user's folders unasked, a file may be stale or belong to another user,
+and what it would save is one round of listening, a second at most, once in a program.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from lidario.errors import ConnectFailed
+from lidario.families.base import Family
+from lidario.families.registry import FAMILIES
+from lidario.port.port import Port
+from lidario.wire.formats import StreamFormat
+
+__all__ = ["KEPT", "Heard", "adapter_of", "family_of_stream", "last_at", "listen", "remember"]
+
+BY_ID: Final = Path("/dev/serial/by-id")
+_found: dict[str, tuple[str, int]] = {}
+"""Adapter -> family and speed."""
+LISTEN_S = 0.12
+"""At each speed. The slowest packets are 19 ms apart (0x84 of a model for 2000 samples a second)."""
+STEP_S = 0.03
+"""How often it is tried to recognise what has come; it takes some milliseconds where it is garbage."""
+KEPT = 4096
+"""Bytes that are tried, the latest: five of the longest packets (781 bytes), so more would tell nothing else."""
+_PACKETS = 3
+_SHARE = 0.5
+"""Part of the bytes that must be whole packets. The first and the last one of three are mostly incomplete."""
+
+
+class Heard(NamedTuple):
+    """What listening told.
+
+    Attributes:
+        stream: Whose packets came, and at which speed (0 where the line has none); None where none were recognised.
+        silent: Nothing came at all.
+    """
+
+    stream: tuple[Family, int] | None
+    silent: bool
+
+
+async def listen(port: Port, speeds: Sequence[int], families: Sequence[Family]) -> Heard:
+    """Recognise a stream at one of `speeds`. Writes nothing.
+
+    It takes 0.12 s where nothing arrives, and at most as long for each speed where something does. Cancelling it
+    leaves the port open.
+    """
+    for speed in speeds:
+        if speed:
+            try:
+                port.set_baudrate(speed)
+            except ConnectFailed:
+                continue  # the adapter cannot do it
+        heard = bytearray()
+
+        def keep(direction: str, data: bytes, now: int, heard: bytearray = heard) -> None:  # noqa: ARG001
+            if direction == "in":
+                heard += data
+                # The first bytes may still have been received at the speed before.
+                del heard[:-KEPT]
+
+        port.add_tap(keep)
+        try:
+            family = await _recognise(port, heard, families)
+        finally:
+            port.remove_tap(keep)
+        if family is not None:
+            return Heard((family, speed), silent=False)
+        if not heard:
+            return Heard(None, silent=True)
+    return Heard(None, silent=False)
+
+
+async def _recognise(port: Port, heard: bytearray, families: Sequence[Family]) -> Family | None:
+    loop = asyncio.get_running_loop()
+    deadline = loop.time() + LISTEN_S
+    while port.is_open and loop.time() < deadline:
+        await asyncio.sleep(min(STEP_S, deadline - loop.time()))
+        family = family_of_stream(heard, families)
+        if family is not None:
+            return family
+    return None
+
+
+def family_of_stream(data: bytearray, families: Sequence[Family] = FAMILIES) -> Family | None:
+    """Whose packets most of `data` are; None where there are no more than two in a row, or mostly other bytes."""
+    best, family = int(_SHARE * len(data)), None
+    for each in families:
+        for kind in each.formats:
+            packets, size = _whole_packets(data, kind())
+            if packets >= _PACKETS and size > best:
+                best, family = size, each
+    return family
+
+
+def _whole_packets(data: bytearray, stream_format: StreamFormat) -> tuple[int, int]:
+    """How many intact packets there are, and of how many bytes together."""
+    at = packets = size = 0
+    while True:
+        stretch = stream_format.next_stretch(data, at)
+        if stretch.end == at:
+            return packets, size
+        packets += sum(block.packets for block in stretch.packets)
+        size += stretch.middle - at
+        at = stretch.end
+
+
+def adapter_of(path: str) -> str | None:
+    """The lasting name of the adapter behind a port; None where it has none. Reads a folder: under 1 ms."""
+    try:
+        real = os.path.realpath(path)
+        return next((link.name for link in BY_ID.iterdir() if os.path.realpath(link) == real), None)
+    except OSError:
+        return None
+
+
+def last_at(adapter: str) -> tuple[str, int] | None:
+    """Name of the family and speed of the lidar that was found last behind an adapter."""
+    return _found.get(adapter)
+
+
+def remember(adapter: str, family: str, baudrate: int) -> None:
+    """A lidar of that family was found behind an adapter at that speed."""
+    _found[adapter] = (family, baudrate)

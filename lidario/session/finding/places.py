@@ -1,0 +1,110 @@
+"""Where the device of a session may be found again, after the line to it was lost.
+
+An address on the network stays the same, and so does a simulated device. A serial port may come back with another
+name: the system numbers USB adapters in the order in which they appear, and gives the next number while a program
+still holds the old one. So three kinds of ports are tried:
+
+- where the device was last, and where the user said that it is: ``/dev/serial/by-id`` leads to it under any name;
+- ports that were not there when the session was opened, or that have been away since. Only those whose adapter is
+  one that lidars come with: a stray byte can reset other people's machines.
+
+A port that was there all the time is never written to: it belongs to something else. A port at which another device
+has responded, or nothing for a long time, is not asked again until it has been unplugged.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import NamedTuple
+
+from lidario.port.background import run_in_thread
+from lidario.session.finding import discovery
+from lidario.source import Source
+
+__all__ = ["Places"]
+
+
+MOST_SILENCES = 15
+"""How often a port that nobody has named is asked in vain. That takes longer than a lidar boots (8 s)."""
+
+
+class _Port(NamedTuple):
+    """A port, as the system has it at the moment. One that was unplugged and is back is another one.
+
+    Attributes:
+        path: What to open, links followed.
+        inode: Of the path; 0 where there is none.
+    """
+
+    path: str
+    inode: int
+
+
+class Places:
+    """The places of one device.
+
+    Args:
+        source: What was opened; not ``auto`` or ``id``.
+    """
+
+    def __init__(self, source: Source) -> None:
+        self._named = source
+        self._last = source
+        self._always: set[_Port] = set()
+        self._refused: set[_Port] = set()
+        self._silences: dict[_Port, int] = {}
+
+    async def begin(self) -> None:
+        """Note which ports there are. Cancelling ends only the waiting."""
+        if self._named.kind == "serial":
+            self._always = await run_in_thread(_ports)
+
+    async def candidates(self) -> list[Source]:
+        """Where to look now, the likeliest first. Cancelling ends only the waiting."""
+        own = [self._last] if self._last is self._named else [self._last, self._named]
+        if self._named.kind != "serial":
+            return own
+        there = await run_in_thread(_ports)
+        self._always &= there
+        at: dict[_Port, Source] = {}
+        for each in own:
+            at.setdefault(_port(each.address), each)
+        for port in sorted(there - self._always - set(at)):
+            at[port] = Source(port.path, "serial", port.path)
+        self._refused &= set(at)
+        self._silences = {port: count for port, count in self._silences.items() if port in at}
+        return [place for port, place in at.items() if port not in self._refused]
+
+    def is_own(self, place: Source) -> bool:
+        """Whether it is where the user said that the device is, or where it was last."""
+        return place in (self._last, self._named)
+
+    def found(self, place: Source) -> None:
+        """The device is there."""
+        self._last = place
+
+    def refuse(self, place: Source) -> None:
+        """Another device is there. A network address is asked again: what is behind it cannot be seen."""
+        if place.kind == "serial":
+            self._refused.add(_port(place.address))
+
+    def silent(self, place: Source) -> None:
+        """Nothing responds there: a port that nobody has named is not asked for ever."""
+        if place.kind == "serial" and not self.is_own(place):
+            port = _port(place.address)
+            self._silences[port] = self._silences.get(port, 0) + 1
+            if self._silences[port] >= MOST_SILENCES:
+                self._refused.add(port)
+
+
+def _ports() -> set[_Port]:
+    """Every serial port that may have a lidar; reads a few files of each."""
+    return {_port(port.path) for port in discovery.list_serial_ports() if port.adapter}
+
+
+def _port(path: str) -> _Port:
+    real = os.path.realpath(path)
+    try:
+        return _Port(real, os.stat(real).st_ino)
+    except OSError:  # not there, or a system that has no file for a port
+        return _Port(real, 0)

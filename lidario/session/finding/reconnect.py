@@ -1,0 +1,350 @@
+"""Coming back: a session whose line was lost finds its device again, and goes on.
+
+::
+
+    CONNECTED ──begin──> LEAVING ──> TRYING <──> WAITING ──limit──> GAVE_UP
+        ^                               │
+        └──────────── adopt ────────────┘        cancel leads from everywhere to ENDED
+
+* LEAVING: the old line is closed. Where it still works, the stop requests are written first.
+* TRYING: the places are tried where the device may be (`Places`). It is known by its own serial number. It is asked
+  how it is, reset if it protects itself, and gets its settings back.
+* WAITING: nothing was found; the next attempt follows later each time.
+* GAVE_UP: the user's limit has passed. The session ends with `DeviceLost`, whose cause is the first error.
+
+Unplugging, a TCP connection that is reset, a device that restarts or freezes and one that stops to protect itself
+all take this one way. So it needs no judgement of what has happened, which nobody can make from a silent line.
+
+`Failures` says when the line is no good any more, `Lidar` takes the new one over. The attempts run in one task. It
+holds no reference to the `Lidar`, so a session that nobody holds any more is collected also while it is away.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import Enum
+from functools import partial
+from typing import TYPE_CHECKING
+
+from lidario.arguments import finite, number, shown
+from lidario.errors import ConnectFailed, DeviceLost, InternalError, InvalidValue, LidarError
+from lidario.families.base import Device, Script
+from lidario.model import Health
+from lidario.session.finding.connect import connect
+from lidario.session.finding.connection import Connection
+from lidario.session.finding.places import Places
+from lidario.session.talking.dialogue import Dialogue
+from lidario.session.talking.handshake import healthy
+from lidario.session.talking.trouble import twin_of
+from lidario.source import Source
+
+if TYPE_CHECKING:
+    from lidario.port.simulated import Simulation
+
+__all__ = ["Reconnect", "Reconnector", "Step"]
+
+_log = logging.getLogger("lidario")
+
+_NO_SERIAL = frozenset("0F[] ")
+"""Serial numbers of these characters alone are unprogrammed memory: they tell no device from another."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reconnect:
+    """How a session comes back when it has lost its device: ``open_lidar(..., reconnect=Reconnect(limit_s=60))``.
+
+    Attributes:
+        limit_s: Seconds after which it gives up, counted from the loss until scans come again, or, where no stream
+            is wanted, until the device responds; infinite by default.
+        first_wait_s: Seconds between the first attempt and the second. Each later wait is twice as long.
+        longest_wait_s: Longest wait. With half a second the stream goes on within two seconds of the moment at
+            which the device responds again.
+
+    Raises:
+        InvalidValue: No numbers, or not above 0, or a longest wait below the first.
+    """
+
+    limit_s: float = math.inf
+    first_wait_s: float = 0.1
+    longest_wait_s: float = 0.5
+
+    def __post_init__(self) -> None:
+        try:
+            limit_s, first_s = number(self.limit_s, "limit_s"), finite(self.first_wait_s, "first_wait_s")
+            fine = limit_s > 0 and 0 < first_s <= finite(self.longest_wait_s, "longest_wait_s")
+        except InvalidValue:
+            limit_s, fine = math.nan, False
+        if not fine:
+            raise InvalidValue(f"{shown(self)}: the limit and the waits are seconds above 0, the first the least")
+        object.__setattr__(self, "limit_s", limit_s)  # clocks cannot add a whole number of any size
+
+
+class Step(Enum):
+    """What a `Reconnector` does at the moment."""
+
+    CONNECTED = "connected"
+    LEAVING = "leaving the line"
+    TRYING = "looking for the device"
+    WAITING = "waiting for the next attempt"
+    GAVE_UP = "gave up"
+    ENDED = "ended"
+
+
+class Reconnector:
+    """Brings one session back, as often as it is needed.
+
+    Args:
+        policy: How patient it is.
+        source: What was opened; not ``auto`` or ``id``.
+        simulation: The device of a ``sim://`` source.
+        keep_spinning: Whether the motor goes on when the session ends.
+
+    Attributes:
+        step: What it does at the moment.
+        count: How often the session has come back.
+        settings: What the user has set, in the order of setting: each makes the script that sets it again.
+    """
+
+    def __init__(
+        self,
+        policy: Reconnect,
+        source: Source,
+        simulation: Simulation | None = None,
+        *,
+        keep_spinning: bool = False,
+    ) -> None:
+        self.step: Step = Step.CONNECTED
+        self.count: int = 0
+        self.settings: dict[str, Callable[[Device], Script[object]]] = {}
+        self._policy = policy
+        self._places = Places(source)
+        self._simulation = simulation
+        self._keep_spinning = keep_spinning
+        self._loop = asyncio.get_running_loop()
+        self._task: asyncio.Task[None] | None = None
+        self._known: Connection | None = None
+        self._dialogue: Dialogue | None = None
+        self._wait_s = policy.first_wait_s
+        self._since = 0.0
+        self._attempts = 0
+        self._first: LidarError | None = None
+        self._told = ""
+        self._proven = True
+        self._scans = 0
+        self._adopt: Callable[[Connection, Health], bool] | None = None
+        self._gave_up: Callable[[LidarError], None] | None = None
+        self._unused: Callable[[], Awaitable[None]] | None = None
+
+    async def connect(self, source: Source, family: str | None, baudrate: int | None, *, guard: bool) -> Connection:
+        """Connect for the first time, and note which device it is, as `lidario.session.finding.connect.connect`."""
+        await self._places.begin()
+        self._connect = partial(connect, simulation=self._simulation, guard=guard)
+        self._known = await self._connect(source, family, baudrate)
+        return self._known
+
+    def serve(
+        self,
+        adopt: Callable[[Connection, Health], bool],
+        gave_up: Callable[[LidarError], None],
+        unused: Callable[[], Awaitable[None]],
+    ) -> None:
+        """Say whom it serves.
+
+        Args:
+            adopt: Takes a new line over; False when nobody is there any more who could.
+            gave_up: Called with the error that ends the session.
+            unused: Returns when nobody uses the line that was lost.
+        """
+        self._adopt, self._gave_up, self._unused = adopt, gave_up, unused
+
+    def begin(self, error: LidarError, scans: int) -> None:
+        """The line is no good any more, because of `error`: come back, in a task.
+
+        Where none of the session's `scans` came since it was back the last time, that was not a success: the time
+        goes on counting, and the waits go on growing.
+        """
+        if self.step is not Step.CONNECTED or self._known is None:
+            return
+        if scans > self._scans:
+            self._proven, self._scans = True, scans
+        if self._proven:
+            self._first, self._since, self._attempts = error, self._loop.time(), 0
+            self._wait_s, self._told = self._policy.first_wait_s, ""
+            _log.warning("the line to the lidar is lost, and the session comes back: %s", error)
+        self.step = Step.LEAVING
+        self._task = self._loop.create_task(self._run(), name="lidario: come back")
+
+    def proven(self) -> None:
+        """The session works again: the next loss is a new one."""
+        self._proven = True
+
+    def away_error(self) -> DeviceLost:
+        """What calls raise that cannot be done without the device."""
+        away = self._loop.time() - self._since
+        error = DeviceLost(
+            f"the lidar has been away for {away:.1f} s; the session is about to come back: ask again"
+        )
+        error.__cause__ = self._first
+        return error
+
+    def cancel(self) -> None:
+        """Come back no more. What is half connected is left still and closed by the task, see `ended`."""
+        self.step = Step.ENDED
+        if self._task is not None:
+            self._task.cancel()
+
+    async def ended(self) -> None:
+        """Return when the task has ended, about a second after `cancel`, and let go of a simulated device.
+
+        Cancelling ends only the waiting.
+        """
+        if self._task is not None:
+            await asyncio.wait([self._task])
+        self.release()
+
+    def abandon(self) -> None:
+        """Nobody holds the session any more: leave the device still, in any thread and without a loop."""
+        task = self._task
+        if task is not None and not task.done() and self._loop.is_running():
+            # The task leaves the device still with the pauses that it needs, and blocks nobody.
+            with suppress(RuntimeError):  # the loop was closed just now
+                self._loop.call_soon_threadsafe(task.cancel)
+        elif self._dialogue is not None:
+            self._dialogue.abandon()
+        self.release()
+
+    def release(self) -> None:
+        """Let go of the simulated device, if it is one; it ends when no port to it is open. Never raises."""
+        if self._simulation is not None:
+            try:
+                self._simulation.end()
+            except RuntimeError:
+                _log.warning("ending the simulated device failed", exc_info=True)
+
+    # ------------------------------------------------------------------------------------------------ the task
+
+    async def _run(self) -> None:
+        limit = self._policy.limit_s
+        deadline = None if math.isinf(limit) else self._since + limit
+        try:
+            async with asyncio.timeout_at(deadline):
+                await self._leave()
+                connection, health = await self._try_until_found()
+        except TimeoutError:
+            self._give_up()
+        except Exception as error:
+            _log.exception("lidario failed when it looked for the lidar")
+            failure = InternalError(f"lidario failed when it looked for the lidar ({error!r}); please report this")
+            failure.__cause__ = error
+            self._end_with(failure)
+        else:
+            # Nothing is awaited from here on: `cancel` comes either before, and then there is no connection, or
+            # after, and then the session has taken it over.
+            self._take_over(connection, health)
+
+    async def _leave(self) -> None:
+        assert self._known is not None
+        await self._known.dialogue.close(patient=False)  # it is stopped when it was found again
+        if self._unused is not None:
+            await self._unused()
+
+    async def _try_until_found(self) -> tuple[Connection, Health]:
+        if not self._proven:
+            await self._wait()
+        while True:
+            self.step = Step.TRYING
+            found = await self._attempt()
+            if found is not None:
+                return found
+            await self._wait()
+
+    async def _wait(self) -> None:
+        self.step = Step.WAITING
+        wait, self._wait_s = self._wait_s, min(2 * self._wait_s, self._policy.longest_wait_s)
+        await asyncio.sleep(wait)
+
+    async def _attempt(self) -> tuple[Connection, Health] | None:
+        """Try every place once; None when the device is at none of them."""
+        self._attempts += 1
+        for place in await self._places.candidates():
+            try:
+                return await self._reach(place)
+            except LidarError as error:
+                if isinstance(error, ConnectFailed) and error.reason == "silent":
+                    self._places.silent(place)
+                self._tell(f"{place.address or place.text}: {error}")
+            finally:
+                self._dialogue = None
+        return None
+
+    async def _reach(self, place: Source) -> tuple[Connection, Health]:
+        """Connect to the device at `place`, and make it as it was."""
+        known = self._known
+        assert known is not None
+        speed = None if known.port.baudrate == 0 else known.port.baudrate
+        connection = await self._connect(place, known.family.name, speed, patient=False, on_dialogue=self._began)
+        dialogue = connection.dialogue
+        try:
+            if connection.info.serial != known.info.serial or self._nameless(place):
+                self._places.refuse(place)
+                found = f"{connection.info.model} with the serial number {connection.info.serial}"
+                raise ConnectFailed(
+                    f"another lidar responds, {found}, and not {known.info.serial}", reason="missing"
+                )
+            health = await healthy(dialogue, connection.device)
+            for setting in list(self.settings.values()):
+                await dialogue.run(setting(connection.device))
+            if dialogue.fatal is not None:
+                raise twin_of(dialogue.fatal)
+        except BaseException:
+            await dialogue.close()
+            raise
+        self._places.found(place)
+        return connection, health
+
+    def _began(self, dialogue: Dialogue) -> None:
+        dialogue.stopper.keep_spinning = self._keep_spinning
+        self._dialogue = dialogue
+
+    def _nameless(self, place: Source) -> bool:
+        """Whether the serial number tells nothing, and the place is one that only the number could confirm."""
+        assert self._known is not None
+        return not set(self._known.info.serial) - _NO_SERIAL and not self._places.is_own(place)
+
+    def _take_over(self, connection: Connection, health: Health) -> None:
+        self.step = Step.CONNECTED
+        self.count += 1
+        self._known, self._proven = connection, False
+        away = self._loop.time() - self._since
+        _log.info(
+            "the lidar is back on %s, after %.1f s and %d attempts", connection.port.name, away, self._attempts
+        )
+        if self._adopt is None or not self._adopt(connection, health):
+            connection.dialogue.hang_up()
+
+    def _give_up(self) -> None:
+        self.step = Step.GAVE_UP
+        error = DeviceLost(
+            f"the lidar did not come back within {self._policy.limit_s:g} s ({self._attempts} attempts)"
+            + (f"; the last one: {self._told}" if self._told else "")
+        )
+        error.__cause__ = self._first
+        self._end_with(error)
+
+    def _end_with(self, error: LidarError) -> None:
+        self.step = Step.GAVE_UP
+        _log.warning("the session ended: %s", error)
+        self.release()
+        if self._gave_up is not None:
+            self._gave_up(error)
+
+    def _tell(self, reason: str) -> None:
+        """Log why an attempt failed, unless the one before failed for the same reason."""
+        if reason != self._told:
+            self._told = reason
+            _log.warning("the lidar is not back yet: %s", reason)

@@ -1,0 +1,1 @@
+"""The stream of one device, and those who read it."""

@@ -1,0 +1,261 @@
+"""Where the stream of one device stands, and every step from one `State` to the next.
+
+`StreamControl` starts, interrupts and stops the stream, and holds at most one `Running`. It knows no readers, and
+decides nothing: what is wanted, and what a failure means, is decided by `Scanner`, `Starter` and `Failures`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from collections.abc import Callable
+
+from lidario.errors import DeviceLost, LidarError, ResponseTimeout, StreamFailed, Unsupported
+from lidario.model import ScanMode
+from lidario.port.diagnose import is_pseudo_terminal
+from lidario.revolution.assemble import AssemblerStats
+from lidario.scan import Scan
+from lidario.sector import Sector
+from lidario.session.finding.connection import At
+from lidario.session.streaming.modes import Wanted, does_not_fit
+from lidario.session.streaming.running import Failure, Running, Totals
+from lidario.session.streaming.states import TRANSITIONS, Event, State
+from lidario.session.talking.trouble import Trouble
+from lidario.wire.states import LinkState
+
+__all__ = ["NotWanted", "StreamControl"]
+
+_log = logging.getLogger("lidario")
+
+STOP_ATTEMPTS = 3
+"""A damaged line may lose a STOP; three in a row mean that the device does not hear them."""
+
+
+class NotWanted(LidarError):
+    """Ends a start that nobody wants any more. No user sees it."""
+
+
+class StreamControl:
+    """The stream of one device.
+
+    Args:
+        at: Where the device is reached.
+        latency: As for `Running`.
+        trouble: As for `Running`.
+        publish: Called with each scan.
+        failed: Called once if a stream falls silent or makes no revolutions.
+        publish_sector: As for `Running`.
+
+    Attributes:
+        totals: Counters since the session was opened.
+        state: What becomes of the stream at the moment.
+        wanted: The stream that ought to run, or the one that ran last and is wanted again.
+        modes: The scan modes of the device, once it was asked.
+        continued: The last scan of a stream that goes on: what passes until its next one is counted as missed.
+        failure: What is known of a stream that has failed, until the device was asked.
+        ran: Whether a stream has run since one was wanted.
+        ran_until: When the last stream was left off, seconds of the loop's clock.
+        starting: Whether the operation in progress is a start: it ends when no stream is wanted any more.
+    """
+
+    def __init__(
+        self,
+        at: At,
+        latency: float,
+        trouble: Trouble,
+        publish: Callable[[Scan], None],
+        failed: Callable[[Failure], None],
+        publish_sector: Callable[[int, Sector], None],
+    ) -> None:
+        self.totals: Totals = Totals(AssemblerStats())
+        self.state: State = State.IDLE
+        self.wanted: Wanted | None = None
+        self.modes: tuple[ScanMode, ...] = ()
+        self.continued: Scan | None = None
+        self.failure: Failure | None = None
+        self.ran: bool = False
+        self.ran_until: float = -math.inf
+        self.starting: bool = False
+        self._at = at
+        self._latency = latency
+        self._trouble = trouble
+        self._publish = publish
+        self._failed = failed
+        self._publish_sector = publish_sector
+        self._parts: frozenset[int] = frozenset()
+        self._loop = asyncio.get_running_loop()
+        self._running: Running | None = None
+        at.dialogue.on_still = self._still
+
+    @property
+    def is_scanning(self) -> bool:
+        """Whether a stream runs, or is about to."""
+        return self.state in (State.STARTING, State.RUNNING, State.INTERRUPTED, State.AWAITED)
+
+    @property
+    def is_away(self) -> bool:
+        """Whether there is no line to the device, and the session is about to come back."""
+        return self.state in (State.AWAY, State.AWAITED)
+
+    @property
+    def mode(self) -> ScanMode | None:
+        """The scan mode that runs or is about to, if it is known."""
+        return self.wanted.mode if self.wanted is not None and self.is_scanning else None
+
+    @property
+    def scans(self) -> int:
+        """Scans since the session was opened."""
+        return self.totals.assembled.scans
+
+    def go(self, event: Event) -> None:
+        """Take the one step that the table knows for `event`; raises RuntimeError where it knows none."""
+        before = self.state
+        try:
+            self.state = TRANSITIONS[before][event]
+        except KeyError:
+            raise RuntimeError(f"{event.name} cannot happen while {before.name}") from None
+        if before is not self.state:
+            _log.debug("%s: %s -> %s", event.value, before.value, self.state.value)
+
+    def set_zero_offset(self, degrees: float, *, behind: bool) -> None:
+        """Have the stream that runs add another zero-angle offset, as `Assembler.set_zero_offset`."""
+        if self._running is not None:
+            self._running.set_zero_offset(degrees, behind=behind)
+
+    def divide(self, parts: frozenset[int]) -> None:
+        """Have the stream that runs, and each later one, publish so many sectors of each revolution."""
+        self._parts = parts
+        if self._running is not None:
+            self._running.divide(parts)
+
+    # ------------------------------------------------------------------------------------------------ start, pause
+
+    def want(self) -> None:
+        """A reader wants scans: the stream is to be started, unless it is wanted already."""
+        if self.state in (State.IDLE, State.STOPPING, State.AWAY):
+            self.ran = False
+            self.go(Event.WANT)
+
+    async def start(self, wanted: Wanted) -> None:
+        """Start the stream; where none begins, `failure` says so.
+
+        Raises:
+            Unsupported: It sends more than the line carries.
+        """
+        try:
+            stream = await self._at.dialogue.run(self._at.device.start(wanted.mode, force=wanted.force))
+        except ResponseTimeout as error:
+            # A device that has stopped to protect itself starts no stream, and does not say so by itself.
+            self.failure = Failure(f"no stream begins ({error})", "does it know this scan mode?", error=error)
+            return
+        if self.state is not State.STARTING or wanted != self.wanted:
+            # Nobody wants it any more, and the stop requests are written already.
+            return
+        # Not before: the descriptor decides which format is sent, not what the list of modes foretold.
+        misfit = does_not_fit(self._at.device, self.modes, stream.mode, self._at.dialogue.port.baudrate)
+        # A pseudo-terminal carries everything, whatever speed it was opened at.
+        if misfit and not is_pseudo_terminal(self._at.dialogue.port.name):
+            raise Unsupported(misfit)
+        self.go(Event.STARTED)
+        self.ran = True
+        self._running = Running(
+            stream,
+            self._at.dialogue,
+            latency=self._latency,
+            totals=self.totals,
+            trouble=self._trouble,
+            publish=self._publish,
+            failed=self._failed,
+            publish_sector=self._publish_sector,
+        )
+        if self._parts:
+            self._running.divide(self._parts)
+        self._running.begin()
+
+    def pause(self) -> None:
+        """The stream that runs is not read any more, and is wanted all the same."""
+        self.totals.interruptions += 1
+        self.go(Event.INTERRUPT)
+        self.rest()
+
+    async def interrupt(self) -> None:
+        """Stop the stream, not the motor, and wait until the line is quiet."""
+        if self.state is State.RUNNING:
+            self.pause()
+            await self.silence()
+
+    def resume(self) -> None:
+        """The device is free again: the stream that was interrupted is to be started."""
+        if self.state is State.INTERRUPTED:
+            self.go(Event.RESUME)
+
+    async def silence(self) -> None:
+        """Have the line quiet, by as many STOP requests as that takes."""
+        if self._at.dialogue.link.state is LinkState.STREAMING or not await self._at.dialogue.quieten(stop=False):
+            for _ in range(STOP_ATTEMPTS):
+                if await self._at.dialogue.quieten():
+                    return
+            raise StreamFailed(
+                f"bytes still arrive after {STOP_ATTEMPTS} STOP requests: the device does not hear them, or it is "
+                "noise on the line. Check the cable and the plug"
+            )
+
+    def leave_off(self) -> None:
+        """What passes until the stream goes on is counted as missed, as it is where the line was lost."""
+        if self.continued is not None:
+            self.totals.assembled.leave_off(self.continued)
+
+    # ------------------------------------------------------------------------------------------------ stop
+
+    def unwant(self) -> None:
+        """Nobody wants the stream: stop the device as soon as it listens. Never blocks or raises."""
+        if self.state is State.CLOSED:
+            return
+        self.go(Event.UNWANT)
+        self.wanted = self.failure = self.continued = self.totals.assembled.left_off = None
+        self.rest()
+        if self.starting:
+            self._at.dialogue.interrupt(NotWanted("the stream is not wanted any more"))
+        self._at.dialogue.stop_device()
+        if self._at.dialogue.stopper.still:
+            self._still()
+
+    def rest(self) -> None:
+        """The stream runs no more; the device is not told."""
+        running, self._running = self._running, None
+        if running is not None:
+            self.ran_until = self._loop.time()
+            running.end()
+
+    def close(self) -> None:
+        """The session is over; the device is not told."""
+        self.rest()
+        self.go(Event.CLOSE)
+
+    # ------------------------------------------------------------------------------------------------ the line
+
+    def lose(self, error: LidarError) -> None:
+        """Let go of the line, which is no good any more because of `error`; a stream that is wanted stays so."""
+        self.leave_off()
+        self.go(Event.LOSE)
+        self.failure = None
+        self.rest()
+        self._at.dialogue.on_lost = None
+        self._at.dialogue.on_still = None
+        # Where the line still works, those who wait for a response must not wait for a device that is being left.
+        lost = error if isinstance(error, DeviceLost) else DeviceLost(f"the line to the lidar is given up: {error}")
+        if lost is not error:
+            lost.__cause__ = error
+        self._at.dialogue.fail(lost)
+
+    def adopt(self) -> None:
+        """There is a new line to the device: it is stopped, or a stream is to be started where one is wanted."""
+        self._at.dialogue.on_still = self._still
+        self.go(Event.RETURN)
+        if not self.is_scanning:
+            self._at.dialogue.stop_device()
+
+    def _still(self) -> None:
+        if self.state is State.STOPPING:
+            self.go(Event.STILL)

@@ -1,0 +1,100 @@
+"""Which scan mode runs, when readers ask for one by name, by id, or for none in particular."""
+
+from __future__ import annotations
+
+import math
+from numbers import Integral
+from typing import NamedTuple
+
+from lidario.arguments import shown
+from lidario.errors import LocalProtocolError, Unsupported
+from lidario.families.base import Device
+from lidario.model import ScanMode
+from lidario.session.streaming.pace import BITS_A_BYTE
+
+__all__ = ["Wanted", "agree", "choose_mode", "does_not_fit"]
+
+
+class Wanted(NamedTuple):
+    """A stream that ought to run.
+
+    Attributes:
+        mode: The scan mode.
+        force: Whether the device shall measure even when the motor is not up to speed.
+    """
+
+    mode: ScanMode
+    force: bool
+
+
+def agree(
+    modes: tuple[ScanMode, ...], asked: str | int | None, force: bool, running: Wanted | None, *, alone: bool
+) -> Wanted:
+    """The stream that a new reader and those that read already can share.
+
+    Args:
+        modes: The scan modes of the device; those that it does not list last.
+        asked: Name or id of the mode the new reader asks for; None for the one that runs, or else the typical one.
+        force: Whether it asks for a forced scan.
+        running: What runs, or is about to.
+        alone: Whether the new reader is the only one.
+
+    Raises:
+        Unsupported: The device has no such mode.
+        LocalProtocolError: Another reader needs another mode.
+    """
+    if running is not None and asked is None and not alone:
+        return running
+    wanted = Wanted(choose_mode(modes, asked), force)
+    if running is not None and wanted != running and not alone:
+        raise LocalProtocolError(
+            f"scan mode {running.mode.name!r} is running for another stream: "
+            f"leave that one before asking for {wanted.mode.name!r}"
+        )
+    return wanted
+
+
+def does_not_fit(device: Device, modes: tuple[ScanMode, ...], mode: ScanMode, baudrate: int) -> str:
+    """Why the line cannot carry what a mode sends, and the cure; empty where it can, or nothing is known of it.
+
+    Args:
+        device: The device.
+        modes: Its scan modes.
+        mode: One of them.
+        baudrate: Speed of the line in bits a second; 0 where bytes take no time.
+    """
+
+    def fits(load: float) -> bool:
+        return load * BITS_A_BYTE <= baudrate
+
+    load = device.load(mode)
+    if not baudrate or fits(load):
+        return ""
+    slower = " or ".join(repr(each.name) for each in modes if device.load(each) > 0 and fits(device.load(each)))
+    instead = f", or choose {slower}" if slower else ""
+    return (
+        f"scan mode {mode.name!r} sends {load:.0f} bytes a second, and a line of {baudrate} baud carries "
+        f"{baudrate // BITS_A_BYTE}: have the line at {math.ceil(load * BITS_A_BYTE)} baud or more{instead}"
+    )
+
+
+def choose_mode(modes: tuple[ScanMode, ...], wanted: str | int | None) -> ScanMode:
+    """The mode of that name or id; the device's typical one for None.
+
+    Raises:
+        Unsupported: There is no such mode; the text lists the modes of the device.
+    """
+    number: object = wanted  # whole numbers of numpy are none of Python's
+    for mode in modes:
+        if wanted is None and mode.typical:
+            return mode
+        if isinstance(wanted, str) and mode.name.casefold() == wanted.casefold():
+            return mode
+        if isinstance(number, Integral) and mode.id == number:
+            return mode
+    if wanted is None:
+        return modes[0]
+    # Modes that the device does not list have the id of another one, which an id then means.
+    by_id = {mode.id: mode for mode in reversed(modes)}
+    known = ", ".join(f"{mode.name} ({mode.id})" if by_id[mode.id] is mode else mode.name for mode in modes)
+    raise Unsupported(f"this device has no scan mode {shown(wanted)}; it has {known}")

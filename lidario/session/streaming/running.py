@@ -1,0 +1,293 @@
+"""One started stream, from its descriptor to its end: packets become scans, and somebody watches that they come.
+
+`begin` takes the packets over, those included that came with the descriptor. `end` lets go of everything: no
+timer is left, and the port is polled no more. Between them two things are watched: that packets come, and that
+they make full revolutions. What must be repeated to keep the device going is repeated. What is wrong with a device
+whose packets stay away is not judged here: `lidario.session.streaming.inquiry` asks it.
+
+`StreamControl` makes one of these for each start and holds at most one.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+from lidario.errors import LidarError
+from lidario.families.base import Stream
+from lidario.revolution.assemble import AssemblerStats
+from lidario.revolution.pipeline import Pipeline
+from lidario.scan import Scan
+from lidario.sector import Sector
+from lidario.session.streaming.pace import Pace
+from lidario.session.streaming.sectors import SectorPace
+from lidario.session.talking.dialogue import Dialogue
+from lidario.session.talking.intake import TakePackets
+from lidario.session.talking.trouble import Trouble
+from lidario.wire.events import Packets
+
+_log = logging.getLogger("lidario")
+
+__all__ = ["SILENCE_S", "Failure", "Running", "Totals"]
+
+SILENCE_S = 0.6
+"""Longest time without a packet once they flow; longer than bytes are held (`lidario.port.reading.HOLD_S`). The
+slowest format sends one every 20 ms. With the questions that follow, a dead device is told of within a second."""
+NETWORK_SILENCE_S = 0.9
+"""The same where the line has no speed: a wireless network may pause for longer."""
+REVOLUTIONS_MISSED = 3
+"""Revolutions of the slowest kind that may fail to complete before a stream of packets counts as stuck."""
+NOISE_S = 0.15
+"""Noise is what arrives without being a packet in that last part of the silence; what came before it may be half a
+packet, or an interference that is over."""
+NOISE_BYTES = 64
+"""Fewer are stray bytes. The slowest line carries ten times as many in that time."""
+LATE_KEEPALIVES = 2.5
+"""Times the interval after which the thread writes a keepalive, since the loop has not."""
+_WATCH_MARGIN_S = 0.001
+"""Timers may fire early by the resolution of the clock; this much later the time is surely up."""
+
+
+@dataclass(slots=True)
+class Totals:
+    """Counters that outlive a single stream; they only grow.
+
+    Attributes:
+        assembled: What became of the packets.
+        interruptions: Times a stream was stopped for something else and started again.
+        keepalives: Keepalive requests sent.
+        restarts: Times a stream that had stopped by itself was started again.
+    """
+
+    assembled: AssemblerStats
+    interruptions: int = 0
+    keepalives: int = 0
+    restarts: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """What is known of a stream that brings no scans, before the device was asked.
+
+    Attributes:
+        what: It in words, as the beginning of a sentence.
+        cause: The likeliest cause, as a question, if the device turns out to be well.
+        noise: Whether bytes arrive that are no packets.
+        silent: Whether no packets arrive.
+        scans: Scans that the stream brought before.
+        lasted_s: Seconds from its start to its last packet; 0 when there was none.
+        error: What its start failed with, if it did not even begin.
+    """
+
+    what: str
+    cause: str
+    noise: bool = False
+    silent: bool = True
+    scans: int = 0
+    lasted_s: float = 0.0
+    error: LidarError | None = None
+
+
+class Running:
+    """A stream that the device sends.
+
+    Args:
+        stream: The stream, as its family described it.
+        dialogue: Where its packets come from.
+        latency: Seconds by which a scan may be late because the port is polled only from time to time.
+        totals: Counters to add to.
+        trouble: Where discarded revolutions are logged.
+        publish: Called with each scan.
+        failed: Called once if the stream falls silent or makes no revolutions.
+        publish_sector: Called with how many sectors of its size a revolution has, and the sector.
+    """
+
+    def __init__(
+        self,
+        stream: Stream,
+        dialogue: Dialogue,
+        *,
+        latency: float,
+        totals: Totals,
+        trouble: Trouble,
+        publish: Callable[[Scan], None],
+        failed: Callable[[Failure], None],
+        publish_sector: Callable[[int, Sector], None],
+    ) -> None:
+        self._stream = stream
+        self._dialogue = dialogue
+        self._latency = latency
+        self._totals = totals
+        self._trouble = trouble
+        self._discarded = totals.assembled.broken_scans
+        self._publish = publish
+        self._failed = failed
+        self._publish_sector = publish_sector
+        self._loop = asyncio.get_running_loop()
+        self._wall_offset_ns = dialogue.port.wall_offset_ns
+        self._baudrate = stream.speed_on(dialogue.port.baudrate)
+        self._pipeline = Pipeline(stream, self._baudrate, self._wall_offset_ns, totals.assembled)
+        self._pace = Pace(stream, self._baudrate, latency, dialogue.stats.bytes_received)
+        self._take_packets: TakePackets = self._take
+        self._delivered = False
+        self._watchdog: asyncio.TimerHandle | None = None
+        self._keepalive: asyncio.TimerHandle | None = None
+        self._began = self._last_packet = self._last_scan = self._loop.time()
+        self._scans = 0
+        self._silence_s = SILENCE_S if dialogue.port.baudrate else NETWORK_SILENCE_S
+        if stream.format.whole:
+            # A damaged byte costs a packet that is a whole revolution.
+            self._silence_s = max(self._silence_s, stream.slowest_turn_s)
+        # Bytes that had come when the last part of a silence began.
+        self._received = 0
+        self._watch_due = self._began
+        self._note_damage()
+
+    def begin(self) -> None:
+        """Take the packets over, and watch them."""
+        stream = self._stream
+        self._dialogue.chronicle.began(
+            self._dialogue.link.stream_at,
+            stream.mode,
+            stream.format.shortest,
+            stream.sample_ns,
+            stream.slowest_turn_s,
+            self._baudrate,
+            self._wall_offset_ns,
+            stream.zero_offset_deg,
+            continues=self._totals.assembled.left_off is not None,
+        )
+        self._delivered = True
+        self._dialogue.deliver_to(self._take_packets)
+        self._dialogue.port.set_polling(self._latency, self._pace)
+        if self._dialogue.port.is_live:
+            self._watch()
+        keepalive = stream.keepalive
+        if keepalive is not None:
+            self._keepalive = self._loop.call_later(keepalive.interval_s, self._keep_alive)
+            self._dialogue.port.set_repeat(keepalive.request.data, LATE_KEEPALIVES * keepalive.interval_s)
+
+    def end(self) -> None:
+        """Let go of everything; the device is not told. Harmless when done before."""
+        if self._stream.keepalive is not None:
+            # First: a keepalive of the thread behind the stop requests would start the device again.
+            self._dialogue.port.set_repeat(b"", 0.0)
+        self._dialogue.chronicle.ended(self._dialogue.link.fed)
+        self._dialogue.deliver_to(None)
+        self._pipeline.end()
+        for timer in (self._watchdog, self._keepalive):
+            if timer is not None:
+                timer.cancel()
+        self._watchdog = self._keepalive = None
+        self._dialogue.port.set_polling(0.0, None)
+
+    def set_zero_offset(self, degrees: float, *, behind: bool) -> None:
+        """Add another zero-angle offset, as `Assembler.set_zero_offset`."""
+        # Recordings hold the place. What was read before is parsed first, as a replay does.
+        self._dialogue.port.poll()
+        self._dialogue.chronicle.zero_offset_set(
+            self._dialogue.link.fed, degrees, behind=behind or self._pipeline.assembler.keeps_offset
+        )
+        self._pipeline.assembler.set_zero_offset(degrees, behind=behind)
+
+    def divide(self, parts: frozenset[int]) -> None:
+        """Publish sectors from the next revolution on, so many of each revolution; none for no more."""
+        whole, assembler = self._pipeline.assembler, self._pipeline.divide(parts, self._publish_sector)
+        if assembler is not whole:
+            # Only from now on does a stream cost what sectors cost.
+            pace = self._pace = SectorPace(self._pace)
+
+            def take(packets: Packets) -> Iterator[None]:
+                yield from self._take(packets)
+                pace.expect(assembler.next_ns)
+
+            self._take_packets = take
+            if self._delivered:
+                self._dialogue.deliver_to(take)
+                self._dialogue.port.set_polling(self._latency, pace)
+
+    def _take(self, packets: Packets) -> Iterator[None]:
+        self._last_packet = self._loop.time()
+        for scans in self._pipeline.take(packets):
+            self._show(scans)
+            yield
+
+    def _show(self, scans: Sequence[Scan]) -> None:
+        for scan in scans:
+            self._last_scan = self._last_packet
+            self._note_damage()
+            self._scans += 1
+            self._pace.turned(scan, self._dialogue.stats.bytes_received, self._last_packet)
+            self._publish(scan)
+        if note := self._pipeline.take_note():
+            _log.warning(note)
+        if self._totals.assembled.broken_scans > self._discarded:
+            self._trouble.tell("revolutions discarded: %d so far", self._totals.assembled.broken_scans)
+            self._discarded = self._totals.assembled.broken_scans
+
+    def _note_damage(self) -> None:
+        """What is counted as damaged from now on has come since the last scan."""
+        self._broken_before = self._totals.assembled.broken_scans
+        self._lost_before = self._totals.assembled.lost_packets
+        self._late_before = self._dialogue.stats.late_reads
+        self._errors_before = self._dialogue.port.errors
+
+    def _watch(self) -> None:
+        began = self._last_packet == self._began
+        patience = self._stream.spin_up_s if began else self._silence_s
+        # The rotor that has turned need not speed up again.
+        turns = REVOLUTIONS_MISSED * self._stream.slowest_turn_s + (0.0 if self._scans else self._stream.spin_up_s)
+        now = self._loop.time()
+        if now - self._last_packet >= patience - NOISE_S or now - self._last_scan >= turns:
+            # The program may have blocked the loop: read what the line holds before judging it.
+            self._dialogue.port.poll()
+            now = self._loop.time()
+        idle, turning = now - self._last_packet, now - self._last_scan
+        # Records are understood, though nothing is measured: of a rotor that is too fast, for one.
+        received, stats = self._received, self._dialogue.stats
+        self._received = stats.bytes_received - stats.record_bytes
+        noise = self._received - received >= NOISE_BYTES
+        # On a poor line many packets in a row may be damaged where each is a whole revolution.
+        may_come = noise and self._stream.format.whole and turning < turns
+        if now - self._watch_due > NOISE_S:
+            # The program has blocked the loop. What the line holds may not be here yet, and what came before the
+            # block says nothing of the time since.
+            self._watch_in(NOISE_S)
+        elif idle >= patience and not may_come:
+            self._failed(self._failure(f"no scan data for {idle:.1f} s", "does the rotor turn?", noise=noise))
+        elif turning >= turns:
+            what = f"scan data arrives, but no full revolution for {turning:.1f} s"
+            self._failed(self._failure(what, self._why_no_revolution(), silent=False))
+        else:
+            # First to the last part of the silence, then to its end.
+            wait = next((due - idle for due in (patience - NOISE_S, patience) if idle < due), NOISE_S)
+            self._watch_in(min(wait, self._silence_s, turns - turning) + _WATCH_MARGIN_S)
+
+    def _why_no_revolution(self) -> str:
+        """What to look for where packets come and no revolution does."""
+        counted = self._totals.assembled
+        lost = counted.lost_packets - self._lost_before
+        if counted.broken_scans == self._broken_before or not lost:
+            return "is the rotor blocked?"
+        if self._dialogue.stats.late_reads > self._late_before:
+            return f"{lost} packets of it are lost: this computer was too busy to read them"
+        if errors := (self._dialogue.port.errors - self._errors_before).meaning():
+            return f"{lost} packets of it are damaged or missing, with {errors}"
+        return f"{lost} packets of it are damaged or missing. Check the cable, the plug and the power supply"
+
+    def _watch_in(self, seconds: float) -> None:
+        self._watch_due = self._loop.time() + seconds
+        self._watchdog = self._loop.call_at(self._watch_due, self._watch)
+
+    def _failure(self, what: str, cause: str, *, noise: bool = False, silent: bool = True) -> Failure:
+        lasted_s = self._last_packet - self._began
+        return Failure(what, cause, noise=noise, silent=silent, scans=self._scans, lasted_s=lasted_s)
+
+    def _keep_alive(self) -> None:
+        keepalive = self._stream.keepalive
+        if keepalive is not None:
+            self._dialogue.keep_alive(keepalive.request)
+            self._totals.keepalives += 1
+            self._keepalive = self._loop.call_later(keepalive.interval_s, self._keep_alive)

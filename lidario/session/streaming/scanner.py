@@ -1,0 +1,307 @@
+"""The stream of one device, as those see it who read it, ask the device something meanwhile, or stop it.
+
+Readers only say that they want scans (`join`) and that they do not any more (`leave`, `linger`). A task of the
+session brings the stream up (`lidario.session.streaming.starter`). Where the stream stands is one `State`, which
+`lidario.session.streaming.control` leads from step to step; what becomes of it when something fails is decided in
+`lidario.session.streaming.failures`.
+
+One operation at a time talks to the device and holds the lock: the start of a stream, a query, a reset. Stopping
+does not wait for it. `leave` and `stop` end a start in progress at once, and the stop requests are written as
+soon as the device listens. `close` ends every operation at once.
+
+Where the session comes back by itself (`Reconnector`), a lost line ends neither the readers nor the
+session: operations fail, readers wait, and `adopt` has the stream started again on the new line.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+from typing import TypeVar
+
+import anyio
+
+from lidario.errors import DeviceLost, LidarError
+from lidario.families.base import Script
+from lidario.measured import changed
+from lidario.model import ScanMode
+from lidario.scan import Scan
+from lidario.session.finding.connection import At
+from lidario.session.streaming.control import StreamControl
+from lidario.session.streaming.failures import Failures
+from lidario.session.streaming.inquiry import Inquiry
+from lidario.session.streaming.line_changes import LineWatch
+from lidario.session.streaming.readers import Readers
+from lidario.session.streaming.running import Failure, Totals
+from lidario.session.streaming.sectors import sectors_of
+from lidario.session.streaming.starter import Starter
+from lidario.session.streaming.states import State
+from lidario.session.streaming.stream import Hub, Mailbox
+from lidario.session.talking.dialogue import play
+from lidario.session.talking.handshake import come_back
+from lidario.session.talking.trouble import Trouble, twin_of
+
+__all__ = ["Scanner"]
+
+T = TypeVar("T")
+_log = logging.getLogger("lidario")
+
+WRITE_AGAIN_S = 0.005
+"""How often it is tried to write a request in mid-scan, while the device does not listen."""
+LEAVE_TIMEOUT_S = 2.0
+"""Longest time that `left` waits. The stop requests are written within 0.6 s (`Stopper.written`)."""
+
+
+class Scanner:
+    """The stream of one device.
+
+    Attributes:
+        totals: Counters since the session was opened.
+        hub: Everybody who reads it.
+        latest: The last scan, or None.
+        line: Tells what becomes of the line.
+        control: Where the stream stands.
+        inquiry: Asks the device when something has failed, and knows its health.
+        failures: Judges what has failed; knows what ended the session.
+        usual_mode: Scan mode for readers that ask for none; None for the device's typical one.
+    """
+
+    def __init__(self, at: At, latency: float) -> None:
+        trouble = Trouble(_log)
+        self._readers = Readers(self._deserted)
+        self.hub: Hub = self._readers.hub
+        self.control: StreamControl = StreamControl(
+            at, latency, trouble, self._publish, self._suspect, self.hub.publish_sector
+        )
+        self.hub.on_parts = self.control.divide
+        self.totals: Totals = self.control.totals
+        self.latest: Scan | None = None
+        self.usual_mode: str | int | None = None
+        self.line: LineWatch = LineWatch()
+        self.inquiry: Inquiry = Inquiry(at, self.totals, trouble)
+        self._at = at
+        self._lock = asyncio.Lock()
+        self._loop = asyncio.get_running_loop()
+        self.failures: Failures = Failures(self.control, at, self._readers, self.inquiry, trouble, self.line)
+        self._starter = Starter(self.control, at, self._readers, self.inquiry, self.failures, self._lock)
+        self._watchers: tuple[Callable[[Scan], None], ...] = ()
+
+    # ------------------------------------------------------------------------------------------------ readers
+
+    def join(self, mailbox: Mailbox, mode: str | int | None, force: bool) -> None:
+        """As `ScanSource`."""
+        usual = self.usual_mode if not self.control.is_scanning else None
+        self._readers.add(mailbox, usual if mode is None else mode, force)
+        self.control.want()
+        self._starter.work_soon()
+
+    def leave(self, mailbox: Mailbox) -> None:
+        """As `ScanSource`."""
+        self._readers.discard(mailbox)
+        if not len(self._readers) and self.control.is_scanning:
+            self._readers.cancel_linger()
+            self.control.unwant()
+
+    def linger(self, mailbox: Mailbox) -> None:
+        """As `ScanSource`."""
+        self._readers.discard(mailbox)
+        if not len(self._readers) and self.control.is_scanning:
+            self._readers.linger()
+
+    async def left(self) -> None:
+        """As `ScanSource`."""
+        if self._loop.is_closed():
+            return  # the coroutine is being collected, and nothing can be waited for
+        with anyio.CancelScope(shield=True), anyio.move_on_after(LEAVE_TIMEOUT_S):
+            await self._at.dialogue.stopper.written()
+
+    def watch(self, watcher: Callable[[Scan], None]) -> None:
+        """Call `watcher` with each scan, before its readers get it."""
+        self._watchers = (*self._watchers, watcher)
+
+    def unwatch(self, watcher: Callable[[Scan], None]) -> None:
+        """Call it no more; ignored where it is not there."""
+        self._watchers = tuple(each for each in self._watchers if each != watcher)
+
+    # ------------------------------------------------------------------------------------------------ a replay
+
+    @property
+    def scans(self) -> int:
+        """As `Audience`."""
+        return self.totals.assembled.scans
+
+    @property
+    def is_waiting(self) -> bool:
+        """As `Audience`."""
+        return self.hub.is_waiting
+
+    def on_taken(self, callback: Callable[[], None]) -> None:
+        """As `Audience`."""
+        self.hub.on_taken(callback)
+
+    def restart(self, *, failed: bool = False) -> None:
+        """As `Audience`."""
+        if self.control.state is State.RUNNING and not self.control.starting:
+            if failed:
+                self.control.leave_off()
+            self.control.pause()
+            self._resume()
+
+    def deliver(self, scan: Scan, missed: int) -> None:
+        """As `Audience` of another machine's lidar: a scan that came whole, and how many are missing before it."""
+        if self.control.state is State.RUNNING:
+            counted = self.totals.assembled
+            counted.missed_scans += missed
+            if counted.left_off is not None:
+                counted.resume(scan.stamp_ns)
+            scan = changed(scan, seq=counted.scans + counted.missed_scans)
+            counted.scans += 1
+            for parts in self.hub.parts:
+                for sector in sectors_of(scan, parts):
+                    self.hub.publish_sector(parts, sector)
+            self._publish(scan)
+
+    def finish(self) -> None:
+        """As `Audience`."""
+        if self.control.is_scanning:
+            self._readers.end(None)
+            self.control.unwant()
+
+    # ------------------------------------------------------------------------------------------------ operations
+
+    async def modes(self) -> tuple[ScanMode, ...]:
+        """The scan modes of the device, asked for once."""
+        if not self.control.modes:
+            self.control.modes = await self.ask(self._at.device.modes)
+        return self.control.modes
+
+    def ask(self, script: Callable[[], Script[T]]) -> Awaitable[T]:
+        """Run a script of the family, with the stream interrupted if one runs, and started again after it.
+
+        A script that asks the device nothing, or refuses, does so at once, and does not interrupt the stream.
+        Cancelling gives up the response; the stream is started again all the same.
+
+        Returns:
+            What is to be awaited for its result.
+        """
+        held = script()
+        try:
+            first = next(held)
+        except StopIteration as stop:
+            return _told(stop.value)
+        return self.between(lambda: play(held, self._at.dialogue.ask, first))
+
+    async def between(self, action: Callable[[], Awaitable[T]], *, vital: bool = False) -> T:
+        """Await `action` while no stream runs; the stream is started again after it, whatever becomes of it.
+
+        A `vital` action is one without which no stream can be started: when it fails, the streams end with it.
+        """
+        dialogue = self._at.dialogue
+        async with self._lock:
+            if self.failures.over is not None:
+                raise twin_of(self.failures.over)
+            if self._at.dialogue is not dialogue or (dialogue.fatal is not None and self.control.is_away):
+                raise DeviceLost("the line to the lidar was lost before this request was sent: ask again")
+            dialogue.begin()
+            before = dialogue.dtr
+            try:
+                if self.control.state is State.RUNNING:
+                    self.control.pause()
+                    await self.control.silence()
+                if dialogue.reset_at is not None:
+                    await come_back(dialogue, self._at.device)
+                return await action()
+            except LidarError as error:
+                if vital:
+                    self.failures.could_not_start(error)
+                raise
+            finally:
+                if dialogue.dtr is not before and not self.control.is_scanning:
+                    # It had to be woken to hear this.
+                    dialogue.stop_device()
+                self._resume()
+
+    async def retune(self) -> None:
+        """Have the stream that runs follow the scan frequency that was set; it is not interrupted."""
+        async with self._lock:
+            request, dialogue = self._at.device.retune(), self._at.dialogue
+            # Nothing is written behind a STOP: it would set a resting rotor in motion.
+            while request is not None and self.control.state is State.RUNNING and not dialogue.keep_alive(request):
+                await dialogue.pause(WRITE_AGAIN_S)
+
+    async def stop(self) -> None:
+        """Stop laser and motor, end every stream, and return when the line is quiet."""
+        self._check_open()
+        self._readers.end(None)
+        self.control.unwant()
+        await self.left()
+        async with self._lock:
+            self._check_open()
+            self._at.dialogue.begin()
+            try:
+                if not self.control.is_scanning and not self.control.is_away:
+                    await self.control.silence()
+            except DeviceLost:
+                if not self.control.is_away:
+                    raise
+                # It is told to stop as soon as it is back.
+
+    def set_zero_offset(self, degrees: float, *, behind: bool = False) -> None:
+        """Have the stream that runs add another zero-angle offset, as `Assembler.set_zero_offset`."""
+        self.control.set_zero_offset(degrees, behind=behind)
+
+    # ------------------------------------------------------------------------------------------------ the session
+
+    def abandon(self) -> None:
+        """Nobody holds the session any more: let go of every timer. The device is not told."""
+        self._readers.cancel_linger()
+        self.control.rest()
+        self.line.end()
+
+    async def unused(self) -> None:
+        """Return when no operation holds the line that was lost. Each has failed by then, so this takes no time."""
+        async with self._lock:
+            pass
+
+    def adopt(self) -> None:
+        """There is a new line to the device: start the stream on it if one is wanted, else stop the device."""
+        self.failures.adopt()
+        self.control.adopt()
+        self._starter.work_soon()
+
+    async def ended(self) -> None:
+        """Return when the task that starts streams has ended, after `end`."""
+        await self._starter.ended()
+
+    # ------------------------------------------------------------------------------------------------ inside
+
+    def _publish(self, scan: Scan) -> None:
+        self.latest = self.control.continued = scan
+        for watcher in self._watchers:
+            watcher(scan)
+        self.hub.publish(scan)
+
+    def _suspect(self, failure: Failure) -> None:
+        """The stream brings no scans."""
+        if self.failures.suspect(failure):
+            self._starter.work_soon()
+
+    def _resume(self) -> None:
+        """The device is free again: have the stream started again, if it has readers."""
+        if self.control.state is State.INTERRUPTED and len(self.hub):
+            self.control.resume()
+        self._starter.work_soon()
+
+    def _deserted(self) -> None:
+        """The last reader has been gone for a second."""
+        if self.control.is_scanning:
+            self.control.unwant()
+
+    def _check_open(self) -> None:
+        if self.failures.over is not None:
+            raise twin_of(self.failures.over)
+
+
+async def _told(result: T) -> T:
+    return result

@@ -1,0 +1,133 @@
+"""The task that brings the stream up: cancelling a reader, or a query, never ends other people's streams.
+
+It runs while there is something to do: readers wait to be let in, a stream is to be started, or one has failed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+
+from lidario.errors import InternalError, LidarError, LocalProtocolError, Unsupported
+from lidario.session.finding.connection import At
+from lidario.session.streaming.control import NotWanted, StreamControl
+from lidario.session.streaming.failures import Failures
+from lidario.session.streaming.inquiry import Inquiry
+from lidario.session.streaming.modes import Wanted, agree
+from lidario.session.streaming.readers import Readers
+from lidario.session.streaming.states import State
+from lidario.session.talking.handshake import come_back
+
+__all__ = ["Starter"]
+
+_log = logging.getLogger("lidario")
+
+
+class Starter:
+    """Lets readers in, and starts the stream they want.
+
+    Args:
+        control: The stream.
+        at: Where the device is reached.
+        readers: Who wants scans.
+        inquiry: Asks the device before a start that may fail.
+        failures: Judges what has failed.
+        lock: Held while the device is talked to.
+    """
+
+    def __init__(
+        self,
+        control: StreamControl,
+        at: At,
+        readers: Readers,
+        inquiry: Inquiry,
+        failures: Failures,
+        lock: asyncio.Lock,
+    ) -> None:
+        self._control = control
+        self._at = at
+        self._readers = readers
+        self._inquiry = inquiry
+        self._failures = failures
+        self._lock = lock
+        self._loop = asyncio.get_running_loop()
+        self._task: asyncio.Task[None] | None = None
+
+    def work_soon(self) -> None:
+        """Have done what is to be done, if there is anything."""
+        # A coroutine that is collected after its loop was closed comes by here, too.
+        if self._task is None and self._has_work and not (self._control.is_away or self._loop.is_closed()):
+            self._task = self._loop.create_task(self._work(), name="lidario: start the stream")
+
+    async def ended(self) -> None:
+        """Return when the task has ended."""
+        if self._task is not None:
+            await asyncio.wait([self._task])
+
+    @property
+    def _has_work(self) -> bool:
+        """Whether readers wait to be let in, a stream is to be started, or one has failed."""
+        control = self._control
+        return bool(self._readers.joining) or control.state is State.STARTING or control.failure is not None
+
+    async def _work(self) -> None:
+        """Let the readers in who wait for it, and start the stream they want; until nothing is left to do."""
+        control = self._control
+        try:
+            while self._has_work:
+                async with self._lock:
+                    if control.is_away:
+                        return
+                    self._at.dialogue.begin()
+                    control.starting = True
+                    try:
+                        if self._at.dialogue.reset_at is not None:
+                            await come_back(self._at.dialogue, self._at.device)
+                        await self._failures.judge()
+                        await self._let_in()
+                        if control.state is State.STARTING and control.wanted is not None:
+                            await self._start(control.wanted)
+                    except NotWanted:
+                        continue
+                    except LidarError as error:
+                        self._failures.could_not_start(error)
+                    finally:
+                        control.starting = False
+        except Exception as error:
+            _log.exception("lidario failed when it started a stream")
+            failure = InternalError(f"lidario failed when it started a stream ({error!r}); please report this")
+            failure.__cause__ = error
+            self._at.dialogue.fail(failure)
+            self._at.dialogue.stop_device()
+        finally:
+            self._task = None
+
+    async def _let_in(self) -> None:
+        """Let in the readers who wait, as far as the modes they ask for go together."""
+        control, hub = self._control, self._readers.hub
+        while self._readers.joining:
+            if not control.modes:
+                await control.interrupt()
+                control.modes = await self._at.dialogue.run(self._at.device.modes())
+                continue
+            mailbox, mode, force = self._readers.joining.pop(0)
+            try:
+                modes = (*control.modes, *self._at.device.unlisted_modes())
+                wanted = agree(modes, mode, force, control.wanted, alone=not len(hub))
+            except (LocalProtocolError, Unsupported) as error:
+                mailbox.end(error)
+                continue
+            hub.add(mailbox)
+            if wanted != control.wanted:
+                control.wanted = wanted
+                await control.interrupt()
+        if not len(hub) and control.is_scanning:
+            control.unwant()
+        else:
+            control.resume()
+
+    async def _start(self, wanted: Wanted) -> None:
+        await self._control.silence()
+        if self._inquiry.is_doubtful(self._control.ran_until):
+            await self._inquiry.beforehand()
+        await self._control.start(wanted)

@@ -1,0 +1,349 @@
+"""Scans on their way to their readers: one mailbox each, the latest wins.
+
+A reader that is slower than the device must not make the program hold old scans, nor hold up the port: the
+kernel's buffer is 60 ms deep. So a full mailbox drops its oldest scan and counts it, and the count travels with
+the next scan the reader gets. Readers do not disturb each other.
+
+`ScanStream` is a class, not an async generator: when a task leaves a generator by ``break``, its cleanup runs
+later and elsewhere, and STOP would be late.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import weakref
+from collections import deque
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from types import TracebackType
+from typing import Any, Generic, Protocol, Self, TypeVar, cast
+
+from lidario.arguments import callable_of, shown, whole, yes_or_no
+from lidario.entered import AsyncOnly
+from lidario.errors import Busy, InvalidValue, LidarError, LocalProtocolError
+from lidario.measured import with_dropped
+from lidario.scan import Scan
+from lidario.sector import Sector
+from lidario.session.talking.trouble import again, twin_of
+
+__all__ = ["Hub", "Mailbox", "ReaderStream", "ScanSource", "ScanStream", "filters_of"]
+
+T = TypeVar("T")
+
+_HOLD_S = 30 * 86400.0
+"""For how long the event loop keeps a waiting reader alive, where the program itself holds no reference to it."""
+
+
+class Mailbox:
+    """Holds the latest scans for one reader, or the latest sectors.
+
+    Args:
+        depth: Most that are kept.
+        parts: How many sectors a revolution has for this reader; 0 for a reader of scans.
+
+    Attributes:
+        parts: The same.
+        dropped: Scans dropped since the reader last took one.
+        total_dropped: Scans dropped altogether.
+        on_taken: Called when the reader has taken a scan. Where it is set, no scan is dropped: who has set it puts
+            more only when the reader has taken all.
+    """
+
+    def __init__(self, depth: int, parts: int = 0) -> None:
+        depth = whole(depth, "depth")
+        if depth < 1:
+            raise InvalidValue(f"a reader keeps at least one {'sector' if parts else 'scan'}, not {shown(depth)}")
+        self.parts: int = parts
+        self.dropped: int = 0
+        self.total_dropped: int = 0
+        self._depth = depth
+        self._scans: deque[Scan | Sector] = deque()
+        # Held by its task and its timer. A finalizer reaches this object, and must not reach the frames of a task:
+        # else, where Ctrl-C ends the loop of a plain program, the session is no garbage, and the device goes on.
+        self._waiter: weakref.ref[asyncio.Future[None]] | None = None
+        self._ended = False
+        self._error: LidarError | None = None
+        self.on_taken: Callable[[], None] | None = None
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether the reader has taken every scan."""
+        return not self._scans
+
+    @property
+    def ended(self) -> bool:
+        """Whether no more scans will come."""
+        return self._ended
+
+    def put(self, scan: Scan | Sector) -> int:
+        """Add a scan; returns how many were dropped for it (0 or 1)."""
+        if self._ended:
+            return 0
+        dropped = 0
+        if len(self._scans) >= self._depth and self.on_taken is None:
+            self._scans.popleft()
+            dropped = 1
+            self.dropped += 1
+            self.total_dropped += 1
+        self._scans.append(scan)
+        self._wake()
+        return dropped
+
+    def end(self, error: LidarError | None = None) -> None:
+        """No more scans will come; the reader gets what is left, then `error` or the end of the iteration."""
+        if not self._ended:
+            self._ended = True
+            self._error = error
+            self._wake()
+
+    async def get(self) -> Scan | Sector:
+        """The oldest scan held, or the next one to come. Cancelling loses nothing.
+
+        Raises:
+            StopAsyncIteration: The stream was ended.
+            LidarError: The stream ended with this error.
+            Busy: Another task is waiting already.
+        """
+        if self._waiter is not None:
+            raise Busy("two tasks read one stream: give each its own, as lidar.scans() and lidar.sectors() do")
+        while not self._scans:
+            if self._error is not None:
+                raise again(self._error)
+            if self._ended:
+                raise StopAsyncIteration
+            loop = asyncio.get_running_loop()
+            waiter: asyncio.Future[None] = loop.create_future()
+            self._waiter = weakref.ref(waiter)
+            # The timer only holds the reader: a task that the program does not hold must not be collected.
+            holding = loop.call_later(_HOLD_S, waiter.done)
+            try:
+                await waiter
+            finally:
+                holding.cancel()
+                self._waiter = None
+        scan = self._scans.popleft()
+        if self.on_taken is not None:
+            self.on_taken()
+        if self.dropped:
+            scan = with_dropped(scan, self.dropped)
+            self.dropped = 0
+        return scan
+
+    def _wake(self) -> None:
+        waiter = None if self._waiter is None else self._waiter()
+        if waiter is not None and not waiter.done() and not waiter.get_loop().is_closed():
+            waiter.set_result(None)
+
+
+class Hub:
+    """Hands every scan to every mailbox for scans, and every sector to those for sectors of its size.
+
+    Attributes:
+        dropped: Scans that slow readers missed, summed over all of them.
+        parts: The numbers of sectors that revolutions have for the readers here.
+        on_parts: Called when that has changed.
+    """
+
+    def __init__(self) -> None:
+        # In the order in which they came: a run is repeated exactly.
+        self._mailboxes: dict[Mailbox, None] = {}
+        self._on_taken: Callable[[], None] | None = None
+        self.dropped: int = 0
+        self.parts: frozenset[int] = frozenset()
+        self.on_parts: Callable[[frozenset[int]], None] | None = None
+
+    def __len__(self) -> int:
+        return len(self._mailboxes)
+
+    def add(self, mailbox: Mailbox) -> None:
+        """Begin to hand scans to `mailbox`."""
+        self._mailboxes[mailbox] = None
+        mailbox.on_taken = self._on_taken
+        self._see_parts()
+
+    def discard(self, mailbox: Mailbox) -> None:
+        """Hand it none any more."""
+        self._mailboxes.pop(mailbox, None)
+        self._see_parts()
+        if self._on_taken is not None:
+            self._on_taken()
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether every reader has taken all its scans."""
+        return all(mailbox.is_empty for mailbox in self._mailboxes)
+
+    def on_taken(self, callback: Callable[[], None]) -> None:
+        """Call `callback` each time a reader has taken a scan or has left, and drop no scan any more."""
+        self._on_taken = callback
+
+    def publish(self, scan: Scan) -> None:
+        """Hand `scan` to everybody who reads scans."""
+        for mailbox in tuple(self._mailboxes):
+            if not mailbox.parts:
+                self.dropped += mailbox.put(scan)
+
+    def publish_sector(self, parts: int, sector: Sector) -> None:
+        """Hand `sector` to everybody who reads so many of a revolution."""
+        for mailbox in tuple(self._mailboxes):
+            if mailbox.parts == parts:
+                mailbox.put(sector)
+
+    def end(self, error: LidarError | None = None) -> None:
+        """End every stream; each gets an error of its own, so that tracebacks do not mix."""
+        for mailbox in tuple(self._mailboxes):
+            mailbox.end(None if error is None else twin_of(error))
+        self._mailboxes.clear()
+        self._see_parts()
+
+    def _see_parts(self) -> None:
+        parts = frozenset(mailbox.parts for mailbox in self._mailboxes if mailbox.parts)
+        if parts != self.parts:
+            self.parts = parts
+            if self.on_parts is not None:
+                self.on_parts(parts)
+
+
+class ScanSource(Protocol):
+    """What a `ScanStream` needs of the session."""
+
+    def join(self, mailbox: Mailbox, mode: str | int | None, force: bool) -> None:
+        """Hand scans to `mailbox` from now on; start the device in that mode unless it runs in it already."""
+        ...
+
+    def leave(self, mailbox: Mailbox) -> None:
+        """Hand `mailbox` no more; the last one to leave stops the device, at once."""
+        ...
+
+    def linger(self, mailbox: Mailbox) -> None:
+        """Hand `mailbox` no more; when it was the last one, the device stops a little later."""
+        ...
+
+    async def left(self) -> None:
+        """Return when what `leave` wrote has reached the device."""
+        ...
+
+
+class ReaderStream(AsyncOnly, Generic[T]):
+    """What `ScanStream` and `SectorStream` are: one reader, and the mailbox that is handed what it reads."""
+
+    def __init__(
+        self,
+        source: ScanSource,
+        mode: str | int | None,
+        depth: int,
+        force: bool,
+        opened: Callable[[], None],
+        parts: int = 0,
+        filters: Iterable[Callable[[T], T]] = (),
+    ) -> None:
+        self._source = source
+        self._mode = mode
+        self._force = yes_or_no(force, "force")
+        self._mailbox = Mailbox(depth, parts)
+        self._filters = filters_of(filters)
+        self._let_go: weakref.finalize[..., ReaderStream[T]] | None = None
+        self._left = False
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._check_open = opened
+
+    @property
+    def dropped(self) -> int:
+        """Scans, or sectors, that this reader has missed so far."""
+        return self._mailbox.total_dropped
+
+    def __aiter__(self) -> Self:
+        return self
+
+    async def __anext__(self) -> T:
+        if self._left:
+            raise StopAsyncIteration
+        if self._let_go is None:
+            self._check_open()
+            self._source.join(self._mailbox, self._mode, self._force)
+            self._loop = asyncio.get_running_loop()
+            # Run by the garbage collector, perhaps in another thread.
+            self._let_go = weakref.finalize(self, _let_go, self._loop, self._source, self._mailbox)
+            self._let_go.atexit = False
+        elif self._loop is not asyncio.get_running_loop():
+            raise LocalProtocolError("the stream was begun in another event loop, and its scans come only there")
+        try:
+            scan = await self._mailbox.get()
+            # Here, and not where it is put: what this reader misses costs nothing.
+            return cast("T", scan.filtered(*self._filters) if self._filters else scan)
+        except BaseException:
+            # An error that the program keeps, as in a cancelled task, holds this frame. Without `self` in it, the
+            # stream is garbage all the same, and that leaves the device still.
+            del self
+            raise
+
+    async def __aenter__(self) -> Self:
+        self._check_open()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.aclose()
+
+    async def aclose(self) -> None:
+        """Leave the stream. The last one to be left stops laser and motor. Harmless when done before.
+
+        For a task that waits for the next scan, the iteration ends.
+
+        The stop requests are written before anything is awaited, or, where the device does not listen at that
+        moment, by a timer. Cancelling ends only the waiting for that.
+        """
+        if self._leave():
+            self._source.leave(self._mailbox)
+            await self._source.left()
+
+    def release(self) -> None:
+        """Leave the stream; the last one to be left stops laser and motor a second later, unless one was begun."""
+        if self._leave():
+            self._source.linger(self._mailbox)
+
+    def _leave(self) -> bool:
+        left, self._left = self._left, True
+        if self._let_go is None or left:
+            return False
+        self._let_go.detach()
+        self._mailbox.end()
+        return True
+
+
+class ScanStream(ReaderStream[Scan]):
+    """An asynchronous iterator of full revolutions; made by `Lidar.scans`.
+
+    The device begins to scan at the first ``await``. Used as a context manager the stream is left at the end of
+    the block, and the last stream to be left stops laser and motor. A stream that nobody holds any more, as after
+    ``break`` out of ``async for scan in lidar.scans()``, is left by itself, and the device stops within two
+    seconds.
+
+    Iteration ends when `Lidar.stop` is called. It raises `StreamFailed` when the device falls silent, makes no
+    revolutions or cannot be started, and `DeviceFault` when it has stopped to protect itself and a reset is of no
+    use; the session goes on after both. It raises `DeviceLost` when the port died, and `SessionClosed`
+    when the session is closed by another task. With `open_lidar(reconnect=...)` it waits while the device is away.
+
+    Cancelling ``__anext__`` loses no scan, and does not end the stream.
+    """
+
+    _instead = "scans come asynchronously: write `async for scan in lidar.scans():`, or `async with` first"
+
+
+def filters_of(filters: object) -> tuple[Callable[[Any], Any], ...]:
+    """Filters that a user gave, in their order.
+
+    Raises:
+        InvalidValue: They are no list of functions.
+    """
+    try:
+        found: tuple[object, ...] = tuple(filters)  # type: ignore[arg-type]
+    except TypeError:
+        raise InvalidValue(f"filters are a list, as in filters=[ShadowsFilter()], not {shown(filters)}") from None
+    return tuple(callable_of(each, "a filter") for each in found)
+
+
+def _let_go(loop: asyncio.AbstractEventLoop, source: ScanSource, mailbox: Mailbox) -> None:
+    with suppress(RuntimeError):  # the loop is closed: so is the session, or its own finalizer stops the device
+        loop.call_soon_threadsafe(source.linger, mailbox)

@@ -1,0 +1,1 @@
+"""Requests, responses and the stop requests of one device."""

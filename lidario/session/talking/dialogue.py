@@ -1,0 +1,349 @@
+"""Requests and responses of one device, with the timing the device demands.
+
+Between `Link`, which knows no time, and `Scanner`, which knows no bytes. It runs the scripts of a family, one
+request at a time. A request is written only when the device listens: when the time that the last request needs
+has passed, and no response is outstanding. A device discards what comes earlier and does not say so.
+
+What an operation waits for, and what ends the waiting, is in `Waiting`; what becomes of received
+bytes in `Intake`.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Awaitable, Callable, Coroutine, Sequence
+from contextlib import suppress
+from typing import Any, TypeVar
+
+import anyio
+
+from lidario.errors import InternalError, LidarError, ResponseTimeout
+from lidario.families.base import Device, Script, Timing
+from lidario.port.port import Port
+from lidario.session.talking.intake import Intake
+from lidario.session.talking.readiness import Readiness
+from lidario.session.talking.stopper import PATIENCE_S, Stopper
+from lidario.session.talking.trouble import twin_of
+from lidario.session.talking.waiting import Awaited, Waiting
+from lidario.wire.envelope import Request
+from lidario.wire.states import LinkState
+
+__all__ = ["Dialogue", "play"]
+
+T = TypeVar("T")
+_log = logging.getLogger("lidario")
+
+RESPONSE_S = 0.02
+"""Time in which a healthy device has responded."""
+_AWAITING = LinkState.AWAIT_RESPONSE
+
+
+async def play(script: Script[T], ask: Callable[[Request], Awaitable[bytes]], first: Request | None = None) -> T:
+    """Play `script` to its end: each request that it yields is asked, and the payload is sent back into it.
+
+    Cancelling closes the script.
+
+    Args:
+        script: A script of a family.
+        ask: Sends a request and returns the payload of its response. Its ResponseTimeout is raised in the script.
+        first: Its first request, where it was advanced to that one already.
+
+    Returns:
+        The result of the script.
+
+    Raises:
+        Whatever the script raises, and what `ask` raises unless the script catches it.
+    """
+    try:
+        request = next(script) if first is None else first
+        while True:
+            try:
+                payload = await ask(request)
+            except ResponseTimeout as timeout:
+                request = script.throw(timeout)
+            else:
+                request = script.send(payload)
+    except StopIteration as stop:
+        result: T = stop.value
+        return result
+    finally:
+        script.close()
+
+
+class Dialogue(Intake, Waiting):
+    """Talks to one device over one port.
+
+    Attributes:
+        timing: How long the device takes for what.
+        stopper: Writes the stop requests.
+        on_lost: Called once, with the error, when the dialogue is over for good before it was closed.
+        on_still: Called each time the device is seen still.
+        protection_stops: Times the device was found to have stopped to protect itself.
+        reset_at: When the device was told to restart, on the loop's clock; None if it has responded since. A device
+            that boots discards what it is sent.
+        dtr: The state in which the control line DTR was put last; None while it is as it was opened.
+    """
+
+    def __init__(self, port: Port, device: Device, timing: Timing) -> None:
+        Intake.__init__(self, port)
+        Waiting.__init__(self)
+        self.timing: Timing = timing
+        self.on_lost: Callable[[LidarError], None] | None = None
+        self.on_still: Callable[[], None] | None = None
+        self.protection_stops: int = 0
+        self.reset_at: float | None = None
+        self.dtr: bool | None = None
+        self._device = device
+        self._longest = self._until = math.inf
+        self._readiness = Readiness(self.link)
+        self.stopper: Stopper = Stopper(self, self._readiness, device, timing.quiet_s)
+        port.attach(self, self.stopper.unseen)
+
+    @property
+    def is_open(self) -> bool:
+        """As `Writer`: whether requests can still be written."""
+        return self.port.is_open
+
+    @property
+    def bytes_received(self) -> int:
+        """As `Writer`: all bytes that came in so far."""
+        return self.stats.bytes_received
+
+    # ------------------------------------------------------------------------------------------------ receiving
+
+    def responded(self, payload: bytes) -> None:
+        """As `Intake.responded`."""
+        self._readiness.has_responded = True
+        self.wake(Awaited.RESPONSE, payload)
+
+    def taken(self) -> None:
+        """As `Intake.taken`."""
+        if self.link.state is not _AWAITING:
+            # A response that was given up is among what has come.
+            self._readiness.late_until = 0.0
+            if self._awaited is Awaited.CHANGE:
+                self.wake(Awaited.CHANGE)
+            if self.stopper.wanted:
+                self.stopper.try_now()
+
+    def mistaken(self, error: Exception) -> None:
+        """As `Intake.mistaken`. It ends the dialogue: it must not leave readers waiting."""
+        if self.fatal is None:
+            _log.error("lidario failed at what the device sent", exc_info=error)
+        failure = InternalError(f"lidario failed at what the device sent ({error!r}); please report this")
+        failure.__cause__ = error
+        self.fail(failure)
+        self.stop_device()
+
+    def connection_lost(self, error: LidarError | None) -> None:
+        """As `Receiver`."""
+        self.stopper.cancel()
+        if error is not None:
+            # What came before is still worth having.
+            self._turns.then(lambda: self.fail(error))
+
+    def fail(self, error: LidarError) -> None:
+        """End the dialogue for good; the first error wins."""
+        if self.fatal is not None:
+            return
+        super().fail(error)
+        if self.on_lost is not None:
+            self.on_lost(error)
+
+    # ------------------------------------------------------------------------------------------------ operations
+
+    def hurry(self, longest: float = math.inf, until: float = math.inf) -> None:
+        """Ask each question once; without arguments, as often as is usual again.
+
+        Args:
+            longest: Seconds for which each response is waited for at most.
+            until: How long all of them together are waited for, on the loop's clock. A device that has responded to
+                none until then is given the shortest time for each that follows.
+        """
+        self._longest, self._until = longest, until
+
+    async def ask(self, request: Request) -> bytes:
+        """Send a request when the device listens; return the payload of its response, empty if it has none.
+
+        Cancelling gives up the response; should it still come, it is counted and dropped.
+
+        Raises:
+            ResponseTimeout: No response, however often it was asked.
+            DeviceLost: The port died.
+            SessionClosed: The session was closed meanwhile.
+        """
+        noise, timeout = self.stats.stray_bytes, request.timeout
+        for _ in range(1 if min(self._longest, self._until) < math.inf else request.attempts):
+            await self._until_it_listens()
+            now = self._loop.time()
+            timeout = min(request.timeout, self._longest, max(self._until - now, RESPONSE_S))
+            # As the pause in `write`: noted before it is written.
+            self._readiness.asked(now, timeout)
+            self.write((request,))
+            if request.expects is None:
+                return b""
+            try:
+                payload = await self.wait(timeout, Awaited.RESPONSE)
+                self.reset_at = None
+                if request.stream is None:
+                    self.chronicle.responded(request.data, request.expects.type, payload)
+                else:
+                    self.chronicle.started(request.data)
+                return payload
+            except TimeoutError:
+                self._readiness.give_up()
+            except BaseException:
+                # The device is still busy with it: the next request waits until it has responded.
+                self.link.abandon()
+                raise
+        raise ResponseTimeout(request.name, timeout, self.stats.stray_bytes - noise)
+
+    def run(self, script: Script[T], first: Request | None = None) -> Coroutine[Any, Any, T]:
+        """Run a script of the family and return its result, to be awaited; as `play`, with `ask`."""
+        return play(script, self.ask, first)
+
+    async def quieten(self, *, stop: bool = True) -> bool:
+        """Wait until the line is quiet; False if it did not fall quiet in time.
+
+        Args:
+            stop: Whether to send STOP before, or only to wait after a STOP that was sent.
+        """
+        if stop:
+            await self._until_it_listens()
+            self.write((self._device.stop(),))
+        await self._until_it_listens()
+        deadline = self._loop.time() + self.timing.drain_s
+        while self.link.state is LinkState.DRAINING:
+            seen = self.stats.bytes_received
+            with suppress(TimeoutError):
+                await self.wait(self.timing.quiet_s, Awaited.TIME)
+            if self.stats.bytes_received == seen:
+                self.link.drained()
+            elif self._loop.time() > deadline:
+                return False
+        return True
+
+    def keep_alive(self, request: Request) -> bool:
+        """Send a request in the midst of a stream, if the device listens; its response is part of the stream."""
+        listens = self.fatal is None and not self.stopper.wanted and not self._readiness.is_pausing
+        if listens:
+            self.write((request,))
+        return listens
+
+    # ------------------------------------------------------------------------------------------------ stopping
+
+    def stop_device(self) -> None:
+        """Write the stop requests as soon as the device listens, now if it does. Never blocks or raises.
+
+        Nothing is delivered any more; packets that still come are drained.
+        """
+        self.deliver_to(None)
+        self.stopper.stop()
+
+    async def settled_down(self) -> None:
+        """As `Stopper.surely_settled`, shielded from anyio's cancellation."""
+        with anyio.CancelScope(shield=True):
+            await self.stopper.surely_settled()
+
+    def hang_up(self, *, patient: bool = True) -> None:
+        """Leave the device still, then close the port; without waiting. Nothing is delivered any more.
+
+        After the event loop was closed no timer can do that, so it blocks as `abandon` does.
+
+        Args:
+            patient: As for `Stopper.hang_up`.
+        """
+        if self._loop.is_closed():
+            self.abandon()
+            return
+        self.port.announce_close()
+        self.deliver_to(None)
+        self.stopper.hang_up(patient=patient)
+
+    async def close(self, *, patient: bool = True) -> None:
+        """As `hang_up`, and return when the port is closed.
+
+        The waiting is bounded and shielded from anyio's cancellation. A second native cancellation ends it as soon
+        as the device is seen still; timers go on with closing the port.
+        """
+        self.hang_up(patient=patient)
+        if self._loop.is_closed():
+            return
+        await self.settled_down()
+        with anyio.CancelScope(shield=True):
+            await self.port.wait_closed()
+
+    def abandon(self) -> None:
+        """Leave the device still and close the port, even without a loop: for finalizers. Blocks shortly.
+
+        Where timers do so already, on a loop that runs, they go on.
+        """
+        if self.stopper.ends_by_itself and self._loop.is_running():
+            return
+        self.stopper.cancel()
+        requests = () if self.stopper.still else self.stopper.requests()
+        # A response that is outstanding is not received any more. A healthy device has sent it after this time.
+        patient_until = self._loop.time() + RESPONSE_S
+        for request in requests:
+            if request.dtr is not None:
+                self.port.set_dtr(request.dtr)
+        self.port.abandon(b"".join(request.data for request in requests), self._readiness.free_at(patient_until))
+
+    def settled(self, still: bool) -> None:
+        """As `Writer`."""
+        self.link.forget()
+        if still:
+            self.link.drained()
+            if self.on_still is not None:
+                self.on_still()
+        self.wake(Awaited.CHANGE)
+
+    def close_port(self) -> None:
+        """Begin to close the port."""
+        self.port.close_soon()
+
+    def write(self, requests: Sequence[Request]) -> None:
+        """Write requests, now; the pause that they demand counts from now."""
+        # Noted before anything is written: KeyboardInterrupt may come right behind it, and a finalizer waits then.
+        new = [request for request in requests if request.dtr is None or request.dtr is not self.dtr]
+        if settle := max((request.settle for request in new), default=0.0):
+            self._readiness.pause(settle)
+        for request in requests:
+            if request.baudrate is not None:
+                self.port.set_baudrate(request.baudrate)
+            self.link.send_request(request)
+            boots = self.stopper.sent(request)
+            if request.ends_stream:
+                # Also what came before anybody could read it: it is no part of the next stream.
+                self.deliver_to(None)
+            if request.dtr is not None:
+                self.dtr = request.dtr
+                self.port.set_dtr(request.dtr)
+            if boots:
+                # Noted here: whoever wrote it may be cancelled before anybody waits until the device has booted.
+                self.reset_at = self._loop.time()
+            # One by one: where the line carries datagrams, a device may look for one request in each.
+            if request.data:
+                # With it, the link gives up what KeyboardInterrupt kept from being written before.
+                self.link.data_to_send()
+                self.port.write(request.data)
+        if self._awaited is Awaited.CHANGE:
+            self.wake(Awaited.CHANGE)
+
+    # ------------------------------------------------------------------------------------------------ inside
+
+    async def _until_it_listens(self) -> None:
+        """Wait until the device accepts a request."""
+        while True:
+            if self._ends is not None:
+                raise twin_of(self._ends)
+            now, until = self._loop.time(), self._readiness.next_question_at()
+            if self.stopper.wanted:
+                until = now + PATIENCE_S
+            elif not until:
+                return
+            # What is received does not shorten a pause that the device demands.
+            busy = self.stopper.wanted or self.link.state is _AWAITING
+            with suppress(TimeoutError):
+                await self.wait(until - now, Awaited.CHANGE if busy else Awaited.TIME)

@@ -1,0 +1,173 @@
+"""What the port receives becomes responses and packets, a bounded time of it in each turn of the event loop.
+
+Whatever comes at once, and however much work its bytes are meant to make, the rest of the program runs in between
+(`lidario.port.turns`). What waits is bounded in bytes; what is beyond that is dropped and counted.
+
+Between the descriptor of a stream and the moment at which its reader is named lies a step of the event loop.
+Packets that come meanwhile are kept (`Delivery`), so that a stream does not lose its first revolution.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain
+from typing import Final, TypeAlias
+
+from lidario.model import LineErrors
+from lidario.port.port import Port
+from lidario.port.turns import DELIVERY_BYTES, MOST_WAITING, Turns
+from lidario.recording.chronicle import Chronicle
+from lidario.revolution.together import SLICE, join_runs, slices
+from lidario.wire.events import Packets, Response
+from lidario.wire.link import Link, LinkStats
+from lidario.wire.states import LinkState
+
+__all__ = ["EARLY_BYTES", "IDLE_SLICE", "Delivery", "Intake", "TakePackets"]
+
+IDLE_SLICE: Final = 8192
+"""Bytes that are parsed in one step while nothing waits: a revolution of most devices."""
+EARLY_BYTES: Final = 256 * 1024
+"""Most bytes of packets that are kept until their reader is named; so many come in four seconds."""
+_RUN_BYTES: Final = 512
+"""What a run of packets takes beside its bytes, about."""
+_STREAMING = LinkState.STREAMING
+
+TakePackets: TypeAlias = Callable[[Packets], Iterable[None]]
+"""Takes packets, in steps."""
+
+
+class Delivery:
+    """Hands packets on.
+
+    Args:
+        stats: Counters of everything that was received, also of packets that nobody has read.
+        turns: Where packets are handed on, in steps.
+
+    Attributes:
+        stats: The same.
+    """
+
+    def __init__(self, stats: LinkStats, turns: Turns) -> None:
+        self.stats: LinkStats = stats
+        self._turns = turns
+        self._on_packets: TakePackets | None = None
+        self._early: deque[Packets] = deque()
+        self._early_bytes = 0
+
+    def deliver_to(self, callback: TakePackets | None) -> None:
+        """Have `callback` take all packets, those that came since the descriptor first; None for nobody."""
+        self._on_packets = callback
+        if callback is None:
+            self._early.clear()
+            self._early_bytes = 0
+        elif self._early:
+            self._turns.add(self._take_early())
+
+    def deliver(self, packets: Packets, *, streaming: bool) -> Iterable[None]:
+        """Hand packets on behind those that were kept, or keep them while nobody reads a stream that runs."""
+        take = self._on_packets
+        if take is None:
+            self.stats.unread_packets += packets.count
+            if streaming and self._early_bytes < EARLY_BYTES:
+                self._early.append(packets)
+                self._early_bytes += len(packets.data) + _RUN_BYTES
+            return ()
+        return chain(self._take_early(), take(packets)) if self._early else take(packets)
+
+    def _take_early(self) -> Iterator[None]:
+        while self._early and self._on_packets is not None:
+            packets = self._early.popleft()
+            self._early_bytes -= len(packets.data) + _RUN_BYTES
+            self.stats.unread_packets -= packets.count
+            yield from self._on_packets(packets)
+
+
+class Intake(Delivery, ABC):
+    """A line to a device, with what becomes of its bytes; the base of `Dialogue`.
+
+    Attributes:
+        port: The open port.
+        link: The parser of what it receives.
+        chronicle: What happened so far, for recordings.
+    """
+
+    def __init__(self, port: Port) -> None:
+        self.port: Port = port
+        self.link: Link = Link()
+        super().__init__(self.link.stats, Turns(port.now, self.mistaken))
+        self.chronicle: Chronicle = Chronicle()
+        self._errors_before = port.errors
+        self._overflow, self._full_reads = port.late.overflow_bytes, port.late.full_reads
+
+    @property
+    def errors(self) -> LineErrors:
+        """As `Port.errors`, without what was counted before at other speeds."""
+        return self.port.errors - self._errors_before
+
+    def data_received(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]] = ()) -> None:
+        """As `Receiver`."""
+        late = self.port.late
+        if late.overflow_bytes != self._overflow:
+            # They came before `data`: the port keeps what comes first.
+            self.link.discard_data(late.overflow_bytes - self._overflow)
+            self._overflow = late.overflow_bytes
+        if late.full_reads != self._full_reads:
+            self.stats.late_reads += late.full_reads - self._full_reads
+            self._full_reads = late.full_reads
+        size, idle = len(data) + DELIVERY_BYTES, not self._turns.waiting
+        if not idle and self._turns.size + size > MOST_WAITING:
+            self.link.discard_data(len(data), shown=True)
+            return
+        try:
+            if idle and len(data) <= IDLE_SLICE:
+                # Live it is mostly so: a revolution, or less, and nothing before it.
+                runs = self._parse(data, now, arrivals)
+                if len(runs) == 1:
+                    streaming = self.link.state is _STREAMING
+                    self._turns.add(self.deliver(runs[0], streaming=streaming))
+                elif runs:
+                    self._turns.add(self._hand_on(runs))
+                self.taken()
+            else:
+                self._turns.add(self._receive(data, now, arrivals, IDLE_SLICE if idle else SLICE), size)
+        except Exception as error:
+            self.mistaken(error)
+
+    def _parse(self, data: bytes | memoryview, now: int, arrivals: Sequence[tuple[int, int]]) -> list[Packets]:
+        """The packets that these bytes complete; responses are told at once."""
+        self.link.receive_data(data, now, arrivals)
+        runs: list[Packets] = []
+        for event in self.link.events_received():
+            if isinstance(event, Packets):
+                runs.append(event)
+            else:
+                # Of a stream, the script is told what its descriptor announces.
+                self.responded(event.payload if isinstance(event, Response) else bytes((event.type,)))
+        return runs
+
+    def _receive(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]], most: int) -> Iterator[None]:
+        """Parse, so many bytes at a time, and hand on what was found, in steps."""
+        runs: list[Packets] = []
+        for piece in slices(data, now, arrivals, most):
+            runs += self._parse(*piece)
+            yield
+        yield from self._hand_on(runs)
+        self.taken()
+
+    def _hand_on(self, runs: list[Packets]) -> Iterator[None]:
+        for packets in join_runs(runs) if len(runs) > 1 else runs:
+            yield from self.deliver(packets, streaming=self.link.state is _STREAMING)
+
+    @abstractmethod
+    def responded(self, payload: bytes) -> None:
+        """The device has responded."""
+
+    @abstractmethod
+    def taken(self) -> None:
+        """Something that was received has been taken."""
+
+    @abstractmethod
+    def mistaken(self, error: Exception) -> None:
+        """Something failed at what was received, which is a mistake of ours."""

@@ -1,0 +1,85 @@
+"""When the device listens: not during the pause that its last request demands, nor while it owes a response.
+
+A response that was given up is owed all the same for a while, by a device that has responded before: it may take
+its time. What it is sent meanwhile it discards, and does not say so.
+"""
+
+from __future__ import annotations
+
+import asyncio
+
+from lidario.session.talking.stopper import CLOCK_S
+from lidario.wire.link import Link
+from lidario.wire.states import LinkState
+
+__all__ = ["Readiness"]
+
+LATEST_RESPONSE_S = 2.0
+"""Behind its request, a response may come so late from a device that takes its time; none is waited for longer."""
+_AWAITING = LinkState.AWAIT_RESPONSE
+_MARGIN_S = 0.005
+"""Added to every pause a device demands: an adapter may deliver one request late and the next one on time."""
+
+
+class Readiness:
+    """What is known of one device's readiness to hear.
+
+    Args:
+        link: Knows whether a response is outstanding.
+
+    Attributes:
+        late_until: Until when a response that was given up may still come, on the loop's clock; 0 for none.
+        has_responded: Whether the device has ever responded.
+    """
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._loop = asyncio.get_running_loop()
+        self._listens_at = 0.0
+        self._asked_at = 0.0
+        self._due = 0.0
+        self.late_until: float = 0.0
+        self.has_responded: bool = False
+
+    @property
+    def is_pausing(self) -> bool:
+        """Whether the pause that the last request demands is not over."""
+        return self._loop.time() < self._listens_at
+
+    @property
+    def owes_until(self) -> float:
+        """Until when the device may be busy with a response that has not come, on the loop's clock; 0 for none."""
+        return self._due if self._link.state is _AWAITING else self.late_until
+
+    def pause(self, settle: float) -> None:
+        """A request is about to be written that demands a pause of so many seconds."""
+        self._listens_at = max(self._listens_at, self._loop.time() + settle + _MARGIN_S)
+
+    def asked(self, now: float, timeout: float) -> None:
+        """A question is about to be written, whose response is waited for for so many seconds."""
+        self._asked_at, self._due = now, now + timeout
+
+    def give_up(self) -> None:
+        """The response has not come in time."""
+        self._link.forget()
+        if self.has_responded:
+            self.late_until = self._asked_at + LATEST_RESPONSE_S
+
+    def forget(self) -> None:
+        """Nothing is owed any more."""
+        self._link.forget()
+        self.late_until = 0.0
+
+    def free_at(self, patient_until: float) -> float:
+        """When the device listens; a response is not waited for beyond `patient_until`."""
+        if self._link.state is not _AWAITING:
+            return self._listens_at
+        return max(self._listens_at, min(self._due, patient_until))
+
+    def next_question_at(self) -> float:
+        """When the next question may be written, 0 for now. Gives up a response that is overdue."""
+        now = self._loop.time()
+        if self._link.state is _AWAITING and self._due - now <= CLOCK_S:
+            self.give_up()
+        until = self._due if self._link.state is _AWAITING else self._listens_at
+        return until if until - now > CLOCK_S else 0.0

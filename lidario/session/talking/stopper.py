@@ -1,0 +1,272 @@
+"""Leaving the device still: which requests do it, when they are written, and how it is seen that they were heard.
+
+The stop requests are written at the first moment at which the device listens. Mostly that is now: then they have
+reached the operating system before `stop` returns. Else a timer writes them, which no cancellation reaches.
+
+That they were written does not mean that they were heard. A device that has not responded yet discards what it is
+sent, and a damaged line may lose it. So the line is listened to afterwards:
+
+* Bytes come: the stop requests are written again, `ATTEMPTS` times at most.
+* It is quiet, but the device owed a response when they were written: they are written again as soon as it comes,
+  or when it is not waited for any more.
+* It is quiet, and nothing was owed: the device is still.
+
+A response that is outstanding is waited for no longer than `PATIENCE_S` before they are written the first time: the
+request may have been lost, and then the device hears them. A device that only talks has stop requests without
+bytes: for it there is nothing to write and nothing to wait for.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+from lidario.errors import Unsupported
+from lidario.families.base import Device
+from lidario.wire.envelope import Request
+
+__all__ = ["CLOCK_S", "PATIENCE_S", "Hearing", "Stopper", "Writer"]
+
+_log = logging.getLogger("lidario")
+
+PATIENCE_S = 0.1
+"""How long the stop requests wait for a response that is outstanding. Healthy devices respond within a few
+milliseconds; one that does not may be unable to, and its motor must not go on turning for that."""
+CLOCK_S = 1e-6
+"""A timer may fire that little early, by the resolution of the loop's clock: its time has come all the same."""
+ATTEMPTS = 3
+"""How often the stop requests are written when bytes go on coming after them."""
+
+
+class Writer(Protocol):
+    """What a `Stopper` needs of the dialogue."""
+
+    @property
+    def is_open(self) -> bool:
+        """Whether requests can still be written."""
+        ...
+
+    @property
+    def bytes_received(self) -> int:
+        """All bytes that came in so far."""
+        ...
+
+    def write(self, requests: Sequence[Request]) -> None:
+        """Write requests now."""
+        ...
+
+    def settled(self, still: bool) -> None:
+        """The stop requests are done with; the device is `still`, or goes on sending."""
+        ...
+
+    def close_port(self) -> None:
+        """Begin to close the port."""
+        ...
+
+
+class Hearing(Protocol):
+    """Tells a `Stopper` when the device listens; all times are seconds of the loop's clock."""
+
+    @property
+    def owes_until(self) -> float:
+        """Until when the device may be busy with a response that has not come; 0 for none."""
+        ...
+
+    def free_at(self, patient_until: float) -> float:
+        """When the device listens; a response is not waited for beyond `patient_until`."""
+        ...
+
+    def forget(self) -> None:
+        """Wait no more for the response that is owed."""
+        ...
+
+
+class Stopper:
+    """Writes the stop requests of one device, until it is seen that they were heard.
+
+    Attributes:
+        keep_spinning: Whether they leave the motor on.
+        still: Whether the device was seen still, and nothing was sent since that could set it in motion.
+        wanted: Whether they are still to be written, or it is not seen yet that they were heard.
+    """
+
+    def __init__(self, writer: Writer, hearing: Hearing, device: Device, quiet_s: float) -> None:
+        self.keep_spinning: bool = False
+        self.still: bool = False
+        # Since the stop requests were written last.
+        self._moved = False
+        self.wanted: bool = False
+        self._writer = writer
+        self._hearing = hearing
+        self._device = device
+        self._quiet_s = quiet_s
+        self._loop = asyncio.get_running_loop()
+        self._timer: asyncio.TimerHandle | None = None
+        self._due = 0.0
+        self._step: Callable[[], None] = self.try_now
+        self._patient_until = 0.0
+        self._attempts = 0
+        self._seen = 0
+        self._doubtful = False
+        self._patient = True
+        self._hanging_up = False
+        try:
+            self._reset = device.reset().data
+        except Unsupported:
+            self._reset = b""
+
+    @property
+    def ends_by_itself(self) -> bool:
+        """Whether timers write the stop requests, and the port is closed after them."""
+        return self._hanging_up and (self.still or self._timer is not None)
+
+    @property
+    def to_be_written(self) -> bool:
+        """Whether the stop requests wait until the device listens."""
+        return self.wanted and not self._attempts
+
+    def requests(self) -> tuple[Request, ...]:
+        """What leaves the device still: laser off, and the motor too unless it shall go on. Chosen here alone."""
+        return (self._device.stop(),) if self.keep_spinning else self._device.halt()
+
+    def unseen(self) -> tuple[Sequence[Request], Sequence[Request], float]:
+        """What a guard needs, who sees nothing of the device.
+
+        Returns:
+            What to write several times, what to write at the end, and when the device listens at the latest.
+        """
+        listens_at = max(self._hearing.free_at(math.inf), self._hearing.owes_until)
+        return (self._device.fill, *self.requests()), self._device.halt_unknown(), listens_at
+
+    def sent(self, request: Request) -> bool:
+        """Take note that `request` was sent: it may have set the device in motion. Returns whether it boots now.
+
+        Queries do not. Nor does a reset; but not every motor is switched off by one, and it may not be heard. A
+        device that cannot be restarted from here never boots.
+        """
+        if request.stream is not None or (request.expects is None and not request.ends_stream):
+            self.still, self._moved = False, True
+        return bool(self._reset) and request.data == self._reset
+
+    def stop(self) -> None:
+        """Write the stop requests as soon as the device listens, now if it does. Never blocks or raises."""
+        under_way = self.wanted and not self._moved
+        if self.still or under_way or not self._writer.is_open or self._loop.is_closed():
+            return
+        self.wanted, self._attempts = True, 0
+        self._patient_until = self._loop.time() + PATIENCE_S
+        self.try_now()
+
+    def try_now(self) -> None:
+        """Write the stop requests if they are wanted and the device listens; else come back when it does.
+
+        Harmless at any time. Called whenever the device has responded.
+        """
+        if not self.wanted:
+            return
+        if self._attempts and not (self._doubtful and self._hearing.owes_until <= self._loop.time() + CLOCK_S):
+            return  # written already, and nothing that was owed has come since
+        due = self._hearing.free_at(self._patient_until)
+        if due - self._loop.time() > CLOCK_S:
+            self._come_back(due, self.try_now)
+        else:
+            self._attempts = 0
+            self._write()
+
+    async def written(self) -> None:
+        """Return when the stop requests are written, or the port is dead; after 0.6 s at most."""
+        # A timer that is late or put off makes another round; nothing can wake this too early or never.
+        while self.to_be_written and self._timer is not None and self._writer.is_open:  # noqa: ASYNC110
+            await asyncio.sleep(max(0.0, self._due - self._loop.time()))
+
+    async def surely_settled(self) -> None:
+        """Return when it is seen that they were heard, or `settled` has said that it cannot be.
+
+        A cancellation that comes meanwhile is raised afterwards: the program may close the loop as soon as it goes
+        on, and no timer writes anything after that.
+        """
+        cancelled: asyncio.CancelledError | None = None
+        while self.wanted and self._timer is not None and self._writer.is_open:
+            try:
+                await asyncio.sleep(max(0.0, self._due - self._loop.time()))
+                if self.wanted and self._timer is not None and self._due - self._loop.time() <= CLOCK_S:
+                    self._step()  # Ctrl-C may have ended the timer's own call in its midst
+            except asyncio.CancelledError as error:
+                cancelled = error
+        if cancelled is not None:
+            raise cancelled
+
+    def hang_up(self, *, patient: bool = True) -> None:
+        """Leave the device still, then close the port; without waiting, timers go on with it.
+
+        Args:
+            patient: Whether to wait for a response that the device owes, to write the stop requests behind it.
+        """
+        if self._hanging_up:
+            return
+        self._hanging_up, self._patient = True, patient
+        self._doubtful = self._doubtful and patient
+        if self.still or not self._writer.is_open:
+            self._settle(still=self.still)
+        else:
+            self.stop()
+
+    def cancel(self) -> None:
+        """Stop the timer: nothing is written any more."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _come_back(self, due: float, step: Callable[[], None]) -> None:
+        self.cancel()
+        # Not asked of the timer later: uvloop's shortest ones do not know when they are due.
+        self._due, self._step = due, step
+        self._timer = self._loop.call_at(due, step)
+
+    def _write(self) -> None:
+        self._doubtful = self._patient and self._hearing.owes_until - self._loop.time() > CLOCK_S
+        self._attempts, self._moved = self._attempts + 1, False
+        requests = self.requests()
+        self._write_all(requests)
+        if any(request.data for request in requests):
+            self._come_back(max(self._hearing.free_at(0.0), self._loop.time()), self._listen)
+        else:
+            # A device that streams unasked was told nothing, and does not fall quiet.
+            self._settle(still=True)
+
+    def _write_all(self, requests: Sequence[Request]) -> None:
+        # Each of them ends the stream for the parser, also the one that is for the motor alone.
+        self._writer.write([replace(request, ends_stream=True) for request in requests])
+
+    def _listen(self) -> None:
+        self._come_back(self._loop.time() + self._quiet_s, self._after_listening)
+        self._seen = self._writer.bytes_received
+
+    def _after_listening(self) -> None:
+        if self._writer.bytes_received != self._seen:
+            # Whatever the device owed is among that.
+            self._hearing.forget()
+            if self._attempts < ATTEMPTS:
+                self._write()
+            else:
+                _log.warning("the device goes on sending after %d stop requests", ATTEMPTS)
+                self._settle(still=False)
+        elif self._doubtful and (owed := self._hearing.owes_until) - self._loop.time() > CLOCK_S:
+            self._seen = self._writer.bytes_received
+            self._come_back(min(owed, self._loop.time() + self._quiet_s), self._after_listening)
+        elif self._doubtful:
+            self.try_now()
+        else:
+            self._settle(still=True)
+
+    def _settle(self, *, still: bool) -> None:
+        self.cancel()
+        self.wanted, self.still = False, still
+        if self._hanging_up:
+            self._write_all(self._device.halt_unknown())
+            self._writer.close_port()
+        self._writer.settled(still)

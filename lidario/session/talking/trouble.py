@@ -1,0 +1,78 @@
+"""One trouble, told to several: raised in several tasks, and logged at most once a second.
+
+A sick device must not fill a disk.
+"""
+
+from __future__ import annotations
+
+import copy
+import logging
+import time
+from typing import TypeVar
+
+from lidario.errors import InternalError, LidarError
+
+__all__ = ["Trouble", "again", "to_be_kept", "twin_of"]
+
+ErrorT = TypeVar("ErrorT", bound=LidarError)
+INTERVAL_S = 1.0
+
+
+def twin_of(error: ErrorT) -> ErrorT:
+    """A copy of `error`, caused by it: each task that raises it gets a traceback of its own."""
+    twin = copy.copy(error)
+    twin.__cause__ = error
+    return twin
+
+
+def to_be_kept(error: LidarError) -> None:
+    """Have `error` let go of what the program was doing when it came up; its causes stay.
+
+    An exception refers to the frames that it has passed, these to the frames that had called them, and an exception
+    that comes up while another one is handled to the frames of that one. All of them may hold the session, and what
+    a finalizer reaches must not. Of a mistake of ours the traceback is worth more than that.
+    """
+    each: BaseException | None = error
+    while each is not None and not isinstance(each, InternalError):
+        each.__traceback__ = None
+        if not isinstance(each.__context__, OSError | LidarError):
+            each.__context__ = None
+        each = each.__cause__ or each.__context__
+
+
+def again(error: ErrorT) -> ErrorT:
+    """A copy of `error` with the same cause, to be raised in its place by who keeps `error`.
+
+    An exception that was raised holds the frames that it passed, and they hold the reader: a reader that is
+    reachable from its own finalizer is never collected, and a session that nobody holds any more is never ended.
+    """
+    twin = copy.copy(error)
+    twin.__cause__ = error.__cause__
+    return twin
+
+
+class Trouble:
+    """Warnings of one session.
+
+    Args:
+        log: Where they go.
+    """
+
+    def __init__(self, log: logging.Logger) -> None:
+        self._log = log
+        self._last: dict[str, float] = {}
+        self._withheld: dict[str, int] = {}
+
+    def tell(self, message: str, *values: object) -> None:
+        """Log a warning, unless the same message was logged within the last second; those are counted."""
+        now = time.monotonic()
+        last = self._last.get(message)
+        if last is not None and now - last < INTERVAL_S:
+            self._withheld[message] = self._withheld.get(message, 0) + 1
+            return
+        self._last[message] = now
+        withheld = self._withheld.pop(message, 0)
+        if withheld:
+            self._log.warning(message + " (and %d times more since the last such line)", *values, withheld)
+        else:
+            self._log.warning(message, *values)

@@ -1,0 +1,93 @@
+"""What the operation in progress waits for: one future, so that everything that may end the waiting can do so.
+
+One operation at a time talks to the device, and it waits for one thing at a time: a response, a pause, or a change
+of what the device is busy with. `Waiting.interrupt`, a dead port and the end of the session end that at once.
+Timers, not cancel scopes, bound it: native cancellation and anyio's behave alike.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import weakref
+from contextlib import suppress
+from enum import Enum, auto
+
+from lidario.errors import LidarError
+from lidario.session.talking.trouble import to_be_kept, twin_of
+
+__all__ = ["Awaited", "Waiting"]
+
+
+class Awaited(Enum):
+    """What an operation waits for."""
+
+    TIME = auto()
+    RESPONSE = auto()
+    CHANGE = auto()
+
+
+class Waiting:
+    """The one future of the operation in progress; a base of `Dialogue`.
+
+    Attributes:
+        fatal: What ended all operations for good, or None.
+    """
+
+    def __init__(self) -> None:
+        self.fatal: LidarError | None = None
+        self._loop = asyncio.get_running_loop()
+        # Held by its task and its timer. A finalizer reaches this object, and must not reach the frames of a task.
+        self._waiter: weakref.ref[asyncio.Future[bytes]] | None = None
+        self._awaited = Awaited.TIME
+        # What ends the operation in progress, or every one.
+        self._ends: LidarError | None = None
+
+    def begin(self) -> None:
+        """An operation begins; what interrupted the one before does not concern it."""
+        self._ends = self.fatal
+
+    def interrupt(self, error: LidarError) -> None:
+        """End the operation in progress with `error`: at once if it waits, else at its next step."""
+        self._ends = self.fatal or error
+        self._raise(error)
+
+    def fail(self, error: LidarError) -> None:
+        """End this operation and all later ones with `error`."""
+        to_be_kept(error)
+        self.fatal = self._ends = error
+        self._raise(error)
+
+    async def wait(self, seconds: float, what: Awaited) -> bytes:
+        """Wait for `what`, and return what it is woken with; TimeoutError after `seconds`."""
+        if self._ends is not None:
+            raise twin_of(self._ends)
+        waiter: asyncio.Future[bytes] = self._loop.create_future()
+        self._waiter, self._awaited = weakref.ref(waiter), what
+        timer = self._loop.call_later(seconds, _time_out, waiter)
+        try:
+            return await waiter
+        finally:
+            timer.cancel()
+            self._waiter = None
+
+    async def pause(self, seconds: float) -> None:
+        """Sleep as an operation does: `interrupt` and a dead port end it."""
+        with suppress(TimeoutError):
+            await self.wait(seconds, Awaited.TIME)
+
+    def wake(self, what: Awaited, result: bytes = b"") -> None:
+        """The operation in progress need not wait any more, if it waits for this."""
+        waiter = None if self._waiter is None or self._awaited is not what else self._waiter()
+        # After the loop was closed, waiters are collected: none can be woken any more.
+        if waiter is not None and not waiter.done() and not self._loop.is_closed():
+            waiter.set_result(result)
+
+    def _raise(self, error: LidarError) -> None:
+        waiter = None if self._waiter is None else self._waiter()
+        if waiter is not None and not waiter.done() and not self._loop.is_closed():
+            waiter.set_exception(twin_of(error))
+
+
+def _time_out(waiter: asyncio.Future[bytes]) -> None:
+    if not waiter.done():
+        waiter.set_exception(TimeoutError())

@@ -1,0 +1,71 @@
+"""What tests of all families must know of this one: a simulated device, its streams, and its models."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.families import unasked
+from lidario.families.camsense.decode import LongDecoder, PacketDecoder
+from lidario.families.camsense.formats import LongFormat, PacketFormat
+from lidario.families.camsense.simulated.device import make_simulated
+from lidario.families.camsense.simulated.packers import pack_packet
+from tests.reference import camsense, golden
+from tests.support.case import Case
+from tests.support.rig import Maker
+
+__all__ = ["CASES", "KINDS", "LAYOUTS", "MAKER", "MODELS", "OF_GOLDEN_ALONE"]
+
+MAKER = Maker(make_simulated, "camsense-x1", 0.1923, obeys=False)
+MODELS = ("camsense-x1", "camsense-lds08rr")
+
+
+def _case(name: str) -> Case:
+    sample_us = golden.load(name).sample_us
+    assert sample_us is not None
+    return Case(
+        name=name,
+        response_type=PacketFormat.response_type,
+        descriptor=b"",
+        make_format=PacketFormat,
+        make_decoder=PacketDecoder,
+        request=unasked.begin,
+        sample_us=sample_us,
+        split=camsense.split,
+        decode=camsense.decode,
+        lookahead=False,
+        contents=_contents,
+        seal=_sealed,
+        exact=True,
+    )
+
+
+def _contents(case: Case, random: np.random.Generator, starts: NDArray[np.int64], wild: bool) -> list[bytes]:
+    made = []
+    for start in starts.tolist():
+        begin = start % (0x6000 if wild else 23_040)
+        end = (begin + int(random.integers(1, 1000))) % (0x6000 if wild else 23_040)
+        distances = random.integers(0, 0x4000, 8).tolist()
+        made.append(pack_packet(0xA000 + begin, 0xA000 + end, distances, random.integers(0, 256, 8).tolist()))
+    return made
+
+
+def _sealed(case: Case, contents: bytes) -> bytes:
+    packet = case.packets[0]
+    # Angles at which it turns.
+    body = packet[:8] + contents[8:-4] + packet[-4:-2]
+    return body + camsense.fold(body).to_bytes(2, "little")
+
+
+CASES = tuple(map(_case, golden.names_of("camsense")))
+LAYOUTS = tuple(
+    dataclasses.replace(
+        case, response_type=LongFormat.response_type, make_format=LongFormat, make_decoder=LongDecoder
+    )
+    for case in CASES
+)
+"""The packets of an LDS08RR differ in their length alone; tests/families/camsense/test_decode.py has some."""
+KINDS = ("camsense_x1_5hz",)
+OF_GOLDEN_ALONE = ()

@@ -1,0 +1,60 @@
+"""The golden stream through the whole path; packets of an LDS08RR; where a lens puts what nobody sees."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import lidario
+from lidario.families.camsense.decode import LongDecoder, PacketDecoder, sample_us
+from lidario.families.camsense.formats import LongFormat, PacketFormat
+from lidario.families.camsense.simulated.packers import pack_packet
+from tests.families.camsense.about import CASES
+from tests.reference import camsense, golden
+from tests.support.streams import in_one_run
+
+TRUTH = golden.load("camsense_x1_5hz")
+
+
+def test_turns_are_divided_by_the_beam() -> None:
+    scans = list(lidario.decode(TRUTH.raw))
+    assert len(scans) == len(CASES[0].turns)
+    for scan, turn in zip(scans, CASES[0].turns, strict=True):
+        np.testing.assert_allclose(scan.device_distances, [each.distance_mm for each in turn], atol=1e-3)
+        away = (scan.device_angles - np.array([each.angle_deg for each in turn]) + 180) % 360 - 180
+        assert np.abs(away).max() < 1e-4
+        assert scan.lost_packets == 0
+        assert scan.rpm == pytest.approx(scan.reported_rpm, rel=0.02)
+
+
+def test_the_rate_is_told_to_half_a_percent() -> None:
+    for at in range(0, 900, 24):
+        assert sample_us(b"".join(CASES[0].packets[at : at + 24])) == pytest.approx(1e6 / 2080, rel=0.006)
+
+
+@pytest.mark.parametrize(
+    ("stated", "angle", "distance"),
+    [(0, 11.0, 0.0), (100, 22.3099, 101.98039), (1000, 12.1458, 1000.19998), (16_000, 11.0716, 16_000.0125)],
+)
+def test_returns_lie_where_the_vendors_sdk_has_them(stated: int, angle: float, distance: float) -> None:
+    packet = pack_packet(0xA000, 0xA000 + 448, [stated] * 8, [50] * 8)
+    samples = PacketDecoder().decode(in_one_run(PacketFormat(), packet), None)
+    assert samples.angle_deg[0] == pytest.approx(angle, abs=2e-4)
+    assert samples.angle_deg[7] == pytest.approx(angle + 7, abs=2e-4)
+    assert samples.distance_mm[0] == pytest.approx(distance, abs=1e-3)
+    assert camsense.compensated(0.0, stated) == pytest.approx((angle, distance), abs=1e-3)
+
+
+def test_packets_of_twelve_samples() -> None:
+    step, raw, at = 40, b"", 0
+    for _ in range(100):
+        begin, end = at % 23_040, (at + 11 * step) % 23_040
+        raw += pack_packet(0xA000 + begin, 0xA000 + end, [1500.0] * 11 + [0.0], [300] * 12)
+        at += 12 * step
+    samples = LongDecoder().decode(in_one_run(LongFormat(), raw), None)
+    assert samples.intensity is not None
+    assert samples.intensity.reshape(-1, 12)[5].tolist() == [255] * 11 + [0]
+    np.testing.assert_allclose(samples.distance_mm.reshape(-1, 12)[:, :11], np.hypot(1500, 20))
+    scans = list(lidario.decode(raw))
+    assert len(scans) == 1
+    assert (len(scans[0]), scans[0].lost_packets) == (576, 0)

@@ -1,0 +1,75 @@
+"""What is a packet, with a check value that is known and without."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lidario.families.hlds.device import TALKERS
+from lidario.families.hlds.formats import SIZE, CheckedFormat, PacketFormat
+from lidario.families.hlds.simulated.packers import pack_packet
+from lidario.wire.rows import Fold15
+from tests.families.hlds.about import CASES
+from tests.reference import neato
+from tests.support.streams import checked_one_by_one
+
+PACKETS = CASES[0].packets
+TWICE = bytes.fromhex("CBCB")
+"""Of six samples of 1500 at 1000 to 1005 mm, 300 revolutions a minute: the protocol sheet's example."""
+
+
+def example(check: bytes | None = None) -> bytes:
+    return pack_packet(0, [1000.0 + at for at in range(6)], [1500] * 6, check=check)
+
+
+def folded(packet: bytes) -> bytes:
+    """With the check value of an XV-11."""
+    return packet[:40] + neato.fold(packet[:40]).to_bytes(2, "little")
+
+
+def test_the_examples_of_both_check_values() -> None:
+    assert example()[40:] == TWICE
+    assert folded(example())[40:] == bytes.fromhex("2124")
+    assert Fold15(20).holds(bytearray(folded(example())), 0)
+
+
+def test_each_damaged_bit_is_found_where_the_check_value_is_known() -> None:
+    wire, packet = CheckedFormat(), PACKETS[3]
+    assert wire.intact(bytearray(packet), 0, SIZE)
+    for bit in range(16, 8 * SIZE):
+        damaged = bytearray(packet)
+        damaged[bit // 8] ^= 1 << bit % 8
+        assert not wire.intact(damaged, 0, SIZE), bit
+
+
+@pytest.mark.parametrize("wire", [CheckedFormat, PacketFormat])
+@pytest.mark.parametrize("count", [3, 12])
+def test_many_are_judged_as_one_is(wire: type[PacketFormat], count: int) -> None:
+    packets = list(PACKETS[:count])
+    packets[-2] = packets[-2][:1] + b"\xff" + packets[-2][2:]
+    for raw in (b"".join(packets), b"".join(PACKETS[:count]), b"".join(PACKETS[:count]) + b"\xfa"):
+        data = bytearray(raw)
+        assert wire().run(data, 0) == checked_one_by_one(wire(), data, 0)
+
+
+def test_without_a_check_value_the_next_one_must_follow() -> None:
+    wire, data = PacketFormat(), bytearray(b"".join(PACKETS[:3]))
+    assert wire.run(data, 0).end == 2 * SIZE
+    assert wire.run(bytearray(PACKETS[0] + PACKETS[2] + PACKETS[3]), 0).end == 0
+    last = pack_packet(59, [0.0] * 6, [0] * 6)
+    assert wire.run(bytearray(last + pack_packet(0, [0.0] * 6, [0] * 6)), 0).end == SIZE
+
+
+@pytest.mark.parametrize(
+    ("share", "known"), [(1.0, True), (0.8, True), (0.3, False), (0.0, False)], ids=["all", "most", "few", "none"]
+)
+@pytest.mark.parametrize("fold", [False, True])
+def test_a_check_value_that_holds_in_most_packets_is_a_rule(share: float, known: bool, fold: bool) -> None:
+    random = np.random.default_rng(3)
+    heard = b"".join(
+        (folded(each) if fold else each) if random.random() < share else each[:40] + b"\x12\x34"
+        for each in PACKETS[:60]
+    )
+    model = TALKERS.unnamed(heard)
+    assert (model.wire is CheckedFormat) == known
+    assert ("damage" in model.note) != known

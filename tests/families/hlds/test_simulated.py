@@ -1,0 +1,98 @@
+"""The simulated device: letters start and stop it."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+
+from lidario import open_lidar
+from lidario.families.hlds.simulated.device import PROFILES, make_simulated
+from tests.reference import hlds
+from tests.support.devices import make_rig
+from tests.support.loop import driven
+
+S = 1_000_000_000
+BEGIN = 1000 * S
+
+
+def whole(data: bytes) -> list[bytes]:
+    """The packets in what was heard from anywhere on."""
+    at = next(at for at in range(len(data)) if hlds.is_packet(data[at : at + 42]))
+    return hlds.split(data[at : at + (len(data) - at) // 42 * 42])
+
+
+def test_it_streams_from_the_first_moment_on() -> None:
+    device = make_simulated("hlds-lds01")
+    device.transmit(BEGIN)
+    packets = whole(device.transmit(BEGIN + S))
+    assert len(packets) == pytest.approx(300, abs=2)
+    assert all((b[1] - a[1]) % 60 == 1 for a, b in pairwise(packets))
+    assert {int.from_bytes(packet[2:4], "little") for packet in packets} == {3000}
+
+
+def test_the_older_one_waits_for_its_letter_also_when_it_was_off() -> None:
+    device = make_simulated("hlds-lds01-2016")
+    device.transmit(BEGIN)
+    assert device.transmit(BEGIN + 5 * S) == b""
+    assert device.wakeup(BEGIN + 5 * S) is None
+    device.receive(b"b", BEGIN + 5 * S)
+    assert len(whole(device.transmit(BEGIN + 8 * S))) > 400
+    device.reboot(BEGIN + 8 * S)
+    device.transmit(BEGIN + 8 * S)
+    assert device.transmit(BEGIN + 12 * S) == b""
+    assert not device.motor_on
+
+
+@pytest.mark.discards("it boots")
+@pytest.mark.parametrize("model", PROFILES)
+def test_letters(model: str) -> None:
+    device = make_simulated(model)
+    device.transmit(BEGIN)
+    device.receive(b"bxe", BEGIN + S)
+    device.transmit(BEGIN + S)
+    assert [(each.name, each.obeyed) for each in device.log] == [
+        ("start", True),
+        ("stop", True),
+    ]
+    assert not device.motor_on
+    # What had begun to leave.
+    assert len(device.transmit(BEGIN + 4 * S)) < 42
+    device.reboot(BEGIN + 4 * S)
+    device.receive(b"b", BEGIN + 4 * S + S // 10)
+    assert device.log[-1].why == "still booting"
+
+
+@pytest.mark.parametrize("model", PROFILES)
+def test_a_session_starts_it_and_stops_its_motor(model: str) -> None:
+    rig = make_rig("hlds", model)
+
+    @driven
+    async def main() -> None:
+        async with open_lidar(rig.device, family="hlds") as lidar:
+            assert lidar.info.model == "HLDS LDS-01"
+            assert not (await lidar.get_health()).note
+            for _ in range(2):
+                async with lidar.scans() as stream:
+                    scan = await anext(stream)
+                    assert (len(scan), scan.lost_packets) == (360, 0)
+                await lidar.stop()
+                assert not rig.device.motor_on
+        assert not rig.device.motor_on
+        assert all(each.obeyed for each in rig.device.log)
+
+    main()
+
+
+def test_one_whose_check_value_nobody_knows_says_so() -> None:
+    rig = make_rig("hlds", "hlds-lds01")
+    rig.device.check = b"\x01\x02"
+
+    @driven
+    async def main() -> None:
+        async with open_lidar(rig.device, family="hlds") as lidar, lidar.scans() as stream:
+            assert "no check value" in (await lidar.get_health()).note
+            for _ in range(3):
+                assert len(await anext(stream)) == 360
+
+    main()

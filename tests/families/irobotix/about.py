@@ -1,0 +1,66 @@
+"""What tests of all families must know of this one: a simulated device, its streams, and its models."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidario.families import unasked
+from lidario.families.irobotix.decode import FifteenDecoder, FrameDecoder
+from lidario.families.irobotix.formats import FifteenFormat, FrameFormat
+from lidario.families.irobotix.simulated.device import make_simulated
+from lidario.families.irobotix.simulated.packers import pack_measurement
+from tests.reference import golden, irobotix
+from tests.support.case import Case
+from tests.support.rig import Maker
+
+__all__ = ["CASES", "KINDS", "MAKER", "MODELS", "OF_GOLDEN_ALONE"]
+
+MAKER = Maker(make_simulated, "irobotix-delta2a", 1 / 6, obeys=False)
+MODELS = ("irobotix-delta2a", "irobotix-delta2g")
+
+
+def _case(name: str) -> Case:
+    fifteen = "2g" in name
+    sample_us = golden.load(name).sample_us
+    assert sample_us is not None
+    return Case(
+        name=name,
+        response_type=(FifteenFormat if fifteen else FrameFormat).response_type,
+        descriptor=b"",
+        make_format=FifteenFormat if fifteen else FrameFormat,
+        make_decoder=FifteenDecoder if fifteen else FrameDecoder,
+        request=unasked.begin,
+        sample_us=sample_us,
+        split=irobotix.split,
+        decode=partial(irobotix.decode, frames=15 if fifteen else 16),
+        lookahead=False,
+        even=False,
+        contents=_contents,
+        seal=_sealed,
+        exact=True,
+    )
+
+
+def _contents(case: Case, random: np.random.Generator, starts: NDArray[np.int64], wild: bool) -> list[bytes]:
+    frames = 15 if case.response_type == FifteenFormat.response_type else 16
+    made = []
+    for start in starts.tolist():
+        count = int(random.integers(1, 81) if wild else random.integers(20, 24))
+        distances, signals = random.integers(0, 65_536, count) / 4, random.integers(0, 256, count)
+        at = start % 65_536 if wild else start % 23_040 * frames // 23_040 * 36_000 // frames
+        hertz = float(random.integers(4, 10))
+        made.append(pack_measurement(at, distances.tolist(), signals.tolist(), hertz=hertz))
+    return made
+
+
+def _sealed(case: Case, contents: bytes) -> bytes:
+    body = case.packets[0][:8] + contents[8:-2]
+    return body + irobotix.total(body)
+
+
+CASES = tuple(map(_case, golden.names_of("irobotix")))
+KINDS = ("irobotix_2a_6hz", "irobotix_2g_5hz")
+OF_GOLDEN_ALONE = ()

@@ -1,0 +1,54 @@
+"""What is a frame, what is none, and what are records between them."""
+
+from __future__ import annotations
+
+import pytest
+
+from lidario.families.irobotix.formats import AnyFrame, FrameFormat
+from lidario.families.irobotix.simulated.packers import pack_failure, pack_frame, pack_measurement
+from lidario.families.unasked import begin
+from lidario.wire.link import Link
+from tests.families.irobotix.about import CASES
+
+PACKETS = CASES[0].packets
+FAILURE = bytes.fromhex("AA00090061AE000169022C")
+"""5.25 revolutions a second, as the protocol document has it; its version is 00."""
+
+
+def counted(raw: bytes) -> tuple[int, int, int]:
+    """Packets, records and skipped bytes."""
+    link = Link()
+    link.send_request(begin(FrameFormat()))
+    link.receive_data(raw, 0)
+    list(link.events_received())
+    return link.stats.packets, link.stats.records, link.stats.skipped_bytes
+
+
+def test_each_damaged_byte_is_found() -> None:
+    packet = PACKETS[3]
+    assert FrameFormat().run(bytearray(packet), 0).packets
+    for at in range(len(packet)):
+        for bit in range(8):
+            damaged = bytearray(packet)
+            damaged[at] ^= 1 << bit
+            assert not FrameFormat().run(damaged, 0).packets, at
+
+
+def test_any_number_of_samples_is_a_frame() -> None:
+    frames = [pack_measurement(0, [100.0] * count, [9] * count) for count in range(1, 81)]
+    frames += [pack_measurement(0, [100.0] * count, [9] * count, end=7, version=0x10) for count in range(1, 81)]
+    assert counted(b"".join(frames)) == (160, 0, 0)
+    assert [FrameFormat().measure(bytearray(each), 0) for each in frames] == list(map(len, frames))
+
+
+@pytest.mark.parametrize("count", [0, 81, 300])
+def test_no_others(count: int) -> None:
+    assert counted(pack_measurement(0, [100.0] * count, [9] * count))[0] == 0
+
+
+def test_other_frames_are_records() -> None:
+    assert pack_failure(5.25)[4:] != FAILURE[4:]  # another version, and so another sum
+    raw = b"".join([FAILURE, pack_failure(1.0), *PACKETS[:5], pack_frame(0xAB, b"\x01\x02"), *PACKETS[5:9]])
+    assert counted(raw) == (9, 3, 0)
+    assert AnyFrame().run(bytearray(FAILURE), 0).end == len(FAILURE)
+    assert AnyFrame().run(bytearray(PACKETS[0]), 0).end == len(PACKETS[0])

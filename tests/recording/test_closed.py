@@ -1,0 +1,37 @@
+"""A replay holds its file only for as long as its session."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+from pathlib import Path
+
+import lidario
+from tests.support.loop import run_driven
+from tests.support.recorded import record
+
+
+def test_the_file_is_closed_with_the_session(tmp_path: Path) -> None:
+    """At once, not when the garbage is collected."""
+    path = record(tmp_path / "a.mcap", "sim://ydlidar-4ros", 5).path
+
+    async def main() -> None:
+        async with lidario.open_lidar(f"{path}?rate=0") as lidar, lidar.scans() as stream:
+            await anext(stream)
+            assert path in open_files()
+        assert path not in open_files()
+
+    gc.disable()
+    try:
+        run_driven(main)
+    finally:
+        gc.enable()
+
+
+def open_files() -> set[Path]:
+    """What this process has open."""
+    found = set[Path]()
+    for each in Path("/proc/self/fd").iterdir():
+        with contextlib.suppress(OSError):
+            found.add(each.readlink())
+    return found

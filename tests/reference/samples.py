@@ -1,0 +1,42 @@
+"""What the scalar references of all families call a sample, and where one turn of them ends and the next begins."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+__all__ = ["Sample", "revolutions", "u16"]
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One measurement."""
+
+    packet: int  # index into the packets given to decode()
+    index: int  # place inside that packet
+    raw_deg: float  # where the beam is: before corrections of the single sample, may pass 360 inside a packet
+    angle_deg: float  # where the target is: corrected, 0 <= angle_deg < 360
+    distance_mm: float  # 0 = no return
+    quality: int | None  # None if the format carries none
+
+
+def revolutions(samples: Iterable[Sample]) -> list[list[Sample]]:
+    """Whole turns only: the samples before the first passage of 0° and those after the last one are left out.
+
+    A turn begins with the first sample at or past 0°: where the beam angle falls by more than half a turn.
+    """
+    turns: list[list[Sample]] = []
+    current: list[Sample] | None = None  # None until the first passage
+    previous: Sample | None = None
+    for sample in samples:
+        if previous is not None and previous.raw_deg % 360 - sample.raw_deg % 360 > 180:
+            if current is not None:
+                turns.append(current)
+            current = []
+        if current is not None:
+            current.append(sample)
+        previous = sample
+    return turns
+
+
+def u16(data: bytes, offset: int) -> int:
+    """Two bytes, the low one first."""
+    return int.from_bytes(data[offset : offset + 2], "little")
