@@ -68,8 +68,12 @@ def is_between(angles: FloatArray, between: tuple[float, float]) -> NDArray[np.b
         check_radians(angle)
     if end - begin >= math.tau:
         return np.ones(len(angles), np.bool_)
-    turned = (angles.astype(np.float64) - begin) % math.tau
-    return turned <= (end - begin) % math.tau
+    first = (begin + math.pi) % math.tau - math.pi
+    last = first + (end - begin) % math.tau
+    inside = (angles >= first) & (angles <= last)
+    if last >= math.pi:  # It goes on behind the lidar, where angles begin anew.
+        inside |= angles <= last - math.tau
+    return inside
 
 
 def nearest_return(angles: FloatArray, ranges: FloatArray, between: tuple[float, float] | None) -> int | None:
