@@ -102,11 +102,11 @@ class ArcDecoder(ABC):
         sample_ends = self._ends(heads)
         whole = Arcs(arcs.arc, None, arcs.steps[-1], certain=True)
         decoded = self._samples(packets, heads, whole, sample_ends, room)
-        packet_ends = before_seam = [sample_ends[end - 1] for end in ends]
+        before_seam = [sample_ends[end - 1] for end in ends]
         if seam is not None:
             before_seam = [
                 samples - self._behind_seam(heads, arcs, end - 1, seam)
-                for samples, end in zip(packet_ends, ends, strict=True)
+                for samples, end in zip(before_seam, ends, strict=True)
             ]
         turns = [self._full_turn / step for step in arcs.steps]
         parts = list(zip([0, *ends[:-1]], ends, strict=True))
@@ -119,7 +119,7 @@ class ArcDecoder(ABC):
             angle_deg=decoded.angle,
             distance_mm=decoded.distance,
             intensity=decoded.intensity,
-            packet_ends=packet_ends,
+            ends=sample_ends,
             before_seam=before_seam,
             revolution_packets=[
                 self._revolution_packets(heads, turn, *part) for turn, part in zip(turns, parts, strict=True)

@@ -73,8 +73,8 @@ class SteadySamples:
         angle_deg: As in `Samples`.
         distance_mm: As in `Samples`.
         intensity: As in `Samples`.
-        packet_ends: Samples up to the end of the last packet of each revolution.
-        before_seam: Samples up to where the rotor passed the seam in that packet.
+        ends: Samples up to the end of each packet, without the free elements.
+        before_seam: Samples up to where the rotor passed the seam in the last packet of each revolution.
         revolution_packets: How many packets a whole revolution has at its speed, of each revolution.
         revolution_samples: The same, samples.
         reported_rpm: The speed that the packets of each revolution tell; None where they tell none.
@@ -84,7 +84,7 @@ class SteadySamples:
     angle_deg: NDArray[np.float32]
     distance_mm: NDArray[np.float32]
     intensity: NDArray[np.uint8] | None
-    packet_ends: Sequence[int]
+    ends: Sequence[int]
     before_seam: Sequence[int]
     revolution_packets: Sequence[float]
     revolution_samples: Sequence[float]

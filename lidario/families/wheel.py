@@ -118,9 +118,10 @@ class Wheel:
         """As `Turning.steady`."""
         if not (self._certain and (self._confirmed or len(arrivals) == 1)):
             return None
-        spans, _, _, _ = spans_between(heads, self._full_turn, self._retreat)
+        spans, *whole = spans_between(heads, self._full_turn, self._retreat)
         before, begin, steps = self._arc, 0, list[float]()
-        for end, (shortest, longest, total) in zip(ends, by_revolution(spans, ends), strict=True):
+        each = by_revolution(spans, ends) if len(ends) > 1 else [whole]
+        for end, (shortest, longest, total) in zip(ends, each, strict=True):
             if not (before < _HALFWAY * shortest and longest <= _HALFWAY * before):
                 return None
             before = float(spans[end - 1])

@@ -32,8 +32,6 @@ from lidario.wire.events import Packets
 __all__ = ["Assembler", "AssemblerStats"]
 
 _ENDLESS_TURNS = 2  # of the slowest ones, after which a revolution that has not ended is given up
-_WORTH_A_BLOCK = 2
-"""Revolutions that end together from which they are decoded at once. Live there is one, rarely more."""
 
 
 class Assembler:
@@ -69,7 +67,7 @@ class Assembler:
         self._partial = PartialRevolution(whole=False)
         self._clock = RevolutionClock(1e9 * stream.slowest_turn_s)
         self._last_spanned_ns = 0.0
-        # Several revolutions that end together are decoded at once, unless somebody wants parts of each.
+        # Revolutions that end together are decoded at once, unless somebody wants parts of each.
         self._by_blocks = True
         self._next_offset_deg: float | None = None
         self._ended_at: tuple[Packets, int, int] | None = None
@@ -101,20 +99,20 @@ class Assembler:
             offsets = packet_offsets(event.blocks) if splits else ()
             done, alone = 0, 1
             while done < len(splits):
-                left = len(splits) - done if self._by_blocks else 1
-                if left >= _WORTH_A_BLOCK and (
-                    self._next_offset_deg is not None or not is_ready(self._stream, self._partial, self._clock)
+                left = 1
+                # Those behind a beginning or a gap teach what others are measured by. A block has one offset.
+                if (
+                    self._by_blocks
+                    and self._next_offset_deg is None
+                    and is_ready(self._stream, self._partial, self._clock)
                 ):
-                    # Those behind a beginning or a gap teach what others are measured by. A block has one offset.
-                    left = 1
-                elif left >= _WORTH_A_BLOCK:
                     block = self._add_block(event, offsets, splits[done:], kept)
                     if block:
                         kept = splits[-1].packet
                         yield block
                         break
                     # Something is not as it should be, somewhere. Behind it all may be well again.
-                    left, alone = min(left, alone), 2 * alone
+                    left, alone = alone, 2 * alone
                 for split in splits[done : done + left]:
                     scan = self._end_at(event, split, kept, offsets)
                     kept = split.packet
@@ -164,7 +162,7 @@ class Assembler:
         self._last_spanned_ns = block.revolutions[-1].spanned_ns
         self.stats.unfinished_packets += block.packets
         self.stats.finish(self.stats.unfinished_packets, delivered=True)
-        self.incoming.time.add(block.samples.packet_ends[-1], event.arrivals[-1][1])
+        self.incoming.time.add(block.samples.ends[-1], block.next.carried_ns)
         scans = [self._deliver(each, self._stream.sample_ns, 0) for each in block.revolutions]
         self._keep_time()
         return scans

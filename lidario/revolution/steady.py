@@ -1,8 +1,8 @@
-"""Several revolutions of an undisturbed stream, decoded as one block.
+"""The clean path: revolutions of an undisturbed stream, as many as end together, decoded as one block.
 
-A file, or a program that blocked its event loop, brings many revolutions at once. Where nothing is missing among
-them, one decode of all costs little more than one of each: most of the cost is in the calls of numpy, not in the
-samples. The scans are then views into the arrays of the block.
+Live that is one. A file, or a program that blocked its event loop, brings many at once, and one decode of all costs
+little more than one of each: most of the cost is in the calls of numpy, not in the samples. The scans are views into
+the arrays of the block.
 
 What is found is what `Assembler` finds with one revolution after the other, to the last bit. Whatever may be a gap,
 a restart, or a late arrival is not judged here: `decode_block` then returns None and has changed nothing.
@@ -11,7 +11,7 @@ a restart, or a late arrival is not judged here: `decode_block` then returns Non
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -81,8 +81,6 @@ def decode_block(
         byte_ns: Nanoseconds that a byte takes on the line.
     """
     marked, seam, last = splits[0].marked, splits[0].seam, splits[-1].packet
-    if len(event.arrivals) != 1:
-        return None
     if any(split.broken or split.moved or split.marked != marked for split in splits):
         return None
     if not marked and any(split.seam != seam for split in splits):
@@ -92,31 +90,43 @@ def decode_block(
     ends = [before + split.packet - first for split in splits]
     if not ends[0]:
         return None
+    reads = _reads(partial, event, first, last)
     # What stands behind the end of a revolution was measured after it and was there already: so late was the end.
-    now, rest = event.arrivals[0][1], stream.format.samples_in(some_blocks(event.blocks, last, event.count))
-    came_ns = now - round(rest * stream.sample_ns)
-    packets = _joined(partial, event, offsets, first, last, (ends[-1], came_ns))
+    complete, now = reads[-1]
+    rest = stream.format.samples_in(some_blocks(event.blocks, last, last + complete - ends[-1]))
+    reads[-1] = ends[-1], now - round(rest * stream.sample_ns)
+    packets = _joined(partial, event, offsets, first, last, reads)
     room = 0 if partial.carried is None else len(partial.carried)
     following = event.data[offsets[last] : offsets[last + 1]]
     samples = stream.decoder.decode_steady(packets, following, ends, room, None if marked else seam)
     if samples is None:
         return None
     bounds = [0, *(room + end for end in samples.before_seam)]
-    behind = rest + samples.packet_ends[-1]
-    arrived = [now - round((behind - end) * stream.sample_ns) for end in samples.packet_ends]
-    if splits[0].packet == first:
-        arrived[0] = partial.last_ns
+    there = [(room + samples.ends[complete - 1], at_ns) for complete, at_ns in reads]
+    there[-1] = room + samples.ends[-1] + rest, now
     late_ns = [each * byte_ns for each in _packet_bytes(packets, ends, vary=byte_ns > 0)]
-    starts = [
-        _first_start(stream, partial, packets, samples, ends[0], arrived[0], late_ns[0]),
-        *_later_starts(stream.sample_ns, room, samples, bounds, arrived, late_ns),
-    ]
+    stops = [room + samples.ends[end - 1] for end in ends]
+    starts, arrived = _dated((room, partial.carried_ns), there, bounds, stops, stream.sample_ns, late_ns)
     intervals = _intervals(stream.sample_ns, samples, bounds, starts, arrived, clock, last_spanned_ns)
     if intervals is None:
         return None
     return _block(
         stream, partial, samples, bounds, starts, intervals, arrived[-1], ends, last - first, splits[-1].seam
     )
+
+
+def _reads(partial: PartialRevolution, event: Packets, first: int, last: int) -> list[Arrival]:
+    """How many packets of the block were complete, and when; the last one may have brought more of the event."""
+    found, before = list[Arrival](), 0
+    for run in partial.runs:
+        found += [(before + complete, at_ns) for complete, at_ns in run.arrivals]
+        before += run.count
+    for complete, at_ns in event.arrivals if last > first else ():
+        if complete > first:
+            found.append((before + complete - first, at_ns))
+            if complete >= last:
+                break
+    return found
 
 
 def _packet_bytes(packets: Packets, ends: Sequence[int], *, vary: bool) -> list[float]:
@@ -127,46 +137,39 @@ def _packet_bytes(packets: Packets, ends: Sequence[int], *, vary: bool) -> list[
     return [(offsets[end] - offsets[begin]) / (end - begin) for begin, end in pairwise([0, *ends])]
 
 
-def _first_start(
-    stream: Stream,
-    partial: PartialRevolution,
-    packets: Packets,
-    samples: SteadySamples,
-    end: int,
-    arrived_ns: int,
-    late_ns: float,
-) -> int:
-    """When the first sample of the first revolution was measured, by all arrivals of its packets."""
-    sample_ns, wire, estimates, room, before = stream.sample_ns, stream.format, list[float](), 0, 0
-    if partial.carried is not None:
-        room = len(partial.carried)
-        estimates.append(partial.carried_ns - (room - 1) * sample_ns)
-    for run in partial.runs:
-        for complete, at_ns in run.arrivals:
-            some = some_blocks(packets.blocks, 0, before + complete)
-            estimates.append(at_ns - (room + wire.samples_in(some) - 1) * sample_ns)
-        before += run.count
-    if before < end:
-        estimates.append(arrived_ns - (room + samples.packet_ends[0] - 1) * sample_ns)
-    return earliest_ns(estimates, sample_ns, late_ns)
-
-
-def _later_starts(
-    sample_ns: float,
-    room: int,
-    samples: SteadySamples,
+def _dated(
+    carried: tuple[int, int],
+    reads: Sequence[tuple[int, int]],
     bounds: Sequence[int],
-    arrived: Sequence[int],
+    stops: Sequence[int],
+    sample_ns: float,
     late_ns: Sequence[float],
-) -> Iterator[int]:
-    """When the first sample of each revolution but the first was measured."""
-    for at in range(1, len(arrived)):
-        carried = room + samples.packet_ends[at - 1] - bounds[at]
-        fresh = samples.packet_ends[at] - samples.packet_ends[at - 1]
-        estimates = [arrived[at] - (carried + fresh - 1) * sample_ns]
-        if carried:
-            estimates.append(arrived[at - 1] - (carried - 1) * sample_ns)
-        yield earliest_ns(estimates, sample_ns, late_ns[at])
+) -> tuple[list[int], list[int]]:
+    """When the first sample of each revolution was measured, by all that came of it, and when its last packet came.
+
+    Args:
+        carried: Samples that were there before, and when they came.
+        reads: Samples that were there, and when, one read after the other.
+        bounds: The first sample of each revolution.
+        stops: The one behind the last packet of each.
+        sample_ns: Nanoseconds a sample.
+        late_ns: What delays the packets of each on the line.
+    """
+    starts, arrived, at = list[int](), list[int](), 0
+    there, at_ns = carried
+    for begin, stop, late in zip(bounds, stops, late_ns, strict=False):
+        estimates = [at_ns - (there - 1 - begin) * sample_ns] if there > begin else []
+        while reads[at][0] < stop:
+            there, at_ns = reads[at]
+            estimates.append(at_ns - (there - 1 - begin) * sample_ns)
+            at += 1
+        there, at_ns = reads[at]
+        at += there == stop
+        there, at_ns = stop, at_ns - round((there - stop) * sample_ns)
+        estimates.append(at_ns - (stop - 1 - begin) * sample_ns)
+        starts.append(earliest_ns(estimates, sample_ns, late))
+        arrived.append(at_ns)
+    return starts, arrived
 
 
 def _intervals(
@@ -200,21 +203,20 @@ def _intervals(
 
 
 def _joined(
-    partial: PartialRevolution, event: Packets, offsets: Sequence[int], first: int, last: int, came: Arrival
+    partial: PartialRevolution,
+    event: Packets,
+    offsets: Sequence[int],
+    first: int,
+    last: int,
+    reads: Sequence[Arrival],
 ) -> Packets:
-    """The packets of the revolution in the making and those of the event up to the last split, with arrivals."""
+    """The packets of the revolution in the making and those of the event up to the last split."""
     blocks: list[Block] = []
-    arrivals, before = list[Arrival](), 0
-    for run in partial.runs:
-        arrivals += [(before + complete, at_ns) for complete, at_ns in run.arrivals]
-        before += run.count
     for run in partial.runs:
         join_blocks(blocks, run.blocks)
     join_blocks(blocks, some_blocks(event.blocks, first, last))
     new = memoryview(event.data)[offsets[first] : offsets[last]]
-    if came[0] > before:
-        arrivals.append(came)
-    return Packets(b"".join([*(run.data for run in partial.runs), new]), tuple(blocks), tuple(arrivals))
+    return Packets(b"".join([*(run.data for run in partial.runs), new]), tuple(blocks), tuple(reads))
 
 
 def _block(
@@ -233,10 +235,9 @@ def _block(
     here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
     if partial.carried is not None:
         here.begin_with(partial.carried)
-    following = PartialRevolution(whole=True, seam=seam, behind_gap=False)
+    following = PartialRevolution(whole=True, seam=seam, behind_gap=False, carried_ns=last_ns)
     if bounds[-1] < len(here):
         following.carried = here.part(bounds[-1])
-        following.carried_ns = last_ns
     for array in (here.angle, here.distance, here.intensity):
         if array is not None:
             read_only(array)

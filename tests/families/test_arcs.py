@@ -77,4 +77,4 @@ def test_revolutions_that_are_decoded_together_tell_no_speed_either() -> None:
     assert found is not None
     assert found.reported_rpm is not None
     assert all(map(math.isnan, found.reported_rpm))
-    assert found.packet_ends == [28 * 8, 57 * 8]
+    assert found.ends == range(8, 57 * 8 + 1, 8)

@@ -1,8 +1,8 @@
 """Revolutions decoded together are those decoded one after the other: every sample, every time, every count.
 
 The reference is the same `Assembler` with blocks switched off. Streams are two seconds long, come in pieces of any
-size, and are damaged anywhere: bits flipped, bytes lost or added, pieces of stream missing or repeated, late
-stamps.
+size, each of one read or of several, and are damaged anywhere: bits flipped, bytes lost or added, pieces of stream
+missing or repeated, late stamps.
 """
 
 from collections.abc import Iterator
@@ -24,8 +24,6 @@ from lidario.wire.link import Link
 
 every_kind = pytest.mark.parametrize("kind", KINDS.values(), ids=list(KINDS))
 
-NEVER = 1 << 30
-
 
 class Made(NamedTuple):
     """What became of a stream."""
@@ -43,16 +41,28 @@ def stream_of(kind: Kind) -> bytes:
 
 
 def made(
-    kind: Kind, data: bytes, chunk: int, *, worth: int, baudrate: int, offset: float, late: frozenset[int]
+    kind: Kind,
+    data: bytes,
+    chunk: int,
+    *,
+    by_blocks: bool,
+    baudrate: int,
+    offset: float,
+    late: frozenset[int],
+    read: int,
 ) -> Made:
-    """Decode in pieces of `chunk` bytes; those with the numbers `late` come 0.4 s after their time."""
+    """Decode in pieces of `chunk` bytes; those with the numbers `late` come 0.4 s after their time.
+
+    Each piece is of reads of `read` bytes; with 0, of one.
+    """
     stream = replace(kind.stream(), zero_offset_deg=offset)
     link, assembler = Link(), Assembler(stream, baudrate)
     link.enter_stream(stream.format)
     scans: list[Scan] = []
     blocks = 0
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(assemble, "_WORTH_A_BLOCK", worth)
+        if not by_blocks:
+            patch.setattr(assemble, "is_ready", lambda *_: False)
         add_block = Assembler._add_block
 
         def counted(self: Assembler, *args: object) -> list[Scan]:
@@ -66,7 +76,10 @@ def made(
         for number, at in enumerate(range(0, len(data), chunk)):
             # What comes behind what is late is not read before it.
             now = max(now, round(min(at + chunk, len(data)) * byte_ns(kind)) + 400_000_000 * (number in late))
-            link.receive_data(data[at : at + chunk], now)
+            piece = data[at : at + chunk]
+            reads = range(read, len(piece), read) if read else ()
+            arrivals = [(size, now - round((len(piece) - size) * byte_ns(kind))) for size in reads]
+            link.receive_data(piece, now, arrivals)
             for event in link.events_received():
                 if isinstance(event, Packets):
                     scans += assembler.add(event)
@@ -101,19 +114,23 @@ def compared(
     baudrate: int = 0,
     offset: float = 0.0,
     late: frozenset[int] = frozenset(),
+    read: int = 0,
 ) -> Made:
-    block = made(kind, data, chunk, worth=2, baudrate=baudrate, offset=offset, late=late)
-    careful = made(kind, data, chunk, worth=NEVER, baudrate=baudrate, offset=offset, late=late)
+    block, careful = (
+        made(kind, data, chunk, by_blocks=way, baudrate=baudrate, offset=offset, late=late, read=read)
+        for way in (True, False)
+    )
     assert careful.blocks == 0
     assert_same(block, careful)
     return block
 
 
 @every_kind
-@pytest.mark.parametrize("chunk", [1 << 20, 64 * 1024, 50_001])
-def test_a_clean_stream_is_decoded_in_blocks(kind: Kind, chunk: int) -> None:
-    block = compared(kind, stream_of(kind), chunk)
-    assert block.blocks > 0
+@pytest.mark.parametrize("read", [0, 731])
+@pytest.mark.parametrize("chunk", [1 << 20, 50_001, 2_000])
+def test_a_clean_stream_is_decoded_in_blocks(kind: Kind, chunk: int, read: int) -> None:
+    block = compared(kind, stream_of(kind), chunk, read=read)
+    assert block.blocks > (len(block.scans) // 2 if chunk == 2_000 else 0)
     assert len(block.scans) >= 10
     assert block.stats.lost_packets == block.stats.missed_scans == 0
 
@@ -144,7 +161,7 @@ def damages(draw: st.DrawFn, data: bytes) -> bytes:
 
 
 def _chunks() -> Iterator[st.SearchStrategy[int]]:
-    yield st.integers(10_000, 70_000)
+    yield st.integers(500, 70_000)
     yield st.just(1 << 20)
 
 
@@ -154,7 +171,8 @@ def test_damage_is_told_the_same(kind: Kind, data: st.DataObject) -> None:
     spoiled = data.draw(damages(stream_of(kind)), "stream")
     chunk = data.draw(st.one_of(*_chunks()), "chunk")
     late = frozenset(data.draw(st.sets(st.integers(0, 12), max_size=3), "late"))
-    compared(kind, spoiled, chunk, baudrate=data.draw(st.sampled_from([0, 1_000_000])), late=late)
+    read = data.draw(st.sampled_from([0, 300, 1111]), "read")
+    compared(kind, spoiled, chunk, baudrate=data.draw(st.sampled_from([0, 1_000_000])), late=late, read=read)
 
 
 @every_kind

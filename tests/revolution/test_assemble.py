@@ -3,6 +3,9 @@
 Most tests use packets whose samples are numbered (`tests.support.numbered`).
 """
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,7 +13,7 @@ from hypothesis import strategies as st
 
 from lidario.families.rplidar.simulated import packers
 from lidario.revolution.assemble import Assembler, AssemblerStats
-from lidario.revolution.clock import Beginning, Passed, RevolutionClock
+from lidario.revolution.clock import Beginning, RevolutionClock
 from lidario.scan import Scan
 from tests.support.cases import CASES, Case, named
 from tests.support.numbered import BAUD, DENSE, SAMPLE_NS, TURN, Arrival, assemble, numbered, numbers, on_time
@@ -118,13 +121,16 @@ def test_a_gap_behind_the_first_packet_of_a_stream_is_not_stretched_over(
 ) -> None:
     """That packet crosses the seam. How far it reaches is only known when the revolution has ended."""
     first, before = TURN - 512, list[int]()
-    follow = RevolutionClock.follow
 
-    def followed(self: RevolutionClock, here: Beginning) -> Passed:
-        before.append(here.packets_before)
-        return follow(self, here)
+    def told(tell: Callable[[RevolutionClock, Beginning], Any]) -> Callable[[RevolutionClock, Beginning], Any]:
+        def telling(clock: RevolutionClock, here: Beginning) -> Any:
+            before.append(here.packets_before)
+            return tell(clock, here)
 
-    monkeypatch.setattr(RevolutionClock, "follow", followed)
+        return telling
+
+    for name in ("follow", "settle"):
+        monkeypatch.setattr(RevolutionClock, name, told(getattr(RevolutionClock, name)))
     scans = assemble(*without(numbered(24 * 4, 960, first), *range(1, 1 + lost)))
     assert [scan.lost_packets for scan in scans] == [lost, 0, 0]
     # Only the first packet came before the first whole revolution. Those that are missing belong to it.
