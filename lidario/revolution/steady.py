@@ -1,8 +1,8 @@
 """The clean path: revolutions of an undisturbed stream, as many as end together, decoded as one block.
 
 Live that is one. A file, or a program that blocked its event loop, brings many at once, and one decode of all costs
-little more than one of each: most of the cost is in the calls of numpy, not in the samples. The scans are views into
-the arrays of the block.
+little more than one of each: most of the cost is in the calls of numpy, not in the samples. The scans are views
+into the arrays of the block.
 
 What is found is what `Assembler` finds with one revolution after the other, to the last bit. Whatever may be a gap,
 a restart, or a late arrival is not judged here: `decode_block` then returns None and has changed nothing.
@@ -22,7 +22,6 @@ from lidario.revolution.ended import BROKEN_SHARE, UNEVEN, is_complete
 from lidario.revolution.partial import PartialRevolution, SampleArrays
 from lidario.revolution.seam import Split
 from lidario.revolution.timing import earliest_ns
-from lidario.scan import read_only
 from lidario.wire.blocks import Block, join_blocks, packet_offsets, some_blocks
 from lidario.wire.events import Arrival, Packets
 
@@ -238,9 +237,6 @@ def _block(
     following = PartialRevolution(whole=True, seam=seam, behind_gap=False, carried_ns=last_ns)
     if bounds[-1] < len(here):
         following.carried = here.part(bounds[-1])
-    for array in (here.angle, here.distance, here.intensity):
-        if array is not None:
-            read_only(array)
     turned = SampleArrays(turned_by(here.angle, stream.zero_offset_deg), here.distance, here.intensity)
     reported = samples.reported_rpm or [math.nan] * len(starts)
     revolutions = [
