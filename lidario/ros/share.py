@@ -15,7 +15,7 @@ from lidario.arguments import yes_or_no
 from lidario.errors import Unsupported
 from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.keys import check_key
-from lidario.network.messages import Entry, encode_raw_message, encode_scan
+from lidario.network.messages import MOST_RAW_BYTES, Entry, encode_raw_message, encode_scan
 from lidario.recording.about import About
 from lidario.recording.chronicle import Responded, StreamBegan, StreamEnded, event_of
 from lidario.ros.broadcast import Broadcast, Outlet
@@ -29,6 +29,9 @@ COLLECT_S: Final = 0.05
 """Longest time for which bytes wait to be sent; half a revolution."""
 COLLECT_BYTES: Final = 16384
 COLLECT_ENTRIES: Final = 1024
+MOST_READ_BYTES: Final = MOST_RAW_BYTES // 2
+"""Of one read; beside it there is room for what is collected already. A program that blocked its loop for some
+seconds reads so much at once."""
 
 
 class Share(Broadcast):
@@ -154,9 +157,9 @@ class _RawFeed:
 
     def see_chunk(self, direction: str, data: bytes, now: int) -> None:
         if direction == "in":
-            # A program that blocked its loop reads much at once; a message must not be too large.
-            for at in range(0, len(data), COLLECT_BYTES):
-                self._add(Entry(False, now, data[at : at + COLLECT_BYTES]))
+            # What was read at once is dated by its last byte, so it is in one message; yet none may be too large.
+            for at in range(0, len(data), MOST_READ_BYTES):
+                self._add(Entry(False, now, data[at : at + MOST_READ_BYTES]))
 
     def see_event(self, text: str, now: int) -> None:
         """Something was added to the chronicle."""

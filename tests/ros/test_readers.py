@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from contextlib import AsyncExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +24,13 @@ from tests.test_model import FOUR
 
 DESCRIPTOR = b"\xa5\x5a"
 """How each descriptor of a stream begins (vendor's manual, response descriptor)."""
+
+
+async def publish_on(publisher: Publisher | Share) -> None:
+    """Publish scans until this is cancelled."""
+    while True:
+        publisher.publish(FOUR)
+        await asyncio.sleep(0.02)
 
 
 async def test_a_session_comes_back_when_the_robot_does(router: Router) -> None:
@@ -100,6 +108,24 @@ async def test_a_reader_may_come_before_the_first_scan(router: Router) -> None:
             assert (await reading).mode == "DenseBoost"
 
 
+async def test_what_was_read_at_once_is_dated_as_one_read(router: Router) -> None:
+    """In pieces, the revolutions of the first one seem to have come as late as the last byte did."""
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        lidar = await rig.open()
+        share = await stack.enter_async_context(Share(lidar, "at-once/scan", raw=True, router=router.address))
+        rig.run(share)
+        await until(lambda: rig.sent)
+        source = f"zenoh:at-once/scan?router={router.address}"
+        remote = await stack.enter_async_context(lidario.open_lidar(source))
+        scans = await stack.enter_async_context(remote.scans(depth=64))
+        async with asyncio.timeout(BOUND_S):
+            found = [await anext(scans) for _ in range(2)]
+            time.sleep(1.0)  # noqa: ASYNC251 - one read then holds 34 kB
+            found += [await anext(scans) for _ in range(12)]
+    assert {scan.wall_stamp_ns for scan in found} <= {scan.wall_stamp_ns for scan in rig.sent}
+
+
 @pytest.mark.parametrize("form", ["scan", "ros"])
 async def test_scans_that_were_lost_are_a_jump_in_the_numbers(router: Router, form: str) -> None:
     """They were dropped by zenoh, as it does where a line is busy."""
@@ -113,22 +139,23 @@ async def test_scans_that_were_lost_are_a_jump_in_the_numbers(router: Router, fo
         await stack.enter_async_context(publisher)
         source = f"zenoh:{publisher.key}?router={router.address}"
         remote = await stack.enter_async_context(lidario.open_lidar(source))
-        scans = await stack.enter_async_context(remote.scans(depth=8))
+        scans = await stack.enter_async_context(remote.scans(depth=64))
         outlet = publisher._scans if isinstance(publisher, Publisher) else publisher._outlet
         assert outlet is not None
-        reading = asyncio.ensure_future(anext(scans))
-        while not reading.done():  # until its stream runs
-            publisher.publish(replace(FOUR, seq=7))
-            await asyncio.sleep(0.02)
-        publisher.publish(replace(FOUR, seq=8))
-        outlet.sent += 3
-        publisher.publish(replace(FOUR, seq=12))
-        async with asyncio.timeout(BOUND_S):
-            last = (await reading).seq
-            while (after := (await anext(scans)).seq) == last + 1:
-                last = after
-        assert after == last + 4
-        assert remote.stats.missed_scans == 3
+        seq = None
+        missed = 0
+        async with asyncio.timeout(BOUND_S), asyncio.TaskGroup() as tasks:
+            # On a busy machine zenoh drops some by itself: there are always more.
+            going_on = tasks.create_task(publish_on(publisher))
+            while missed < 3:
+                scan = await anext(scans)
+                if seq is None:
+                    outlet.sent += 3
+                else:
+                    missed += scan.seq - seq - 1
+                seq = scan.seq
+            going_on.cancel()
+        assert remote.stats.missed_scans == missed
 
 
 async def test_two_publishers_under_one_key(router: Router, caplog: pytest.LogCaptureFixture) -> None:
