@@ -165,7 +165,7 @@ class Stats:
     Two sums close at any time, whatever was damaged or lost: each received byte is counted in exactly one of
     `packet_bytes`, `record_bytes`, `skipped_bytes`, `response_bytes`, `stray_bytes`, `drained_bytes`,
     `discarded_bytes` and `buffered`; each packet in exactly one of `scan_packets`, `discarded_packets`,
-    `doubled_packets` and `unfinished_packets`.
+    `doubled_packets`, `false_packets` and `unfinished_packets`.
 
     Attributes:
         bytes_received: All bytes that came in.
@@ -177,6 +177,7 @@ class Stats:
         discarded_packets: Packets of revolutions that were not delivered: broken ones, the parts of a revolution at
             the beginning and the end of a stream, and packets that no stream had asked for.
         doubled_packets: Packets that came twice in a row: the second one was dropped.
+        false_packets: Noise that passed for a packet, as its angle shows: it was dropped.
         unfinished_packets: Packets of the revolution in the making.
         records: Known records between packets that carry no measurement.
         record_bytes: Their bytes.
@@ -217,6 +218,7 @@ class Stats:
     scan_packets: int = 0
     discarded_packets: int = 0
     doubled_packets: int = 0
+    false_packets: int = 0
     unfinished_packets: int = 0
     records: int = 0
     record_bytes: int = 0

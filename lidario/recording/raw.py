@@ -88,6 +88,6 @@ class RawRecording(StoredStreams):
                 link.receive_data(data, 0)
                 for event in link.events_received():
                     if isinstance(event, Packets):
-                        packets, _ = incoming.take(event)
-                        at_ns = packets.received_ns if packets.data else at_ns
+                        for packets, _ in incoming.take(event):
+                            at_ns = packets.received_ns
                 yield Piece(0, at_ns, data, 0.0)

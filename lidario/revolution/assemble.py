@@ -28,6 +28,7 @@ from lidario.revolution.timing import byte_ns_at, first_sample_ns
 from lidario.scan import Scan
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
+from lidario.wire.formats import Headings
 
 __all__ = ["Assembler", "AssemblerStats"]
 
@@ -90,9 +91,14 @@ class Assembler:
 
     def ends(self, event: Packets) -> Iterator[list[Scan]]:
         """As `add`, one or a block at a time; packets that are left when it is closed are counted as discarded."""
-        event, headings = self.incoming.take(event)
-        if not event.data:
-            return
+        pieces = iter(self.incoming.take(event))
+        try:
+            for packets, headings in pieces:
+                yield from self._ends_in(packets, headings)
+        finally:
+            self.stats.discarded_packets += sum([packets.count for packets, _ in pieces])
+
+    def _ends_in(self, event: Packets, headings: Headings) -> Iterator[list[Scan]]:
         kept = 0
         try:
             splits = self._seam.splits(headings)
@@ -101,11 +107,8 @@ class Assembler:
             while done < len(splits):
                 left = 1
                 # Those behind a beginning or a gap teach what others are measured by. A block has one offset.
-                if (
-                    self._by_blocks
-                    and self._next_offset_deg is None
-                    and is_ready(self._stream, self._partial, self._clock)
-                ):
+                together = self._by_blocks and self._next_offset_deg is None
+                if together and is_ready(self._stream, self._partial, self._clock):
                     block = self._add_block(event, offsets, splits[done:], kept)
                     if block:
                         kept = splits[-1].packet
@@ -179,6 +182,7 @@ class Assembler:
     def end(self) -> None:
         """The stream has ended: discard the revolution in the making. Harmless when done before."""
         self.stats.finish(self.stats.unfinished_packets, delivered=False)
+        self.incoming.end()
         self._partial = PartialRevolution(whole=False)
 
     def _part(self, packets: Packets, begin: int, end: int, offsets: Sequence[int] | None = None) -> Packets:

@@ -7,6 +7,7 @@ from typing import Protocol
 from lidario.families.base import Samples, Stream
 from lidario.revolution.device_clock import DeviceClock
 from lidario.revolution.doubled import DoubledPackets
+from lidario.revolution.false_packets import FalsePackets
 from lidario.revolution.sample_time import SampleTime
 from lidario.revolution.stats import AssemblerStats
 from lidario.wire.events import Packets
@@ -28,7 +29,7 @@ class Incoming:
 
     Args:
         stream: The stream.
-        stats: Where packets are counted that came twice.
+        stats: Where packets are counted that came twice, and false ones.
         clock: What dates the packets; by default the device's clock, where they carry one.
 
     Attributes:
@@ -39,13 +40,19 @@ class Incoming:
         stream.decoder.tell_time(stream.sample_ns)
         self.time: SampleTime = SampleTime(stream.sample_ns, timed=stream.timed)
         self._doubled = DoubledPackets(stream.format, stream.sample_ns, stats)
+        self._false = FalsePackets(stream, stats)
         self._is_live = clock is None
         self._clock: Clock = clock or DeviceClock(stream)
 
-    def take(self, event: Packets) -> tuple[Packets, Headings]:
-        """The next packets, perhaps none, and their headings; none twice, and dated."""
+    def take(self, event: Packets) -> list[tuple[Packets, Headings]]:
+        """The next packets, in pieces where one was false, and their headings; none twice, and dated."""
         event, headings = self._doubled.drop(event)
-        return (self._clock.dated(event), headings) if event.data else (event, headings)
+        found = self._false.drop(event, headings) if event.data else ()
+        return [(self._clock.dated(packets), angles) for packets, angles in found]
+
+    def end(self) -> None:
+        """The stream has ended."""
+        self._false.end()
 
     def measure(self, samples: Samples, packets: Packets) -> None:
         """These packets were decoded to those samples."""
@@ -59,5 +66,6 @@ class Incoming:
         """A sample takes as long as this stream says from now on."""
         stream.decoder.tell_time(stream.sample_ns)
         self._doubled.tell_time(stream.sample_ns)
+        self._false.tell_time(stream.sample_ns)
         if self._is_live:
             self._clock = DeviceClock(stream)

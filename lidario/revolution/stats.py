@@ -11,7 +11,7 @@ __all__ = ["AssemblerStats"]
 
 @dataclass(slots=True)
 class AssemblerStats:
-    """Running totals. All but `unfinished_packets` only grow.
+    """Running totals. All but `unfinished_packets` and `waiting_packets` only grow.
 
     Every packet that was added is counted in exactly one of the fields that end in ``_packets``, but for
     `lost_packets`. A packet at the seam is counted with the revolution that it begins in.
@@ -26,6 +26,8 @@ class AssemblerStats:
         discarded_packets: Packets of revolutions not delivered: broken ones, and the parts of one at the beginning
             and the end of each stream.
         doubled_packets: Packets that came twice in a row: the second one was dropped.
+        false_packets: Noise that passed for a packet, as its angle shows.
+        waiting_packets: Packets that wait until it is known whether they are false.
         unfinished_packets: Packets of the revolution in the making.
         left_off: Stamp and length in nanoseconds of the last revolution before the device went away, until the
             first one after it is back. Not a counter.
@@ -38,6 +40,8 @@ class AssemblerStats:
     scan_packets: int = 0
     discarded_packets: int = 0
     doubled_packets: int = 0
+    false_packets: int = 0
+    waiting_packets: int = 0
     unfinished_packets: int = 0
     left_off: tuple[int, float] | None = None
 

@@ -26,6 +26,7 @@ from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
+from lidario.wire.formats import Headings
 
 __all__ = ["WholeAssembler", "WholeSectors", "assembler_of", "sector_assembler_of", "sectors_of"]
 
@@ -48,11 +49,7 @@ class WholeAssembler(Assembler):
         super().__init__(stream, baudrate, wall_offset_ns, stats, clock)
         self._last_ns: int | None = None
 
-    def ends(self, event: Packets) -> Iterator[list[Scan]]:
-        """As `Assembler.ends`."""
-        event, _ = self.incoming.take(event)
-        if not event.data:
-            return
+    def _ends_in(self, event: Packets, headings: Headings) -> Iterator[list[Scan]]:  # noqa: ARG002 - one a packet
         offsets, done = packet_offsets(event.blocks), 0
         try:
             for number, came_ns in enumerate(self._came(event)):

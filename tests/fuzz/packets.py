@@ -39,7 +39,9 @@ def decode_packets(data: bytes) -> None:
     assembler.end()
     stats = assembler.stats
     assert stats.scans == len(scans)
-    assert stats.scan_packets + stats.discarded_packets + stats.doubled_packets == len(packets)
+    assert stats.scan_packets + stats.discarded_packets + stats.doubled_packets + stats.false_packets == len(
+        packets
+    )
     assert stats.unfinished_packets == 0
     assert stats.lost_packets >= 0
     for scan in scans:

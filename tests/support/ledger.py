@@ -31,7 +31,7 @@ BYTES = (
     "discarded_bytes",
 )
 """Fields of `LinkStats` and `Stats` whose sum, and what is buffered, is what was received."""
-PACKETS = ("scan_packets", "discarded_packets", "doubled_packets", "unfinished_packets")
+PACKETS = ("scan_packets", "discarded_packets", "doubled_packets", "false_packets", "unfinished_packets")
 """Fields of `AssemblerStats` and `Stats` whose sum is all packets."""
 
 

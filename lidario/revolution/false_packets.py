@@ -1,0 +1,157 @@
+"""Noise that passes for a packet: it is dropped, because the rotor was not where it says.
+
+A check value of eight bits lets one of 256 damaged packets pass, and its angle is anything. Taken for true, it
+costs its revolution: the angle leaps there and, with the packet behind it, back, which looks like a gap of almost a
+turn, or like the end of a revolution.
+
+The packets beside it tell. A rotor turns on by a little from packet to packet, and by a few times that where some
+are lost. So of three packets, the one in the middle is false if the third follows closely on the first, and the one
+in the middle fits neither. Until the third has come, the second waits, with what was read with it: only behind a
+leap, so in an undisturbed stream nothing does. Where so much is lost that the rotor turns far from one to the next,
+nothing is judged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from lidario.families.base import Stream
+from lidario.revolution.partial import part_of
+from lidario.revolution.stats import AssemblerStats
+from lidario.wire.blocks import packet_offsets
+from lidario.wire.events import Packets
+from lidario.wire.formats import HEADING_MASK, Headings
+
+__all__ = ["FalsePackets"]
+
+REMEMBERED: Final = 16
+"""Advances of which the mean tells how far the rotor usually turns from one packet to the next."""
+FEWEST: Final = 4
+CLOSELY: Final = 3
+"""Times that mean up to which a packet follows closely on another."""
+FARTHEST_TURNS: Final = 1 / 12
+"""Part of a turn which that mean may be: beyond, two gaps may well make a whole turn together."""
+RETREAT_TURNS: Final = 1 / 36
+"""Part of a turn by which a heading may tremble back."""
+
+
+class FalsePackets:
+    """Finds the false packets of one stream.
+
+    Formats with packets of several sizes are left alone: their check values have sixteen bits. So are packets of
+    one sample, where the angle alone tells nothing.
+
+    Args:
+        stream: The stream.
+        stats: Where they are counted.
+    """
+
+    def __init__(self, stream: Stream, stats: AssemblerStats) -> None:
+        wire = stream.format
+        self._wire, self._sample_ns, self._stats = wire, stream.sample_ns, stats
+        self._can_tell = wire.shortest == wire.longest and wire.samples > 1
+        self._full_turn = wire.full_turn
+        self._farthest = wire.full_turn * FARTHEST_TURNS
+        self._forwards = wire.full_turn * (1 - RETREAT_TURNS)
+        self._last = -1
+        self._advances: list[int] = []
+        self._waiting: Packets | None = None
+        # Bytes since the last packet that was true.
+        self._skipped = 0
+
+    def tell_time(self, sample_ns: float) -> None:
+        """A sample takes so many nanoseconds from now on."""
+        self._sample_ns = sample_ns
+
+    def end(self) -> None:
+        """The stream has ended: what waits is discarded."""
+        self._stats.discarded_packets += self._stats.waiting_packets
+        self._waiting, self._stats.waiting_packets = None, 0
+
+    def drop(self, packets: Packets, headings: Headings) -> list[tuple[Packets, Headings]]:
+        """The next packets, in pieces between those that are false; without those that wait."""
+        if not self._can_tell or not (self._waiting or self._skipped or not self._all_follow(headings)):
+            return [(packets, headings)]
+        runs = [packets] if self._waiting is None else [self._waiting, packets]
+        self._waiting, self._stats.waiting_packets = None, 0
+        angles = [int(each) & HEADING_MASK for run in runs for each in self._wire.headings(run)]
+        before, end = (self._last, self._advances), len(angles)
+        false, waits = self._judge(angles, end)
+        if waits:
+            # What was read before it goes on; no read is divided, since its time is that of its last packet.
+            read = packets.count - (packets.arrivals[-2][0] if len(packets.arrivals) > 1 else 0)
+            end -= read
+            self._last, self._advances = before
+            false, _ = self._judge(angles, end)
+            self._waiting = self._part(packets, packets.count - read, packets.count)
+            self._stats.waiting_packets = read
+        self._stats.false_packets += len(false)
+        return [(piece, self._wire.headings(piece)) for piece in self._pieces(runs, false, end)]
+
+    def _pieces(self, runs: Sequence[Packets], false: Sequence[int], end: int) -> Iterator[Packets]:
+        """What lies between the false ones, up to number `end`."""
+        begin = 0
+        for run in runs:
+            first, last = 0, min(run.count, end - begin)
+            if last <= 0:
+                break
+            self._skipped += run.skipped
+            for at in [*(at - begin for at in false if begin <= at < begin + run.count), last]:
+                if at > first:
+                    piece = self._part(run, first, at)
+                    # In a file, noise has taken its time, too.
+                    yield piece if piece.skipped == self._skipped else replace(piece, skipped=self._skipped)
+                    self._skipped = 0
+                first = at + 1
+                self._skipped += run.blocks[0].size if at < last else 0
+            begin += run.count
+
+    def _all_follow(self, headings: Headings) -> bool:
+        """Whether each follows so closely that nothing has to be judged, also while the speed changes."""
+        closely = self._closely / 2
+        if not closely:
+            return False
+        plain = np.asarray(headings) & HEADING_MASK
+        advances = (plain[1:] - plain[:-1]) % self._full_turn
+        first = (int(plain[0]) - self._last) % self._full_turn
+        if first >= closely or (len(advances) and int(np.maximum.reduce(advances)) >= closely):
+            return False
+        self._last = int(plain[-1])
+        self._advances = [*self._advances, first, *advances[-REMEMBERED:].tolist()][-REMEMBERED:]
+        return True
+
+    @property
+    def _closely(self) -> float:
+        """How far a packet may be ahead of the one before to follow closely on it; 0 where that is not known."""
+        if len(self._advances) < FEWEST:
+            return 0.0
+        mean = sum(self._advances) / len(self._advances)
+        return CLOSELY * mean if mean <= self._farthest else 0.0
+
+    def _judge(self, headings: Sequence[int], end: int) -> tuple[list[int], bool]:
+        """Which of those before number `end` are false, and whether the last of all has to wait."""
+        false = list[int]()
+        for at, heading in enumerate(headings[:end]):
+            advance = (heading - self._last) % self._full_turn if self._last >= 0 else 0
+            closely = self._closely
+            if closely and closely <= advance < self._forwards:
+                if at + 1 == len(headings):
+                    return false, True
+                behind = headings[at + 1]
+                fits = (behind - self._last) % self._full_turn < closely
+                if fits and closely <= (behind - heading) % self._full_turn < self._forwards:
+                    false.append(at)
+                    continue
+            if self._last >= 0 and advance < self._forwards:
+                self._advances = [*self._advances, advance][-REMEMBERED:]
+            self._last = heading
+        return false, False
+
+    def _part(self, packets: Packets, begin: int, end: int) -> Packets:
+        if end - begin == packets.count:
+            return packets
+        return part_of(packets, begin, end, packet_offsets(packets.blocks), self._wire, self._sample_ns)

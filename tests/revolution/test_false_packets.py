@@ -1,0 +1,117 @@
+"""Noise that passes for a packet costs nothing but the packet in whose place it came."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.scan import Scan
+from lidario.wire.formats import HEADING_MASK
+from tests.support.cases import CASES, Case, named
+from tests.support.numbered import DENSE, TURN, assemble, numbered, on_time
+from tests.support.streams import in_one_run, stream_of
+
+LEARNED = 20
+"""Packets after which it is known how far the rotor turns from one to the next."""
+
+
+def turned(case: Case) -> list[int]:
+    """Where each packet of a golden stream begins, of which a turn has `full_turn`."""
+    wire = case.make_format()
+    return [int(each) & HEADING_MASK for each in wire.headings(in_one_run(wire, b"".join(case.packets)))]
+
+
+def can_tell(case: Case) -> bool:
+    """Whether its packets have a check value of eight bits, or hardly more, and are many in a revolution."""
+    wire = case.make_format()
+    if wire.shortest != wire.longest or wire.samples == 1:
+        return False
+    advances = np.diff(turned(case)) % wire.full_turn
+    return bool(np.mean(advances) < wire.full_turn / 13 and len(case.packets) > 3 * LEARNED)
+
+
+JUDGED = [case for case in CASES if can_tell(case)]
+
+
+def scans_of(case: Case, packets: dict[int, bytes], run: int) -> tuple[list[Scan], AssemblerStats]:
+    """The scans of packets that came in their turn, so many at a time."""
+    wire, assembler, scans = case.make_format(), Assembler(stream_of(case)), list[Scan]()
+    packet_ns = case.byte_ns * wire.shortest
+    for begin in range(0, len(case.packets), run):
+        part = [packets[number] for number in range(begin, begin + run) if number in packets]
+        if part:
+            scans += assembler.add(in_one_run(wire, b"".join(part), round((begin + run) * packet_ns)))
+    assembler.end()
+    assert assembler.stats.unfinished_packets == assembler.stats.waiting_packets == 0
+    return scans, assembler.stats
+
+
+def test_there_are_such_formats() -> None:
+    assert {case.name.split("_")[0] for case in JUDGED} >= {"rplidar", "ldrobot"}
+
+
+@pytest.mark.repeats
+@pytest.mark.parametrize("case", JUDGED, ids=named)
+@given(data=st.data())
+def test_it_costs_nothing_else(case: Case, data: st.DataObject) -> None:
+    wire, count = case.make_format(), len(case.packets)
+    at, headings = data.draw(st.integers(LEARNED, count - 2), "its number"), turned(case)
+    # Any other packet has a check value that holds.
+    far = [
+        number
+        for number in range(count)
+        if 0.25 < (headings[number] - headings[at]) % wire.full_turn / wire.full_turn < 0.9
+    ]
+    run = data.draw(st.sampled_from([1, 2, 7, count]), "packets at a time")
+    packets = dict(enumerate(case.packets))
+    false = packets | {at: case.packets[data.draw(st.sampled_from(far), "what is in its place")]}
+    del packets[at]
+    expected, before = scans_of(case, packets, run)
+    found, stats = scans_of(case, false, run)
+    assert stats == replace(before, false_packets=1)
+    assert [scan.seq for scan in found] == [scan.seq for scan in expected]
+    for scan, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(scan.device_angles, other.device_angles)
+        np.testing.assert_array_equal(scan.device_distances, other.device_distances)
+        assert scan.lost_packets == other.lost_packets
+
+
+@pytest.mark.parametrize("case", CASES, ids=named)
+def test_on_a_clean_line_none_waits(case: Case) -> None:
+    wire, assembler = case.make_format(), Assembler(stream_of(case))
+    for packet in case.packets:
+        assembler.add(in_one_run(wire, packet))
+        assert assembler.stats.waiting_packets == 0
+    assert assembler.stats.false_packets == 0
+
+
+@pytest.mark.parametrize("run", [1, 8, 1000])
+def test_behind_an_outage_all_is_true(run: int) -> None:
+    """The first packet leaps, and the one behind it follows it."""
+    packets, gone = numbered(24 * 6, 960), range(30, 45)
+    stats = AssemblerStats()
+    scans = assemble([packet for at, packet in enumerate(packets) if at not in gone], run=run, stats=stats)
+    assert stats.false_packets == 0
+    assert stats.lost_packets == len(gone)
+    assert [len(scan) for scan in scans] == [960 - 40 * len(gone), 960, 960, 960]
+
+
+def test_where_gaps_are_long_nothing_is_judged() -> None:
+    """Each packet is some hundred degrees ahead of the one before: three of them are almost a turn."""
+    stats = AssemblerStats()
+    arcs = numbered(24 * 30, 960)
+    assemble(arcs[::7], lambda number: on_time(7 * number), stats=stats)
+    assert stats.false_packets == 0
+
+
+def test_one_that_waits_is_counted() -> None:
+    assembler = Assembler(stream_of(DENSE))
+    packets = [*numbered(LEARNED, 960), numbered(1, 960, TURN // 3)[0]]
+    for packet in packets:
+        assembler.add(in_one_run(DENSE.make_format(), packet))
+    assert (assembler.stats.waiting_packets, assembler.stats.unfinished_packets) == (1, LEARNED)
+    assembler.end()
+    assert (assembler.stats.unfinished_packets, assembler.stats.discarded_packets) == (0, LEARNED + 1)
