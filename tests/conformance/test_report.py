@@ -31,7 +31,7 @@ from lidario.conformance import (
 from lidario.conformance import kept as module_kept
 from lidario.conformance.report import REPORT, _report_of
 from lidario.families.registry import FAMILIES
-from lidario.recording import record as module_record
+from lidario.port.thread import start_thread
 from lidario.recording.about import About
 from lidario.recording.chronicle import Responded, event_of
 from lidario.recording.mcap_records import Message, Metadata, read_records
@@ -270,16 +270,14 @@ def test_a_file_that_is_cut_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
 def test_what_the_report_is_about_stands_first_on_a_slow_disk_too(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    begin = module_record.start_thread
-
     def late(run: Callable[[], None], name: str) -> threading.Thread:
         def slow() -> None:
             time.sleep(0.2)
             run()
 
-        return begin(slow, name)
+        return start_thread(slow, name)
 
-    monkeypatch.setattr(module_record, "start_thread", late)
+    monkeypatch.setattr("lidario.recording.record.start_thread", late)
     path = tmp_path / "report.mcap"
     make(lidario.simulate("ldrobot-ld19"), path, QUICK)
     with StoredFile(path) as file:
