@@ -13,14 +13,37 @@ from statistics import median
 from typing import Final, NamedTuple
 
 from lidario.errors import ResponseTimeout, StreamFailed, Unsupported
-from lidario.families.base import Decoder, Known, NamedModel, RawStream, Script, Stream, raw_stream, told
+from lidario.families.base import (
+    Decoder,
+    Family,
+    Known,
+    NamedModel,
+    RawStream,
+    Script,
+    Stream,
+    Timing,
+    raw_stream,
+    told,
+)
 from lidario.families.unasked import LINKED, UnaskedDevice, begin, hear, hear_runs
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["Rotor", "Talkers", "TalkingDevice", "TalkingModel"]
+__all__ = ["TIMING", "Rotor", "Talkers", "TalkingDevice", "TalkingModel"]
 
+TIMING: Final = Timing(
+    # A packet takes 17 ms at most, and a USB adapter may hold bytes back for 16 ms.
+    quiet_s=0.06,
+    drain_s=0.5,
+    # It cannot be restarted from here.
+    boot_s=3.0,
+    boot_poll_s=0.25,
+    # It hears nothing. One that has just been given power sends a second or two later.
+    forget_s=3.0,
+    probe_s=0.12,
+)
+"""Of those that nothing starts or stops."""
 SPIN_UP_S: Final = 3.0
 SETTLE_S: Final = 0.02
 """After a stop; no document demands it, and a packet takes less."""
@@ -98,6 +121,29 @@ class Talkers:
     wires: tuple[Callable[[], StreamFormat], ...] = ()
     rotor: Rotor | None = None
     linked: int = LINKED
+
+    def row(self, title: str, simulated: tuple[str, ...], timing: Timing = TIMING) -> Family:
+        """The family's row of the registry.
+
+        Args:
+            title: Name for people.
+            simulated: Names of its simulated models.
+            timing: How long its devices take.
+        """
+        return Family(
+            name=self.family,
+            title=title,
+            baudrates=tuple(dict.fromkeys(model.baudrate for model in self.all)),
+            timing=timing,
+            device=self.device,
+            stream_of=self.stream_of,
+            formats=tuple(dict.fromkeys(model.wire for model in self.all)),
+            simulated=simulated,
+            find_stream=self.find_stream,
+            models=self.named,
+            # Where nothing is started, nothing is asked at any speed.
+            asked_at=None if any(model.start for model in self.all) else (),
+        )
 
     def device(self) -> TalkingDevice:
         """As `Family.device`."""
