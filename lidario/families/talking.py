@@ -162,6 +162,15 @@ class Talkers:
         """All that is to be read in some way."""
         return (*self.models.values(), *self.others)
 
+    def as_named(self, named: TalkingModel, packets: bytes) -> TalkingModel:
+        """The model that the user has named; with a note where packets, most of which are in a row, say another one."""
+        seen = self.unnamed(packets)
+        # Where a note stands they do not tell.
+        if seen.note or seen.wire is named.wire:
+            return named
+        said = f"its packets are such as a {seen.title} sends, and are read as those of a {named.title}"
+        return replace(named, note=f"{said}: leave out ?model={named.name}")
+
     def wires_of(self, named: TalkingModel | None) -> tuple[Callable[[], StreamFormat], ...]:
         """The formats in which to look for packets, where the user has named a model or not."""
         return (named.wire,) if named else self.wires or (self.all[0].wire,)
@@ -177,7 +186,7 @@ class Talkers:
                 run = wire.run(rows, 0)
                 if sum(block.packets for block in run.packets) >= self.linked:
                     heard = bytes(rows[: run.end])
-                    model = named or self.unnamed(heard)
+                    model = self.as_named(named, heard) if named else self.unnamed(heard)
                     sample_us = known.sample_us or self.sample_us(heard) or model.sample_us
                     return raw_stream(at, model.wire(), model.decoder(), sample_us, model.title, model.note)
         return None
@@ -237,7 +246,8 @@ class TalkingDevice(UnaskedDevice):
     def identify(self) -> Script[DeviceInfo]:
         """As `Device.identify`: by its packets. One that may have been stopped is started for that."""
         runs = yield from self._hear()
-        self._be(self._named or self._talkers.unnamed(b"".join(runs)))
+        heard, of = b"".join(runs), self._talkers
+        self._be(of.as_named(self._named, heard) if self._named else of.unnamed(heard))
         # The median, for a run with damage that a check value does not find may tell anything.
         told_us = [each for each in map(self._talkers.sample_us, runs) if each]
         self._sample_us = median(told_us) if told_us else self._model.sample_us
