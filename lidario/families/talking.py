@@ -163,7 +163,7 @@ class Talkers:
         return (*self.models.values(), *self.others)
 
     def as_named(self, named: TalkingModel, packets: bytes) -> TalkingModel:
-        """The model that the user has named; with a note where packets, most of which are in a row, say another one."""
+        """The model that the user has named, with a note where packets are those of another one."""
         seen = self.unnamed(packets)
         # Where a note stands they do not tell.
         if seen.note or seen.wire is named.wire:
