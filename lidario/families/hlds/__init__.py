@@ -20,7 +20,7 @@ SIMULATED: Final = ("hlds-lds01", "hlds-lds01-2016")
 FAMILY: Final = TALKERS.row(
     "HLDS",
     SIMULATED,
-    # One that waits for its letter sends nothing before it turns evenly; what else it has heard, it forgets.
-    replace(TIMING, forget_s=0.5, starts_s=1.3),
+    # One that waits for its letter sends nothing before it turns evenly; no document says how long that takes.
+    replace(TIMING, forget_s=0.5, starts_s=2.4),
 )
 """The family's row of the registry."""
