@@ -10,7 +10,11 @@ from pathlib import Path
 
 import pytest
 
+from lidario.families.base import Family
+from lidario.families.registry import FAMILIES
+from tests.new_family import sizes
 from tests.new_family.__main__ import begin_family
+from tests.new_family.sizes import size_of
 
 ROOT = Path(__file__).resolve().parent.parent
 BOUND = 300.0
@@ -50,6 +54,27 @@ def test_a_family_is_green_from_the_first_minute(clone: Path) -> None:
     scans = run(clone, "-m", "lidario", "scan", "sim://zebra-one?via=memory", "-n", "2")
     assert scans.splitlines()[1].split()[1] == "400"
     assert "zebra-one" in run(clone, "-m", "lidario", "sim", "--list")
+    stream = clone / "tests" / "data" / "zebra_first.npz"
+    made = stream.read_bytes()
+    stream.unlink()
+    run(clone, "-m", "tests.new_family", "zebra", "--stream")
+    assert stream.read_bytes() == made
+
+
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)
+def test_a_family_is_small(family: Family) -> None:
+    """Those that came after the third: what is the same in two of them belongs beside them."""
+    most = {"rplidar": None, "ydlidar": None, "ldrobot": None, "hokuyo": 500}.get(family.name, 250)
+    if most is not None:
+        assert size_of((sizes.FAMILIES / family.name).glob("*.py")).code <= most
+
+
+def test_lines_of_code_are_counted(tmp_path: Path) -> None:
+    path = tmp_path / "some.py"
+    path.write_text(
+        '"""What\nit is."""\n\nx = """a\nb"""  # two\n\n\ndef f():\n    """None."""\n    # why\n    return 1\n'
+    )
+    assert size_of([path]) == (4, 11)
 
 
 @pytest.mark.parametrize("name", ["", "Acme", "a", "my-lidar", "class", "rplidar", "base", "../x", "ünder"])

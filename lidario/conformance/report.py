@@ -137,8 +137,9 @@ class Reporter(Entered):
         Raises:
             CannotRecord: The file cannot be written, or exists already.
         """
-        await self._kept.recording.start()
+        # Before the file is there: a device that talks meanwhile must not come to stand in front of it.
         self._write({"format": "1", **texts_of_facts(self._facts)})
+        await self._kept.recording.start()
 
     async def run(self, rules: Iterable[Rule], **told: Any) -> None:
         """Try rules; the further arguments are those of `Bench.judge`. Cancelling ends it.

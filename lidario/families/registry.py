@@ -30,11 +30,10 @@ FAMILIES: tuple[Family, ...] = (
     hokuyo.FAMILY,
     hlds.FAMILY,
 )
-"""In the order in which an unknown port is probed: the second family's device-info request means something else
-to the first, so the first is asked first. Devices of the next four mostly hear nothing: they are found by
-listening, and only one of their models must be woken. The next one speaks lines of text: what the others were sent
-is to it a line half written, which its own question ends. The last one is woken by a letter, which it must not get
-into its line."""
+"""In the order in which an unknown port is asked. What the second one asks first means something else to the first.
+`hokuyo` speaks lines of text: what the others were sent is to it a line half written, which its own question ends.
+`hlds` is woken by a letter, which must not get into that line. Those that hear nothing are found by listening,
+wherever they stand."""
 
 
 def family_named(name: str) -> Family:

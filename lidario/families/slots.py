@@ -2,6 +2,8 @@
 
 Such a device measures at angles and not at times: its packets cover the same angle at any speed. So nothing has to
 be learned of the rotor. What the next packet is ahead of one slot was lost.
+
+`DegreeFormat` and `DegreeDecoder` read those whose samples stand at whole degrees behind ``FA`` and a number.
 """
 
 from __future__ import annotations
@@ -16,11 +18,24 @@ from numpy.typing import NDArray
 from lidario.families.arcs import ArcDecoder, Decoded
 from lidario.families.spans import Arcs, Heads, SteadyArcs, spans_between
 from lidario.wire.events import Arrival, Packets
+from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings
+from lidario.wire.rows import RowFormat
 
-__all__ = ["FIRST", "FULL_TURN", "DegreeDecoder", "Returns", "SlotDecoder", "SlotWheel"]
+__all__ = [
+    "FIRST",
+    "FULL_TURN",
+    "HEAD",
+    "DegreeDecoder",
+    "DegreeFormat",
+    "DegreePacket",
+    "Returns",
+    "SlotDecoder",
+    "SlotWheel",
+]
 
 FULL_TURN: Final = 360
 """360 degrees in degrees."""
+HEAD: Final = 0xFA
 FIRST: Final = 0xA0
 """The number of the first packet of a revolution, in the second byte; so it is in all known devices."""
 
@@ -112,27 +127,85 @@ class SlotDecoder(ArcDecoder):
         return 60e9 / turn if turn else 0.0
 
 
+class DegreePacket(NamedTuple):
+    """How packets of one size lie whose samples stand at whole degrees, counted as the rotor turns.
+
+    Attributes:
+        layout: With the fields ``number`` and ``speed``.
+        samples: Samples of each, a degree apart.
+        an_rpm: What a revolution a minute is in the unit of the speed.
+    """
+
+    layout: np.dtype[Any]
+    samples: int
+    an_rpm: float
+
+    def rpm_of(self, packets: bytes) -> float:
+        """The speed that packets tell, revolutions a minute."""
+        return float(np.median(np.frombuffer(packets, self.layout)["speed"])) / self.an_rpm
+
+    def sample_us(self, packets: bytes) -> float:
+        """What a sample takes, by packets; 0 where the rotor stands."""
+        rpm = self.rpm_of(packets)
+        return 60e6 / (rpm * FULL_TURN) if rpm else 0.0
+
+
+class DegreeFormat(RowFormat):
+    """Such packets, behind `HEAD` and their number. A family adds what makes one intact.
+
+    Attributes:
+        packet: How they lie.
+    """
+
+    packet: DegreePacket
+    full_turn = FULL_TURN
+
+    def _begun(self, data: bytearray, at: int, needed: int = 2) -> int:
+        """As `measure`, by the first two bytes, once `needed` bytes are there."""
+        begin = data[at : at + 2]
+        if begin[0] != HEAD or (len(begin) > 1 and not 0 <= begin[1] - FIRST < FULL_TURN // self.samples):
+            return NO_PACKET
+        return self.shortest if len(data) - at >= needed else 0
+
+    def measure(self, data: bytearray, at: int) -> int:
+        """As `StreamFormat.measure`."""
+        return self._begun(data, at)
+
+    def headings(self, packets: Packets) -> Headings:
+        """As `StreamFormat.headings`, in degrees that the rotor has turned."""
+        numbers = np.frombuffer(packets.data, self.packet.layout)["number"]
+        turned = (numbers.astype(np.int32) - FIRST) * self.samples
+        return turned if len(turned) >= HEADINGS_WORTH_AN_ARRAY else turned.tolist()
+
+    def told_sample_ns(self, packets: Packets) -> NDArray[np.float64]:
+        """As `StreamFormat.told_sample_ns`: a degree at the speed that the packet tells."""
+        rpm = np.frombuffer(packets.data, self.packet.layout)["speed"] / self.packet.an_rpm
+        return 60e9 / (np.maximum(rpm, 1.0) * FULL_TURN)
+
+
 class DegreeDecoder(SlotDecoder):
-    """Decodes packets of one size whose samples stand at whole degrees, counted as the rotor turns.
+    """Decodes such packets.
 
     Args:
-        packet: Layout of a packet, with the field ``number``.
-        samples: Samples of each, a degree apart.
+        packet: How they lie.
         back: Whether the rotor turns counter-clockwise.
     """
 
-    def __init__(self, packet: np.dtype[Any], samples: int, *, back: bool = False) -> None:
-        super().__init__(FULL_TURN, FULL_TURN // samples)
+    def __init__(self, packet: DegreePacket, *, back: bool = False) -> None:
+        super().__init__(FULL_TURN, FULL_TURN // packet.samples)
         self._packet = packet
-        self._each = samples
+        self._each = packet.samples
         self._back = back
 
     @abstractmethod
     def _returns(self, rows: NDArray[Any]) -> Returns:
         """What came back."""
 
+    def _rpm(self, read: NDArray[Any]) -> NDArray[np.float64]:
+        return read["speed"] / np.float64(self._packet.an_rpm)
+
     def _heads(self, packets: Packets, following: bytes | None) -> Heads:
-        rows = np.frombuffer(packets.data, self._packet)
+        rows = np.frombuffer(packets.data, self._packet.layout)
         after = None if following is None else (following[1] - FIRST) * self._each
         return Heads((rows["number"].astype(np.int32) - FIRST) * self._each, after, self._each, None, rows)
 

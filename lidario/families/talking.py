@@ -13,14 +13,37 @@ from statistics import median
 from typing import Final, NamedTuple
 
 from lidario.errors import ResponseTimeout, StreamFailed, Unsupported
-from lidario.families.base import Decoder, Known, NamedModel, RawStream, Script, Stream, raw_stream, told
+from lidario.families.base import (
+    Decoder,
+    Family,
+    Known,
+    NamedModel,
+    RawStream,
+    Script,
+    Stream,
+    Timing,
+    raw_stream,
+    told,
+)
 from lidario.families.unasked import LINKED, UnaskedDevice, begin, hear, hear_runs
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["Rotor", "Talkers", "TalkingDevice", "TalkingModel"]
+__all__ = ["TIMING", "Rotor", "Talkers", "TalkingDevice", "TalkingModel"]
 
+TIMING: Final = Timing(
+    # A packet takes 17 ms at most, and a USB adapter may hold bytes back for 16 ms.
+    quiet_s=0.06,
+    drain_s=0.5,
+    # It cannot be restarted from here.
+    boot_s=3.0,
+    boot_poll_s=0.25,
+    # It hears nothing. One that has just been given power sends a second or two later.
+    forget_s=3.0,
+    probe_s=0.12,
+)
+"""Of those that nothing starts or stops."""
 SPIN_UP_S: Final = 3.0
 SETTLE_S: Final = 0.02
 """After a stop; no document demands it, and a packet takes less."""
@@ -99,6 +122,29 @@ class Talkers:
     rotor: Rotor | None = None
     linked: int = LINKED
 
+    def row(self, title: str, simulated: tuple[str, ...], timing: Timing = TIMING) -> Family:
+        """The family's row of the registry.
+
+        Args:
+            title: Name for people.
+            simulated: Names of its simulated models.
+            timing: How long its devices take.
+        """
+        return Family(
+            name=self.family,
+            title=title,
+            baudrates=tuple(dict.fromkeys(model.baudrate for model in self.all)),
+            timing=timing,
+            device=self.device,
+            stream_of=self.stream_of,
+            formats=tuple(dict.fromkeys(model.wire for model in self.all)),
+            simulated=simulated,
+            find_stream=self.find_stream,
+            models=self.named,
+            # Where nothing is started, nothing is asked at any speed.
+            asked_at=None if any(model.start for model in self.all) else (),
+        )
+
     def device(self) -> TalkingDevice:
         """As `Family.device`."""
         return TalkingDevice(self)
@@ -116,6 +162,15 @@ class Talkers:
         """All that is to be read in some way."""
         return (*self.models.values(), *self.others)
 
+    def as_named(self, named: TalkingModel, packets: bytes) -> TalkingModel:
+        """The model that the user has named, with a note where packets are those of another one."""
+        seen = self.unnamed(packets)
+        # Where a note stands they do not tell.
+        if seen.note or seen.wire is named.wire:
+            return named
+        said = f"its packets are such as a {seen.title} sends, and are read as those of a {named.title}"
+        return replace(named, note=f"{said}: leave out ?model={named.name}")
+
     def wires_of(self, named: TalkingModel | None) -> tuple[Callable[[], StreamFormat], ...]:
         """The formats in which to look for packets, where the user has named a model or not."""
         return (named.wire,) if named else self.wires or (self.all[0].wire,)
@@ -131,7 +186,7 @@ class Talkers:
                 run = wire.run(rows, 0)
                 if sum(block.packets for block in run.packets) >= self.linked:
                     heard = bytes(rows[: run.end])
-                    model = named or self.unnamed(heard)
+                    model = self.as_named(named, heard) if named else self.unnamed(heard)
                     sample_us = known.sample_us or self.sample_us(heard) or model.sample_us
                     return raw_stream(at, model.wire(), model.decoder(), sample_us, model.title, model.note)
         return None
@@ -191,7 +246,8 @@ class TalkingDevice(UnaskedDevice):
     def identify(self) -> Script[DeviceInfo]:
         """As `Device.identify`: by its packets. One that may have been stopped is started for that."""
         runs = yield from self._hear()
-        self._be(self._named or self._talkers.unnamed(b"".join(runs)))
+        heard, of = b"".join(runs), self._talkers
+        self._be(of.as_named(self._named, heard) if self._named else of.unnamed(heard))
         # The median, for a run with damage that a check value does not find may tell anything.
         told_us = [each for each in map(self._talkers.sample_us, runs) if each]
         self._sample_us = median(told_us) if told_us else self._model.sample_us

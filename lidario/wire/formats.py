@@ -91,7 +91,8 @@ class StreamFormat(ABC):
     Attributes:
         name: The documents' name of the format.
         response_type: The type byte of the descriptor that announces it.
-        header: Pattern of the first bytes of a packet.
+        header: Pattern of the first byte of a packet, or of two: of a longer one, what stands at the end of the
+            bytes at hand would be missed. `measure` looks at the rest.
         shortest: Bytes of the shortest packet; with fewer at hand, nothing can be decided.
         longest: Bytes of the longest packet.
         samples: Samples in one packet, where every packet has as many; 1 elsewhere.

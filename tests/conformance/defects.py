@@ -205,7 +205,7 @@ DEFECTS: Final[dict[str, tuple[Callable[[], Any], str, set[str]]]] = {
     "tells a wrong sample time": (
         lambda: with_mode(reported_us_q8=9000),
         "sample-time",
-        {"revolutions-follow"},
+        set(),
     ),
     "mirrored": (lambda: with_motor(s2(), OddMotor(np.negative)), "turns-clockwise", SCANNING),
     "damages bytes": (lambda: Damages(s2()), "packets-are-whole", set()),

@@ -9,9 +9,10 @@ import pytest
 
 import lidario
 from lidario.conformance import RULES, Bench, Origin, Outcome, Rule, open_bench, rule_named
+from lidario.conformance.streaming import STREAMING
 from lidario.testing import SimulatedLidar
-from tests.conformance.bench import judge
-from tests.conformance.wrapped import HeldBack
+from tests.conformance.bench import broken, judge
+from tests.conformance.wrapped import HeldBack, ReadLate
 from tests.support.loop import driven
 
 
@@ -40,6 +41,15 @@ def test_bytes_that_are_held_back_are_no_stream_that_goes_on(model: str) -> None
         device: Any = HeldBack(lidario.simulate(model, spin_up=0))
         (verdict,) = judge(device, [rule])
         assert verdict.outcome is not Outcome.BROKEN, verdict
+
+
+@pytest.mark.parametrize(
+    "model",
+    ["rplidar-a1", "rplidar-s2", "ydlidar-x4", "ldrobot-ld06", "neato-xv11", "hokuyo-urg04lx"],
+)
+def test_no_rule_about_streams_depends_on_when_bytes_are_read(model: str) -> None:
+    device: Any = ReadLate(lidario.simulate(model))
+    assert broken(judge(device, STREAMING)) == {}
 
 
 @pytest.mark.parametrize("after_s", [0.2, 0.4, 1.0, 4.0, 7.9, 12.6])

@@ -5,8 +5,11 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
-from collections.abc import Sequence
+import threading
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import takewhile
 from pathlib import Path
 
 import pytest
@@ -28,9 +31,10 @@ from lidario.conformance import (
 from lidario.conformance import kept as module_kept
 from lidario.conformance.report import REPORT, _report_of
 from lidario.families.registry import FAMILIES
+from lidario.port.thread import start_thread
 from lidario.recording.about import About
 from lidario.recording.chronicle import Responded, event_of
-from lidario.recording.mcap_records import Metadata, read_records
+from lidario.recording.mcap_records import Message, Metadata, read_records
 from lidario.recording.opened import StoredFile
 from lidario.recording.write import EVENTS_TOPIC, FileWriter
 from tests.conformance import defects
@@ -261,6 +265,25 @@ def test_a_file_that_is_cut_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
         counts.append(len(held))
     assert counts == sorted(counts)
     assert counts[0] < counts[2]
+
+
+def test_what_the_report_is_about_stands_first_on_a_slow_disk_too(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def late(run: Callable[[], None], name: str) -> threading.Thread:
+        def slow() -> None:
+            time.sleep(0.2)
+            run()
+
+        return start_thread(slow, name)
+
+    monkeypatch.setattr("lidario.recording.record.start_thread", late)
+    path = tmp_path / "report.mcap"
+    make(lidario.simulate("ldrobot-ld19"), path, QUICK)
+    with StoredFile(path) as file:
+        file.read(8)
+        before = takewhile(lambda each: getattr(each, "name", "") != REPORT, read_records(file))
+        assert not any(isinstance(each, Message) for each in before)
 
 
 def test_what_is_too_much_is_counted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

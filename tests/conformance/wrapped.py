@@ -12,6 +12,7 @@ __all__ = [
     "DeafAfterStop",
     "Defective",
     "HeldBack",
+    "ReadLate",
     "Skips",
     "StartsOnce",
     "StopsLate",
@@ -20,6 +21,7 @@ __all__ = [
 MS: Final = 1_000_000
 OPENED: Final = 12
 """So many requests are made before the first rule is tried, or more."""
+READS_MS: Final = (41, 67, 53, 189, 37, 73)
 STOP, SCANS = b"\xa5\x25", (b"\xa5\x20", b"\xa5\x82")
 MOTOR_OFF = b"\xa5\xa8\x02\0\0"
 
@@ -122,6 +124,23 @@ class HeldBack(Defective):
         at = super().wakeup(now)
         ahead = self.held[0][0] if self.held else at
         return ahead if at is None or ahead is None else min(at, ahead)
+
+
+class ReadLate(Defective):
+    """What it sends is read late, and seldom, as by a computer that spares itself work; that is no defect of it."""
+
+    next = reads = 0
+
+    def transmit(self, now: int) -> bytes:
+        if now < self.next:
+            return b""
+        self.reads += 1
+        self.next = now + READS_MS[self.reads % len(READS_MS)] * MS
+        return super().transmit(now)
+
+    def wakeup(self, now: int) -> int | None:
+        at = super().wakeup(now)
+        return at if at is None else max(at, self.next)
 
 
 class Chatters(Defective):

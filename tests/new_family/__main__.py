@@ -4,6 +4,8 @@ It writes a family that works from the first minute: a device that only talks, i
 scalar reference, a stream and tests, and its row in the registry. All of it is made up. Replace it part by part by
 what the manual says, in the order of ``docs/new-family.md``; the tests stay green all the way. What is to be
 replaced first says ``WRITE HERE``.
+
+When packets have changed on both sides, ``python -m tests.new_family NAME --stream`` makes the stream anew.
 """
 
 from __future__ import annotations
@@ -27,11 +29,16 @@ def main() -> int:
         prog="python -m tests.new_family", description=(__doc__ or "").partition("\n")[0]
     )
     parser.add_argument("name", help="as in family=: small letters and digits, such as acme")
-    name = parser.parse_args().name
+    parser.add_argument("--stream", action="store_true", help="make the stream of a family anew, and nothing else")
+    asked = parser.parse_args()
+    name = asked.name
+    stream = ROOT / "tests" / "data" / f"{name}_first.npz"
+    if asked.stream:
+        made = subprocess.run([sys.executable, "-c", _STREAM.replace("newname", name), str(stream)], cwd=ROOT)
+        return made.returncode
     try:
         written = begin_family(ROOT, name)
         # In a process of its own: this one has read the registry as it was.
-        stream = ROOT / "tests" / "data" / f"{name}_first.npz"
         subprocess.run([sys.executable, "-c", _STREAM.replace("newname", name), str(stream)], cwd=ROOT, check=True)
         # The order of imports depends on the name.
         code = [str(path) for path in written]
@@ -84,7 +91,7 @@ def _named(text: str, name: str) -> str:
 
 
 def _with_row(registry: str, name: str) -> str:
-    """The registry with a row at its end: who is asked must not be taken for one that is only heard."""
+    """The registry with a row at its end: one that is only heard may stand anywhere."""
     found = re.search(r"^from lidario\.families import (.+)$", registry, re.MULTILINE)
     rows = re.search(r"^FAMILIES: tuple\[Family, \.\.\.\] = \(\n(.+?)^\)$", registry, re.MULTILINE | re.DOTALL)
     if found is None or rows is None:
@@ -95,18 +102,24 @@ def _with_row(registry: str, name: str) -> str:
 
 _STREAM = """
 import sys
+from contextlib import suppress
 import numpy as np
-from lidario.families.newname.simulated.device import make_simulated
+from lidario.families.newname.simulated.device import PROFILES, make_simulated
 from tests.reference import newname
 
 # Until the vendor's own program makes one: what the simulated device sends, as the scalar reference decodes it.
-device = make_simulated("newname-one", seed=1)
+profile = next(iter(PROFILES.values()))
+device = make_simulated(profile.name, seed=1)
 device.spin_up_s = 0.0
 device.transmit(0)
-raw = device.transmit(1_500_000_000)
-begin = next(at for at in range(56) if raw[at:at + 2] == b"\\xc3\\x3c" and raw[at + 56:at + 58] == b"\\xc3\\x3c")
-raw = raw[begin:]
-packets = newname.split(raw[:len(raw) // 56 * 56])
+raw, size, packets = device.transmit(1_500_000_000), newname.PACKET_BYTES, []
+for begin in range(size):
+    # It is heard from the midst of a packet on.
+    with suppress(ValueError):
+        packets = newname.split(raw[begin:begin + (len(raw) - begin) // size * size])
+        break
+if not packets:
+    sys.exit("the reference finds no packet in what the simulated device sends")
 samples = newname.decode(packets)
 np.savez_compressed(
     sys.argv[1],
@@ -114,7 +127,7 @@ np.savez_compressed(
     angle_deg=np.array([each.angle_deg for each in samples], np.float32),
     distance_mm=np.array([each.distance_mm for each in samples], np.float32),
     intensity=np.array([each.quality for each in samples], np.uint8),
-    sample_us=np.float64(250.0),
+    sample_us=np.float64(1e6 / profile.rate),
 )
 """
 

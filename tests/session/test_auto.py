@@ -121,6 +121,23 @@ def test_one_that_was_stopped_is_woken(monkeypatch: pytest.MonkeyPatch) -> None:
     main()
 
 
+@pytest.mark.parametrize("model", ["hlds-lds01", "hlds-lds01-2016"])
+def test_one_that_turns_evenly_after_two_seconds_is_found(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    device = made(model)
+    device.spin_up_s = 2.0
+    serial_in_memory(monkeypatch, only=device)
+
+    @driven
+    async def main() -> None:
+        device.receive(b"e", round(asyncio.get_running_loop().time() * 1e9))
+        async with open_lidar("serial://only") as lidar:
+            assert lidar.info.model == "HLDS LDS-01"
+            assert len(await lidar.scan()) == 360
+        assert not device.motor_on
+
+    main()
+
+
 @pytest.mark.parametrize("options", ["", "?baud=115200", "?model=x2"], ids=["unnamed", "its speed", "its name"])
 def test_a_motor_switched_on_by_dtr_has_time_to_turn(options: str, monkeypatch: pytest.MonkeyPatch) -> None:
     device = made("ydlidar-x2")

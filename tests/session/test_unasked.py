@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from lidario import ConnectFailed, InvalidValue, SessionClosed, StreamFailed, Unsupported, open_lidar
+from lidario import ConnectFailed, InvalidValue, SessionClosed, StreamFailed, Unsupported, decode, open_lidar
 from lidario.families.ldrobot.simulated.device import PROFILES as LDROBOT
 from lidario.families.registry import FAMILIES, family_named
 from lidario.families.ydlidar.simulated.device import PROFILES as YDLIDAR
@@ -116,6 +116,36 @@ def test_what_needs_a_request_is_refused_and_the_stream_goes_on(model: str) -> N
             await lidar.stop()
             assert not lidar.is_scanning
             assert len(await take(lidar, 2)) == 2
+
+    main()
+
+
+@pytest.mark.parametrize(("model", "named", "of"), [("delta2a", "delta2g", "2A"), ("delta2g", "delta2a", "2G")])
+def test_a_name_that_its_packets_speak_against_is_told(
+    model: str, named: str, of: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    @driven
+    async def main() -> None:
+        async with open_lidar(f"sim://irobotix-{model}?via=memory&model={named}") as lidar:
+            assert f"such as a Delta-{of}" in lidar.health.note
+            assert "leave out ?model=" in lidar.health.note
+        device = make_rig("irobotix", f"irobotix-{model}").device
+        device.transmit(0)
+        caplog.clear()
+        list(decode(device.transmit(10**9), family="irobotix", model=named))
+        assert f"such as a Delta-{of}" in caplog.text
+
+    main()
+
+
+@pytest.mark.parametrize(("model", "named"), [("camsense-x1", "lds08rr"), ("camsense-lds08rr", "x1")])
+def test_a_name_by_which_no_packet_is_found_is_told(model: str, named: str) -> None:
+    @driven
+    async def main() -> None:
+        with pytest.raises(
+            ConnectFailed, match=f"Camsense packets among them, but of another model than '{named}'"
+        ):
+            await open_lidar(f"sim://{model}?via=memory&model={named}")
 
     main()
 

@@ -12,26 +12,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.hlds.formats import PACKET, SAMPLES
+from lidario.families.hlds.formats import PACKET
 from lidario.families.slots import DegreeDecoder, Returns
 
-__all__ = ["PacketDecoder", "rpm_of"]
+__all__ = ["PacketDecoder"]
 
 
 class PacketDecoder(DegreeDecoder):
     """Decodes the packets of one stream."""
 
     def __init__(self) -> None:
-        super().__init__(PACKET, SAMPLES)
+        super().__init__(PACKET)
 
     def _returns(self, rows: NDArray[Any]) -> Returns:
         samples = rows["samples"]
         return Returns(samples["distance"], np.minimum(samples["intensity"] >> 5, 255))
-
-    def _rpm(self, read: NDArray[Any]) -> NDArray[np.float64]:
-        return read["speed"] / 10.0
-
-
-def rpm_of(packets: bytes) -> float:
-    """The speed that packets tell, revolutions a minute."""
-    return float(np.median(np.frombuffer(packets, PACKET)["speed"])) / 10

@@ -11,8 +11,8 @@ from typing import Final
 
 import numpy as np
 
-from lidario.families.hlds.decode import PacketDecoder, rpm_of
-from lidario.families.hlds.formats import SIZE, CheckedFormat, PacketFormat, checked
+from lidario.families.hlds.decode import PacketDecoder
+from lidario.families.hlds.formats import PACKET, SIZE, CheckedFormat, PacketFormat, checked
 from lidario.families.slots import FULL_TURN
 from lidario.families.talking import Talkers, TalkingModel
 
@@ -39,16 +39,11 @@ def _model_of(packets: bytes) -> TalkingModel:
     return _CHECKED if 2 * np.count_nonzero(checked(rows)) > len(rows) else _UNCHECKED
 
 
-def _sample_us(packets: bytes) -> float:
-    rpm = rpm_of(packets)
-    return 60e6 / (rpm * FULL_TURN) if rpm else 0.0
-
-
 TALKERS: Final = Talkers(
     family="hlds",
     models={},
     unnamed=_model_of,
-    sample_us=_sample_us,
+    sample_us=PACKET.sample_us,
     # A revolution: what holds for so many is a rule.
     heard=60,
     hear_s=0.5,

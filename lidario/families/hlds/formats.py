@@ -22,14 +22,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.slots import FIRST, FULL_TURN
-from lidario.wire.events import Packets
-from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings
-from lidario.wire.rows import Fold15, RowFormat
+from lidario.families.slots import FIRST, HEAD, DegreeFormat, DegreePacket
+from lidario.wire.rows import Fold15
 
-__all__ = ["PACKET", "SAMPLES", "SIZE", "CheckedFormat", "PacketFormat", "checked"]
+__all__ = ["PACKET", "SIZE", "CheckedFormat", "PacketFormat", "checked"]
 
-HEAD: Final = 0xFA
 PACKETS: Final = 60
 SIZE: Final = 42
 SAMPLES: Final = 6
@@ -38,12 +35,13 @@ CHECKED: Final = 40
 """Bytes before the check value."""
 
 SAMPLE: Final = np.dtype([("intensity", "<u2"), ("distance", "<u2"), ("reserved", "<u2")])
-PACKET: Final = np.dtype(
+LAYOUT: Final = np.dtype(
     [("mark", "u1"), ("number", "u1"), ("speed", "<u2"), ("samples", SAMPLE, SAMPLES), ("check", "u1", 2)]
 )
+PACKET: Final = DegreePacket(LAYOUT, SAMPLES, 10)
 
 
-class PacketFormat(RowFormat):
+class PacketFormat(DegreeFormat):
     """Packets that are believed when the next one follows where it must. The types are our own numbers."""
 
     name = "FA A0, 42 bytes"
@@ -52,14 +50,11 @@ class PacketFormat(RowFormat):
     shortest = SIZE
     longest = SIZE
     samples = SAMPLES
-    full_turn = FULL_TURN
+    packet = PACKET
 
     def measure(self, data: bytearray, at: int) -> int:
         """As `StreamFormat.measure`: known when the beginning of the next packet is there."""
-        begin = data[at : at + 2]
-        if begin[0] != HEAD or (len(begin) > 1 and not FIRST <= begin[1] < FIRST + PACKETS):
-            return NO_PACKET
-        return SIZE if len(data) - at >= SIZE + 2 else 0
+        return self._begun(data, at, SIZE + 2)
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:
         """As `StreamFormat.intact`."""
@@ -78,16 +73,6 @@ class PacketFormat(RowFormat):
         intact[:known] = right[:-1] & right[1:] & (place[1:] == (place[:-1] + 1) % PACKETS)
         return intact
 
-    def headings(self, packets: Packets) -> Headings:
-        """As `StreamFormat.headings`, in degrees that the rotor has turned."""
-        turned = (np.frombuffer(packets.data, PACKET)["number"].astype(np.int32) - FIRST) * SAMPLES
-        return turned if len(turned) >= HEADINGS_WORTH_AN_ARRAY else turned.tolist()
-
-    def told_sample_ns(self, packets: Packets) -> NDArray[np.float64]:
-        """As `StreamFormat.told_sample_ns`: a degree at the speed that the packet tells."""
-        speeds = np.frombuffer(packets.data, PACKET)["speed"].astype(np.float64) / 10
-        return 60e9 / (np.maximum(speeds, 1.0) * FULL_TURN)
-
 
 class CheckedFormat(PacketFormat):
     """The same packets, of a device of which one of the two check values holds."""
@@ -96,10 +81,7 @@ class CheckedFormat(PacketFormat):
 
     def measure(self, data: bytearray, at: int) -> int:
         """As `StreamFormat.measure`."""
-        begin = data[at : at + 2]
-        if begin[0] != HEAD or (len(begin) > 1 and not FIRST <= begin[1] < FIRST + PACKETS):
-            return NO_PACKET
-        return SIZE if len(begin) == 2 else 0
+        return self._begun(data, at)
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:  # noqa: ARG002
         """As `StreamFormat.intact`."""

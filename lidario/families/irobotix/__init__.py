@@ -9,9 +9,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from lidario.families.base import Family, Timing
 from lidario.families.irobotix.device import TALKERS
-from lidario.families.irobotix.formats import FifteenFormat, FrameFormat
 
 __all__ = ["FAMILY"]
 
@@ -24,29 +22,5 @@ SIMULATED: Final = (
 )
 """The names of `simulated.device.PROFILES`, repeated: users of a real device do not load the simulated one."""
 
-FAMILY: Final = Family(
-    name="irobotix",
-    title="3irobotix",
-    # Delta-2A and 2B; the others, and older 2A.
-    baudrates=(230_400, 115_200),
-    timing=Timing(
-        # At four revolutions a second a frame takes 17 ms, and a USB adapter may hold bytes back for 16 ms.
-        quiet_s=0.06,
-        drain_s=0.5,
-        # It cannot be restarted from here.
-        boot_s=3.0,
-        boot_poll_s=0.25,
-        # It hears nothing. One that has just been given power sends a second or two later.
-        forget_s=3.0,
-        probe_s=0.12,
-    ),
-    device=TALKERS.device,
-    formats=(FrameFormat, FifteenFormat),
-    simulated=SIMULATED,
-    find_stream=TALKERS.find_stream,
-    stream_of=TALKERS.stream_of,
-    models=TALKERS.named,
-    # It only talks: nothing is asked at any speed.
-    asked_at=(),
-)
+FAMILY: Final = TALKERS.row("3irobotix", SIMULATED)
 """The family's row of the registry."""

@@ -11,37 +11,12 @@ from __future__ import annotations
 
 from typing import Final
 
-from lidario.families.base import Family, Timing
 from lidario.families.neato.device import TALKERS
-from lidario.families.neato.formats import BackFormat, PacketFormat
 
 __all__ = ["FAMILY"]
 
 SIMULATED: Final = ("neato-xv11", "neato-lds02rr", "neato-lds01rr")
 """The names of `simulated.device.PROFILES`, repeated: users of a real device do not load the simulated one."""
 
-FAMILY: Final = Family(
-    name="neato",
-    title="Neato",
-    baudrates=(115_200,),
-    timing=Timing(
-        # At 200 revolutions a minute a packet takes 3.3 ms, and a USB adapter may hold bytes back for 16 ms.
-        quiet_s=0.05,
-        drain_s=0.5,
-        # It cannot be restarted from here; the rotor takes its time after the text that a boot prints.
-        boot_s=3.0,
-        boot_poll_s=0.25,
-        # It hears nothing. One that has just been given power sends a second or two later.
-        forget_s=3.0,
-        probe_s=0.12,
-    ),
-    device=TALKERS.device,
-    formats=(BackFormat, PacketFormat),
-    simulated=SIMULATED,
-    find_stream=TALKERS.find_stream,
-    stream_of=TALKERS.stream_of,
-    models=TALKERS.named,
-    # It only talks: nothing is asked at any speed.
-    asked_at=(),
-)
+FAMILY: Final = TALKERS.row("Neato", SIMULATED)
 """The family's row of the registry."""

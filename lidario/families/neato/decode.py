@@ -13,10 +13,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.neato.formats import PACKET, SAMPLES
+from lidario.families.neato.formats import PACKET
 from lidario.families.slots import DegreeDecoder, Returns
 
-__all__ = ["BackDecoder", "PacketDecoder", "rpm_of"]
+__all__ = ["BackDecoder", "PacketDecoder"]
 
 _NONE: Final = 0x8000
 _MILLIMETRES: Final = 0x3FFF
@@ -26,15 +26,12 @@ class PacketDecoder(DegreeDecoder):
     """Decodes the packets of one stream; of a rotor that turns clockwise, unless `back`."""
 
     def __init__(self, *, back: bool = False) -> None:
-        super().__init__(PACKET, SAMPLES, back=back)
+        super().__init__(PACKET, back=back)
 
     def _returns(self, rows: NDArray[Any]) -> Returns:
         words = rows["samples"]["distance"]
         strength = np.minimum(rows["samples"]["strength"] >> 3, 255)
         return Returns(np.where(words & _NONE, 0, words & _MILLIMETRES), strength)
-
-    def _rpm(self, read: NDArray[Any]) -> NDArray[np.float64]:
-        return read["speed"] / 64.0
 
 
 class BackDecoder(PacketDecoder):
@@ -42,8 +39,3 @@ class BackDecoder(PacketDecoder):
 
     def __init__(self) -> None:
         super().__init__(back=True)
-
-
-def rpm_of(packets: bytes) -> float:
-    """The speed that packets tell, revolutions a minute."""
-    return float(np.median(np.frombuffer(packets, PACKET)["speed"])) / 64

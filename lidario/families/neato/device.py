@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from lidario.families.neato.decode import BackDecoder, PacketDecoder, rpm_of
-from lidario.families.neato.formats import SLOWEST, AnySpeed, BackFormat, PacketFormat
+from lidario.families.neato.decode import BackDecoder, PacketDecoder
+from lidario.families.neato.formats import PACKET, SLOWEST, AnySpeed, BackFormat, PacketFormat
 from lidario.families.slots import FULL_TURN
 from lidario.families.talking import Rotor, Talkers, TalkingModel
 
@@ -27,7 +27,7 @@ _UNNAMED: Final = TalkingModel(
 
 
 def _too_slow(packets: bytes) -> str:
-    rpm = rpm_of(packets)
+    rpm = PACKET.rpm_of(packets)
     if rpm * 64 >= SLOWEST:
         return ""
     return (
@@ -47,7 +47,7 @@ TALKERS: Final = Talkers(
         )
     },
     unnamed=lambda packets: _UNNAMED,  # noqa: ARG005 - they tell nothing
-    sample_us=lambda packets: 60e6 / (rpm_of(packets) * FULL_TURN),
+    sample_us=PACKET.sample_us,
     heard=4,
     hear_s=0.5,
     # At 200 revolutions a minute.

@@ -22,14 +22,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.slots import FIRST, FULL_TURN
-from lidario.wire.events import Packets
-from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings
-from lidario.wire.rows import Fold15, RowFormat
+from lidario.families.slots import FIRST, HEAD, DegreeFormat, DegreePacket
+from lidario.wire.formats import NO_PACKET
+from lidario.wire.rows import Fold15
 
-__all__ = ["PACKET", "PACKETS", "SAMPLES", "SIZE", "SLOWEST", "BackFormat", "PacketFormat"]
+__all__ = ["PACKET", "SIZE", "SLOWEST", "AnySpeed", "BackFormat", "PacketFormat"]
 
-HEAD: Final = 0xFA
 PACKETS: Final = 90
 SIZE: Final = 22
 SAMPLES: Final = 4
@@ -38,12 +36,13 @@ SLOWEST: Final = 200 * 64
 CHECK: Final = Fold15(10)
 
 SAMPLE: Final = np.dtype([("distance", "<u2"), ("strength", "<u2")])
-PACKET: Final = np.dtype(
+LAYOUT: Final = np.dtype(
     [("mark", "u1"), ("number", "u1"), ("speed", "<u2"), ("samples", SAMPLE, SAMPLES), ("check", "<u2")]
 )
+PACKET: Final = DegreePacket(LAYOUT, SAMPLES, 64)
 
 
-class PacketFormat(RowFormat):
+class PacketFormat(DegreeFormat):
     """The packets of an LDS01RR or LDS02RR, which turn clockwise. The types are our own numbers."""
 
     name = "FA A0"
@@ -52,16 +51,12 @@ class PacketFormat(RowFormat):
     shortest = SIZE
     longest = SIZE
     samples = SAMPLES
-    full_turn = FULL_TURN
+    packet = PACKET
 
     def measure(self, data: bytearray, at: int) -> int:
         """As `StreamFormat.measure`."""
-        begin = data[at : at + 4]
-        if begin[0] != HEAD or (len(begin) > 1 and not FIRST <= begin[1] < FIRST + PACKETS):
-            return NO_PACKET
-        if len(begin) < 4:
-            return 0
-        return SIZE if _speed(begin) >= SLOWEST else NO_PACKET
+        size = self._begun(data, at, 4)
+        return size if size <= 0 or _speed(data, at) >= SLOWEST else NO_PACKET
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:  # noqa: ARG002
         """As `StreamFormat.intact`."""
@@ -69,31 +64,19 @@ class PacketFormat(RowFormat):
 
     def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
         rows = np.frombuffer(data, np.uint8, count * SIZE, at)
-        packets, number = rows.view(PACKET), rows[1::SIZE]
+        packets, number = rows.view(LAYOUT), rows[1::SIZE]
         marked = (packets["mark"] == HEAD) & (number >= FIRST) & (number < FIRST + PACKETS)
         intact: NDArray[np.bool_] = (
             marked & (packets["speed"] >= SLOWEST) & CHECK.of_rows(rows.reshape(count, SIZE))
         )
         return intact
 
-    def headings(self, packets: Packets) -> Headings:
-        """As `StreamFormat.headings`, in degrees that the rotor has turned."""
-        turned = (np.frombuffer(packets.data, PACKET)["number"].astype(np.int32) - FIRST) * SAMPLES
-        return turned if len(turned) >= HEADINGS_WORTH_AN_ARRAY else turned.tolist()
-
-    def told_sample_ns(self, packets: Packets) -> NDArray[np.float64]:
-        """As `StreamFormat.told_sample_ns`: a degree at the speed that the packet tells."""
-        speeds = np.frombuffer(packets.data, PACKET)["speed"].astype(np.float64) / 64
-        return 60e9 / (speeds * FULL_TURN)
-
     def other_record(self, data: bytearray, at: int) -> int:
         """As `StreamFormat.other_record`: a packet of a rotor that is too slow."""
-        begin = data[at : at + 4]
-        if begin[0] != HEAD or (len(begin) > 1 and not FIRST <= begin[1] < FIRST + PACKETS):
-            return NO_PACKET
-        if len(begin) < 4:
-            return 0
-        if _speed(begin) >= SLOWEST:
+        size = self._begun(data, at, 4)
+        if size <= 0:
+            return size
+        if _speed(data, at) >= SLOWEST:
             return NO_PACKET
         if len(data) - at < SIZE:
             return 0
@@ -112,11 +95,8 @@ class AnySpeed(PacketFormat):
 
     def measure(self, data: bytearray, at: int) -> int:
         """As `StreamFormat.measure`."""
-        begin = data[at : at + 2]
-        if begin[0] != HEAD or (len(begin) > 1 and not FIRST <= begin[1] < FIRST + PACKETS):
-            return NO_PACKET
-        return SIZE if len(begin) == 2 else 0
+        return self._begun(data, at)
 
 
-def _speed(begin: bytearray) -> int:
-    return begin[2] | begin[3] << 8
+def _speed(data: bytearray, at: int) -> int:
+    return data[at + 2] | data[at + 3] << 8

@@ -8,7 +8,7 @@ from lidario.errors import ConnectFailed
 from lidario.families.base import Family
 from lidario.model import LineErrors
 from lidario.session.finding.listening import KEPT, family_of_stream
-from lidario.source import Source
+from lidario.source import Source, quoted
 
 __all__ = ["ReceivedInSilence"]
 
@@ -66,6 +66,10 @@ class ReceivedInSilence:
         # Behind a serial line that is served over TCP there may be a wrong baud rate, too.
         errors = errors if len(told) == 1 else LineErrors()
         said = self.describe(errors, has_speed=source.kind != "udp")
+        heard = family_of_stream(self._kept)
+        if source.model is not None and heard is not None and heard in asked:
+            said = f"{self.total} bytes came back, {heard.title} packets among them, but of another model than"
+            said, cure = f"{said} {quoted(source.model)}", "Is ?model= right?"
         return ConnectFailed(
             f"{source.address} opened, but nothing responds{at} (asked as {titles}): {said}. {cure}",
             reason="silent",
