@@ -99,11 +99,9 @@ def _all(tasks: list[_Task], jobs: int) -> list[Exception]:
             except LidarError as error:
                 failures.append(error)
         return failures
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
+    from lidario.recording.divided import processes
 
-    # Not forked: a process that has threads, or a terminal in use, must not be copied.
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+    with processes(jobs) as pool:
         running = [(task, pool.submit(export_one, *task)) for task in tasks]
         for task, future in running:
             try:

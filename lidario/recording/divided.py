@@ -12,21 +12,24 @@ from __future__ import annotations
 import contextlib
 import os
 import pickle
+import shutil
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import ExitStack, contextmanager
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final, Generic, NamedTuple, TypeVar
 
+from lidario.errors import CannotRecord
 from lidario.filters.base import Filter
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.read import McapRecording
 from lidario.scan import Scan
 
-__all__ = ["divided"]
+__all__ = ["divided", "processes"]
 
 T = TypeVar("T")
 
@@ -88,18 +91,31 @@ def divided(
         return
     seams = tuple(recording.began_ns + number * recording.duration_ns // spans for number in range(spans))
     with ExitStack() as open_:
-        pool = open_.enter_context(_processes(spans - 1))
-        # It goes before the processes are waited for: then they stop.
         part = Path(open_.enter_context(TemporaryDirectory(dir=folder, prefix=".export-")))
+        pool = open_.enter_context(processes(spans - 1, part))
+        # It goes before the processes are waited for: then they stop.
+        open_.callback(shutil.rmtree, part, ignore_errors=True)
         division = _Division(recording, decoder.filters, make, part, seams)
         # The last one first: each needs to know of those behind it.
         others = {number: pool.submit(_spool, division, number) for number in reversed(range(1, spans))}
         yield _in_order(division, others, renumbered)
 
 
-def _processes(count: int) -> Executor:
+def processes(count: int, folder: Path | None = None) -> Executor:
+    """So many processes, which end when this one is killed; what they wrote to `folder` then goes with them."""
     # Not forked: a process that has threads, or a terminal in use, must not be copied.
-    return ProcessPoolExecutor(count, mp_context=get_context("spawn"))
+    return ProcessPoolExecutor(count, get_context("spawn"), _end_with_parent, (folder,))
+
+
+def _end_with_parent(folder: Path | None) -> None:
+    def wait() -> None:
+        if (parent := parent_process()) is not None:
+            parent.join()
+            if folder is not None:
+                shutil.rmtree(folder, ignore_errors=True)
+            os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 def _in_order(
@@ -122,10 +138,18 @@ def _in_order(
 def _result(others: dict[int, Future[_Joined | None]], number: int) -> _Joined | None:
     """What one process returns, when it has ended; raises what any of them raises."""
     for each in as_completed(others.values()):
-        each.result()
+        _check(each)
         if each is others[number]:
             break
     return others[number].result()
+
+
+def _check(other: Future[_Joined | None]) -> None:
+    """Raise what a process that has ended raises."""
+    try:
+        other.result()
+    except BrokenExecutor:
+        raise CannotRecord("a process that decodes a part of it was killed: is memory short?") from None
 
 
 def _spool(division: _Division[Any], number: int) -> _Joined | None:
@@ -201,7 +225,7 @@ class _Span(Generic[T]):
                 return {}
             for other in self._others.values():
                 if other.done():
-                    other.result()
+                    _check(other)
             time.sleep(_POLL_S)
         marks: dict[int, _Mark] = pickle.loads(path.read_bytes())
         return marks

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Executor, Future
+from concurrent.futures import BrokenExecutor, Executor, Future
 from copy import copy
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,8 @@ from lidario.recording import decode_file, divided
 from lidario.recording.decode_file import FileDecoder
 from lidario.revolution import device_clock
 from lidario.scan import Scan
-from tests.cli.processes import in_memory, run
+from tests.cli.processes import in_memory, run, started
+from tests.support.children import until
 from tests.support.loop import run_driven
 from tests.support.recorded import assert_same_scans, thread_takes_no_time
 
@@ -53,7 +54,7 @@ def joined(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Spans of seconds, and a device's clock that is followed over as few; which span was gone on with."""
     monkeypatch.setattr(divided, "LEAD_NS", LEAD_NS)
     monkeypatch.setattr(divided, "LEAST_NS", 2 * LEAD_NS)
-    monkeypatch.setattr(divided, "_processes", lambda _: Here())
+    monkeypatch.setattr(divided, "processes", lambda *_: Here())
     monkeypatch.setattr(decode_file, "_BLOCK_NS", 300_000_000)
     monkeypatch.setattr(device_clock, "_BUCKETS", 3)
     found, make = list[int](), divided._Joined
@@ -168,27 +169,40 @@ def test_bare_bytes_and_short_recordings_are_decoded_by_one_process(
     path = record(tmp_path / "a.mcap", "ldrobot-ld06", FAULTS[0])
     raw = tmp_path / "raw.bin"
     raw.write_bytes(b"".join(piece.data for piece in FileDecoder(path).recording.pieces()))
-    monkeypatch.setattr(divided, "_processes", None)
+    monkeypatch.setattr(divided, "processes", None)
     assert exported(raw, tmp_path / "raw-3.csv", JOBS) == exported(raw, tmp_path / "raw.csv", 1)
     monkeypatch.setattr(divided, "LEAST_NS", round(SECONDS * 1e9))
     assert exported(path, tmp_path / "several.csv", JOBS) == exported(path, tmp_path / "one.csv", 1)
 
 
+class Fails(Executor):
+    """Fails at whatever it is given."""
+
+    def __init__(self, error: Exception) -> None:
+        self._error = error
+
+    def submit(self, run: Callable[..., Any], /, *args: Any, **named: Any) -> Future[Any]:
+        """As `Executor.submit`."""
+        del run, args, named
+        failed: Future[Any] = Future()
+        failed.set_exception(self._error)
+        return failed
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (lidario.RecordingError("it was cut while it was read"), "cut while it was read"),
+        (BrokenExecutor("terminated abruptly"), "was killed: is memory short"),
+    ],
+)
 @pytest.mark.parametrize("form", [".csv", ".npz", ".mcap"])
 def test_what_fails_on_another_process_is_told_and_leaves_nothing(
-    tmp_path: Path, form: str, joined: list[int], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, form: str, error: Exception, words: str, joined: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = record(tmp_path / "a.mcap", "rplidar-s2", FAULTS[0])
-
-    class Fails(Here):
-        def submit(self, run: Callable[..., Any], /, *args: Any, **named: Any) -> Future[Any]:
-            del run, args, named
-            failed: Future[Any] = Future()
-            failed.set_exception(lidario.RecordingError("it was cut while it was read"))
-            return failed
-
-    monkeypatch.setattr(divided, "_processes", lambda _: Fails())
-    with pytest.raises(lidario.RecordingError, match="cut while it was read"):
+    monkeypatch.setattr(divided, "processes", lambda *_: Fails(error))
+    with pytest.raises(lidario.LidarError, match=words):
         exported(path, tmp_path / f"several{form}", JOBS)
     assert not joined
     assert [each.name for each in tmp_path.iterdir()] == ["a.mcap"]
@@ -202,3 +216,14 @@ def test_real_processes_do_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         done = run("export", str(path), str(tmp_path / f"{jobs}.csv"), "-j", jobs)
         assert done.returncode == 0, done.stderr
     assert (tmp_path / "1.csv").read_bytes() == (tmp_path / "2.csv").read_bytes()
+
+
+def test_when_it_is_killed_no_process_and_no_part_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.mcap"
+    monkeypatch.setattr("tests.recording.test_divided.SECONDS", 245.0)
+    record(path, "hokuyo-urg04lx", "stall:300ms")
+    with started("export", str(path), str(tmp_path / "a.csv"), "-j", "2") as process:
+        until(lambda: any(tmp_path.glob(".export-*/*")))
+        process.kill()
+        process.wait()
+        until(lambda: not any(tmp_path.glob(".export-*")))
