@@ -14,12 +14,12 @@ import resource
 import sys
 import tempfile
 import time
-from array import array
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from hashlib import blake2b
 from pathlib import Path
-from typing import Any
-from zlib import crc32
+from struct import Struct
+from typing import IO, Any
 
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
@@ -44,6 +44,8 @@ _SECOND = 200_000
 _AS_LIVE_NS = 5_000_000
 """By so much a time may differ: where the time of a sample is measured, it depends on the files that went."""
 _MOST_WAITING = 2 << 20
+_SEEN = Struct("<qQ")
+"""What is kept of a scan of the session: its stamp, and a check value so long that no two of a day are alike."""
 
 
 @dataclass
@@ -91,7 +93,7 @@ def live(
     mean_s: float = MEAN_S,
 ) -> Day:
     """Record for so many driven seconds, read what is kept, and compare."""
-    day, stamps, sums = Day(), array("q"), array("I")
+    day = Day()
 
     async def main() -> None:
         rig = make_rig(family)
@@ -102,15 +104,17 @@ def live(
                 recording = lidar.record(folder / "day.mcap", split_s=split_s, keep_bytes=keep_bytes)
                 async with recording, lidar.scans(depth=64) as stream:
                     troubles = asyncio.create_task(_trouble(cable, rig.device, random.Random(seed), mean_s))
-                    await _read(stream, recording, seconds, day, stamps, sums, folder)
+                    await _read(stream, recording, seconds, day, seen, folder)
                     troubles.cancel()
                     cable.device = line
                 if recording.error is not None or recording.lost_bytes:
                     raise AssertionError(f"{recording.error}, {recording.lost_bytes} bytes lost")
                 day.reconnects, day.files = lidar.stats.reconnects, (recording.files, 0)
 
-    run_driven(main)
-    _compare(folder, day, stamps, sums)
+    # What it gave is kept in a file, so that the memory of the comparison does not grow.
+    with open(folder / "seen", "wb") as seen:
+        run_driven(main)
+    _compare(folder, day)
     return day
 
 
@@ -130,28 +134,26 @@ async def _read(
     recording: lidario.Recording,
     seconds: float,
     day: Day,
-    stamps: array[int],
-    sums: array[int],
+    seen: IO[bytes],
     folder: Path,
 ) -> None:
     clock = asyncio.get_running_loop().time
     began, hour = clock(), 1
     async for scan in stream:
-        stamps.append(scan.stamp_ns)
-        sums.append(_sum_of(scan))
+        day.scans += 1
+        seen.write(_SEEN.pack(scan.stamp_ns, _sum_of(scan)))
         while recording._put - recording._taken > _MOST_WAITING:  # noqa: SLF001
             # Driven time is much faster than any disk.
             time.sleep(0.01)  # noqa: ASYNC251
         passed = clock() - began
-        if len(stamps) % 500 == 0:
+        if day.scans % 500 == 0:
             day.largest = max(day.largest, _size_of(folder))
         if passed >= 3600 * hour:
             hour += 1
             day.memory_mb.append(_resident_mb())
-            print(f"hour {hour - 1}: {len(stamps)} scans, {day.memory_mb[-1]:.0f} MB", file=sys.stderr)
+            print(f"hour {hour - 1}: {day.scans} scans, {day.memory_mb[-1]:.0f} MB", file=sys.stderr)
         if passed >= seconds:
             break
-    day.scans = len(stamps)
 
 
 def _size_of(folder: Path) -> int:
@@ -162,7 +164,7 @@ def _size_of(folder: Path) -> int:
     return size
 
 
-def _compare(folder: Path, day: Day, stamps: array[int], sums: array[int]) -> None:
+def _compare(folder: Path, day: Day) -> None:
     paths = sorted(folder.glob("day-*.mcap"))
     day.files = (day.files[0], len(paths))
     for path in paths:
@@ -175,7 +177,7 @@ def _compare(folder: Path, day: Day, stamps: array[int], sums: array[int]) -> No
         except Exception as error:
             day.unreadable.append(f"{path.name}: {error!r}")
     decoder = FileDecoder(folder / "day-*.mcap")
-    known = dict(zip(sums, stamps, strict=True))
+    known = {sum_: stamp for stamp, sum_ in _SEEN.iter_unpack((folder / "seen").read_bytes())}
     found, first = 0, 0
     for scan in decoder:
         first = first or scan.stamp_ns
@@ -188,7 +190,9 @@ def _compare(folder: Path, day: Day, stamps: array[int], sums: array[int]) -> No
 
 
 def _sum_of(scan: lidario.Scan) -> int:
-    return crc32(scan.device_distances.tobytes(), crc32(scan.device_angles.tobytes()))
+    found = blake2b(scan.device_angles.tobytes(), digest_size=8)
+    found.update(scan.device_distances.tobytes())
+    return int.from_bytes(found.digest(), "little")
 
 
 def _resident_mb() -> float:

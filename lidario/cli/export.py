@@ -1,8 +1,6 @@
 """``lidario export``: the scans of recordings as NPZ, CSV or MCAP; several files at once, on processes.
 
-One file is decoded by one process. The number of a scan, its time stamp where packets came late, and what is
-counted as missing depend on what came before, back to the beginning of the stream, so parts that were decoded apart
-would not always give the same file.
+A single long recording is divided (`lidario.recording.divided`); the files are those of one process.
 """
 
 from __future__ import annotations
@@ -20,19 +18,22 @@ from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import message
 
 if TYPE_CHECKING:
-    from lidario import Config
+    from collections.abc import Iterable, Iterator
+
+    from lidario import Config, Scan
     from lidario.recording.decode_file import FileDecoder
 
 __all__ = ["export"]
 
 FORMS = (".npz", ".csv", ".mcap")
+_SEQ = "#"
 
 
 @click.command()
 @click.argument("files", metavar="FILE...", nargs=-1, required=True, shell_complete=complete_file)
 @click.argument("out", metavar="OUT", shell_complete=complete_file)
 @click.option("-j", "jobs", type=WholeRange(min=1), default=1, show_default=True, metavar="N",
-              help="How many files at the same time, each on a process. One file is decoded by one.")  # fmt: skip
+              help="How many processes. Each takes one of the files; a single long one is divided.")  # fmt: skip
 @click.option("--family", metavar="NAME", help="Of bare bytes, where it cannot be told from them.")
 @click.option("--model", metavar="NAME", help="Of bare bytes: the lidar that sent them, as in x4.")
 @click.option("--sample-us", type=FiniteRange(min=0, min_open=True), metavar="US",
@@ -64,7 +65,8 @@ def export(
     laserscans_of(dict(of_scans))
     known, config = (family, model, sample_us), settings_of_file()
     of_scans["has_frame"] = is_given("frame")
-    tasks = [(file, out.replace("{}", _name_of(file)), known, of_scans, force, config) for file in files]
+    divided = jobs if len(files) == 1 else 1
+    tasks = [(file, out.replace("{}", _name_of(file)), known, of_scans, force, config, divided) for file in files]
     if len({target for _, target, *_ in tasks}) < len(tasks):
         raise click.BadParameter("two of the files have the same name", param_hint="FILE...")
     with progress(f"exporting {len(tasks)} file{'s' if len(tasks) > 1 else ''} …"):
@@ -82,7 +84,7 @@ def _name_of(file: str) -> str:
 
 
 _Known = tuple[str | None, str | None, float | None]
-_Task = tuple[str, str, _Known, dict[str, Any], bool, Any]
+_Task = tuple[str, str, _Known, dict[str, Any], bool, Any, int]
 
 
 def _all(tasks: list[_Task], jobs: int) -> list[Exception]:
@@ -97,11 +99,9 @@ def _all(tasks: list[_Task], jobs: int) -> list[Exception]:
             except LidarError as error:
                 failures.append(error)
         return failures
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
+    from lidario.recording.divided import processes
 
-    # Not forked: a process that has threads, or a terminal in use, must not be copied.
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+    with processes(jobs) as pool:
         running = [(task, pool.submit(export_one, *task)) for task in tasks]
         for task, future in running:
             try:
@@ -119,7 +119,7 @@ def _tell(task: _Task, done: tuple[int, str]) -> None:
 
 
 def export_one(
-    file: str, out: str, known: _Known, of_scans: dict[str, Any], force: bool, config: Config
+    file: str, out: str, known: _Known, of_scans: dict[str, Any], force: bool, config: Config, jobs: int
 ) -> tuple[int, str]:
     """Export one file; returns how many scans, and why it could not be read to its end. Runs in any process."""
     from lidario.recording.decode_file import FileDecoder
@@ -132,21 +132,38 @@ def export_one(
     if own.frame and not messages.pop("has_frame"):
         messages["frame"] = own.frame
     if Path(out).suffix == ".mcap":
-        count = export_mcap(decoder, Path(out), laserscans_of(messages), overwrite=force)
+        count = export_mcap(decoder, Path(out), laserscans_of(messages), overwrite=force, jobs=jobs)
     else:
         write = export_npz if Path(out).suffix == ".npz" else _export_csv
-        count = write(decoder, Path(out), overwrite=force)
+        count = write(decoder, Path(out), overwrite=force, jobs=jobs)
     return count, decoder.recording.damage
 
 
-def _export_csv(decoder: FileDecoder, path: Path, *, overwrite: bool = False) -> int:
-    from lidario.cli.formats import CSV_HEADER, as_csv
+def _export_csv(decoder: FileDecoder, path: Path, *, overwrite: bool, jobs: int) -> int:
+    from lidario.cli.formats import CSV_HEADER
+    from lidario.recording.divided import divided
     from lidario.recording.export import write_whole
 
     count = 0
-    with write_whole(path, overwrite=overwrite) as part, open(part, "w", encoding="ascii", newline="") as file:
+    with (
+        write_whole(path, overwrite=overwrite) as part,
+        open(part, "w", encoding="ascii", newline="") as file,
+        divided(decoder, jobs, _csv_of, path.parent, _renumbered) as parts,
+    ):
         file.write(CSV_HEADER)
-        for scan in decoder:
-            file.write(as_csv(scan))
+        for seq, rows in parts:
+            file.write(rows.replace(_SEQ, f"{seq},"))
             count += 1
     return count
+
+
+def _csv_of(scans: Iterable[Scan]) -> Iterator[tuple[int, str]]:
+    """The number of each scan, and its rows with a mark in its place: it is known later."""
+    from lidario.cli.formats import as_csv
+
+    for scan in scans:
+        yield scan.seq, as_csv(scan, _SEQ)
+
+
+def _renumbered(rows: tuple[int, str], shift: int) -> tuple[int, str]:
+    return rows[0] + shift, rows[1]

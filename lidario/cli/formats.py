@@ -28,16 +28,16 @@ def as_json(scan: Scan) -> str:
     return json.dumps(scan.to_dict(), separators=(",", ":"), allow_nan=False) + "\n"
 
 
-def as_csv(scan: Scan) -> str:
-    """One row per sample, with the time at which it was measured."""
+def as_csv(scan: Scan, begin: str = "") -> str:
+    """One row per sample, with the time at which it was measured; each begins with `begin`, or its number."""
+    begin = begin or f"{scan.seq},"
     stamps = scan.times_ns + (scan.wall_stamp_ns - scan.stamp_ns)
     intensities = [""] * len(scan) if scan.intensities is None else scan.intensities.tolist()
     rows = zip(
         stamps.tolist(), scan.angles.tolist(), scan.ranges.tolist(), scan.valid.tolist(), intensities, strict=True
     )
     return "".join(
-        f"{scan.seq},{stamp},{angle:.{_ANGLE_DIGITS}f},"
-        f"{f'{distance:.{_RANGE_DIGITS}f}' if hit else ''},{intensity}\n"
+        f"{begin}{stamp},{angle:.{_ANGLE_DIGITS}f},{f'{distance:.{_RANGE_DIGITS}f}' if hit else ''},{intensity}\n"
         for stamp, angle, distance, hit, intensity in rows
     )
 

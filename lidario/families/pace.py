@@ -52,6 +52,10 @@ class Pace:
         twin._points, twin._turned, twin._came = [*self._points], self._turned, self._came
         return twin
 
+    def back_from_now(self) -> list[tuple[int, int, int]]:
+        """All that it knows, counted back from the latest packet."""
+        return [(at_ns, self._turned - turned, self._came - came) for at_ns, turned, came in self._points]
+
     def clear(self) -> None:
         """What comes does not follow what came."""
         self._points = []

@@ -83,6 +83,7 @@ class Wheel:
         self._certain = self._confirmed = False
         self._strange = 0
         # Since the speed was last confirmed.
+        self._remembers = False
         self._spans: list[int] = []
         self._pace = Pace(full_turn // 2)
 
@@ -108,6 +109,8 @@ class Wheel:
                 if not self._is_confirmed():
                     return self._among_gaps(spans, followed=True)
             self._arc, self._certain, self._strange = float(spans[-1]), True, 0
+            if self._remembers and self._confirmed:
+                self._forget()
             step = total / len(spans) / self._samples
             return Arcs(spans, None, step, certain=True, first=first and not self._confirmed)
         plain = spans.tolist()
@@ -135,6 +138,8 @@ class Wheel:
         if not self._confirmed:
             self._remember(arcs.arc.tolist(), arrivals)
             self._is_confirmed()
+        elif self._remembers:
+            self._forget()
 
     def _is_steady(self, spans: Ints, shortest: int, longest: int) -> bool:
         """Whether each span is one arc: near the last arc, or near the span before."""
@@ -229,12 +234,12 @@ class Wheel:
         """Keep spans, and where the rotor was when packets came, while the speed is not sure."""
         if self._certain and self._confirmed and not self._strange:
             self._forget()
+        self._remembers = True
         self._pace.add(spans, arrivals)
         self._spans = [*self._spans, *spans][-REMEMBERED:]
 
     def _forget(self) -> None:
-        self._spans = []
-        self._pace.clear()
+        self._remembers, self._spans, self._pace = False, [], Pace(self._full_turn // 2)
 
     def _is_confirmed(self) -> bool:
         """Whether time does not say that spans are of several packets each. It may not say anything yet."""

@@ -7,28 +7,47 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Protocol
 
 from lidario.arguments import path_of
 from lidario.families.base import Known
 from lidario.filters.base import Filter
+from lidario.recording.alike import held
 from lidario.recording.files import open_stored
 from lidario.recording.offline import BLOCK, OfflineDecoder, ScanArrays, arrays_of
 from lidario.recording.opened import StoredFile
 from lidario.recording.raw import SEARCHED
-from lidario.recording.read import StoredStreams
+from lidario.recording.read import McapRecording, Piece, StoredStreams
 from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
 from lidario.revolution.together import join_reads
 from lidario.scan import Scan
 from lidario.wire.stats import LinkStats
 
-__all__ = ["FileDecoder", "decode_file", "decode_file_arrays"]
+__all__ = ["FileDecoder", "Watch", "decode_file", "decode_file_arrays"]
 
 _log = logging.getLogger("lidario")
 
 _BLOCK = 64 * 1024
 """Bytes that are decoded together, as in `lidario.recording.offline`."""
+_BLOCK_NS = 4_000_000_000
+"""Time of a block at most: of slow lidars, so many bytes are a minute."""
+
+
+class Watch(Protocol):
+    """What looks at a decoder where a block of bytes ends."""
+
+    def __call__(self, place: int, at_ns: int, hold: Callable[[], bytes]) -> bool:
+        """Whether to go no further.
+
+        Args:
+            place: Of the end of the block.
+            at_ns: When it was read.
+            hold: Tells what the decoder holds, as a check value.
+        """
+        ...
 
 
 class FileDecoder:
@@ -37,6 +56,7 @@ class FileDecoder:
     Args:
         path: The file.
         known: What the user says of bare bytes, as for `decode_file`.
+        recording: The file, where it was opened before.
 
     Raises:
         RecordingError: Nothing can be read of it; or, while it is iterated over, it cannot be read any more.
@@ -49,16 +69,28 @@ class FileDecoder:
         filters: What each scan passes, in this order.
     """
 
-    def __init__(self, path: str | os.PathLike[str], known: Known = Known()) -> None:  # noqa: B008
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        known: Known = Known(),  # noqa: B008
+        recording: StoredStreams | None = None,
+    ) -> None:
         self._known = known
-        self.recording: StoredStreams = open_stored(path_of(path, "a recording"), known)
+        self.recording: StoredStreams = recording or open_stored(path_of(path, "a recording"), known)
         self.skipped_bytes: int = 0
         self.packets: int = 0
         self.stats: AssemblerStats = AssemblerStats()
         self.filters: tuple[Filter, ...] = ()
 
     def __iter__(self) -> Iterator[Scan]:
-        for scan in self._timed() if self.recording.timed else self._untimed():
+        return self._filtered(self._timed() if self.recording.timed else self._untimed())
+
+    def part(self, begin_ns: int | None, watch: Watch) -> Iterator[Scan]:
+        """As to iterate over it, from about a time on, and as far as `watch` says. Only of what has times."""
+        return self._filtered(self._timed(begin_ns, watch))
+
+    def _filtered(self, scans: Iterator[Scan]) -> Iterator[Scan]:
+        for scan in scans:
             yield scan.filtered(*self.filters) if self.filters else scan
 
     def _untimed(self) -> Iterator[Scan]:
@@ -69,12 +101,13 @@ class FileDecoder:
             yield from decoder.scans_of(_blocks_of(file))
         self._count(decoder.pipeline.link.stats)
 
-    def _timed(self) -> Iterator[Scan]:
+    def _timed(self, begin_ns: int | None = None, watch: Watch | None = None) -> Iterator[Scan]:
         number, offset_deg = -1, 0.0
         pipeline: Pipeline | None = None
         last: Scan | None = None
         last_ns = -(1 << 63)
-        for begun, reads, block_deg, behind in self._blocks():
+        for pieces in self._blocks(begin_ns):
+            begun, _, _, block_deg, behind, place = pieces[-1]
             if begun != number or pipeline is None:
                 self._end(pipeline)
                 number = begun
@@ -87,26 +120,33 @@ class FileDecoder:
             if block_deg != offset_deg:
                 offset_deg = block_deg
                 pipeline.assembler.set_zero_offset(offset_deg, behind=behind)
-            data, last_ns, arrivals = join_reads(reads, last_ns)
+            data, last_ns, arrivals = join_reads([(piece.data, piece.at_ns) for piece in pieces], last_ns)
             for last in pipeline.receive(data, last_ns, arrivals):
                 yield last
-            if note := pipeline.take_note():
+            if (note := pipeline.take_note()) and begin_ns is None:
                 _log.warning("%s: %s", self.recording.path, note)
+            if watch is not None:
+                left = None if last is None else (last.stamp_ns, last.rpm, last.duration_ns)
+                place += len(pieces[-1].data)
+                if watch(place, last_ns, partial(held, pipeline, number, offset_deg, last_ns, left)):
+                    break
         self._end(pipeline)
 
-    def _blocks(self) -> Iterator[tuple[int, list[tuple[bytes, int]], float, bool]]:
-        """Reads of one stream and zero-angle offset that are decoded together, and when each was."""
-        number, size, offset_deg, behind = -1, 0, 0.0, False
-        reads: list[tuple[bytes, int]] = []
-        for piece in self.recording.pieces():
-            if reads and (piece.stream != number or piece.zero_offset_deg != offset_deg or size >= _BLOCK):
-                yield number, reads, offset_deg, behind
-                size, reads = 0, []
-            number, offset_deg, behind = piece.stream, piece.zero_offset_deg, piece.behind
-            reads.append((piece.data, piece.at_ns))
-            size += len(piece.data)
-        if reads:
-            yield number, reads, offset_deg, behind
+    def _blocks(self, begin_ns: int | None) -> Iterator[list[Piece]]:
+        """Reads of one stream and zero-angle offset that are decoded together.
+
+        Where they end depends on what stands there alone, so parts of a file have the same blocks as the whole.
+        """
+        recording, block, before = self.recording, list[Piece](), None
+        for piece in recording.pieces(begin_ns) if isinstance(recording, McapRecording) else recording.pieces():
+            here = piece.stream, piece.zero_offset_deg, piece.place // _BLOCK, piece.at_ns // _BLOCK_NS
+            if block and here != before:
+                yield block
+                block = []
+            before = here
+            block.append(piece)
+        if block:
+            yield block
 
     def _end(self, pipeline: Pipeline | None) -> None:
         if pipeline is not None:

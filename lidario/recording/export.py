@@ -14,7 +14,9 @@ import tempfile
 import zipfile
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
+from copy import deepcopy
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
@@ -24,6 +26,7 @@ from lidario.errors import CannotRecord
 from lidario.laserscan import LaserScan
 from lidario.laserscans import LaserScans
 from lidario.recording.decode_file import FileDecoder
+from lidario.recording.divided import divided
 from lidario.recording.opened import not_a_file
 from lidario.recording.read import McapRecording
 from lidario.recording.write import FileWriter
@@ -65,8 +68,10 @@ def write_whole(path: Path, *, overwrite: bool) -> Iterator[Path]:
                 os.unlink(part)
 
 
-def export_npz(decoder: FileDecoder, path: Path, *, overwrite: bool = False) -> int:
+def export_npz(decoder: FileDecoder, path: Path, *, overwrite: bool = False, jobs: int = 1) -> int:
     """Write all scans to an NPZ file; returns how many.
+
+    On so many processes, if the recording is long enough (`lidario.recording.divided`).
 
     It holds `device_angles`, `device_distances`, `intensities` (absent where the format has none), `starts`,
     `stamps_ns`, `lost_packets` and `meta`, as `lidario.ScanArrays` describes them; `meta` is a text in JSON. Stamps
@@ -82,7 +87,7 @@ def export_npz(decoder: FileDecoder, path: Path, *, overwrite: bool = False) -> 
         starts, stamps, lost = [0], [], []
         has_intensities = True
         modes: dict[str, None] = {}
-        for scan in decoder:
+        for scan in files.enter_context(divided(decoder, jobs, iter, path.parent)):
             angles.write(scan.device_angles.data)
             distances.write(scan.device_distances.data)
             has_intensities = has_intensities and scan.intensities is not None
@@ -112,7 +117,12 @@ def export_npz(decoder: FileDecoder, path: Path, *, overwrite: bool = False) -> 
 
 
 def export_mcap(
-    decoder: FileDecoder, path: Path, messages: LaserScans | None = None, *, overwrite: bool = False
+    decoder: FileDecoder,
+    path: Path,
+    messages: LaserScans | None = None,
+    *,
+    overwrite: bool = False,
+    jobs: int = 1,
 ) -> int:
     """Write a recording that holds each scan on ``/scan`` too; returns how many scans.
 
@@ -121,16 +131,21 @@ def export_mcap(
         path: Where.
         messages: How LaserScan messages are made of the scans.
         overwrite: Whether a file that is there already may be replaced.
+        jobs: How many processes decode it, if it is long enough (`lidario.recording.divided`).
 
     Raises:
         CannotRecord: It cannot be written, or is there already.
     """
     recording = decoder.recording
     count = 0
-    with write_whole(path, overwrite=overwrite) as part:
+    messages = messages or LaserScans()
+    if jobs > 1 and not _find_grid(decoder, messages):
+        jobs = 1
+    make = partial(_made, messages)
+    with write_whole(path, overwrite=overwrite) as part, divided(decoder, jobs, make, path.parent) as made:
         writer = FileWriter(part, recording.about, overwrite=True)
         try:
-            scans = _Scans(writer, decoder, messages or LaserScans())
+            scans = _Scans(writer, made)
             if isinstance(recording, McapRecording):
                 _flush_each_second(writer, recording.copy_to(writer, scans.add_until))
             _flush_each_second(writer, scans.add_rest())
@@ -145,14 +160,14 @@ def export_mcap(
 class _Scans:
     """Adds the scans of a recording to a file, each before the first chunk that is later."""
 
-    def __init__(self, writer: FileWriter, scans: Iterable[Scan], messages: LaserScans) -> None:
+    def __init__(self, writer: FileWriter, messages: Iterable[LaserScan]) -> None:
         self._writer = writer
-        self._ready = _made(scans, messages)
+        self._ready = iter(messages)
         self._next = next(self._ready, None)
 
     def add_until(self, at_ns: int) -> None:
         """Add all that were measured until then."""
-        while self._next is not None and self._next[1].stamp_ns <= at_ns:
+        while self._next is not None and self._next.stamp_ns <= at_ns:
             self._add(self._next)
 
     def add_rest(self) -> Iterator[int]:
@@ -160,16 +175,27 @@ class _Scans:
         while self._next is not None:
             yield self._add(self._next)
 
-    def _add(self, made: tuple[Scan, LaserScan]) -> int:
-        self._writer.add_scans((made,))
+    def _add(self, message: LaserScan) -> int:
+        self._writer.add_message(message)
         self._next = next(self._ready, None)
-        return made[1].stamp_ns
+        return message.stamp_ns
 
 
-def _made(scans: Iterable[Scan], messages: LaserScans) -> Iterator[tuple[Scan, LaserScan]]:
+def _made(messages: LaserScans, scans: Iterable[Scan]) -> Iterator[LaserScan]:
     for scan in scans:
-        yield from messages.take(scan)
-    yield from messages.rest()
+        yield from (message for _, message in messages.take(scan))
+    yield from (message for _, message in messages.rest())
+
+
+def _find_grid(decoder: FileDecoder, messages: LaserScans) -> bool:
+    """Have the first scans of a recording tell the grid of all; False where it is not theirs to tell."""
+    first, tried = FileDecoder(decoder.recording.path, recording=decoder.recording), deepcopy(messages)
+    first.filters = decoder.filters
+    for scan in first:
+        if any([*tried.take(scan)]):
+            messages.use_grid_of(tried)
+            return True
+    return False
 
 
 def _flush_each_second(writer: FileWriter, times: Iterator[int]) -> None:

@@ -22,7 +22,7 @@ from zlib import crc32
 
 from lidario.recording.opened import StoredFile
 
-__all__ = ["MAGIC", "Channel", "Damage", "Message", "Metadata", "read_records"]
+__all__ = ["LEFT_OUT", "MAGIC", "Channel", "Damage", "Message", "Metadata", "read_records"]
 
 MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")
@@ -81,6 +81,10 @@ class Damage(NamedTuple):
     missing: bool = True
 
 
+LEFT_OUT = Damage("chunks are left out, as it was asked for")
+"""In place of chunks that nobody wants."""
+
+
 class _Index(NamedTuple):
     """What the end of a file says."""
 
@@ -89,13 +93,20 @@ class _Index(NamedTuple):
     is_whole: bool = False
 
 
-def read_records(file: StoredFile) -> Iterator[Channel | Message | Metadata | Damage]:
-    """The records of a file that begins with `MAGIC`, as far as they can be read. Raises only RecordingError."""
+def read_records(file: StoredFile, begin_ns: int = 0) -> Iterator[Channel | Message | Metadata | Damage]:
+    """The records of a file that begins with `MAGIC`, as far as they can be read. Raises only RecordingError.
+
+    Args:
+        file: The file.
+        begin_ns: Chunks that end before are passed over unread, up to the first one that does not; but never the
+            first of all, which tells the channels.
+    """
     index = _read_index(file)
     # A channel is told in one chunk; where that is damaged, the index knows it.
     yield from index.channels
     file.seek(0)
     crc: int | None = crc32(file.read(len(MAGIC)))
+    is_first = True
     while True:
         head = file.read(_HEAD.size)
         if len(head) < _HEAD.size:
@@ -112,6 +123,16 @@ def read_records(file: StoredFile) -> Iterator[Channel | Message | Metadata | Da
         crc = None if crc is None else crc32(head, crc)
         largest = _LARGEST.get(opcode, _PASSED_OVER)
         is_whole = length <= min(largest, file.left)
+        if opcode == _CHUNK_OP and begin_ns and not is_first and _CHUNK.size <= length < file.left:
+            _, end_ns, _, _ = _CHUNK.unpack(file.read(_CHUNK.size))
+            if end_ns < begin_ns:
+                yield LEFT_OUT
+                crc = None
+                file.seek(behind)
+                continue
+            begin_ns = 0
+            file.seek(behind - length)
+        is_first = is_first and opcode != _CHUNK_OP
         content = file.read(length) if is_whole else b""
         crc = crc32(content, crc) if is_whole and crc is not None else None
         if opcode == _CHUNK_OP:

@@ -61,6 +61,7 @@ class Piece(NamedTuple):
         data: The bytes.
         zero_offset_deg: The zero-angle offset that holds from the first revolution on that ends in them or later.
         behind: Whether it holds only from the revolution behind that one.
+        place: Place of the first of them among all that were received.
     """
 
     stream: int
@@ -68,6 +69,7 @@ class Piece(NamedTuple):
     data: bytes
     zero_offset_deg: float
     behind: bool = False
+    place: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,6 +172,7 @@ class McapRecording(StoredStreams):
 
     Attributes:
         paths: Them, in the order of their times.
+        began_ns: When the first byte of a stream was read.
 
     Raises:
         RecordingError: It is none, or no stream can be read of it; the text says why.
@@ -207,6 +210,7 @@ class McapRecording(StoredStreams):
         self.size: int = self._files.size
         if first is not None and last is not None:
             self.duration_ns: int = max(0, last - first)
+        self.began_ns: int = (first or 0) - about.clock_offset_ns
         if not about.info.family:
             raise RecordingError(f"{path} is of a device that responds in no known way: nothing is decoded")
         try:
@@ -220,14 +224,18 @@ class McapRecording(StoredStreams):
         for stream in self.streams:
             stream.open()
 
-    def pieces(self) -> Iterator[Piece]:
-        """What was received in the streams, in order. Each call begins anew."""
+    def pieces(self, begin_ns: int | None = None) -> Iterator[Piece]:
+        """What was received in the streams, in order. Each call begins anew.
+
+        Args:
+            begin_ns: What was read before is left out as far as that is easy; None for nothing.
+        """
         number = 0
         offset_ns = self.about.clock_offset_ns
         offsets, offset_deg = _offsets(self.streams[0])
         behind = False
         first, last = _bounds(self.streams[0])
-        for record in self._files.records():
+        for record in self._files.records(0 if begin_ns is None else begin_ns + offset_ns):
             if not isinstance(record, StoredChunk) or record.sent:
                 continue
             at_ns, begin, _, data = record
@@ -235,7 +243,7 @@ class McapRecording(StoredStreams):
             at_ns = min(max(at_ns - offset_ns, -MOST_NS // 2), MOST_NS // 2)
             if first <= begin and place < last and not offsets:
                 # Nearly always: all of it belongs to one stream.
-                yield Piece(number, at_ns, data, offset_deg, behind)
+                yield Piece(number, at_ns, data, offset_deg, behind, begin)
                 continue
             while number < len(self.streams):
                 stream = self.streams[number]
@@ -245,7 +253,7 @@ class McapRecording(StoredStreams):
                     while offsets and offsets[0].at <= low:
                         _, offset_deg, behind = astuple(offsets.popleft())
                     until = min(high, offsets[0].at) if offsets else high
-                    yield Piece(number, at_ns, data[low - begin : until - begin], offset_deg, behind)
+                    yield Piece(number, at_ns, data[low - begin : until - begin], offset_deg, behind, low)
                     low = until
                 if place < end or stream.end is None:
                     break

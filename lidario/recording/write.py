@@ -172,9 +172,13 @@ class FileWriter:
     def add_scans(self, scans: Iterable[tuple[Scan, LaserScan]]) -> None:
         """Add the messages of scans, as `LaserScans` makes them."""
         for _, message in scans:
-            if SCAN_TOPIC not in self._channels:
-                self._register(SCAN_TOPIC, LASERSCAN_TYPE, LASERSCAN_DEFINITION)
-            self._add(SCAN_TOPIC, message.stamp_ns, message.to_cdr())
+            self.add_message(message)
+
+    def add_message(self, message: LaserScan) -> None:
+        """Add the message of a scan."""
+        if SCAN_TOPIC not in self._channels:
+            self._register(SCAN_TOPIC, LASERSCAN_TYPE, LASERSCAN_DEFINITION)
+        self._add(SCAN_TOPIC, message.stamp_ns, message.to_cdr())
 
     def add_metadata(self, name: str, texts: dict[str, str]) -> None:
         """Add a named set of texts, beside those of the recording, for who knows the name.

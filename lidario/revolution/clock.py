@@ -316,6 +316,8 @@ class RevolutionClock:
                     late_ns = here.start_ns - last.start_ns - last.spanned_ns
                     confirmed = abs(late_ns) < NOISE * last.revolution_ns
             if confirmed:
+                if self.needs_speed:
+                    self._search.forget()
                 self._sure = here
                 return
         if sure is not None:

@@ -5,6 +5,9 @@ device's clock is even. So what it says of a packet, plus how far our clock is a
 have come on a line that delays nothing. How far ahead ours is, the packets tell that came soonest: a line below
 all arrivals of the last twenty seconds, and as near to them as can be, since two clocks never run alike.
 
+Where decoding began makes no difference: half seconds are those of the device's clock, times are whole numbers, and
+nothing older than the line is remembered. So parts of a file can be decoded apart.
+
 Such a clock counts in milliseconds, begins anew after half a minute, and a damaged packet that passes its check
 says anything. So several packets that follow each other are asked, each by its own stamp and the samples since, and
 most must agree. Where packets are missing the stamps tell how long, whole revolutions too, which angles hide.
@@ -44,7 +47,7 @@ _LATE_NS: Final = 2_000_000_000
 """What comes so much earlier or later than any has come is told by another clock: the device was restarted."""
 
 Stamps: TypeAlias = NDArray[np.int64]
-_Point: TypeAlias = tuple[float, float]
+_Point: TypeAlias = tuple[int, int]
 """When by the device's clock, and how far ours was ahead then."""
 
 
@@ -81,7 +84,7 @@ class StampReader:
         """The next packets came; they follow each other."""
         self._recent = (self._recent + stamps[-self._asked :].tolist())[-self._asked :]
 
-    def measured(self, expected_ns: float) -> float | None:
+    def measured(self, expected_ns: int) -> int | None:
         """When the last packet was measured by that clock, as near as can be to the time expected.
 
         None where too few packets follow each other to be believed, or they do not agree.
@@ -91,14 +94,14 @@ class StampReader:
         if count < self._fewest:
             return None
         found = sorted(
-            (stamp * tick_ns - expected_ns + wrap_ns / 2) % wrap_ns - wrap_ns / 2 + behind * self._packet_ns
+            (stamp * tick_ns - expected_ns + wrap_ns // 2) % wrap_ns - wrap_ns // 2 + behind * self._packet_ns
             for behind, stamp in enumerate(reversed(recent))
         )
         alike = [each for each in found if abs(each - found[count // 2]) <= 2 * tick_ns]
         if 2 * len(alike) <= count:
             return None
         # Each tells from when to when, a tick long. What all of them allow is shorter.
-        return expected_ns + (alike[0] + alike[-1] + tick_ns) / 2
+        return expected_ns + round((alike[0] + alike[-1] + tick_ns) / 2)
 
 
 class DeviceClock:
@@ -116,8 +119,8 @@ class DeviceClock:
             self._reader = StampReader(wire.ticks, wire.pitch * stream.sample_ns)
         # The earliest arrival of each half a second, and the line below them: one of its points, and its slope.
         self._earliest: deque[_Point] = deque(maxlen=_BUCKETS)
-        self._line: tuple[_Point, float] = ((0.0, 0.0), 0.0)
-        self._ahead_ns = 0.0
+        self._line: tuple[_Point, float] = ((0, 0), 0.0)
+        self._ahead_ns = 0
         self._last_ns = -(1 << 63)
 
     def dated(self, packets: Packets) -> Packets:
@@ -151,23 +154,25 @@ class DeviceClock:
         if measured_ns is None:
             return None
         if is_last:
+            if self._earliest and not -_EARLY_NS < at_ns - measured_ns - self._ahead_ns < _LATE_NS:
+                self._earliest.clear()
+                self._ahead_ns = 0
+                return self._came(reader, at_ns, is_last=True)
             self._learn(measured_ns, at_ns - measured_ns)
-        self._last_ns = max(self._last_ns, min(round(measured_ns + self._ahead_ns), at_ns))
+        self._last_ns = max(self._last_ns, min(measured_ns + self._ahead_ns, at_ns))
         return self._last_ns
 
-    def _learn(self, measured_ns: float, ahead_ns: float) -> None:
+    def _learn(self, measured_ns: int, ahead_ns: int) -> None:
         """A packet was measured then, and came when our clock was so far ahead."""
         earliest = self._earliest
-        if earliest and not -_EARLY_NS < ahead_ns - self._ahead_ns < _LATE_NS:
-            earliest.clear()
-        if not earliest or measured_ns - earliest[-1][0] >= _BUCKET_NS:
+        if not earliest or measured_ns // _BUCKET_NS > earliest[-1][0] // _BUCKET_NS:
             earliest.append((measured_ns, ahead_ns))
             self._line = _line_below(earliest)
         elif ahead_ns < earliest[-1][1]:
-            earliest[-1] = (earliest[-1][0], ahead_ns)
+            earliest[-1] = (measured_ns, ahead_ns)
             self._line = _line_below(earliest)
         (at_ns, then_ns), slope = self._line
-        self._ahead_ns = min(then_ns + slope * (measured_ns - at_ns), ahead_ns)
+        self._ahead_ns = min(then_ns + round(slope * (measured_ns - at_ns)), ahead_ns)
 
 
 def _line_below(points: Sequence[_Point]) -> tuple[_Point, float]:
@@ -190,7 +195,7 @@ def _hull(points: Iterable[_Point]) -> list[_Point]:
     return hull
 
 
-def _ahead_of(point: _Point) -> float:
+def _ahead_of(point: _Point) -> int:
     return point[1]
 
 

@@ -79,24 +79,28 @@ class SampleTime:
                 self._reads.append((passed_ns, before + samples))
         else:
             if self._last_ns - self._begin_ns >= WINDOW_NS and len(self._reads) >= FEWEST:
-                self._judge(_measured(self._reads))
+                if self._is_told_by(_measured(self._reads)):
+                    return
                 self._begin_ns, self._reads = self._last_ns, []
             self._reads.append((came_ns - self._last_ns, samples))
         self._last_ns = came_ns
 
-    def _judge(self, measured_ns: float) -> None:
+    def _is_told_by(self, measured_ns: float) -> bool:
+        """Whether this makes it sure; then what led to it is forgotten."""
         before_ns, self._before_ns = self._before_ns, measured_ns
         if not measured_ns:
-            return
-        if abs(measured_ns / self._told_ns - 1) <= OFF:
-            self._is_sure = True
-        elif abs(measured_ns - before_ns) <= ALIKE * measured_ns:
-            self._is_sure = True
+            return False
+        is_right = abs(measured_ns / self._told_ns - 1) <= OFF
+        if not is_right and abs(measured_ns - before_ns) > ALIKE * measured_ns:
+            return False
+        self._is_sure, self._before_ns, self._begin_ns, self._last_ns, self._reads = True, 0.0, None, 0, []
+        if not is_right:
             self.ns = (measured_ns + before_ns) / 2
             self._note = (
                 f"the device tells {self._told_ns * 1e-3:.4g} µs a sample, and takes {self.ns * 1e-3:.4g}: "
                 "what is measured counts"
             )
+        return True
 
 
 def _measured(reads: Sequence[tuple[int, int]]) -> float:

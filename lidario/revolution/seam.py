@@ -171,7 +171,7 @@ class Seam:
             self._unmarked_revolutions += 1
         self._last = heading
         if self._unmarked_revolutions == _UNMARKED_REVOLUTIONS:
-            self.angle = 0
+            self.angle, self._unmarked_revolutions = 0, 0
 
     def _forward(self, last: int, away: int) -> bool:
         """Whether a reading beyond the near quarter was reached forwards: not by trembling back over the seam."""
@@ -196,7 +196,7 @@ class Seam:
             self._last = None
             self._step(index, heading & ~_FLAGS)
             return Split(index, marked=False, broken=True, seam=self.angle or 0)
-        before, self.angle = self.angle, heading & ~_FLAGS
+        before, self.angle, self._unmarked_revolutions = self.angle, heading & ~_FLAGS, 0
         moved = before is not None and self._retreat < (self.angle - before) % self._full_turn <= self._far
         self._last = 0
         self._armed = False

@@ -61,6 +61,11 @@ class SparseSpeed:
         self._new = 0
         self._found_ns = 0.0
 
+    def forget(self) -> None:
+        """It is known otherwise."""
+        self._points.clear()
+        self._new, self._found_ns = 0, 0.0
+
     def add(self, angle: float, at_ns: int) -> None:
         """A packet came; `angle` is where it begins, in revolutions."""
         if self._points and at_ns - self._points[0][1] > _LONGEST_NS:

@@ -199,7 +199,7 @@ class StreamFormat(ABC):
             self._in_step = False
             self._due = size
         noise = self._end_of_noise(data, at)
-        self._due -= noise - at
+        self._due = 0 if self._in_step else self._due - (noise - at)
         if noise == at and self._in_step:
             # What was waited for begins right here, and it is whole.
             run = self.run(data, at)

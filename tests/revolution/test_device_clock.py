@@ -131,6 +131,20 @@ def test_a_device_that_was_restarted_has_another_clock() -> None:
     assert min(found) > -1.0
 
 
+@pytest.mark.parametrize("begin", [300, 1000, 4000])
+def test_where_decoding_began_makes_no_difference(begin: int) -> None:
+    """Neither before a restart nor behind it, as soon as twenty seconds have passed."""
+    data, times = made(40.0, fast=1.0001)
+    again, later = made(40.0, begin_ms=3.0, fast=1.0001)
+    events = received(data + again, late_reads(np.concatenate((times, later + 40.4e9)), 3, 16.0))
+    whole, part = DeviceClock(stream()), DeviceClock(stream())
+    behind = begin + 21 * RATE // 12 // 7
+    for number, event in enumerate(events):
+        dated = whole.dated(event)
+        if number >= begin:
+            assert part.dated(event) == dated or number < behind
+
+
 def test_a_loop_that_was_blocked_does_not_date_what_came_meanwhile() -> None:
     """One read brings what was measured in a second and a half."""
     data, times = made(20.0)
