@@ -27,7 +27,7 @@ from lidario.wire.stats import LinkStats
 
 __all__ = ["held"]
 
-_STATES: Final = frozenset({"unfinished_packets", "left_off"})
+_STATES: Final = frozenset({"unfinished_packets", "waiting_packets", "left_off"})
 _TOTALS: Final[dict[type, frozenset[str]]] = {
     Link: frozenset({"fed", "stream_at"}),
     LinkStats: frozenset(LinkStats.__slots__),
