@@ -93,6 +93,17 @@ class Flow:
         took = self.packets[-1].received_ns - self.packets[0].received_ns
         return took * 1e-3 / samples if samples else 0.0
 
+    def turns_ns(self) -> NDArray[np.float64]:
+        """What each revolution took by the device's clock; empty where no packet is a whole one."""
+        assert self.stream is not None
+        wire = self.stream.format
+        if not wire.whole or wire.ticks is None:
+            return np.empty(0)
+        passed = np.diff(np.concatenate([wire.stamps(each) for each in self.packets])) % wire.ticks.wrap
+        # Of those between which some are missing, what one took.
+        took: NDArray[np.float64] = passed / np.maximum(np.rint(passed / max(np.median(passed), 1)), 1)
+        return took * wire.ticks.tick_ns
+
     def steps(self) -> NDArray[np.float64]:
         """Turns from the beginning of each packet to that of the next one, in [0, 1): clockwise ones are short."""
         assert self.stream is not None

@@ -214,10 +214,14 @@ async def rotor_is_steady(bench: Bench) -> str:
         speeds = [scan.rpm for scan in watch.scans if scan.rpm == scan.rpm]
         if not speeds:
             return False, "no speed could be measured"
-        # Where the device does not see all round, it takes as many samples at any speed.
-        whole = abs(watch.scans[0].field_of_view) == 360
-        took = [scan.duration_ns for scan in watch.scans] if whole else [1 / speed for speed in speeds]
-        worst = max((abs(two / one - 1) for one, two in pairwise(took)), default=0.0)
+        flow = watch.flow
+        assert flow is not None
+        assert flow.stream is not None
+        # Where a packet is a whole scan, it has as many samples at any speed.
+        by_clock, ticks = flow.turns_ns().tolist(), flow.stream.format.ticks
+        off = 2 * ticks.tick_ns if by_clock and ticks is not None else 0
+        took = by_clock or [float(scan.duration_ns) for scan in watch.scans]
+        worst = max((max(0.0, abs(two - one) - off) / max(one, 1.0) for one, two in pairwise(took)), default=0.0)
         bench.measured(f"scan frequency of {watch.mode.name}", float(np.median(speeds)) / 60, "Hz")
         return worst <= STEADY_SHARE, f"{np.median(speeds) / 60:.2f} Hz, neighbours within {worst:.1%}"
 

@@ -45,7 +45,7 @@ def test_bytes_that_are_held_back_are_no_stream_that_goes_on(model: str) -> None
 
 @pytest.mark.parametrize(
     "model",
-    ["rplidar-a1", "rplidar-s2", "ydlidar-x4", "ldrobot-ld06", "neato-xv11", "hokuyo-urg04lx"],
+    ["rplidar-a1", "rplidar-s2", "ydlidar-x4", "ldrobot-ld06", "neato-xv11", "hokuyo-urg04lx", "hokuyo-ust10lx"],
 )
 def test_no_rule_about_streams_depends_on_when_bytes_are_read(model: str) -> None:
     device: Any = ReadLate(lidario.simulate(model))
