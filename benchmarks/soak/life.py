@@ -212,11 +212,11 @@ class Life:
     async def _let_go(self) -> None:
         """Forget the session without closing it, as a program with a mistake does."""
         await self._readers.end()
-        self._lidar = None
         # From Python 3.12 on, the event loop may still hold it the first time.
         for linger in (_LINGER_S, 0.0):
             # A finalizer waits without the loop until the device listens.
             with patch.object(time, "sleep", self._loop.block):
+                self._lidar = None
                 gc.collect()
             await asyncio.sleep(linger)
         await self._watch.closed(reachable=not self._doubtful)
