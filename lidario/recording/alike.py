@@ -7,6 +7,7 @@ alike, and never the other way round. Only totals are left out, and what counts 
 
 from __future__ import annotations
 
+import os
 import re
 from collections import deque
 from collections.abc import Iterator
@@ -63,7 +64,7 @@ class _Walk:
         """Every part of it."""
         if isinstance(value, bytes | bytearray):
             yield bytes(value)
-        elif isinstance(value, Enum | re.Pattern | str | int | float | None):
+        elif isinstance(value, Enum | re.Pattern | np.dtype | str | int | float | None):
             yield repr(value).encode()
         elif isinstance(value, np.ndarray | np.generic):
             yield f"{value.dtype}{value.shape}".encode()
@@ -86,8 +87,8 @@ class _Walk:
 
     def _fields(self, value: Any) -> Iterator[bytes]:
         kind = type(value)
-        # What is not ours is not known to the last bit: no two are alike.
-        yield (kind.__qualname__ if kind.__module__.startswith("lidario.") else f"{id(value)}").encode()
+        # What is not ours is not known to the last bit: no two are alike, and none is like itself.
+        yield kind.__qualname__.encode() if kind.__module__.startswith("lidario.") else os.urandom(16)
         slots = [name for each in kind.__mro__ for name in getattr(each, "__slots__", ()) if hasattr(value, name)]
         for name in (*slots, *getattr(value, "__dict__", ())):
             if name not in _TOTALS.get(kind, ()):

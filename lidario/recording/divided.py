@@ -9,19 +9,19 @@ process, whatever happens, and at worst it takes as long.
 
 from __future__ import annotations
 
-import contextlib
 import os
 import pickle
 import shutil
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager
 from multiprocessing import get_context, parent_process
 from pathlib import Path
+from struct import Struct
 from tempfile import TemporaryDirectory
-from typing import Any, Final, Generic, NamedTuple, TypeVar
+from typing import IO, Any, Final, Generic, NamedTuple, TypeVar
 
 from lidario.errors import CannotRecord
 from lidario.filters.base import Filter
@@ -39,6 +39,7 @@ followed over twenty seconds."""
 LEAST_NS: Final = 4 * LEAD_NS
 """Of a span; in a shorter one, nothing would be gained."""
 _POLL_S: Final = 0.01
+_LENGTH: Final = Struct("<q")
 
 
 class _Mark(NamedTuple):
@@ -127,23 +128,30 @@ def _in_order(
     yield from span.made()
     joined = span.joined
     while joined is not None:
-        following = _result(others, joined.span)
         shift += joined.shift
         with open(division.folder / str(joined.span), "rb") as file:
             file.seek(joined.begin)
-            with contextlib.suppress(EOFError):
-                while True:
-                    yield renumbered(pickle.load(file), shift)
-        joined = following
+            for each in _spooled(file, others, joined.span):
+                yield renumbered(pickle.loads(each), shift)
+        joined = others[joined.span].result()
 
 
-def _result(others: dict[int, Future[_Joined | None]], number: int) -> _Joined | None:
-    """What one process returns, when it has ended; raises what any of them raises."""
-    for each in as_completed(others.values()):
-        _check(each)
-        if each is others[number]:
-            break
-    return others[number].result()
+def _spooled(file: IO[bytes], others: dict[int, Future[_Joined | None]], number: int) -> Iterator[bytes]:
+    """What another process has written and writes, to its end; raises what any of them raises."""
+    while True:
+        begin, has_ended = file.tell(), others[number].done()
+        data = file.read(_LENGTH.size)
+        size = _LENGTH.unpack(data)[0] if len(data) == _LENGTH.size else -1
+        if size >= 0 and len(data := file.read(size)) == size:
+            yield data
+            continue
+        for each in others.values():
+            if each.done():
+                _check(each)
+        if has_ended:
+            return
+        file.seek(begin)
+        time.sleep(_POLL_S)
 
 
 def _check(other: Future[_Joined | None]) -> None:
@@ -159,7 +167,8 @@ def _spool(division: _Division[Any], number: int) -> _Joined | None:
     with open(division.folder / str(number), "wb") as file:
         span = _Span(division, number, {}, file.tell)
         for each in span.made():
-            pickle.dump(each, file, pickle.HIGHEST_PROTOCOL)
+            data = pickle.dumps(each, pickle.HIGHEST_PROTOCOL)
+            file.write(_LENGTH.pack(len(data)) + data)
         span.tell()
     return span.joined
 

@@ -77,5 +77,5 @@ def test_what_is_remembered_beside_counts(path: Path) -> None:
 
 
 def test_of_what_is_not_known_no_two_are_alike(path: Path) -> None:
-    pipeline = behind(path)
-    assert held(pipeline, object()) != held(pipeline, object())
+    pipeline, unknown = behind(path), object()
+    assert held(pipeline, unknown) != held(pipeline, unknown)
