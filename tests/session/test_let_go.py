@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import time
 import weakref
+from contextlib import suppress
 from typing import Any
+from unittest.mock import patch
 
 import pytest
 
@@ -90,6 +93,27 @@ async def test_who_keeps_a_cancelled_task_keeps_no_stream(family: str, *, sector
         assert not lidar.is_scanning
         assert left_still(rig)
         del kept
+
+
+@both_families
+@driven
+async def test_a_session_that_is_let_go_in_the_midst_of_a_start_leaves_no_task(family: str) -> None:
+    """It waited for the stop requests, which nobody wrote any more, ten times a second and for ever."""
+    rig = make_rig(family)
+    with patch.object(time, "sleep", asyncio.get_running_loop().block):  # type: ignore[attr-defined]
+        lidar = await rig.open()
+        async with lidar.scans() as scans:
+            await anext(scans)
+        again = asyncio.ensure_future(lidar.scan())
+        await asyncio.sleep(0)
+        again.cancel()
+        with suppress(asyncio.CancelledError):
+            await again
+        del lidar, scans, again
+        gc.collect()
+        await asyncio.sleep(1.0)
+    assert left_still(rig)
+    assert [task for task in asyncio.all_tasks() if task is not asyncio.current_task()] == []
 
 
 def told(kept: Any) -> list[str]:

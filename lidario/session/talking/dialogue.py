@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 
 import anyio
 
-from lidario.errors import InternalError, LidarError, ResponseTimeout
+from lidario.errors import InternalError, LidarError, ResponseTimeout, SessionClosed
 from lidario.families.base import Device, Script, Timing
 from lidario.port.port import Port
 from lidario.session.talking.intake import Intake
@@ -277,8 +277,9 @@ class Dialogue(Intake, Waiting):
     def abandon(self) -> None:
         """Leave the device still and close the port, even without a loop: for finalizers. Blocks shortly.
 
-        Where timers do so already, on a loop that runs, they go on.
+        Where timers do so already, on a loop that runs, they go on. Tasks that still wait here end.
         """
+        self.fatal = self._ends = SessionClosed("the session was let go, and is over")
         if self.stopper.ends_by_itself and self._loop.is_running():
             return
         self.stopper.cancel()
