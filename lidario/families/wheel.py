@@ -177,21 +177,13 @@ class Wheel:
     def _walk(self, spans: Sequence[int], *, followed: bool) -> tuple[list[float], list[int]]:
         """The arc of each packet, and how many are missing behind it, from the last arc on."""
         arcs, missing = list[float](), list[int]()
-        last, fell, end = self._arc, False, len(spans) - 1
+        last, end = self._arc, len(spans) - 1
         for at, span in enumerate(spans):
             if at == end and not followed:
                 arcs.append(last)
                 missing.append(0)
                 break
             likely = spans[at + 1] if at < end else 0
-            if span < 0 or fell:
-                # A leap beside a fall is one heading that is out of place.
-                if span < 0 and missing:
-                    arcs[-1], missing[-1] = last, 0
-                arcs.append(last)
-                missing.append(0)
-                fell = span < 0
-                continue
             times = span / last
             whole = max(1, round(times))
             anew = abs(likely - span) <= LIKENESS * span / 2
