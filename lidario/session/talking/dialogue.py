@@ -279,7 +279,7 @@ class Dialogue(Intake, Waiting):
 
         Where timers do so already, on a loop that runs, they go on. Tasks that still wait here end.
         """
-        self.fatal = self._ends = SessionClosed("the session was let go, and is over")
+        self.end(SessionClosed("the session was let go, and is over"))
         if self.stopper.ends_by_itself and self._loop.is_running():
             return
         self.stopper.cancel()

@@ -53,9 +53,13 @@ class Waiting:
 
     def fail(self, error: LidarError) -> None:
         """End this operation and all later ones with `error`."""
+        self.end(error)
+        self._raise(error)
+
+    def end(self, error: LidarError) -> None:
+        """As `fail`, from any thread: an operation that waits ends when its time is over."""
         to_be_kept(error)
         self.fatal = self._ends = error
-        self._raise(error)
 
     async def wait(self, seconds: float, what: Awaited) -> bytes:
         """Wait for `what`, and return what it is woken with; TimeoutError after `seconds`."""
