@@ -243,6 +243,13 @@ def test_a_speed_that_is_not_that_of_the_angles_is_unknown_behind_losses() -> No
         assert math.isnan(speeds[3]) is not known
 
 
+@pytest.mark.parametrize(("lost", "revolution_ns"), [(39, 100.0 * MS), (40, 100.0 * MS), (41, 0.0)])
+def test_the_first_speed_is_known_where_half_of_the_packets_came(lost: int, revolution_ns: float) -> None:
+    first = beginning(0, lost)
+    RevolutionClock().follow(first)
+    assert first.revolution_ns == revolution_ns
+
+
 def test_what_is_over_of_a_revolution_counts() -> None:
     """Its beginning was lost: it begins later, but is the next one all the same."""
     found = told([beginning(0), beginning(1.8, over=0.8), beginning(2.02), beginning(3.02)])

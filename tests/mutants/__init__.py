@@ -1,0 +1,1 @@
+"""Small changes of the source, and which of them the tests notice."""

@@ -1,0 +1,232 @@
+"""Which small changes the tests notice: ``python -m tests.mutants --count 200 --seed 7``, in a clone.
+
+A place of the source is chosen by a seed and changed: a comparison turned, a number changed, a call left out.
+Copies of the folder are changed, never the folder itself. The nearest tests judge first, up to the first that
+fails. A test that fails is run once more without the change, and only counts where it passes then. Unless it is
+told ``--unchecked``, it first runs all these tests without a change. ``--from 61`` goes on with change 61.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import random
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Final, NamedTuple
+
+from tests.mutants.places import Place, places_of
+
+__all__ = ["Verdict", "choose", "main", "stages_of"]
+
+ROOT: Final = Path(__file__).resolve().parent.parent.parent
+PARTS: Final = ("wire", "families", "revolution", "session", "port")
+_ABOUT_TEXT: Final = (
+    "architecture",
+    "byte_order",
+    "contributing",
+    "docs",
+    "layers",
+    "loading",
+    "mutants",
+    "new_family",
+    "package",
+    "package_page",
+    "public_api",
+    "readme",
+    "release",
+    "security",
+    "suite",
+)
+"""Test modules that look at the source itself, not at what it does."""
+_STAGE_S: Final = 900.0
+_TEST_S: Final = 60
+_MOST_KB: Final = 8_000_000
+
+
+class Verdict(NamedTuple):
+    """What became of a change.
+
+    Attributes:
+        noticed: The test that failed, or why else the run ended; empty where no test noticed.
+        took_s: Seconds.
+    """
+
+    noticed: str
+    took_s: float
+
+
+def choose(count: int, seed: int, only: str | None = None) -> list[Place]:
+    """Places to change: the same ones for the same seed and source."""
+    found: list[Place] = []
+    for part in (only,) if only else PARTS:
+        for path in sorted((ROOT / "lidario" / part).rglob("*.py")):
+            name = path.relative_to(ROOT).as_posix()
+            if "/simulated/" not in name:
+                found += places_of(name, path.read_bytes())
+    return random.Random(seed).sample(found, min(count, len(found)))
+
+
+def stages_of(name: str, whole: bool = False) -> list[list[str]]:
+    """Which tests judge a change of this file, the nearest ones first."""
+    parts = Path(name).parts
+    folder = Path("tests", *parts[1:-1])
+    while not (ROOT / folder).is_dir():
+        folder = folder.parent
+    near = sorted((ROOT / folder).rglob(f"test_{Path(name).stem}*.py"))
+    stages = [[path.relative_to(ROOT).as_posix() for path in near]] if near else []
+    wide = [folder.as_posix(), f"tests/{parts[1]}", "tests/wire", "tests/properties", "tests/test_golden.py"]
+    stages += [[path] for path in dict.fromkeys([*wide, "tests/revolution", "tests/session", "tests/port"])]
+    return [*stages, ["tests"]] if whole else stages
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Try the changes; 1 with one that no test noticed, 2 where tests fail without a change."""
+    options = _parser().parse_args(arguments)
+    chosen = list(enumerate(choose(options.count, options.seed, options.only), 1))[options.start - 1 :]
+    with tempfile.TemporaryDirectory(prefix="mutants ") as folder:
+        copies: SimpleQueue[Path] = SimpleQueue()
+        for number in range(options.jobs):
+            copies.put(_copied(Path(folder, str(number))))
+        with ThreadPoolExecutor(options.jobs) as pool:
+            if not options.unchecked:
+                stages = list(dict.fromkeys(tuple(stage) for _, place in chosen for stage in stages_of(place.path)))
+                for why in pool.map(lambda stage: _with_copy(copies, list(stage)), stages):
+                    if why:
+                        print(f"without any change: {why}", file=sys.stderr)
+                        return 2
+
+            def judge(numbered: tuple[int, Place]) -> Verdict:
+                copy = copies.get()
+                try:
+                    verdict = _judge(copy, numbered[1], options.whole)
+                finally:
+                    copies.put(copy)
+                _tell(*numbered, verdict)
+                return verdict
+
+            verdicts = list(pool.map(judge, chosen))
+    _sum_up([place for _, place in chosen], verdicts)
+    return int(any(not verdict.noticed for verdict in verdicts))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m tests.mutants", description="which changes the tests notice")
+    parser.add_argument("--count", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=7)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--only", choices=PARTS)
+    parser.add_argument("--from", dest="start", type=int, default=1, help="the number of the first change")
+    parser.add_argument("--whole", action="store_true", help="where no test notices, run all the others too")
+    parser.add_argument("--unchecked", action="store_true", help="do not run the tests without a change first")
+    return parser
+
+
+def _copied(folder: Path) -> Path:
+    return Path(shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".*", "__pycache__")))
+
+
+def _with_copy(copies: SimpleQueue[Path], stage: list[str]) -> str:
+    copy = copies.get()
+    try:
+        return _run(copy, stage)
+    finally:
+        copies.put(copy)
+
+
+def _judge(copy: Path, place: Place, whole: bool) -> Verdict:
+    began = time.monotonic()
+    path = copy / place.path
+    for stage in stages_of(place.path, whole):
+        path.write_bytes(place.changed((ROOT / place.path).read_bytes()))
+        try:
+            why = _run(copy, stage)
+        finally:
+            shutil.copy2(ROOT / place.path, path)
+        if why and (why.startswith("a hang") or not _run(copy, [why] if why.startswith("tests/") else stage)):
+            return Verdict(why, time.monotonic() - began)
+    return Verdict("", time.monotonic() - began)
+
+
+def _run(copy: Path, tests: list[str]) -> str:
+    """Run tests in a copy: the first that fails, or why else it ended; empty where all pass."""
+    options = ["-x", "-q", "-p", "no:cacheprovider", "-o", f"faulthandler_timeout={_TEST_S}"]
+    options += ["-o", "faulthandler_exit_on_timeout=true"]
+    options += [f"--ignore=tests/test_{name}.py" for name in _ABOUT_TEXT]
+    command = [sys.executable, "-m", "pytest", *options, *tests]
+    with tempfile.TemporaryFile() as output:
+        process = subprocess.Popen(
+            ["sh", "-c", f'ulimit -v {_MOST_KB}; exec "$@"', "sh", *command],
+            cwd=copy,
+            env={**os.environ, "PYTHONPATH": str(copy)},
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        try:
+            code = process.wait(_STAGE_S)
+        except subprocess.TimeoutExpired:
+            code = None
+        finally:
+            _end(process)
+        output.seek(0)
+        text = output.read().decode(errors="replace")
+    if code == 0:
+        return ""
+    failed = re.search(r"^(?:FAILED|ERROR) (tests/.*?)(?: - .*)?$", text, re.MULTILINE)
+    if failed:
+        return failed[1]
+    if code is None or "Timeout (" in text:
+        return f"a hang in {' '.join(tests)}"
+    return f"exit code {code} of {' '.join(tests)}: {(text.strip().splitlines() or [''])[-1]}"
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End what the tests left behind too."""
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+
+
+def _tell(number: int, place: Place, verdict: Verdict) -> None:
+    before, after = place.lines((ROOT / place.path).read_bytes())
+    noticed = f"noticed by {verdict.noticed}" if verdict.noticed else "NOT NOTICED"
+    print(
+        f"{number}. {place.path}:{place.line} ({place.kind})\n- {before}\n+ {after}\n"
+        f"  {noticed}, {verdict.took_s:.0f} s",
+        flush=True,
+    )
+
+
+def _sum_up(places: list[Place], verdicts: list[Verdict]) -> None:
+    for title, names in (
+        ("part", [place.path.split("/")[1] for place in places]),
+        ("kind", [place.kind for place in places]),
+    ):
+        print(f"\n{title:12}{'tried':>7}{'noticed':>9}")
+        for row in _rows(names, verdicts):
+            print(row)
+
+
+def _rows(names: list[str], verdicts: list[Verdict]) -> Iterator[str]:
+    tried = Counter(names)
+    noticed = Counter(name for name, verdict in zip(names, verdicts, strict=True) if verdict.noticed)
+    for name in sorted(tried):
+        yield f"{name:12}{tried[name]:7}{noticed[name]:9}"
+    yield f"{'all':12}{tried.total():7}{noticed.total():9}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,82 @@
+"""The script that changes the source changes one line, which compiles, and the same ones for the same seed."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections import Counter
+
+import pytest
+
+from tests.mutants.__main__ import PARTS, ROOT, choose, stages_of
+from tests.mutants.places import places_of
+
+SOURCE = b'''"""One and 2."""
+
+_SHOWN: Final = 3
+
+
+def f(a: Literal[1]) -> bool:
+    """Say 4."""
+    if not a < 5 and g():
+        g()
+        raise ValueError(f"no {_SHOWN} + 6")
+    _log.debug("%d", 7)
+    return (a) - 8 is not None
+'''
+
+
+def test_what_runs_is_changed_and_what_is_shown_is_not() -> None:
+    changes = [place.lines(SOURCE)[1] for place in places_of("f.py", SOURCE)]
+    assert sorted(changes) == sorted(
+        [
+            "if not a < 5 or g():",
+            "if a < 5 and g():",
+            "if not a <= 5 and g():",
+            "if not a < 6 and g():",
+            "if not a < 10 and g():",
+            "pass",
+            "return not ((a) - 8 is not None)",
+            "return (a) - 8 is None",
+            "return (a) + 8 is not None",
+            "return (a) - 9 is not None",
+            "return (a) - 16 is not None",
+        ]
+    )
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_every_change_is_one_line_and_compiles(part: str) -> None:
+    chosen = choose(40, 1, part)
+    assert len(chosen) == 40
+    for place in chosen:
+        source = (ROOT / place.path).read_bytes()
+        before, after = source.splitlines(), place.changed(source).splitlines()
+        assert [at for at, pair in enumerate(zip(before, after, strict=True), 1) if pair[0] != pair[1]] == [
+            place.line
+        ]
+        compile(place.changed(source), place.path, "exec")
+
+
+def test_the_same_seed_gives_the_same_changes() -> None:
+    chosen = choose(200, 7)
+    assert chosen != choose(200, 8)
+    command = "from tests.mutants.__main__ import choose; print(choose(200, 7))"
+    for hashes in "12":
+        # Sets come in another order in each process.
+        environment = {**os.environ, "PYTHONHASHSEED": hashes, "PYTHONPATH": str(ROOT)}
+        done = subprocess.run([sys.executable, "-c", command], env=environment, capture_output=True, text=True)
+        assert done.stdout.strip() == str(chosen), done.stderr
+    assert len(set(chosen)) == 200
+    assert not any("/simulated/" in place.path for place in chosen)
+    kinds = Counter(place.kind for place in chosen)
+    assert set(kinds) >= {"comparison", "number", "call", "sign", "return"}
+
+
+def test_the_nearest_tests_judge_first() -> None:
+    stages = stages_of("lidario/families/hlds/decode.py")
+    assert stages[:3] == [["tests/families/hlds/test_decode.py"], ["tests/families/hlds"], ["tests/families"]]
+    assert ["tests/session"] in stages
+    for stage in stages_of("lidario/session/talking/dialogue.py", whole=True):
+        assert all((ROOT / path).exists() for path in stage)
