@@ -117,8 +117,9 @@ def test_a_reader_that_goes_away_ends_it_without_a_word(form: str) -> None:
             process.stdout.close()
             said = process.stderr.read()
             assert process.wait(BOUND) == 0
-        # People are told at the beginning which device it is.
-        assert len(said.splitlines()) == (0 if form else 1)
+        # People are told at the beginning which device it is, and on a busy machine what was lost before the end.
+        words = [line for line in said.splitlines() if not line.endswith(" so far")]
+        assert len(words) == (0 if form else 1)
         assert "rror" not in said
         until(lambda: stopped(server))
 

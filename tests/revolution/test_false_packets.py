@@ -59,11 +59,11 @@ def test_there_are_such_formats() -> None:
 def test_it_costs_nothing_else(case: Case, data: st.DataObject) -> None:
     wire, count = case.make_format(), len(case.packets)
     at, headings = data.draw(st.integers(LEARNED, count - 2), "its number"), turned(case)
-    # Any other packet has a check value that holds.
+    # Any other packet has a check value that holds. One that the next packet follows closely seems to be true.
     far = [
         number
         for number in range(count)
-        if 0.25 < (headings[number] - headings[at]) % wire.full_turn / wire.full_turn < 0.9
+        if 0.25 < (headings[number] - headings[at]) % wire.full_turn / wire.full_turn < 0.7
     ]
     run = data.draw(st.sampled_from([1, 2, 7, count]), "packets at a time")
     packets = dict(enumerate(case.packets))
