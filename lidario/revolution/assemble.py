@@ -68,7 +68,6 @@ class Assembler:
         self._partial = PartialRevolution(whole=False)
         self._clock = RevolutionClock(1e9 * stream.slowest_turn_s)
         self._last_spanned_ns = 0.0
-        # Revolutions that end together are decoded at once, unless somebody wants parts of each.
         self._by_blocks = True
         self._next_offset_deg: float | None = None
         self._ended_at: tuple[Packets, int, int] | None = None
@@ -326,8 +325,7 @@ class Assembler:
         return revolution_ns
 
     def _deliver(self, made: DatedRevolution, sample_ns: float, lost: int) -> Scan:
-        if self.stats.left_off is not None:
-            self.stats.resume(made.start_ns)
+        self.stats.resume(made.start_ns)
         seq, self.stats.scans = self._next_seq(), self.stats.scans + 1
         wall_ns = made.start_ns + self._wall_offset_ns
         return build_scan(self._stream, made, wall_ns=wall_ns, sample_ns=sample_ns, seq=seq, lost=lost)
@@ -343,7 +341,6 @@ class Assembler:
     def _reckon(self, beginning: Beginning) -> float:
         """Count what is missing since the revolution before; return what one takes, NaN when it was not seen."""
         passed = self._clock.follow(beginning)
-        if passed.lost or passed.unseen:
-            self.stats.lost_packets += passed.lost
-            self.stats.missed_scans += passed.unseen - min(passed.unseen, self._told_unseen)
+        self.stats.lost_packets += passed.lost
+        self.stats.missed_scans += passed.unseen - min(passed.unseen, self._told_unseen)
         return passed.revolution_ns

@@ -28,9 +28,8 @@ from lidario.wire.formats import HEADING_MASK, Headings
 
 __all__ = ["FalsePackets"]
 
-REMEMBERED: Final = 16
-"""Advances of which the mean tells how far the rotor usually turns from one packet to the next."""
-FEWEST: Final = 4
+MEASURED: Final = 16
+"""The latest advances, of which the mean tells how far the rotor usually turns from one packet to the next."""
 CLOSELY: Final = 3
 """Times that mean up to which a packet follows closely on another."""
 FARTHEST_TURNS: Final = 1 / 12
@@ -58,7 +57,10 @@ class FalsePackets:
         self._farthest = wire.full_turn * FARTHEST_TURNS
         self._forwards = wire.full_turn * (1 - RETREAT_TURNS)
         self._last = -1
+        # The latest advances, and how far a packet may be ahead of the one before to follow closely on it: 0 where
+        # that is not known.
         self._advances: list[int] = []
+        self._closely = 0.0
         self._waiting: Packets | None = None
         # Bytes since the last packet that was true.
         self._skipped = 0
@@ -79,13 +81,13 @@ class FalsePackets:
         runs = [packets] if self._waiting is None else [self._waiting, packets]
         self._waiting, self._stats.waiting_packets = None, 0
         angles = [int(each) & HEADING_MASK for run in runs for each in self._wire.headings(run)]
-        before, end = (self._last, self._advances), len(angles)
+        before, end = (self._last, self._advances.copy(), self._closely), len(angles)
         false, waits = self._judge(angles, end)
         if waits:
             # What was read before it goes on; no read is divided, since its time is that of its last packet.
             read = packets.count - (packets.arrivals[-2][0] if len(packets.arrivals) > 1 else 0)
             end -= read
-            self._last, self._advances = before
+            self._last, self._advances, self._closely = before
             false, _ = self._judge(angles, end)
             self._waiting = self._part(packets, packets.count - read, packets.count)
             self._stats.waiting_packets = read
@@ -112,43 +114,74 @@ class FalsePackets:
 
     def _all_follow(self, headings: Headings) -> bool:
         """Whether each follows so closely that nothing has to be judged, also while the speed changes."""
-        closely = self._closely / 2
-        if not closely:
+        begin, before = 0, None
+        if not self._closely:
+            before = self._last, self._advances.copy(), self._closely
+            while begin < len(headings) and not self._closely:
+                self._accept(int(headings[begin]) & HEADING_MASK)
+                begin += 1
+            headings = headings[begin:]
+        advances = self._ahead(headings)
+        if advances is None:
+            if before is not None:
+                self._last, self._advances, self._closely = before
             return False
-        plain = np.asarray(headings) & HEADING_MASK
-        advances = (plain[1:] - plain[:-1]) % self._full_turn
-        first = (int(plain[0]) - self._last) % self._full_turn
-        if first >= closely or (len(advances) and int(np.maximum.reduce(advances)) >= closely):
-            return False
-        self._last = int(plain[-1])
-        self._advances = [*self._advances, first, *advances[-REMEMBERED:].tolist()][-REMEMBERED:]
+        if advances:
+            self._last = int(headings[-1]) & HEADING_MASK
+            self._advances += advances
+            self._measure()
         return True
 
-    @property
-    def _closely(self) -> float:
-        """How far a packet may be ahead of the one before to follow closely on it; 0 where that is not known."""
-        if len(self._advances) < FEWEST:
-            return 0.0
-        mean = sum(self._advances) / len(self._advances)
-        return CLOSELY * mean if mean <= self._farthest else 0.0
+    def _ahead(self, headings: Headings) -> list[int] | None:
+        """How far each is ahead of the one before; None where one is far ahead."""
+        closely, full_turn, last = self._closely / 2, self._full_turn, self._last
+        if isinstance(headings, np.ndarray) and len(headings):
+            plain = headings & HEADING_MASK
+            steps = np.empty_like(plain)
+            steps[0] = int(plain[0]) - last
+            np.subtract(plain[1:], plain[:-1], out=steps[1:])
+            steps[steps < 0] += full_turn
+            found: list[int] = steps.tolist()
+            return found if int(np.maximum.reduce(steps)) < closely else None
+        advances = list[int]()
+        for heading in headings:
+            here = int(heading) & HEADING_MASK
+            advance = (here - last) % full_turn
+            if advance >= closely:
+                return None
+            advances.append(advance)
+            last = here
+        return advances
+
+    def _accept(self, heading: int) -> None:
+        """It is true."""
+        if self._last >= 0:
+            advance = (heading - self._last) % self._full_turn
+            if advance < self._forwards:
+                self._advances.append(advance)
+                self._measure()
+        self._last = heading
+
+    def _measure(self) -> None:
+        """Where enough have come, find how far the rotor usually turns."""
+        latest = self._advances = self._advances[-MEASURED:]
+        total = sum(latest) if len(latest) == MEASURED else 0
+        self._closely = CLOSELY * total / MEASURED if total <= MEASURED * self._farthest else 0.0
 
     def _judge(self, headings: Sequence[int], end: int) -> tuple[list[int], bool]:
         """Which of those before number `end` are false, and whether the last of all has to wait."""
         false = list[int]()
         for at, heading in enumerate(headings[:end]):
-            advance = (heading - self._last) % self._full_turn if self._last >= 0 else 0
-            closely = self._closely
-            if closely and closely <= advance < self._forwards:
+            closely, last = self._closely, self._last
+            if closely and closely <= (heading - last) % self._full_turn < self._forwards:
                 if at + 1 == len(headings):
                     return false, True
                 behind = headings[at + 1]
-                fits = (behind - self._last) % self._full_turn < closely
+                fits = (behind - last) % self._full_turn < closely
                 if fits and closely <= (behind - heading) % self._full_turn < self._forwards:
                     false.append(at)
                     continue
-            if self._last >= 0 and advance < self._forwards:
-                self._advances = [*self._advances, advance][-REMEMBERED:]
-            self._last = heading
+            self._accept(heading)
         return false, False
 
     def _part(self, packets: Packets, begin: int, end: int) -> Packets:
