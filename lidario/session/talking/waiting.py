@@ -57,7 +57,7 @@ class Waiting:
         self._raise(error)
 
     def end(self, error: LidarError) -> None:
-        """As `fail`, from any thread: an operation that waits ends when its time is over."""
+        """As `fail`, from any thread. An operation that waits is not woken; it ends when its time is over."""
         to_be_kept(error)
         self.fatal = self._ends = error
 
