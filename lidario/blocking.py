@@ -107,47 +107,47 @@ class SyncLidar(SyncRecorder, Closing):
 
     @property
     @_as(Lidar.health)
-    def health(self) -> Health:  # noqa: D102
+    def health(self) -> Health:
         return self._lidar.health
 
     @property
     @_as(Lidar.is_scanning)
-    def is_scanning(self) -> bool:  # noqa: D102
+    def is_scanning(self) -> bool:
         return self._lidar.is_scanning
 
     @property
     @_as(Lidar.is_connected)
-    def is_connected(self) -> bool:  # noqa: D102
+    def is_connected(self) -> bool:
         return self._lidar.is_connected
 
     @property
     @_as(Lidar.can_be_stopped)
-    def can_be_stopped(self) -> bool:  # noqa: D102
+    def can_be_stopped(self) -> bool:
         return self._lidar.can_be_stopped
 
     @property
     @_as(Lidar.baudrate)
-    def baudrate(self) -> int:  # noqa: D102
+    def baudrate(self) -> int:
         return self._lidar.baudrate
 
     @property
     @_as(Lidar.length_s)
-    def length_s(self) -> float | None:  # noqa: D102
+    def length_s(self) -> float | None:
         return self._lidar.length_s
 
     @property
     @_as(Lidar.mode)
-    def mode(self) -> ScanMode | None:  # noqa: D102
+    def mode(self) -> ScanMode | None:
         return self._lidar.mode
 
     @property
     @_as(Lidar.measured_scan_frequency)
-    def measured_scan_frequency(self) -> float | None:  # noqa: D102
+    def measured_scan_frequency(self) -> float | None:
         return self._lidar.measured_scan_frequency
 
     @property
     @_as(Lidar.stats)
-    def stats(self) -> Stats:  # noqa: D102
+    def stats(self) -> Stats:
         lidar = self._lidar
 
         async def stats() -> Stats:

@@ -73,7 +73,6 @@ class Kept:
     # --------------------------------------------------------------------------- what the recording calls
 
     def begin_recording(self, recording: Recording) -> About:  # noqa: ARG002
-        """As `Recorded`."""
         self._dialogue.port.poll()
         about = self.about()
         self._dialogue.port.add_tap(self._see_chunk)

@@ -54,17 +54,14 @@ class ArcDecoder(ABC):
         self._turning = turning
 
     def tell_time(self, sample_ns: float) -> None:
-        """As `Decoder.tell_time`."""
         self._turning.tell_time(sample_ns)
 
     def fork(self) -> Self:
-        """As `Decoder.fork`."""
         twin = copy.copy(self)
         twin._turning = self._turning.copy()  # noqa: SLF001 - its own
         return twin
 
     def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
-        """As `Decoder.decode`."""
         heads = self._heads(packets, following)
         arcs = self._turning.follow(heads, packets.arrivals)
         ends = self._ends(heads)
@@ -94,7 +91,6 @@ class ArcDecoder(ABC):
     def decode_steady(
         self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None
     ) -> SteadySamples | None:
-        """As `Decoder.decode_steady`."""
         heads = self._heads(packets, following)
         arcs = self._turning.steady(heads, ends, packets.arrivals)
         if arcs is None:

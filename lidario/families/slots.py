@@ -57,11 +57,9 @@ class SlotWheel:
         """As `Turning.tell_time`: it is not needed."""
 
     def copy(self) -> Self:
-        """As `Turning.copy`."""
         return self
 
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:  # noqa: ARG002
-        """As `Turning.follow`."""
         spans, _, greatest, _ = spans_between(heads, self._full_turn, 0)
         count = len(spans)
         arcs = np.full(count, self._slot, np.int32)
@@ -168,7 +166,6 @@ class DegreeFormat(RowFormat):
         return self.shortest if len(data) - at >= needed else 0
 
     def measure(self, data: bytearray, at: int) -> int:
-        """As `StreamFormat.measure`."""
         return self._begun(data, at)
 
     def headings(self, packets: Packets) -> Headings:

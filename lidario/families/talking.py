@@ -146,12 +146,12 @@ class Talkers:
         )
 
     def device(self) -> TalkingDevice:
-        """As `Family.device`."""
+        """A device whose model is not named."""
         return TalkingDevice(self)
 
     @property
     def named(self) -> dict[str, NamedModel]:
-        """As `Family.models`."""
+        """The models that may be named, for `Family.models`."""
         return {
             name: NamedModel(model.baudrate, partial(TalkingDevice, self, model))
             for name, model in self.models.items()
@@ -192,7 +192,7 @@ class Talkers:
         return None
 
     def stream_of(self, response_type: int) -> tuple[StreamFormat, Decoder] | None:
-        """As `Family.stream_of`."""
+        """Format and decoder by the number that lidario gives each kind; None for another number."""
         made = ((model.wire(), model.decoder) for model in self.all)
         return next(((wire, decoder()) for wire, decoder in made if wire.response_type == response_type), None)
 
@@ -226,11 +226,9 @@ class TalkingDevice(UnaskedDevice):
         self.patience_s = SPIN_UP_S if model.start else self._talkers.hear_s
 
     def wire(self) -> StreamFormat:
-        """As `UnaskedDevice.wire`."""
         return self._model.wire()
 
     def stop(self) -> Request:
-        """As `Device.stop`."""
         if not self.can_be_stopped:
             return super().stop()
         return Request("STOP", self._model.stop, settle=SETTLE_S, ends_stream=True)

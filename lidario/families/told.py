@@ -58,11 +58,9 @@ class ToldWheel:
         """As `Turning.tell_time`: it is not needed."""
 
     def copy(self) -> Self:
-        """As `Turning.copy`."""
         return self
 
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:  # noqa: ARG002
-        """As `Turning.follow`."""
         first, way, counts = heads.first, _way_of(heads), heads.counts
         inner = heads.samples - len(first)
         turned = int(np.add.reduce(way)) if inner else 0
@@ -100,7 +98,6 @@ class ToldWheel:
         ends: Sequence[int],
         arrivals: Sequence[Arrival] = (),  # noqa: ARG002
     ) -> SteadyArcs | None:
-        """As `Turning.steady`."""
         way, counts, begins = _way_of(heads), heads.counts, [0, *ends[:-1]]
         tails = heads.first + way
         jumps = self._jumps(heads.first, tails, heads.following)

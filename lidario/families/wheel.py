@@ -88,17 +88,14 @@ class Wheel:
         self._pace = Pace(full_turn // 2)
 
     def tell_time(self, sample_ns: float) -> None:
-        """As `Turning.tell_time`."""
         self._packet_ns = self._samples * sample_ns
 
     def copy(self) -> Wheel:
-        """As `Turning.copy`."""
         twin = copy.copy(self)
         twin._pace = self._pace.copy()  # noqa: SLF001 - its own
         return twin
 
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:
-        """As `Turning.follow`."""
         followed = heads.following is not None
         spans, shortest, longest, total = spans_between(heads, self._full_turn, self._retreat)
         first = not self._arc
@@ -118,7 +115,6 @@ class Wheel:
         return self._among_gaps(spans, followed=followed)
 
     def steady(self, heads: Heads, ends: Sequence[int], arrivals: Sequence[Arrival] = ()) -> SteadyArcs | None:
-        """As `Turning.steady`."""
         if not (self._certain and (self._confirmed or len(arrivals) == 1)):
             return None
         spans, *whole = spans_between(heads, self._full_turn, self._retreat)
@@ -133,7 +129,6 @@ class Wheel:
         return SteadyArcs(spans, steps)
 
     def settle(self, arcs: SteadyArcs, arrivals: Sequence[Arrival] = ()) -> None:
-        """As `Turning.settle`."""
         self._arc, self._strange = float(arcs.arc[-1]), 0
         if not self._confirmed:
             self._remember(arcs.arc.tolist(), arrivals)

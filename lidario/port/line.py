@@ -114,26 +114,26 @@ class Line(ABC):
         """Change the speed. Raises ConnectFailed where the adapter cannot do it."""
 
     def set_dtr(self, asserted: bool) -> None:  # noqa: B027 - most lines have no control lines
-        """As `Port.set_dtr`."""
+        """Put the control line DTR in a state. Never raises."""
 
     def set_polling(self, latency: float, schedule: Schedule | None) -> None:  # noqa: B027 - only where polled
-        """As `Port.set_polling`."""
+        """Be polled, where that costs less than being woken for each delivery."""
 
     def set_repeat(self, request: bytes, interval: float) -> None:  # noqa: B027 - only where a thread reads
-        """As `Port.set_repeat`."""
+        """Have a thread write `request` when it was not written for `interval` seconds; none ends it."""
 
     @property
     def repeated(self) -> int:
-        """As `Port.repeated`."""
+        """How often a thread has written a request."""
         return 0
 
     def poll(self) -> None:  # noqa: B027 - only where polled
-        """As `Port.poll`."""
+        """Read what is there now, and hand over everything that is held."""
 
     def show_pending(self) -> None:  # noqa: B027 - only where a thread reads
         """Show the taps what was read and not shown yet, so that they see everything in the order of time."""
 
     @property
     def errors(self) -> LineErrors:
-        """As `Port.errors`."""
+        """What the driver has counted as wrong since the line was opened; zeros where it does not."""
         return LineErrors()

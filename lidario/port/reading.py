@@ -84,7 +84,7 @@ class Reader:
 
     @property
     def repeated(self) -> int:
-        """As `Port.repeated`."""
+        """How often the thread has written a request."""
         return self._repeated + (0 if self._repeat is None else self._repeat.count)
 
     def start(self) -> None:
@@ -109,7 +109,7 @@ class Reader:
             self._inbox.close()
 
     def set_polling(self, latency: float, schedule: Schedule | None) -> None:
-        """As `Port.set_polling`."""
+        """Poll by this schedule from now on, as `Port.set_polling` describes; a thread helps where it is late."""
         self._latency = latency
         self._schedule = schedule
         self._stop_timer()
@@ -118,7 +118,7 @@ class Reader:
         self._wait()
 
     def set_repeat(self, request: bytes, interval: float) -> None:
-        """As `Port.set_repeat`."""
+        """Have the thread write `request` from now on; none ends it, and no write is in progress on return."""
         repeat, self._repeat = self._repeat, None
         if repeat is not None:
             repeat.stop()

@@ -103,6 +103,5 @@ class Repeated:
         self._repeat = repeat
 
     def serve(self, now: float, late: float) -> float:  # noqa: ARG002
-        """As `lidario.port.thread.Served`."""
         self._repeat.serve()
         return self._repeat.next_at(now)

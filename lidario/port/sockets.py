@@ -99,23 +99,18 @@ class SocketLine(Line, Generic[T]):
         self._repeated = 0
 
     def is_closing(self) -> bool:
-        """As `Line.is_closing`."""
         return self._transport.is_closing()
 
     def descriptor(self) -> int | None:
-        """As `Line.descriptor`."""
         return int(self._socket.fileno())
 
     def close(self) -> None:
-        """As `Line.close`."""
         self._transport.close()
 
     def abort(self) -> None:
-        """As `Line.abort`."""
         self._transport.abort()
 
     def set_repeat(self, request: bytes, interval: float) -> None:
-        """As `Line.set_repeat`."""
         repeater, self._repeater = self._repeater, None
         if repeater is not None:
             repeater.stop()
@@ -129,11 +124,9 @@ class SocketLine(Line, Generic[T]):
 
     @property
     def repeated(self) -> int:
-        """As `Line.repeated`."""
         return self._repeated + (0 if self._repeater is None else self._repeater.repeat.count)
 
     def show_pending(self) -> None:
-        """As `Line.show_pending`."""
         if self._repeater is not None:
             self._show(self._repeater.repeat)
 

@@ -108,7 +108,6 @@ class SectorAssembler(Assembler):
         super().set_zero_offset(degrees, behind=behind or self.keeps_offset)
 
     def end(self) -> None:
-        """As `Assembler.end`."""
         super().end()
         self._divided = None
 

@@ -122,7 +122,7 @@ class WholeSectors(WholeAssembler):
         self._parts: tuple[int, ...] = ()
 
     def divide(self, parts: Iterable[int]) -> None:
-        """As `SectorAssembler.divide`."""
+        """Hand out sectors in so many parts each; in none, none."""
         self._parts = tuple(sorted(parts))
 
     @property

@@ -42,7 +42,7 @@ class RecordedSession:
         self._running: dict[Recording, _Watcher] = {}
 
     def begin_recording(self, recording: Recording) -> About:
-        """As `Recorded`."""
+        """Hand every chunk, event and scan to `recording` from now on; returns what stands at the beginning."""
         dialogue = self._at.dialogue
         # What was read and not parsed yet belongs to the time before.
         dialogue.port.poll()
@@ -54,7 +54,7 @@ class RecordedSession:
         return about
 
     def end_recording(self, recording: Recording) -> None:
-        """As `Recorded`."""
+        """Hand it no more; harmless when done before."""
         watcher = self._running.pop(recording, None)
         if watcher is not None:
             self._at.dialogue.chronicle.unwatch(watcher.see)
@@ -120,7 +120,6 @@ class _Watcher:
         self._recording.see_scan(scan)
 
     def see_chunk(self, direction: str, data: bytes, now: int) -> None:
-        """As `Tap`."""
         if direction == "in":
             self._place += len(data)
             self._last_ns = now

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import wraps
 from typing import Any
 from weakref import ref
 
@@ -98,6 +99,7 @@ def ledgers_made() -> Iterator[Ledgers]:
         make_lidar(self, *args, **kwargs)
         found.sessions.append((ref(self), [self._at.dialogue.link], self._scanner.totals.assembled))
 
+    @wraps(adopt)
     def adopted(self: Scanner) -> None:
         for _, links, assembled in found.sessions:
             if assembled is self.totals.assembled:

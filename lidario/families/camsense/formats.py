@@ -81,7 +81,6 @@ class PacketFormat(RowFormat):
         return size if size <= 0 or self._turns(data, at) else NO_PACKET
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:  # noqa: ARG002
-        """As `StreamFormat.intact`."""
         return self._fold.holds(data, at)
 
     def other_record(self, data: bytearray, at: int) -> int:

@@ -57,7 +57,6 @@ class PacketFormat(DegreeFormat):
         return self._begun(data, at, SIZE + 2)
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:
-        """As `StreamFormat.intact`."""
         return data[at + size] == HEAD and data[at + size + 1] - FIRST == (data[at + 1] - FIRST + 1) % PACKETS
 
     def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
@@ -80,11 +79,9 @@ class CheckedFormat(PacketFormat):
     response_type = 0x43
 
     def measure(self, data: bytearray, at: int) -> int:
-        """As `StreamFormat.measure`."""
         return self._begun(data, at)
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:  # noqa: ARG002
-        """As `StreamFormat.intact`."""
         value = 0xFF - (sum(data[at : at + CHECKED]) & 0xFF)
         return data[at + CHECKED] == data[at + CHECKED + 1] == value or FOLD.holds(data, at)
 

@@ -42,7 +42,6 @@ class BlockDecoder:
         """As `Decoder.tell_time`; nothing here depends on it."""
 
     def fork(self) -> Self:
-        """As `Decoder.fork`."""
         return self
 
     def decode(
@@ -52,7 +51,6 @@ class BlockDecoder:
         room: int = 0,
         seam: int | None = None,  # noqa: ARG002
     ) -> Samples:
-        """As `Decoder.decode`."""
         offsets = packet_offsets(packets.blocks)
         blocks = [packets.data[at:end] for at, end in pairwise(offsets)]
         steps = [np.arange(first, last + 1) for first, last in map(range_of, blocks)]

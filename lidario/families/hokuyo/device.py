@@ -57,7 +57,6 @@ class HokuyoDevice(Device):
         self._model = ""
 
     def stop(self) -> Request:
-        """As `Device.stop`."""
         return STOP
 
     def halt(self) -> tuple[Request, ...]:
@@ -65,7 +64,6 @@ class HokuyoDevice(Device):
         return (STOP,)
 
     def reset(self) -> Request:
-        """As `Device.reset`."""
         return RESET
 
     def identify(self) -> Script[DeviceInfo]:
@@ -101,7 +99,6 @@ class HokuyoDevice(Device):
         return Health(HealthStatus.WARNING, int(code[0]) if code else 0, f"it says: {state}")
 
     def modes(self) -> Script[tuple[ScanMode, ...]]:
-        """As `Device.modes`."""
         geometry = yield from self._field()
         known = FORMATS[:1] if self._model.startswith(_DISTANCE_ALONE) else FORMATS
         return tuple(mode_for(wire, geometry) for wire in known)
@@ -136,7 +133,6 @@ class HokuyoDevice(Device):
         )
 
     def sample_rate(self) -> Script[SampleRate]:
-        """As `Device.sample_rate`."""
         geometry = yield from self._field()
         return SampleRate(geometry.sample_us, geometry.sample_us)
 

@@ -121,7 +121,6 @@ class DistanceFormat(StreamFormat):
         return values(np.frombuffer(times, np.uint8), 4)
 
     def samples_in(self, blocks: Iterable[Block]) -> int:
-        """As `StreamFormat.samples_in`."""
         return sum(
             (size - HEAD - 1 - 2 * -(-(size - HEAD - 1) // (LINE + 2))) // self.characters * packets
             for size, packets in blocks

@@ -29,7 +29,7 @@ _FIELD: Final = re.compile(rb"PP\n(00P\n(?:[^\n]{1,80}\n){1,40})\n")
 
 
 def find_stream(data: memoryview, known: Known) -> RawStream | None:
-    """As `Family.find_stream`."""
+    """The stream that begins with the first block; None without a block whose field is known."""
     found = _BLOCK.search(data)
     if found is None:
         return None

@@ -78,14 +78,12 @@ class FrameFormat(StreamFormat):
     self_evident = True
 
     def measure(self, data: bytearray, at: int) -> int:
-        """As `StreamFormat.measure`."""
         size = _frame(data, at, MEASUREMENT)
         if size > 0 and (size < self.shortest or (size - DATA - SUM) % SAMPLE not in (1, 2)):
             return NO_PACKET
         return min(size, self.longest) if size <= self.longest else NO_PACKET
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:
-        """As `StreamFormat.intact`."""
         return _sum_holds(data, at, size)
 
     def headings(self, packets: Packets) -> Headings:
@@ -98,7 +96,6 @@ class FrameFormat(StreamFormat):
         return [(data[at + DATA + 3] << 8 | data[at + DATA + 4]) % FULL_TURN for at in begins]
 
     def samples_in(self, blocks: Iterable[Block]) -> int:
-        """As `StreamFormat.samples_in`."""
         return sum([(size - head_of(size) - SUM) // SAMPLE * count for size, count in blocks])
 
     def told_sample_ns(self, packets: Packets) -> NDArray[np.float64]:
@@ -136,7 +133,6 @@ class AnyFrame(FrameFormat):
     shortest = DATA + 1 + SUM
 
     def measure(self, data: bytearray, at: int) -> int:
-        """As `StreamFormat.measure`."""
         size = _frame(data, at, MEASUREMENT, RECORD)
         return size if size <= self.longest else NO_PACKET
 

@@ -137,15 +137,12 @@ class LdrobotDevice(UnaskedDevice):
         self.patience_s: float = SPIN_UP_S if model.commands else HEAR_S
 
     def wire(self) -> PacketFormat:
-        """As `UnaskedDevice.wire`."""
         return self._model.kind.wire()
 
     def stop(self) -> Request:
-        """As `Device.stop`."""
         return commands.STOP if self._model.commands else super().stop()
 
     def halt(self) -> tuple[Request, ...]:
-        """As `Device.halt`."""
         return (self.stop(),)
 
     def identify(self) -> Script[DeviceInfo]:

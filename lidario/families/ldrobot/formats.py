@@ -74,7 +74,6 @@ class PacketFormat(RowFormat):
         return np.frombuffer(packets.data, PACKET)["time"].astype(np.int64)
 
     def measure(self, data: bytearray, at: int) -> int:
-        """As `StreamFormat.measure`."""
         if data[at] != HEAD:
             return NO_PACKET
         if len(data) - at < 2:
@@ -82,7 +81,6 @@ class PacketFormat(RowFormat):
         return SIZE if data[at + 1] in LENGTHS else NO_PACKET
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:
-        """As `StreamFormat.intact`."""
         return CRC.of(data[at : at + size]) == 0
 
     def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
@@ -97,7 +95,6 @@ class PacketFormat(RowFormat):
         return starts if len(starts) >= HEADINGS_WORTH_AN_ARRAY else starts.tolist()
 
     def other_record(self, data: bytearray, at: int) -> int:
-        """As `StreamFormat.other_record`."""
         begin = data[at : at + 3]
         if begin[0] != HEAD:
             return NO_PACKET

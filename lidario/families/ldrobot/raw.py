@@ -29,6 +29,6 @@ def find_stream(data: memoryview, known: Known) -> RawStream | None:
 
 
 def stream_of(response_type: int) -> tuple[StreamFormat, Decoder] | None:
-    """As `Family.stream_of`."""
+    """Format and decoder by the number that lidario gives each kind; None for another number."""
     made = ((kind.wire(), kind.decoder) for kind in KINDS)
     return next(((wire, decoder()) for wire, decoder in made if wire.response_type == response_type), None)

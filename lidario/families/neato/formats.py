@@ -54,12 +54,10 @@ class PacketFormat(DegreeFormat):
     packet = PACKET
 
     def measure(self, data: bytearray, at: int) -> int:
-        """As `StreamFormat.measure`."""
         size = self._begun(data, at, 4)
         return size if size <= 0 or _speed(data, at) >= SLOWEST else NO_PACKET
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:  # noqa: ARG002
-        """As `StreamFormat.intact`."""
         return CHECK.holds(data, at)
 
     def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
@@ -94,7 +92,6 @@ class AnySpeed(PacketFormat):
     """The same packets, also those that are records there: what tells that the rotor is too slow."""
 
     def measure(self, data: bytearray, at: int) -> int:
-        """As `StreamFormat.measure`."""
         return self._begun(data, at)
 
 

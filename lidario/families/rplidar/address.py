@@ -24,7 +24,7 @@ _NONE: Final = "this device tells no network address: is it an Ethernet model?"
 
 
 def ask_address() -> Script[NetworkAddress]:
-    """As `Device.network_address`."""
+    """Ask for the address. Raises Unsupported where the device tells none."""
     try:
         # The type is followed by two zero bytes.
         told = (yield commands.get_lidar_conf(Conf.NETWORK_ADDRESS, 0))[4:]

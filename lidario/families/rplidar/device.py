@@ -69,7 +69,6 @@ class RplidarDevice(Device):
         return self._major >= FIRST_DIRECT_TOF or self._firmware >= CONF_FIRMWARE
 
     def stop(self) -> Request:
-        """As `Device.stop`."""
         return commands.STOP
 
     def halt(self) -> tuple[Request, ...]:
@@ -81,7 +80,6 @@ class RplidarDevice(Device):
         return () if self._major else (commands.motor_pwm(0), commands.DTR_STOPS)
 
     def reset(self) -> Request:
-        """As `Device.reset`."""
         return commands.RESET
 
     def identify(self) -> Script[DeviceInfo]:
@@ -106,7 +104,6 @@ class RplidarDevice(Device):
         return health_of(status, code)
 
     def sample_rate(self) -> Script[SampleRate]:
-        """As `Device.sample_rate`."""
         if self._major < FIRST_DIRECT_TOF and self._firmware < SAMPLERATE_FIRMWARE:
             return SampleRate(LEGACY_SAMPLE_US, LEGACY_SAMPLE_US)
         standard, express = struct.unpack("<HH", (yield commands.GET_SAMPLERATE))
@@ -217,7 +214,6 @@ class RplidarDevice(Device):
         return (yield from self._motor.set_frequency(hertz))
 
     def retune(self) -> Request | None:
-        """As `Device.retune`."""
         return self._motor.retune()
 
     def scan_frequency_range(self) -> Script[tuple[float, float]]:
@@ -229,11 +225,9 @@ class RplidarDevice(Device):
         return (yield from self._motor.frequency_range())
 
     def network_address(self) -> Script[NetworkAddress]:
-        """As `Device.network_address`."""
         return (yield from ask_address())
 
     def set_network_address(self, address: NetworkAddress) -> Script[None]:
-        """As `Device.set_network_address`."""
         yield from set_address(address)
 
     def set_baudrate(self, baudrate: int, present: int) -> Script[None]:

@@ -190,7 +190,6 @@ class HqFormat(StreamFormat):
     _padding = b"\0\0\0"
 
     def measure(self, data: bytearray, at: int) -> int:
-        """As `StreamFormat.measure`."""
         return self.shortest if data[at] == 0xA5 else NO_PACKET
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:

@@ -63,17 +63,14 @@ class NodeSteps:
         self._pace = Pace(full_turn)
 
     def tell_time(self, sample_ns: float) -> None:
-        """As `Turning.tell_time`."""
         self._sample_ns = sample_ns
 
     def copy(self) -> Self:
-        """As `Turning.copy`."""
         twin = copy.copy(self)
         twin._pace = self._pace.copy()  # noqa: SLF001 - its own
         return twin
 
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:
-        """As `Turning.follow`."""
         followed = heads.following is not None
         spans, shortest, longest, total = spans_between(heads, self._full_turn, self._retreat)
         if self._certain and followed and self._is_ordinary(self._typical, shortest, longest):
@@ -99,7 +96,6 @@ class NodeSteps:
         ends: Sequence[int],
         arrivals: Sequence[Arrival] = (),  # noqa: ARG002
     ) -> SteadyArcs | None:
-        """As `Turning.steady`."""
         if not self._certain:
             return None
         spans, _, _, _ = spans_between(heads, self._full_turn, self._retreat)
@@ -112,7 +108,6 @@ class NodeSteps:
         return SteadyArcs(spans, steps)
 
     def settle(self, arcs: SteadyArcs, arrivals: Sequence[Arrival] = ()) -> None:  # noqa: ARG002
-        """As `Turning.settle`."""
         self._typical, self._strange = arcs.steps[-1], 0
         self._pace.clear()
 

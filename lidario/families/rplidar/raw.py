@@ -39,5 +39,5 @@ def find_stream(data: memoryview, known: Known) -> RawStream | None:
 
 
 def stream_of(response_type: int) -> tuple[StreamFormat, Decoder] | None:
-    """As `Family.stream_of`."""
+    """Format and decoder by the response type of the descriptor; None for one that is no measurement."""
     return (FORMATS[response_type](), DECODERS[response_type]()) if response_type in FORMATS else None

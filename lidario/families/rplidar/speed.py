@@ -52,11 +52,9 @@ class MeasuredSpeed(StreamFormat):
         self._baudrate = baudrate
 
     def measure(self, data: bytearray, at: int) -> int:
-        """As `StreamFormat.measure`."""
         return 4 if len(data) - at >= 4 else 0
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:
-        """As `StreamFormat.intact`."""
         told = int.from_bytes(data[at : at + size], "little")
         return abs(told - self._baudrate) <= TOLERANCE * self._baudrate
 

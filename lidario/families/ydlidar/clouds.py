@@ -76,7 +76,6 @@ class PointCloud4(PointCloud):
     longest = HEADER_SIZE + 4 * MOST_SAMPLES
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:
-        """As `StreamFormat.intact`."""
         packet = data[at : at + size]
         return not xor_bytes(packet[::2]) and not xor_bytes(packet[1::2])
 

@@ -185,7 +185,6 @@ class YdlidarDevice(Device):
         return DeviceInfo("ydlidar", f"YDLIDAR {model.title}", model.code, "", 0, "")
 
     def complete_probe(self) -> bytes:
-        """As `Device.complete_probe`."""
         return commands.COMPLETE_INFO
 
     def health(self) -> Script[Health]:

@@ -124,7 +124,6 @@ class PointCloud(StreamFormat):
 
     @property
     def ordinary(self) -> int:
-        """As `StreamFormat.ordinary`."""
         return HEADER_SIZE + self.sample_size * ORDINARY_SAMPLES
 
     def measure(self, data: bytearray, at: int) -> int:

@@ -27,7 +27,7 @@ class ReceivedInSilence:
         self._kept = bytearray()
 
     def see(self, direction: str, data: bytes, now: int) -> None:  # noqa: ARG002
-        """As `lidario.port.line.Tap`."""
+        """Count what came in, and keep its beginning."""
         if direction == "in":
             self.total += len(data)
             self._kept += data[: KEPT - len(self._kept)]

@@ -90,27 +90,23 @@ class Scanner:
     # ------------------------------------------------------------------------------------------------ readers
 
     def join(self, mailbox: Mailbox, mode: str | int | None, force: bool) -> None:
-        """As `ScanSource`."""
         usual = self.usual_mode if not self.control.is_scanning else None
         self._readers.add(mailbox, usual if mode is None else mode, force)
         self.control.want()
         self._starter.work_soon()
 
     def leave(self, mailbox: Mailbox) -> None:
-        """As `ScanSource`."""
         self._readers.discard(mailbox)
         if not len(self._readers) and self.control.is_scanning:
             self._readers.cancel_linger()
             self.control.unwant()
 
     def linger(self, mailbox: Mailbox) -> None:
-        """As `ScanSource`."""
         self._readers.discard(mailbox)
         if not len(self._readers) and self.control.is_scanning:
             self._readers.linger()
 
     async def left(self) -> None:
-        """As `ScanSource`."""
         if self._loop.is_closed():
             return  # the coroutine is being collected, and nothing can be waited for
         with anyio.CancelScope(shield=True), anyio.move_on_after(LEAVE_TIMEOUT_S):
@@ -128,20 +124,16 @@ class Scanner:
 
     @property
     def scans(self) -> int:
-        """As `Audience`."""
         return self.totals.assembled.scans
 
     @property
     def is_waiting(self) -> bool:
-        """As `Audience`."""
         return self.hub.is_waiting
 
     def on_taken(self, callback: Callable[[], None]) -> None:
-        """As `Audience`."""
         self.hub.on_taken(callback)
 
     def restart(self, *, failed: bool = False) -> None:
-        """As `Audience`."""
         if self.control.state is State.RUNNING and not self.control.starting:
             if failed:
                 self.control.leave_off()
@@ -163,7 +155,6 @@ class Scanner:
             self._publish(scan)
 
     def finish(self) -> None:
-        """As `Audience`."""
         if self.control.is_scanning:
             self._readers.end(None)
             self.control.unwant()

@@ -103,13 +103,11 @@ class SectorPace(Pace):
         self.sector_due = 0.0 if math.isnan(next_ns) else next_ns * 1e-9 + _MARGIN_S
 
     def rest(self, now: float) -> float:
-        """As `Pace.rest`."""
         if not self.sector_due:
             return super().rest(now)
         return max(0.0, min(self.sector_due - now, LONGEST_HOLD_S))
 
     def hold(self, now: float) -> float:
-        """As `Pace.hold`."""
         if not self.sector_due:
             return super().hold(now)
         return min(self.sector_due, now + LONGEST_HOLD_S) - _JUST_BEFORE_S

@@ -113,12 +113,10 @@ class Dialogue(Intake, Waiting):
     # ------------------------------------------------------------------------------------------------ receiving
 
     def responded(self, payload: bytes) -> None:
-        """As `Intake.responded`."""
         self._readiness.has_responded = True
         self.wake(Awaited.RESPONSE, payload)
 
     def taken(self) -> None:
-        """As `Intake.taken`."""
         if self.link.state is not _AWAITING:
             # A response that was given up is among what has come.
             self._readiness.late_until = 0.0
@@ -137,7 +135,6 @@ class Dialogue(Intake, Waiting):
         self.stop_device()
 
     def connection_lost(self, error: LidarError | None) -> None:
-        """As `Receiver`."""
         self.stopper.cancel()
         if error is not None:
             # What came before is still worth having.
@@ -292,7 +289,6 @@ class Dialogue(Intake, Waiting):
         self.port.abandon(b"".join(request.data for request in requests), self._readiness.free_at(patient_until))
 
     def settled(self, still: bool) -> None:
-        """As `Writer`."""
         self.link.forget()
         if still:
             self.link.drained()

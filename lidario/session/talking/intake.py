@@ -107,7 +107,7 @@ class Intake(Delivery, ABC):
         return self.port.errors - self._errors_before
 
     def data_received(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]] = ()) -> None:
-        """As `Receiver`."""
+        """Count what the port has lost, then parse the bytes."""
         late = self.port.late
         if late.overflow_bytes != self._overflow:
             # They came before `data`: the port keeps what comes first.

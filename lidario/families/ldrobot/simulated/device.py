@@ -174,7 +174,6 @@ class SimulatedLdrobot(Chassis[_Stream]):
         self._up = _BLOCKED
 
     def freeze(self, now: int) -> None:
-        """As `Chassis.freeze`."""
         super().freeze(now)
         self._up = _BLOCKED
 
