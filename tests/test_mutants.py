@@ -6,11 +6,14 @@ import os
 import subprocess
 import sys
 from collections import Counter
+from pathlib import Path
 
 import pytest
+from coverage import CoverageData
 
 from tests.mutants.__main__ import PARTS, ROOT, choose, stages_of
-from tests.mutants.places import places_of
+from tests.mutants.covering import Covering
+from tests.mutants.places import Place, places_of
 
 SOURCE = b'''"""One and 2."""
 
@@ -80,3 +83,23 @@ def test_the_nearest_tests_judge_first() -> None:
     assert ["tests/session"] in stages
     for stage in stages_of("lidario/session/talking/dialogue.py", whole=True):
         assert all((ROOT / path).exists() for path in stage)
+
+
+def test_only_those_tests_judge_that_run_the_line(tmp_path: Path) -> None:
+    module = tmp_path / "lidario" / "wire" / "one.py"
+    module.parent.mkdir(parents=True)
+    module.write_text("def f():\n    return 1\n")
+    measured = CoverageData(basename=str(tmp_path / ".coverage"))
+    for context in ("", "tests/test_far.py::test_f|run", "tests/wire/test_one.py::test_f[a b]|run"):
+        measured.set_context(context)
+        measured.add_lines({str(module): [1] if not context else [2]})
+    measured.write()
+
+    covering = Covering(tmp_path / ".coverage", tmp_path)
+    run, imported = (Place("lidario/wire/one.py", line, 0, 1, "", "number") for line in (2, 1))
+
+    assert covering.tests(run, ["tests/wire"]) == [
+        "tests/wire/test_one.py::test_f[a b]",
+        "tests/test_far.py::test_f",
+    ]
+    assert covering.tests(imported, ["tests/wire"]) == []
