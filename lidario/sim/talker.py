@@ -8,7 +8,7 @@ vacuums do: a packet has its place in the revolution, and when it is made follow
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Final, Protocol
+from typing import Final, Generic, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,16 @@ from lidario.sim.chassis import Chassis
 from lidario.sim.motor import Motor
 from lidario.sim.world import WorldLike
 
-__all__ = ["PacedByAngle", "PacedByTime", "Running", "Talker", "TalkerProfile"]
+__all__ = [
+    "AngleProfile",
+    "PacedByAngle",
+    "PacedByTime",
+    "Running",
+    "Talker",
+    "TalkerProfile",
+    "TimeProfile",
+    "within",
+]
 
 Floats = npt.NDArray[np.float64]
 
@@ -51,6 +60,34 @@ class TalkerProfile(Protocol):
         ...
 
 
+class AngleProfile(TalkerProfile, Protocol):
+    """And of one that measures at angles."""
+
+    @property
+    def slots(self) -> int:
+        """Packets of a revolution."""
+        ...
+
+
+class TimeProfile(TalkerProfile, Protocol):
+    """And of one that measures at equal times."""
+
+    @property
+    def samples(self) -> int:
+        """Samples of a packet."""
+        ...
+
+    @property
+    def rate(self) -> float:
+        """Samples a second."""
+        ...
+
+
+ProfileT = TypeVar("ProfileT", bound=TalkerProfile)
+AngleT = TypeVar("AngleT", bound=AngleProfile)
+TimeT = TypeVar("TimeT", bound=TimeProfile)
+
+
 class Running:
     """A stream: what was sent since `origin`.
 
@@ -66,28 +103,42 @@ class Running:
         self.ready = origin
 
 
-class Talker(Chassis[Running]):
+class Talker(Chassis[Running], Generic[ProfileT]):
     """One that talks from power-up on; what the host sends is not seen, unless a device derived from it does.
 
     Args:
         profile: What it is.
         world: What it sees; the furnished room by default.
+        serial: Not used: such devices tell no serial number.
         seed: Decides noise, first angle and intensities.
 
     Attributes:
-        waits: Whether it is silent until it is started.
+        profile: What it is; this and more as in `Chassis`.
     """
 
-    greeting: bytes = b""
-    """What it says when it has booted."""
-    waits: bool = False
-
-    def __init__(self, profile: TalkerProfile, world: WorldLike | None, seed: int) -> None:
+    def __init__(
+        self,
+        profile: ProfileT,
+        *,
+        world: WorldLike | None = None,
+        serial: bytes | str | None = None,  # noqa: ARG002
+        seed: int = 0,
+    ) -> None:
         super().__init__(profile.baudrate, world, seed, profile.model)
+        self.profile: ProfileT = profile
         self.boot_s: float = 0.5
         self._rpm = profile.hertz * 60
         self._motor = Motor(spin_up_s=1.0, turns=float(self._random.random()))
         self._up: int | None = None
+
+    @property
+    def waits(self) -> bool:
+        """Whether it is silent until it is started."""
+        return False
+
+    def _greeting(self) -> bytes:
+        """What it says when it has booted."""
+        return b""
 
     @abstractmethod
     def _make(self, stream: Running) -> None:
@@ -159,7 +210,7 @@ class Talker(Chassis[Running]):
 
     def _start(self, at: int) -> None:
         """It has booted, or was started: speed up, and stream from there on."""
-        self._queue.push(self.greeting, at)
+        self._queue.push(self._greeting(), at)
         self._motor.set_rpm(self._rpm, at)
         self._begin(max(at, self._motor.stable_at or 0))
         self._up = 0
@@ -177,14 +228,8 @@ class Talker(Chassis[Running]):
         self._deaf_until, self._deaf_why, self._up = up, "still booting", 0 if self.waits else up
 
 
-class PacedByAngle(Talker):
-    """One whose packets have places in the revolution: equal slots of it.
-
-    Attributes:
-        slots: How many packets a revolution has.
-    """
-
-    slots: int
+class PacedByAngle(Talker[AngleT]):
+    """One whose packets have places in the revolution: equal slots of it."""
 
     @abstractmethod
     def _samples(self, rpm: float) -> int:
@@ -201,8 +246,8 @@ class PacedByAngle(Talker):
     def _begin(self, origin: int) -> None:
         stream = self._stream = Running(origin)
         first = float(self._motor.turns(np.array([float(origin)]))[0])
-        stream.packets = int(np.ceil(first * self.slots))
-        stream.ready = self._times(origin, np.array([(stream.packets + 1.0) / self.slots]))[0]
+        stream.packets = int(np.ceil(first * self.profile.slots))
+        stream.ready = self._times(origin, np.array([(stream.packets + 1.0) / self.profile.slots]))[0]
 
     def _times(self, begin: int, turns: Floats) -> list[int]:
         """When the rotor will have turned so far; never, where it takes too long."""
@@ -217,8 +262,8 @@ class PacedByAngle(Talker):
         rpm = self._motor.rpm(stream.ready)
         samples = self._samples(rpm)
         numbers = stream.packets + np.arange(_TOGETHER)
-        turned = (numbers[:, None] + np.arange(samples) / samples) / self.slots
-        made = self._times(stream.ready, (numbers + 2.0) / self.slots)
+        turned = (numbers[:, None] + np.arange(samples) / samples) / self.profile.slots
+        made = self._times(stream.ready, (numbers + 2.0) / self.profile.slots)
         ready = [stream.ready, *made[:-1]]
         seconds = np.repeat(np.array(ready, np.float64) * 1e-9, samples)
         beams = self._direction(turned.ravel() * 360.0) % 360.0
@@ -227,22 +272,14 @@ class PacedByAngle(Talker):
             if at >= _BLOCKED:
                 break
             # With a period it can be taken back.
-            data = self._pack(number % self.slots, row, self._motor.rpm(at))
+            data = self._pack(number % self.profile.slots, row, self._motor.rpm(at))
             self._queue.push(data, at, size=len(data), period=1)
         stream.packets += _TOGETHER
         stream.ready = made[-1]
 
 
-class PacedByTime(Talker):
-    """One that takes its samples at equal times.
-
-    Attributes:
-        samples: Samples of a packet.
-        rate: Samples a second.
-    """
-
-    samples: int
-    rate: float
+class PacedByTime(Talker[TimeT]):
+    """One that takes its samples at equal times."""
 
     @abstractmethod
     def _pack(self, turns: Floats, seconds: Floats, rpm: float) -> bytes:
@@ -253,16 +290,22 @@ class PacedByTime(Talker):
         stream.ready = self._ready(stream)
 
     def _ready(self, stream: Running) -> int:
-        return stream.origin + round((stream.packets + 1) * self.samples * 1e9 / self.rate)
+        return stream.origin + round((stream.packets + 1) * self.profile.samples * 1e9 / self.profile.rate)
 
     def _make(self, stream: Running) -> None:
-        first = stream.packets * self.samples
-        numbers = np.arange(first, first + _TOGETHER * self.samples, dtype=np.float64)
-        times = stream.origin + numbers * (1e9 / self.rate)
-        rows = (_TOGETHER, self.samples)
+        first = stream.packets * self.profile.samples
+        numbers = np.arange(first, first + _TOGETHER * self.profile.samples, dtype=np.float64)
+        times = stream.origin + numbers * (1e9 / self.profile.rate)
+        rows = (_TOGETHER, self.profile.samples)
         rpm = self._motor.rpm(int(times[0]))
         data = self._pack(self._motor.turns(times).reshape(rows), times.reshape(rows) * 1e-9, rpm)
-        period = round(self.samples * 1e9 / self.rate)
+        period = round(self.profile.samples * 1e9 / self.profile.rate)
         self._queue.push(data, stream.ready, size=len(data) // _TOGETHER, period=period)
         stream.packets += _TOGETHER
         stream.ready = self._ready(stream)
+
+
+def within(millimetres: Floats, reach: tuple[float, float]) -> Floats:
+    """What a device of that reach sees of these distances: 0 where it sees nothing."""
+    nearest, farthest = reach
+    return np.where((millimetres >= nearest) & (millimetres <= farthest), millimetres, 0.0)

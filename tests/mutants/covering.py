@@ -34,7 +34,7 @@ class Covering:
         self._root = root
 
     def tests(self, place: Place, nearest: Sequence[str]) -> list[str]:
-        """The tests that run the line, those of the `nearest` folders and modules first; none for a line of imports."""
+        """The tests that run the line, those of the `nearest` folders and modules first. An import has none."""
         lines = self._data.contexts_by_lineno(str(self._root / place.path))
         found = {context.rpartition("|")[0] for context in lines.get(place.line, ()) if context}
 

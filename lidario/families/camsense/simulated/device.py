@@ -13,8 +13,7 @@ import numpy.typing as npt
 
 from lidario.families.camsense.simulated.packers import pack_packet
 from lidario.sim.chassis import Maker, maker
-from lidario.sim.talker import PacedByTime
-from lidario.sim.world import WorldLike
+from lidario.sim.talker import PacedByTime, within
 
 __all__ = ["PROFILES", "Profile", "SimulatedCamsense", "describe", "make_simulated"]
 
@@ -52,35 +51,12 @@ class Profile:
 PROFILES = {profile.name: profile for profile in (Profile("camsense-x1", 1, 8), Profile("camsense-lds08rr", 8, 12))}
 
 
-class SimulatedCamsense(PacedByTime):
-    """One simulated device; obeys `lidario.sim.device.SimulatedDevice`.
+class SimulatedCamsense(PacedByTime[Profile]):
+    """One simulated device; arguments and attributes as in `Talker`."""
 
-    Args:
-        profile: What it is.
-        world: What it sees; the furnished room by default.
-        serial: Not used: it tells no serial number.
-        seed: Decides noise and first angle.
-
-    Attributes:
-        profile: What it is; this and more as in `Chassis`.
-    """
-
-    def __init__(
-        self,
-        profile: Profile,
-        *,
-        world: WorldLike | None = None,
-        serial: bytes | str | None = None,  # noqa: ARG002
-        seed: int = 0,
-    ) -> None:
-        super().__init__(profile, world, seed)
-        self.profile: Profile = profile
-        self.samples: int = profile.samples
-        self.rate: float = profile.rate
-        none = [0.0] * profile.samples, [0] * profile.samples
-        self.greeting: bytes = b"".join(
-            pack_packet(at, at, *none, rpm=60.0 + at / 500) for at in (0, 0, _ZERO, _ZERO)
-        )
+    def _greeting(self) -> bytes:
+        none = [0.0] * self.profile.samples, [0] * self.profile.samples
+        return b"".join(pack_packet(at, at, *none, rpm=60.0 + at / 500) for at in (0, 0, _ZERO, _ZERO))
 
     def _pack(self, turns: Floats, seconds: Floats, rpm: float) -> bytes:
         beam = turns * 360.0
@@ -88,8 +64,7 @@ class SimulatedCamsense(PacedByTime):
         distance = np.hypot(self._stated(self._world.ranges_mm(beam.ravel() + 11.0, seconds.ravel())), 20.0)
         beside = 101.0 - np.degrees(np.arctan(np.sqrt(np.maximum(distance**2 - 400.0, 1.0)) / 20.0))
         seen = self._world.ranges_mm(beam.ravel() + beside, seconds.ravel())
-        nearest, farthest = self.profile.reach_mm
-        stated = np.where((seen >= nearest) & (seen <= farthest), self._stated(seen), 0.0).reshape(beam.shape)
+        stated = self._stated(within(seen, self.profile.reach_mm)).reshape(beam.shape)
         quality = np.where(stated > 0, np.clip(104 - stated / 80, 6, 104), 0).astype(int)
         angles = _ZERO + np.floor(turns * _TURN).astype(np.int64) % _TURN
         return b"".join(

@@ -13,8 +13,7 @@ import numpy.typing as npt
 
 from lidario.families.hlds.simulated.packers import pack_packet
 from lidario.sim.chassis import Maker, maker
-from lidario.sim.talker import PacedByAngle
-from lidario.sim.world import WorldLike
+from lidario.sim.talker import PacedByAngle, within
 
 __all__ = ["PROFILES", "Profile", "SimulatedHlds", "describe", "make_simulated"]
 
@@ -32,6 +31,7 @@ class Profile:
         name: Its name in ``sim://`` sources.
         model: Decides what is random.
         waits: Whether it waits for ``b`` when it has got power.
+        slots: Packets of a revolution.
         baudrate: Speed of its line.
         hertz: Revolutions a second.
         commands: Whether it hears requests.
@@ -40,6 +40,7 @@ class Profile:
     name: str
     model: int
     waits: bool = False
+    slots: int = 60
     baudrate: int = 230_400
     hertz: float = 5.0
     commands: bool = True
@@ -50,34 +51,19 @@ PROFILES = {
 }
 
 
-class SimulatedHlds(PacedByAngle):
-    """One simulated device; obeys `lidario.sim.device.SimulatedDevice`.
-
-    Args:
-        profile: What it is.
-        world: What it sees; the furnished room by default.
-        serial: Not used: it tells no serial number.
-        seed: Decides noise and first angle.
+class SimulatedHlds(PacedByAngle[Profile]):
+    """One simulated device; arguments and attributes as in `Talker`.
 
     Attributes:
-        profile: What it is; this and more as in `Chassis`.
         check: The last two bytes of its packets; None for the usual ones.
     """
 
-    slots = 60
+    check: bytes | None = None
 
-    def __init__(
-        self,
-        profile: Profile,
-        *,
-        world: WorldLike | None = None,
-        serial: bytes | str | None = None,  # noqa: ARG002
-        seed: int = 0,
-    ) -> None:
-        super().__init__(profile, world, seed)
-        self.profile: Profile = profile
-        self.waits: bool = profile.waits
-        self.check: bytes | None = None
+    @property
+    def waits(self) -> bool:
+        """Whether it is silent until it is started."""
+        return self.profile.waits
 
     def receive(self, data: bytes, now: int) -> None:
         """Take bytes that the host sent: each is a request of its own."""
@@ -96,8 +82,7 @@ class SimulatedHlds(PacedByAngle):
         return 6
 
     def _pack(self, slot: int, millimetres: Floats, rpm: float) -> bytes:
-        nearest, farthest = _REACH_MM
-        seen = np.where((millimetres >= nearest) & (millimetres <= farthest), millimetres, 0.0)
+        seen = within(millimetres, _REACH_MM)
         strength = np.where(seen > 0, np.clip(4000 - seen, 200, 4000), 0).astype(int)
         return pack_packet(slot, seen.tolist(), strength.tolist(), rpm=rpm, check=self.check)
 

@@ -14,8 +14,7 @@ import numpy.typing as npt
 
 from lidario.families.irobotix.simulated.packers import pack_failure, pack_measurement
 from lidario.sim.chassis import Maker, maker
-from lidario.sim.talker import PacedByAngle
-from lidario.sim.world import WorldLike
+from lidario.sim.talker import PacedByAngle, within
 
 __all__ = ["PROFILES", "Profile", "SimulatedIrobotix", "describe", "make_simulated"]
 
@@ -64,42 +63,19 @@ PROFILES = {
 }
 
 
-class SimulatedIrobotix(PacedByAngle):
-    """One simulated device; obeys `lidario.sim.device.SimulatedDevice`.
-
-    Args:
-        profile: What it is.
-        world: What it sees; the furnished room by default.
-        serial: Not used: it tells no serial number.
-        seed: Decides noise and first angle.
-
-    Attributes:
-        profile: What it is; this and more as in `Chassis`.
-    """
-
-    def __init__(
-        self,
-        profile: Profile,
-        *,
-        world: WorldLike | None = None,
-        serial: bytes | str | None = None,  # noqa: ARG002
-        seed: int = 0,
-    ) -> None:
-        super().__init__(profile, world, seed)
-        self.profile: Profile = profile
-        self.slots: int = profile.slots
+class SimulatedIrobotix(PacedByAngle[Profile]):
+    """One simulated device; arguments and attributes as in `Talker`."""
 
     def _samples(self, rpm: float) -> int:
-        return int(np.clip(round(self.profile.rate * 60 / (max(rpm, 60.0) * self.slots)), 1, _MOST))
+        return int(np.clip(round(self.profile.rate * 60 / (max(rpm, 60.0) * self.profile.slots)), 1, _MOST))
 
     def _pack(self, slot: int, millimetres: Floats, rpm: float) -> bytes:
         if not _SPEEDS[0] <= rpm <= _SPEEDS[1]:
             return pack_failure(rpm / 60)
-        nearest, farthest = self.profile.reach_mm
-        seen = np.where((millimetres >= nearest) & (millimetres <= farthest), millimetres, 0.0)
+        seen = within(millimetres, self.profile.reach_mm)
         signals = np.where(seen > 0, np.clip(130 - seen / 100, 20, 130), 0).astype(int)
-        start = 36_000 * slot // self.slots
-        last = start + 36_000 * (len(seen) - 1) // (self.slots * len(seen))
+        start = 36_000 * slot // self.profile.slots
+        last = start + 36_000 * (len(seen) - 1) // (self.profile.slots * len(seen))
         more = {"end": last, "version": 0x10} if self.profile.tells_end else {}
         return pack_measurement(start, seen.tolist(), signals.tolist(), hertz=rpm / 60, **more)
 

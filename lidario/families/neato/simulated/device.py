@@ -15,8 +15,7 @@ import numpy.typing as npt
 
 from lidario.families.neato.simulated.packers import pack_packet
 from lidario.sim.chassis import Maker, maker
-from lidario.sim.talker import PacedByAngle
-from lidario.sim.world import WorldLike
+from lidario.sim.talker import PacedByAngle, within
 
 __all__ = ["PROFILES", "Profile", "SimulatedNeato", "describe", "make_simulated"]
 
@@ -42,6 +41,7 @@ class Profile:
         baudrate: Speed of its line.
         hertz: Revolutions a second.
         commands: Whether it hears requests.
+        slots: Packets of a revolution.
         follows: Which recording of a real device it follows, for people; empty where there is none.
     """
 
@@ -52,6 +52,7 @@ class Profile:
     baudrate: int = 115_200
     hertz: float = 5.0
     commands: bool = False
+    slots: int = 90
     follows: str = ""
 
 
@@ -65,32 +66,11 @@ PROFILES = {
 }
 
 
-class SimulatedNeato(PacedByAngle):
-    """One simulated device; obeys `lidario.sim.device.SimulatedDevice`.
+class SimulatedNeato(PacedByAngle[Profile]):
+    """One simulated device; arguments and attributes as in `Talker`."""
 
-    Args:
-        profile: What it is.
-        world: What it sees; the furnished room by default.
-        serial: Not used: it tells no serial number.
-        seed: Decides noise and first angle.
-
-    Attributes:
-        profile: What it is; this and more as in `Chassis`.
-    """
-
-    slots = 90
-    greeting = _GREETING
-
-    def __init__(
-        self,
-        profile: Profile,
-        *,
-        world: WorldLike | None = None,
-        serial: bytes | str | None = None,  # noqa: ARG002
-        seed: int = 0,
-    ) -> None:
-        super().__init__(profile, world, seed)
-        self.profile: Profile = profile
+    def _greeting(self) -> bytes:
+        return _GREETING
 
     def _samples(self, rpm: float) -> int:  # noqa: ARG002
         return 4
@@ -101,8 +81,7 @@ class SimulatedNeato(PacedByAngle):
     def _pack(self, slot: int, millimetres: Floats, rpm: float) -> bytes:
         if rpm < _SLOWEST_RPM:
             return pack_packet(slot, [0.0] * 4, [20] * 4, rpm=rpm, code=_TOO_SLOW) if slot % 45 == 0 else b""
-        nearest, farthest = self.profile.reach_mm
-        seen = np.where((millimetres >= nearest) & (millimetres <= farthest), millimetres, 0.0)
+        seen = within(millimetres, self.profile.reach_mm)
         # It falls with the square of the distance: 90 at a metre.
         strengths = np.where(seen > 0, np.clip(90e6 / np.maximum(seen, 250.0) ** 2, 4, 1202), 0).astype(int)
         return pack_packet(slot, seen.tolist(), strengths.tolist(), rpm=rpm)
