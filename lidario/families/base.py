@@ -216,7 +216,7 @@ class Device(ABC):
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:  # noqa: ARG002
         """Set the scan frequency; returns what was set, in Hz."""
-        raise Unsupported("the scan frequency of this device cannot be set")
+        raise Unsupported("the scan frequency of this device cannot be set from here")
 
     def retune(self) -> Request | None:
         """What has a stream that runs follow the scan frequency that was set. Default: nothing is needed."""

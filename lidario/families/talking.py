@@ -13,6 +13,7 @@ from statistics import median
 from typing import Final, NamedTuple
 
 from lidario.errors import ResponseTimeout, StreamFailed, Unsupported
+from lidario.families.arguments import frequency_within
 from lidario.families.base import (
     Decoder,
     Family,
@@ -30,7 +31,7 @@ from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["TIMING", "Rotor", "Talkers", "TalkingDevice", "TalkingModel"]
+__all__ = ["TIMING", "Rotor", "Speeds", "Talkers", "TalkingDevice", "TalkingModel"]
 
 TIMING: Final = Timing(
     # A packet takes 17 ms at most, and a USB adapter may hold bytes back for 16 ms.
@@ -49,6 +50,22 @@ SETTLE_S: Final = 0.02
 """After a stop; no document demands it, and a packet takes less."""
 
 
+class Speeds(NamedTuple):
+    """How the motor of a model is regulated, where a request does that.
+
+    Attributes:
+        slowest: Revolutions a second.
+        fastest: Likewise.
+        step: What one unit of the request is, in revolutions a second.
+        request: The request, by how many units.
+    """
+
+    slowest: float
+    fastest: float
+    step: float
+    request: Callable[[int], Request]
+
+
 @dataclass(frozen=True, slots=True)
 class TalkingModel:
     """One model.
@@ -64,6 +81,8 @@ class TalkingModel:
         note: What else it may be, where its packets do not tell.
         start: What starts its motor and its stream; empty where it talks for as long as it has power.
         stop: What stops both; empty likewise.
+        speeds: How the motor is regulated; None where it cannot be.
+        slowest_turn_s: As in `Talkers`, where it is not that of the family; 0 where it is.
     """
 
     name: str
@@ -76,6 +95,8 @@ class TalkingModel:
     note: str = ""
     start: bytes = b""
     stop: bytes = b""
+    speeds: Speeds | None = None
+    slowest_turn_s: float = 0.0
 
 
 class Rotor(NamedTuple):
@@ -137,12 +158,11 @@ class Talkers:
             timing=timing,
             device=self.device,
             stream_of=self.stream_of,
-            formats=tuple(dict.fromkeys(model.wire for model in self.all)),
+            formats=self.wires or tuple(dict.fromkeys(model.wire for model in self.all)),
             simulated=simulated,
             find_stream=self.find_stream,
             models=self.named,
-            # Where nothing is started, nothing is asked at any speed.
-            asked_at=None if any(model.start for model in self.all) else (),
+            asked_at=tuple(dict.fromkeys(model.baudrate for model in self.all if model.start)),
         )
 
     def device(self) -> TalkingDevice:
@@ -174,6 +194,10 @@ class Talkers:
     def wires_of(self, named: TalkingModel | None) -> tuple[Callable[[], StreamFormat], ...]:
         """The formats in which to look for packets, where the user has named a model or not."""
         return (named.wire,) if named else self.wires or (self.all[0].wire,)
+
+    def to_be_woken(self, named: TalkingModel | None) -> TalkingModel:
+        """The model that may have been stopped, where none is heard and the user has named one or not."""
+        return named or next((model for model in self.all if model.start), self.all[0])
 
     def find_stream(self, data: memoryview, known: Known) -> RawStream | None:
         """As `Family.find_stream`: at the first packets in a row, which may tell the model."""
@@ -215,6 +239,8 @@ class TalkingDevice(UnaskedDevice):
         if model is not None:
             self._be(model)
         self._sample_us = self._model.sample_us
+        self._units: int | None = None
+        self._was_heard = False
 
     def _be(self, model: TalkingModel) -> None:
         """Be of this model. Before that it is not stopped."""
@@ -239,12 +265,13 @@ class TalkingDevice(UnaskedDevice):
 
     def complete_probe(self) -> bytes:
         """As `Device.complete_probe`: what has started it may have reached it though nothing came."""
-        return self._model.stop if self.can_be_stopped else b""
+        # Where most models need no start, one that has got it goes on: it is heard in the next round.
+        return self._model.stop if all(model.start for model in self._talkers.all) else b""
 
     def identify(self) -> Script[DeviceInfo]:
         """As `Device.identify`: by its packets. One that may have been stopped is started for that."""
         runs = yield from self._hear()
-        heard, of = b"".join(runs), self._talkers
+        heard, of, self._was_heard = b"".join(runs), self._talkers, True
         self._be(of.as_named(self._named, heard) if self._named else of.unnamed(heard))
         # The median, for a run with damage that a check value does not find may tell anything.
         told_us = [each for each in map(self._talkers.sample_us, runs) if each]
@@ -254,16 +281,17 @@ class TalkingDevice(UnaskedDevice):
     def _hear(self) -> Script[tuple[bytes, ...]]:
         of = self._talkers
         wires = of.wires_of(self._named)
-        start = (self._named or of.all[0]).start
+        # One that was heard before is what it was.
+        woken = self._model if self._was_heard else of.to_be_woken(self._named)
         for number, wire in enumerate(wires):
             try:
                 return (yield from hear_runs(wire, of.heard, of.hear_s, linked=of.linked))
             except ResponseTimeout:
-                if number == len(wires) - 1 and not start:
+                if number == len(wires) - 1 and not woken.start:
                     raise
         # What starts it may reach it though nothing comes back: from now on it must be stopped.
-        self._be(self._named or of.all[0])
-        return (yield from hear_runs(wires[0], of.heard, SPIN_UP_S, start, of.linked))
+        self._be(woken)
+        return (yield from hear_runs(wires[0], of.heard, SPIN_UP_S, woken.start, of.linked))
 
     def health(self) -> Script[Health]:
         """As `Device.health`: a warning where the rotor does not turn, a note where it may be another model."""
@@ -303,11 +331,35 @@ class TalkingDevice(UnaskedDevice):
         if force or (mode.id, mode.response_type) != (0, wire.response_type):
             raise Unsupported("this device has one scan mode, 'Standard', and cannot be forced")
         yield begin(wire, self.wake)
+        if self._model.speeds is not None and self._units is not None:
+            yield self._model.speeds.request(self._units)
         return Stream(
             format=wire,
             decoder=self._model.decoder(),
             mode=mode,
             sample_ns=self._sample_us * 1e3,
             spin_up_s=SPIN_UP_S,
-            slowest_turn_s=self._talkers.slowest_turn_s,
+            slowest_turn_s=self._model.slowest_turn_s or self._talkers.slowest_turn_s,
         )
+
+    def scan_frequency_range(self) -> Script[tuple[float, float]]:
+        speeds = self._model.speeds
+        return super().scan_frequency_range() if speeds is None else told((speeds.slowest, speeds.fastest))
+
+    def set_scan_frequency(self, hertz: float) -> Script[float]:
+        """As `Device.set_scan_frequency`; each start sets it again, and it cannot be read back.
+
+        Raises:
+            Unsupported: No request does that.
+            InvalidValue: Not a finite number, or outside of what the model can.
+        """
+        speeds = self._model.speeds
+        if speeds is None:
+            return super().set_scan_frequency(hertz)
+        wanted = frequency_within(hertz, (speeds.slowest, speeds.fastest), self._model.title)
+        return self._set_speed(speeds, round(wanted / speeds.step))
+
+    def _set_speed(self, speeds: Speeds, units: int) -> Script[float]:
+        yield speeds.request(units)
+        self._units = units
+        return units * speeds.step

@@ -91,6 +91,12 @@ def way_of(rows: NDArray[Any], full_turn: int) -> NDArray[np.int32]:
     return way
 
 
+def _even(values: NDArray[Any]) -> NDArray[np.bool_]:
+    """Which of them are about as usual: a check value that holds by chance lets any pass."""
+    usual = float(np.median(values))
+    return np.abs(values - usual) <= _UNEVEN * usual
+
+
 def samples_a_second(rows: NDArray[Any], full_turn: int, turns_a_second: float) -> float:
     """The rate that the spans of packets and their speed tell; 0 where they do not. Packets may be missing.
 
@@ -104,8 +110,7 @@ def samples_a_second(rows: NDArray[Any], full_turn: int, turns_a_second: float) 
     if not len(rows):
         return 0.0
     way = way_of(rows, full_turn)
-    usual = float(np.median(way))
-    even = np.abs(way - usual) <= _UNEVEN * usual
+    even = _even(way) & _even(rows["speed"])
     turned = int(way[even].sum())
     if not turned:
         return 0.0

@@ -24,7 +24,7 @@ def encode(command: int, parameter: int = 0) -> bytes:
 
 
 START: Final = encode(0xA0)
-STOP: Final = Request("STOP", encode(0xA1), settle=SETTLE_S, ends_stream=True)
+STOP: Final = encode(0xA1)
 
 
 def speed(degrees_per_second: int) -> Request:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lidario.families.ldrobot.decode import PacketDecoder
-from lidario.families.ldrobot.device import HEARD, LdrobotDevice
+from lidario.families.ldrobot.device import TALKERS
 from lidario.families.ldrobot.formats import CRC, SIZE
 from lidario.families.registry import family_of_simulated
 from lidario.families.samples import Samples
@@ -76,9 +76,9 @@ def test_a_device_of_which_packets_are_lost_is_no_other_model(model: str, lost: 
     random = np.random.default_rng(5)
     for _ in range(20):
         packets = [packet for packet in [*packets_of(model), *packets_of(model)] if random.random() >= lost]
-        script = LdrobotDevice().identify()
+        script = TALKERS.device().identify()
         next(script)
         script.send(b"".join(packets[:2]))
         with pytest.raises(StopIteration) as ended:
-            script.send(b"".join(packets[:HEARD]))
+            script.send(b"".join(packets[: TALKERS.heard]))
         assert ended.value.value.model == "LDROBOT LD06, LD19 or alike"

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from lidario.families.ldrobot.decode import PacketDecoder, TriangleDecoder, samples_a_second
+from lidario.families.ldrobot.device import TALKERS
 from lidario.families.ldrobot.formats import CRC, PacketFormat, TriangleFormat
-from lidario.families.ldrobot.raw import find_stream
 from lidario.families.ldrobot.simulated.packers import pack_health, pack_points, pack_response
 from lidario.families.stream import Known
 from lidario.families.unasked import begin, hear
@@ -226,6 +226,6 @@ def test_a_recording_is_decoded_as_the_vendor_does(path: Path) -> None:
     off = (samples.angle_deg.astype(float) - truth["angle_deg"] + 180) % 360 - 180
     assert np.abs(off).max() <= 1e-4
     assert (stats.skipped_bytes, samples.lost) == (int(truth["stray_bytes"]), 0)
-    found = find_stream(memoryview(raw), Known())
+    found = TALKERS.find_stream(memoryview(raw), Known())
     assert found is not None
     assert 1e9 / found.stream.sample_ns == pytest.approx(1e6 / float(truth["sample_us"]), rel=0.01)
