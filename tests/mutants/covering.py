@@ -1,12 +1,12 @@
 """Which tests run a line: only they can notice a change of it.
 
-The database is what ``pytest -n 2 --cov --cov-context=test --cov-report=`` writes. Lines that run while modules are
-imported belong to no test.
+The database is what ``pytest -n 2 --cov --cov-context=test --cov-report=`` writes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import ast
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -34,9 +34,14 @@ class Covering:
         self._root = root
 
     def tests(self, place: Place, nearest: Sequence[str]) -> list[str]:
-        """The tests that run the line, those of the `nearest` folders and modules first. An import has none."""
-        lines = self._data.contexts_by_lineno(str(self._root / place.path))
-        found = {context.rpartition("|")[0] for context in lines.get(place.line, ()) if context}
+        """The tests that run the line, those of the `nearest` folders and modules first.
+
+        Of a line that runs while its module is imported, those that run anything of the module.
+        """
+        path = self._root / place.path
+        contexts = self._data.contexts_by_lineno(str(path))
+        statement = set(_statement(ast.parse(path.read_bytes()), place.line))
+        found = _tests(contexts[line] for line in statement.intersection(contexts)) or _tests(contexts.values())
 
         def rank(test: str) -> tuple[int, str]:
             module = test.partition("::")[0]
@@ -45,6 +50,22 @@ class Covering:
 
         ordered = sorted(found, key=rank)
         return ordered if len(ordered) <= _MOST_NAMED else list(dict.fromkeys(_module(test) for test in ordered))
+
+
+def _statement(tree: ast.Module, line: int) -> range:
+    """The lines of the statement on that line; of one that has a body, those before it."""
+    around = range(line, line + 1)
+    for node in ast.walk(tree):
+        end = getattr(node, "end_lineno", line)
+        if isinstance(node, ast.stmt) and node.lineno <= line <= end:
+            # Walked from the outside inwards: the last one is the smallest.
+            body = getattr(node, "body", None)
+            around = range(node.lineno, max(node.lineno + 1, body[0].lineno if body else end + 1))
+    return around
+
+
+def _tests(contexts: Iterable[Iterable[str]]) -> set[str]:
+    return {context.rpartition("|")[0] for each in contexts for context in each if context}
 
 
 def _module(test: str) -> str:
