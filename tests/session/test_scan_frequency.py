@@ -54,6 +54,7 @@ async def test_a_speed_that_is_set_in_mid_scan_is_one_request_and_interrupts_not
         await asyncio.gather(*(lidar.set_scan_frequency(each, verify=False) for each in (9.0, 10.0)))
         assert await lidar.get_scan_frequency() == 10.0
         await asyncio.sleep(1.0)
+        assert rig.device.motor_rpm == pytest.approx(600)
         scans += [await anext(stream) for _ in range(20)]
         assert [scan.seq for scan in scans] == list(range(21))
         stats = lidar.stats
