@@ -156,7 +156,7 @@ class StrengthFormat(DistanceFormat):
     characters = 6
 
 
-def range_of(data: bytes | bytearray, at: int = 0) -> tuple[int, int]:
+def range_of(data: bytes | bytearray | memoryview, at: int = 0) -> tuple[int, int]:
     """The first and the last step of the block at `at`."""
     return int(data[at + 2 : at + 6]), int(data[at + 6 : at + 10])
 

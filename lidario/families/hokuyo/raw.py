@@ -37,7 +37,7 @@ def find_stream(data: memoryview, known: Known) -> RawStream | None:
     lines = None if told is None else read_lines(told[1].rstrip(b"\n"))
     title, geometry = "", None if lines is None else geometry_of(lines.lines)
     if geometry is None:
-        title, geometry = _USUAL.get(range_of(bytes(data[begin : begin + 16])), ("", None))
+        title, geometry = _USUAL.get(range_of(data, begin), ("", None))
     if geometry is None:
         return None
     kind = next(each for each in FORMATS if each.word == found[1])
