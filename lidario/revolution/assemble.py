@@ -28,7 +28,6 @@ from lidario.revolution.timing import byte_ns_at, first_sample_ns
 from lidario.scan import Scan
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
-from lidario.wire.formats import Headings
 
 __all__ = ["Assembler", "AssemblerStats"]
 
@@ -93,15 +92,18 @@ class Assembler:
         pieces = iter(self.incoming.take(event))
         try:
             for packets, headings in pieces:
-                yield from self._ends_in(packets, headings)
+                splits = self._seam.splits(headings)
+                if splits:
+                    yield from self._ends_at(packets, splits)
+                else:
+                    self._keep(packets)
         finally:
             self.stats.discarded_packets += sum([packets.count for packets, _ in pieces])
 
-    def _ends_in(self, event: Packets, headings: Headings) -> Iterator[list[Scan]]:
+    def _ends_at(self, event: Packets, splits: Sequence[Split]) -> Iterator[list[Scan]]:
         kept = 0
         try:
-            splits = self._seam.splits(headings)
-            offsets = packet_offsets(event.blocks) if splits else ()
+            offsets = packet_offsets(event.blocks)
             done, alone = 0, 1
             while done < len(splits):
                 left = 1

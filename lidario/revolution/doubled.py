@@ -42,17 +42,19 @@ class DoubledPackets:
         self._wire, self._sample_ns, self._stats = wire, sample_ns, stats
         self._can_tell = wire.shortest != wire.longest or wire.samples > 1
         self._last_heading = -1
-        self._last_packet = b""
-        self._last_ns = 0
+        self._last: Packets | None = None
         self._alike = 1
 
     def tell_time(self, sample_ns: float) -> None:
         """A sample takes so many nanoseconds from now on."""
         self._sample_ns = sample_ns
 
-    def drop(self, packets: Packets) -> tuple[Packets, Headings]:
+    def see(self, packets: Packets, headings: Headings) -> None:
+        """Take note of the next packets, of which none has the heading of the one before."""
+        self._last, self._last_heading, self._alike = packets, int(headings[-1]), 1
+
+    def drop(self, packets: Packets, headings: Headings) -> tuple[Packets, Headings]:
         """The next packets without those that came twice, perhaps none, and their headings."""
-        headings = self._wire.headings(packets)
         found = self._find(packets, headings) if self._can_tell else ()
         if not found:
             return packets, headings
@@ -77,9 +79,12 @@ class DoubledPackets:
         found = self._among(packets, same) if same else []
         if not same or same[-1] != packets.count - 1:
             self._alike = 1
-        self._last_packet = packets.data[len(packets.data) - packets.blocks[-1].size :]
-        self._last_ns = packets.received_ns
+        self._last = packets
         return found
+
+    @property
+    def _last_packet(self) -> bytes:
+        return b"" if self._last is None else self._last.data[-self._last.blocks[-1].size :]
 
     def _among(self, packets: Packets, same: Sequence[int]) -> list[int]:
         """Which of those with the heading of the packet before are that packet once more."""
@@ -99,7 +104,7 @@ class DoubledPackets:
         """How long behind the one before a packet came."""
         came_ns = part_of(packets, number, number + 1, offsets, self._wire, self._sample_ns).received_ns
         if not number:
-            return came_ns - self._last_ns
+            return came_ns - (0 if self._last is None else self._last.received_ns)
         return came_ns - part_of(packets, number - 1, number, offsets, self._wire, self._sample_ns).received_ns
 
 

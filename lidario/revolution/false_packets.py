@@ -74,9 +74,38 @@ class FalsePackets:
         self._stats.discarded_packets += self._stats.waiting_packets
         self._waiting, self._stats.waiting_packets = None, 0
 
+    def all_follow(self, headings: Headings) -> bool:
+        """Whether each is a little ahead of the one before, also while the speed changes: all are true."""
+        if not self._closely or self._skipped or self._waiting is not None:
+            return False
+        closely, full_turn, last = self._closely / 2, self._full_turn, self._last
+        if isinstance(headings, np.ndarray):
+            plain = headings & HEADING_MASK
+            steps = np.empty_like(plain)
+            steps[0] = int(plain[0]) - last
+            np.subtract(plain[1:], plain[:-1], out=steps[1:])
+            steps[steps < 0] += full_turn
+            if not (np.minimum.reduce(steps) > 0 and np.maximum.reduce(steps) < closely):
+                return False
+            advances = steps[-MEASURED:].tolist()
+            last = int(plain[-1])
+        else:
+            advances = []
+            for heading in headings:
+                here = heading & HEADING_MASK
+                advance = (here - last) % full_turn
+                if not 0 < advance < closely:
+                    return False
+                advances.append(advance)
+                last = here
+        self._last = last
+        self._advances += advances
+        self._measure()
+        return True
+
     def drop(self, packets: Packets, headings: Headings) -> list[tuple[Packets, Headings]]:
         """The next packets, in pieces between those that are false; without those that wait."""
-        if not self._can_tell or not (self._waiting or self._skipped or not self._all_follow(headings)):
+        if not self._can_tell or self.all_follow(headings):
             return [(packets, headings)]
         runs = [packets] if self._waiting is None else [self._waiting, packets]
         self._waiting, self._stats.waiting_packets = None, 0
@@ -111,47 +140,6 @@ class FalsePackets:
                 first = at + 1
                 self._skipped += run.blocks[0].size if at < last else 0
             begin += run.count
-
-    def _all_follow(self, headings: Headings) -> bool:
-        """Whether each follows so closely that nothing has to be judged, also while the speed changes."""
-        begin, before = 0, None
-        if not self._closely:
-            before = self._last, self._advances.copy(), self._closely
-            while begin < len(headings) and not self._closely:
-                self._accept(int(headings[begin]) & HEADING_MASK)
-                begin += 1
-            headings = headings[begin:]
-        advances = self._ahead(headings)
-        if advances is None:
-            if before is not None:
-                self._last, self._advances, self._closely = before
-            return False
-        if advances:
-            self._last = int(headings[-1]) & HEADING_MASK
-            self._advances += advances
-            self._measure()
-        return True
-
-    def _ahead(self, headings: Headings) -> list[int] | None:
-        """How far each is ahead of the one before; None where one is far ahead."""
-        closely, full_turn, last = self._closely / 2, self._full_turn, self._last
-        if isinstance(headings, np.ndarray) and len(headings):
-            plain = headings & HEADING_MASK
-            steps = np.empty_like(plain)
-            steps[0] = int(plain[0]) - last
-            np.subtract(plain[1:], plain[:-1], out=steps[1:])
-            steps[steps < 0] += full_turn
-            found: list[int] = steps.tolist()
-            return found if int(np.maximum.reduce(steps)) < closely else None
-        advances = list[int]()
-        for heading in headings:
-            here = int(heading) & HEADING_MASK
-            advance = (here - last) % full_turn
-            if advance >= closely:
-                return None
-            advances.append(advance)
-            last = here
-        return advances
 
     def _accept(self, heading: int) -> None:
         """It is true."""

@@ -39,6 +39,7 @@ class Incoming:
     def __init__(self, stream: Stream, stats: AssemblerStats, clock: Clock | None = None) -> None:
         stream.decoder.tell_time(stream.sample_ns)
         self.time: SampleTime = SampleTime(stream.sample_ns, timed=stream.timed)
+        self._format = stream.format
         self._doubled = DoubledPackets(stream.format, stream.sample_ns, stats)
         self._false = FalsePackets(stream, stats)
         self._is_live = clock is None
@@ -46,7 +47,12 @@ class Incoming:
 
     def take(self, event: Packets) -> list[tuple[Packets, Headings]]:
         """The next packets, in pieces where one was false, and their headings; none twice, and dated."""
-        event, headings = self._doubled.drop(event)
+        headings = self._format.headings(event)
+        if self._false.all_follow(headings):
+            # Each is ahead of the one before, so none came twice either.
+            self._doubled.see(event, headings)
+            return [(self._clock.dated(event), headings)]
+        event, headings = self._doubled.drop(event, headings)
         found = self._false.drop(event, headings) if event.data else ()
         return [(self._clock.dated(packets), angles) for packets, angles in found]
 

@@ -26,7 +26,6 @@ from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
-from lidario.wire.formats import Headings
 
 __all__ = ["WholeAssembler", "WholeSectors", "assembler_of", "sector_assembler_of", "sectors_of"]
 
@@ -49,18 +48,22 @@ class WholeAssembler(Assembler):
         super().__init__(stream, baudrate, wall_offset_ns, stats, clock)
         self._last_ns: int | None = None
 
-    def _ends_in(self, event: Packets, headings: Headings) -> Iterator[list[Scan]]:  # noqa: ARG002 - one a packet
-        offsets, done = packet_offsets(event.blocks), 0
-        try:
-            for number, came_ns in enumerate(self._came(event)):
-                part = part_of(event, number, number + 1, offsets, self._stream.format, self._stream.sample_ns)
-                done += 1
-                scan = self._scan_of(part, came_ns)
-                self.stats.scan_packets += 1
-                self._told(scan)
-                yield [scan]
-        finally:
-            self.stats.discarded_packets += event.count - done
+    def ends(self, event: Packets) -> Iterator[list[Scan]]:
+        # None is false: all begin at the same angle.
+        for packets, _ in self.incoming.take(event):
+            offsets, done = packet_offsets(packets.blocks), 0
+            try:
+                for number, came_ns in enumerate(self._came(packets)):
+                    part = part_of(
+                        packets, number, number + 1, offsets, self._stream.format, self._stream.sample_ns
+                    )
+                    done += 1
+                    scan = self._scan_of(part, came_ns)
+                    self.stats.scan_packets += 1
+                    self._told(scan)
+                    yield [scan]
+            finally:
+                self.stats.discarded_packets += packets.count - done
 
     def _told(self, scan: Scan) -> None:
         """A scan is about to be delivered."""
