@@ -89,16 +89,18 @@ class Assembler:
 
     def ends(self, event: Packets) -> Iterator[list[Scan]]:
         """As `add`, one or a block at a time; packets that are left when it is closed are counted as discarded."""
-        pieces = iter(self.incoming.take(event))
+        pieces = self.incoming.take(event)
+        left = sum([packets.count for packets, _ in pieces])
         try:
             for packets, headings in pieces:
                 splits = self._seam.splits(headings)
+                left -= packets.count
                 if splits:
                     yield from self._ends_at(packets, splits)
                 else:
                     self._keep(packets)
         finally:
-            self.stats.discarded_packets += sum([packets.count for packets, _ in pieces])
+            self.stats.discarded_packets += left
 
     def _ends_at(self, event: Packets, splits: Sequence[Split]) -> Iterator[list[Scan]]:
         kept = 0
