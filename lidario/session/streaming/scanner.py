@@ -222,8 +222,7 @@ class Scanner:
                 await dialogue.pause(WRITE_AGAIN_S)
 
     async def stop(self) -> None:
-        """Stop laser and motor, end every stream, and return when the line is quiet."""
-        self._check_open()
+        """Stop laser and motor, end every stream, and return when the line is quiet. The session is open."""
         self._readers.end(None)
         self.control.unwant()
         await self.left()

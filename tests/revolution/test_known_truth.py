@@ -1,0 +1,35 @@
+"""Streams of which all is known, with most of their packets or whole turns of them missing (`benchmarks.truth`)."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.truth_cases import CASES, happen
+from benchmarks.truth_forms import FORMATS
+from benchmarks.truth_score import Score, score
+from benchmarks.truth_ways import receive
+
+
+def _scored(name: str, case: str, way: str) -> Score:
+    stream, line = happen(CASES[case], FORMATS[name])
+    return score(stream, line, receive(stream, line, way), timed=way != "file")
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize(
+    ("case", "way", "comes"),
+    [
+        ("each second packet gone", "read", 0.5),
+        ("40 % of the packets gone", "file", 0.6),
+        ("an outage of two turns", "read", 0.95),
+    ],
+)
+def test_what_comes_is_delivered_and_what_does_not_is_told(name: str, case: str, way: str, comes: float) -> None:
+    found = _scored(name, case, way)
+    assert found.kept > (comes - 0.04) * found.samples
+    assert found.wrong <= 0.001 * found.samples
+    assert abs(found.told_revolutions - found.missing_revolutions) <= 2
+    # Of the first and the last, partial revolution nothing is told.
+    assert found.told == pytest.approx(found.missing, rel=0.08, abs=2)
+    if case == "an outage of two turns":
+        assert found.told_revolutions == found.missing_revolutions == 3
