@@ -10,7 +10,7 @@ from tests.support.cases import CASES, Case
 _RECORDS = (
     # The response of an LD14P, a frame of a Delta-2A that turns too slowly, a Hokuyo that is not ready.
     bytes.fromhex("54A104000000004A"),
-    bytes.fromhex("AA0009015AAE00012001E3"),
+    bytes.fromhex("AA00090161AE00012001E4"),
     b"MD0044072501000\n0M^\n\n",
 )
 
@@ -36,3 +36,21 @@ def test_where_bytes_stand_does_not_matter(
     assert wire.measure(moved, at) == size
     if 0 < size <= len(data):
         assert wire.intact(moved, at, size) == wire.intact(data, 0, size)
+
+
+@given(
+    case=st.sampled_from(CASES),
+    record=st.sampled_from((b"", *_RECORDS)),
+    change=st.tuples(st.integers(0, 20), st.integers(0, 255)),
+)
+def test_of_the_beginning_all_is_said_that_is_said_of_the_whole_or_nothing_yet(
+    case: Case, record: bytes, change: tuple[int, int]
+) -> None:
+    wire, data = case.make_format(), bytearray(record + b"".join(case.packets[:3]))
+    at, value = change
+    data[at] = value
+    for ask in (wire.measure, wire.other_record):
+        whole = ask(data, 0)
+        said = [ask(data[:length], 0) for length in range(1, len(data))]
+        assert set(said) <= {0, whole}
+        assert 0 not in said[max(whole, 0) + wire.longest :]

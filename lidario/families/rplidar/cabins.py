@@ -108,7 +108,7 @@ def ultra_cabins(
 
     Args:
         cabins: (packets, 32).
-        follower: First cabin of the packet behind the last one; None where there is none.
+        follower: The lower half of the first cabin of the packet behind the last one; None where there is none.
         missing: (packets,), samples missing behind each; None when none is.
 
     Returns:

@@ -160,8 +160,7 @@ class UltraDecoder(CapsuleDecoder):
         after = capsules.after
         # Behind the first four bytes of a capsule, each cabin has four.
         cabins = capsules.words.view("<u4")[:, 1:].astype(np.intp)
-        follower = None if after is None else int(after[2]) | int(after[3]) << 16
-        millimetres = ultra_cabins(cabins, follower, skipped)
+        millimetres = ultra_cabins(cabins, None if after is None else int(after[2]), skipped)
         distance[...] = millimetres
         angle -= self._corrections.take(millimetres)
 
