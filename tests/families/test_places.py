@@ -43,7 +43,7 @@ def test_where_bytes_stand_does_not_matter(
 
 @pytest.mark.parametrize("case", CASES, ids=named)
 def test_of_the_beginning_all_is_said_that_is_said_of_the_whole_or_nothing_yet(case: Case) -> None:
-    wire, packets = case.make_format(), b"".join(case.packets[:3])
+    wire, packets = case.make_format(), b"".join(case.packets[:8])
     for record in (b"", *_RECORDS):
         for at, changed in product(range(20), (0, 1, 0x80)):
             data = bytearray(record + packets)
