@@ -1,4 +1,4 @@
-"""Devices that only talk: they stream for as long as they have power, and hear nothing.
+"""What is asked of devices that only talk: they stream for as long as they have power, and hear nothing.
 
 Nothing can be asked of such a device, so what it is, and whether it is well, is read from its packets: some of them
 in a row, whose check values hold, are its response. STOP and START have no bytes: only the host begins and ends to
@@ -7,17 +7,15 @@ listen. The motor turns until the power is cut, which the session says once and 
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Callable
 from typing import Final
 
-from lidario.errors import ResponseTimeout, Unsupported
-from lidario.families.base import Device, Script
-from lidario.model import Health, HealthStatus
+from lidario.errors import ResponseTimeout
+from lidario.families.base import Script
 from lidario.wire.envelope import Expected, Request
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["LINKED", "NOT_STOPPED", "UnaskedDevice", "begin", "hear", "hear_runs"]
+__all__ = ["LINKED", "NOT_STOPPED", "begin", "hear", "hear_runs"]
 
 LINKED = 2
 """Packets in a row that prove that a device of this kind streams at this speed."""
@@ -65,41 +63,3 @@ def hear_runs(
 def begin(wire: StreamFormat, data: bytes = b"") -> Request:
     """Take what comes from now on for the packets of a stream, after a request where one is needed."""
     return Request("START" if data else "LISTEN", data, stream=wire)
-
-
-class UnaskedDevice(Device):
-    """One that only talks. A family adds what its packets tell: `identify`, `modes`, `start` and `wire`.
-
-    Attributes:
-        patience_s: Longest time until two packets have come.
-        wake: The request that starts it, where there is one.
-    """
-
-    can_be_stopped: bool = False
-    patience_s: float = 0.5
-    wake: bytes = b""
-
-    @abstractmethod
-    def wire(self) -> StreamFormat:
-        """A fresh object for its packets."""
-
-    def stop(self) -> Request:
-        """As `Device.stop`: nothing is sent."""
-        return NOT_STOPPED
-
-    def halt(self) -> tuple[Request, ...]:
-        """As `Device.halt`: nothing is sent, and the motor goes on."""
-        return (NOT_STOPPED,)
-
-    def reset(self) -> Request:
-        """As `Device.reset`.
-
-        Raises:
-            Unsupported: Always.
-        """
-        raise Unsupported("this device cannot be restarted from here: cut its power")
-
-    def health(self) -> Script[Health]:
-        """As `Device.health`: a device that sends packets is well, as far as can be known."""
-        yield hear(self.wire(), LINKED, self.patience_s, self.wake)
-        return Health(HealthStatus.OK, 0)

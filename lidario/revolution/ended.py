@@ -91,14 +91,13 @@ class EndedRevolution:
         return samples.revolution_samples * self.sample_ns if samples and samples.certain else math.inf
 
     def missing_samples(self, *, gap_behind: bool) -> float:
-        """How many samples the packets held that are missing in it.
+        """How many samples the packets held that are missing in it; it has packets.
 
         Args:
             gap_behind: Whether what is missing behind its last packet belongs to it.
         """
         samples = self.samples
-        if samples is None:
-            return 0.0
+        assert samples is not None
         behind = samples.skipped_behind if gap_behind and samples.certain else 0
         return _samples_of(samples, self.lost, sum([each for _, each in self.gaps or ()]) + behind)
 

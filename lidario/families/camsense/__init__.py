@@ -9,11 +9,12 @@ from __future__ import annotations
 from typing import Final
 
 from lidario.families.camsense.device import TALKERS
+from lidario.families.talking_device import family_of
 
 __all__ = ["FAMILY"]
 
 SIMULATED: Final = ("camsense-x1", "camsense-lds08rr")
 """The names of `simulated.device.PROFILES`, repeated: users of a real device do not load the simulated one."""
 
-FAMILY: Final = TALKERS.row("Camsense", SIMULATED)
+FAMILY: Final = family_of(TALKERS, "Camsense", SIMULATED)
 """The family's row of the registry."""

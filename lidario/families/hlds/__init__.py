@@ -10,14 +10,15 @@ from dataclasses import replace
 from typing import Final
 
 from lidario.families.hlds.device import TALKERS
-from lidario.families.talking import TIMING
+from lidario.families.talking_device import TIMING, family_of
 
 __all__ = ["FAMILY"]
 
 SIMULATED: Final = ("hlds-lds01", "hlds-lds01-2016")
 """The names of `simulated.device.PROFILES`, repeated: users of a real device do not load the simulated one."""
 
-FAMILY: Final = TALKERS.row(
+FAMILY: Final = family_of(
+    TALKERS,
     "HLDS",
     SIMULATED,
     # One that waits for its letter sends nothing before it turns evenly; no document says how long that takes.

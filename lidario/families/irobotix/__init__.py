@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Final
 
 from lidario.families.irobotix.device import TALKERS
+from lidario.families.talking_device import family_of
 
 __all__ = ["FAMILY"]
 
@@ -22,5 +23,5 @@ SIMULATED: Final = (
 )
 """The names of `simulated.device.PROFILES`, repeated: users of a real device do not load the simulated one."""
 
-FAMILY: Final = TALKERS.row("3irobotix", SIMULATED)
+FAMILY: Final = family_of(TALKERS, "3irobotix", SIMULATED)
 """The family's row of the registry."""

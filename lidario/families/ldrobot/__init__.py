@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Final
 
 from lidario.families.ldrobot.device import TALKERS
-from lidario.families.talking import TIMING
+from lidario.families.talking_device import TIMING, family_of
 
 __all__ = ["FAMILY"]
 
@@ -27,7 +27,8 @@ SIMULATED: Final = (
 )
 """The names of `simulated.PROFILES`, repeated here so that users of a real device do not load the simulated one."""
 
-FAMILY: Final = TALKERS.row(
+FAMILY: Final = family_of(
+    TALKERS,
     "LDROBOT",
     SIMULATED,
     # Packets come every 5 ms at most. After power-up the first ones come within 0.7 s.

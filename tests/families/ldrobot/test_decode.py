@@ -10,6 +10,7 @@ from lidario.families.ldrobot.device import TALKERS
 from lidario.families.ldrobot.formats import CRC, SIZE
 from lidario.families.registry import family_of_simulated
 from lidario.families.samples import Samples
+from lidario.families.talking_device import TalkingDevice
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
 
@@ -76,7 +77,7 @@ def test_a_device_of_which_packets_are_lost_is_no_other_model(model: str, lost: 
     random = np.random.default_rng(5)
     for _ in range(20):
         packets = [packet for packet in [*packets_of(model), *packets_of(model)] if random.random() >= lost]
-        script = TALKERS.device().identify()
+        script = TalkingDevice(TALKERS).identify()
         next(script)
         script.send(b"".join(packets[:2]))
         with pytest.raises(StopIteration) as ended:

@@ -1,0 +1,225 @@
+"""One device that only talks, of a model that a table describes (`lidario.families.talking`), and its family's row.
+
+No packet tells the model. What a sample takes is measured by the packets that are heard when the device is opened.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from statistics import median
+from typing import Final
+
+from lidario.errors import ResponseTimeout, StreamFailed, Unsupported
+from lidario.families.arguments import frequency_within
+from lidario.families.base import Device, Family, NamedModel, Script, Stream, Timing, told
+from lidario.families.talking import Speeds, Talkers, TalkingModel
+from lidario.families.unasked import LINKED, NOT_STOPPED, begin, hear, hear_runs
+from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
+from lidario.wire.envelope import Request
+from lidario.wire.formats import StreamFormat
+
+__all__ = ["TIMING", "TalkingDevice", "family_of"]
+
+TIMING: Final = Timing(
+    # A packet takes 17 ms at most, and a USB adapter may hold bytes back for 16 ms.
+    quiet_s=0.06,
+    drain_s=0.5,
+    # It cannot be restarted from here.
+    boot_s=3.0,
+    boot_poll_s=0.25,
+    # It hears nothing. One that has just been given power sends a second or two later.
+    forget_s=3.0,
+    probe_s=0.12,
+)
+"""Of those that nothing starts or stops."""
+SPIN_UP_S: Final = 3.0
+SETTLE_S: Final = 0.02
+"""After a stop; no document demands it, and a packet takes less."""
+
+
+class TalkingDevice(Device):
+    """One device of a model that only talks.
+
+    Args:
+        talkers: Its family.
+        model: The model, where the user has named it.
+
+    Attributes:
+        patience_s: Longest time until two packets have come.
+        wake: The request that starts it, where there is one.
+    """
+
+    can_be_stopped: bool = False
+    wake: bytes = b""
+
+    def __init__(self, talkers: Talkers, model: TalkingModel | None = None) -> None:
+        self._talkers = talkers
+        self._named = model
+        self.patience_s: float = talkers.hear_s
+        if talkers.rotor is not None:
+            self.rests_s: float = talkers.rotor.rests_s
+        self._model = talkers.all[0]
+        if model is not None:
+            self._be(model)
+        self._sample_us = self._model.sample_us
+        self._units: int | None = None
+        self._was_heard = False
+
+    def _be(self, model: TalkingModel) -> None:
+        """Be of this model. Before that it is not stopped."""
+        self._model = model
+        self.wake: bytes = model.start
+        self.can_be_stopped: bool = bool(model.stop)
+        if model.stop:
+            self.can_keep_spinning: bool = False
+        self.patience_s = SPIN_UP_S if model.start else self._talkers.hear_s
+
+    def wire(self) -> StreamFormat:
+        """A fresh object for its packets."""
+        return self._model.wire()
+
+    def stop(self) -> Request:
+        if not self.can_be_stopped:
+            return NOT_STOPPED
+        return Request("STOP", self._model.stop, settle=SETTLE_S, ends_stream=True)
+
+    def halt(self) -> tuple[Request, ...]:
+        """As `Device.halt`: the motor stops with the stream, where it can be stopped."""
+        return (self.stop(),)
+
+    def reset(self) -> Request:
+        """As `Device.reset`.
+
+        Raises:
+            Unsupported: Always.
+        """
+        raise Unsupported("this device cannot be restarted from here: cut its power")
+
+    def complete_probe(self) -> bytes:
+        """As `Device.complete_probe`: what has started it may have reached it though nothing came."""
+        # Where most models need no start, one that has got it goes on: it is heard in the next round.
+        return self._model.stop if all(model.start for model in self._talkers.all) else b""
+
+    def identify(self) -> Script[DeviceInfo]:
+        """As `Device.identify`: by its packets. One that may have been stopped is started for that."""
+        runs = yield from self._hear()
+        heard, of, self._was_heard = b"".join(runs), self._talkers, True
+        self._be(of.as_named(self._named, heard) if self._named else of.unnamed(heard))
+        # The median, for a run with damage that a check value does not find may tell anything.
+        told_us = [each for each in map(self._talkers.sample_us, runs) if each]
+        self._sample_us = median(told_us) if told_us else self._model.sample_us
+        return DeviceInfo(self._talkers.family, self._model.title, 0, "", 0, "")
+
+    def _hear(self) -> Script[tuple[bytes, ...]]:
+        of = self._talkers
+        wires = of.wires_of(self._named)
+        # One that was heard before is what it was.
+        woken = self._model if self._was_heard else of.to_be_woken(self._named)
+        for number, wire in enumerate(wires):
+            try:
+                return (yield from hear_runs(wire, of.heard, of.hear_s, linked=of.linked))
+            except ResponseTimeout:
+                if number == len(wires) - 1 and not woken.start:
+                    raise
+        # What starts it may reach it though nothing comes back: from now on it must be stopped.
+        self._be(woken)
+        return (yield from hear_runs(wires[0], of.heard, SPIN_UP_S, woken.start, of.linked))
+
+    def health(self) -> Script[Health]:
+        """As `Device.health`: a warning where the rotor does not turn, a note where it may be another model."""
+        trouble = yield from self._trouble()
+        if trouble:
+            return Health(HealthStatus.WARNING, 0, trouble)
+        yield hear(self.wire(), LINKED, self.patience_s, self.wake)
+        return Health(HealthStatus.OK, 0, self._model.note)
+
+    def explain_silence(self, lasted_s: float) -> Script[bool]:
+        """As `Device.explain_silence`.
+
+        Raises:
+            StreamFailed: The rotor does not turn as it should: no start would help.
+        """
+        trouble = yield from self._trouble()
+        if trouble:
+            raise StreamFailed(trouble)
+        return (yield from super().explain_silence(lasted_s))
+
+    def _trouble(self) -> Script[str]:
+        rotor = self._talkers.rotor
+        return "" if rotor is None else rotor.trouble((yield hear(rotor.wire(), 1, rotor.rests_s)))
+
+    def modes(self) -> Script[tuple[ScanMode, ...]]:
+        """As `Device.modes`: there is one."""
+        kind = self.wire().response_type
+        return told((ScanMode(0, "Standard", self._sample_us, self._model.reach, kind, typical=True),))
+
+    def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
+        """As `Device.start`.
+
+        Raises:
+            Unsupported: A forced scan, or another device's mode.
+        """
+        wire = self.wire()
+        if force or (mode.id, mode.response_type) != (0, wire.response_type):
+            raise Unsupported("this device has one scan mode, 'Standard', and cannot be forced")
+        yield begin(wire, self.wake)
+        if self._model.speeds is not None and self._units is not None:
+            yield self._model.speeds.request(self._units)
+        return Stream(
+            format=wire,
+            decoder=self._model.decoder(),
+            mode=mode,
+            sample_ns=self._sample_us * 1e3,
+            spin_up_s=SPIN_UP_S,
+            slowest_turn_s=self._model.slowest_turn_s or self._talkers.slowest_turn_s,
+        )
+
+    def scan_frequency_range(self) -> Script[tuple[float, float]]:
+        speeds = self._model.speeds
+        return super().scan_frequency_range() if speeds is None else told((speeds.slowest, speeds.fastest))
+
+    def set_scan_frequency(self, hertz: float) -> Script[float]:
+        """As `Device.set_scan_frequency`; each start sets it again, and it cannot be read back.
+
+        Raises:
+            Unsupported: No request does that.
+            InvalidValue: Not a finite number, or outside of what the model can.
+        """
+        speeds = self._model.speeds
+        if speeds is None:
+            return super().set_scan_frequency(hertz)
+        wanted = frequency_within(hertz, (speeds.slowest, speeds.fastest), self._model.title)
+        return self._set_speed(speeds, round(wanted / speeds.step))
+
+    def _set_speed(self, speeds: Speeds, units: int) -> Script[float]:
+        yield speeds.request(units)
+        self._units = units
+        return units * speeds.step
+
+
+def family_of(talkers: Talkers, title: str, simulated: tuple[str, ...], timing: Timing = TIMING) -> Family:
+    """The row of the registry.
+
+    Args:
+        talkers: The models of the family.
+        title: Name for people.
+        simulated: Names of its simulated models.
+        timing: How long its devices take.
+    """
+    named = {
+        name: NamedModel(model.baudrate, partial(TalkingDevice, talkers, model))
+        for name, model in talkers.models.items()
+    }
+    return Family(
+        name=talkers.family,
+        title=title,
+        baudrates=tuple(dict.fromkeys(model.baudrate for model in talkers.all)),
+        timing=timing,
+        device=partial(TalkingDevice, talkers),
+        stream_of=talkers.stream_of,
+        formats=talkers.wires or tuple(dict.fromkeys(model.wire for model in talkers.all)),
+        simulated=simulated,
+        find_stream=talkers.find_stream,
+        models=named,
+        asked_at=tuple(dict.fromkeys(model.baudrate for model in talkers.all if model.start)),
+    )
