@@ -155,8 +155,11 @@ def _with_copy(copies: SimpleQueue[Path], stage: list[str]) -> str:
 
 def _stages(place: Place, covering: Covering | None, whole: bool) -> list[list[str]]:
     stages = stages_of(place.path, whole)
-    tests = [] if covering is None else covering.tests(place, list(chain.from_iterable(stages)))
-    return [[test for test in tests if not test.startswith(_ABOUT_TEXT_MODULES)]] if tests else stages
+    if covering is None:
+        return stages
+    found = covering.tests(place, list(chain.from_iterable(stages)))
+    judging = [[test for test in tests if not test.startswith(_ABOUT_TEXT_MODULES)] for tests in found]
+    return [tests for tests in judging if tests] or stages
 
 
 def _judge(copy: Path, place: Place, stages: list[list[str]]) -> Verdict:

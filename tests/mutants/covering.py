@@ -33,23 +33,23 @@ class Covering:
         self._data.read()
         self._root = root
 
-    def tests(self, place: Place, nearest: Sequence[str]) -> list[str]:
-        """The tests that run the line, those of the `nearest` folders and modules first.
+    def tests(self, place: Place, nearest: Sequence[str]) -> list[list[str]]:
+        """The tests that run the line: those of the `nearest` folders and modules, then the others.
 
-        Of a line that runs while its module is imported, those that run anything of the module.
+        pytest orders those of one run by their fixtures, and not as they are named. Of a line that runs while its
+        module is imported, those that run anything of the module.
         """
         path = self._root / place.path
         contexts = self._data.contexts_by_lineno(str(path))
         statement = set(_statement(ast.parse(path.read_bytes()), place.line))
         found = _tests(contexts[line] for line in statement.intersection(contexts)) or _tests(contexts.values())
 
-        def rank(test: str) -> tuple[int, str]:
-            module = test.partition("::")[0]
-            near = (at for at, folder in enumerate(nearest) if module == folder or module.startswith(f"{folder}/"))
-            return next(near, len(nearest)), module
-
-        ordered = sorted(found, key=rank)
-        return ordered if len(ordered) <= _MOST_NAMED else list(dict.fromkeys(_module(test) for test in ordered))
+        near, far = list[str](), list[str]()
+        for test in sorted(found):
+            module = _module(test)
+            is_near = any(module == folder or module.startswith(f"{folder}/") for folder in nearest)
+            (near if is_near else far).append(test)
+        return [_shortened(tests) for tests in (near, far) if tests]
 
 
 def _statement(tree: ast.Module, line: int) -> range:
@@ -66,6 +66,10 @@ def _statement(tree: ast.Module, line: int) -> range:
 
 def _tests(contexts: Iterable[Iterable[str]]) -> set[str]:
     return {context.rpartition("|")[0] for each in contexts for context in each if context}
+
+
+def _shortened(tests: list[str]) -> list[str]:
+    return tests if len(tests) <= _MOST_NAMED else list(dict.fromkeys(map(_module, tests)))
 
 
 def _module(test: str) -> str:
