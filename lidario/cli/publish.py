@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import math
 from contextlib import AsyncExitStack, suppress
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import click
 
@@ -94,57 +94,14 @@ def publish(
     machine. The key is printed. Several lidars, with their mounts, become one scan and one cloud. It waits for a
     router that is not there yet, and goes on when the router restarts.
     """
-    context = click.get_current_context()
-    if ros == (key is not None):
-        raise click.UsageError("say one of --ros and --zenoh KEY", context)
-    if raw and ros:
-        raise click.UsageError("--raw belongs to --zenoh KEY; a topic of ROS 2 has scans", context)
-    only_with("--ros", _OF_ROS, ros)
-    from lidario.recording.files import file_source
-
-    sources = sources or ("auto",)
-    are_recorded = [file_source(source) is not None for source in sources]
-    stamps = of_ros.pop("stamps")
-    if stamps and not any(are_recorded):
-        raise click.UsageError(
-            "--stamps is for a recording: a lidar's stamps are those of its measurements", context
-        )
-    if len(sources) > 1:
-        _check_several(len(sources), ros, len(of_ros["mounts"]))
-        if any(are_recorded):
-            raise click.UsageError("a recording is of another time than the others: publish it alone", context)
-    elif len(of_ros["mounts"]) > 1:
-        raise click.UsageError("more mounts than sources", context)
     from lidario.cli.running import run
 
-    told: list[Publisher | Share] = []
+    sources = sources or ("auto",)
+    stamps = of_ros.pop("stamps")
+    is_recorded = _check_choice(sources, ros, key, raw, stamps, len(of_ros["mounts"]))
+    made_by = _Maker(key, raw, router, robot, of_ros, is_given("frame"), stamps, is_recorded)
     config = settings_of_file()
-    has_frame = is_given("frame")
-
-    def make(lidars: list[Lidar]) -> Publisher | Share:
-        from lidario import Mount
-        from lidario.ros import MergedPublisher, Publisher, Share
-
-        (lidar, *others), options = lidars, dict(of_ros)
-        if key is not None:
-            return Share(lidar, key, raw=raw, router=router, robot=robot)
-        mounts, cloud = options.pop("mounts"), options.pop("cloud")
-        options |= arguments_of(options)
-        places = [(x, y, math.radians(yaw)) for x, y, yaw in mounts]
-        if others:
-            for name in ("order", "preset", "mount_yaw"):
-                options.pop(name)
-            options["frame_id"] = options.pop("base_frame")
-            options["beams"] = options["beams"] or BEAMS
-            where = [Mount(*place) for place in places] or None
-            return MergedPublisher(lidars, mounts=where, cloud_topic=cloud, router=router, robot=robot, **options)
-        own = lidar.config
-        options["mount"] = places[0] if places else own.mount and (own.mount.x, own.mount.y, own.mount.yaw)
-        if own.frame and not has_frame:
-            options["frame_id"] = own.frame
-        options["stamps"] = "now" if are_recorded[0] and stamps != "recorded" else "measured"
-        options["clock"] = stamps == "recorded"
-        return Publisher(lidar, router=router, robot=robot, **options)
+    told: list[Publisher | Share] = []
 
     async def work() -> None:
         from lidario import open_lidar
@@ -155,30 +112,10 @@ def publish(
                 await opened.enter_async_context(open_lidar(each, reconnect=reconnect, guard=guard, config=config))
                 for each in sources
             ]
-            publisher = make(lidars)
-            there = asyncio.Event()
-
-            def changed(connected: bool) -> None:
-                message(publisher.news)
-                if connected:
-                    there.set()
-
-            publisher.on_change = changed
-            async with publisher:
-                if publisher.is_connected:
-                    there.set()
-                told.append(publisher)
-                # Robots need the scans, whether or not somebody reads the key here.
-                with suppress(ReaderGone, OSError):
-                    emit(f"{publisher.key}\n")
-                names = " and ".join(f"{lidar.info.model} {lidar.info.serial}" for lidar in lidars)
-                message(f"publishing {names} through {router}; Ctrl-C ends it")
-                checking = asyncio.create_task(_check(publisher, there))
-                try:
-                    await publisher.run(mode, idle_stop=idle_stop)
-                finally:
-                    checking.cancel()
-                    await asyncio.wait([checking])
+            publisher = made_by.publisher_of(lidars)
+            names = " and ".join(f"{lidar.info.model} {lidar.info.serial}" for lidar in lidars)
+            began = f"publishing {names} through {router}; Ctrl-C ends it"
+            await _publish(publisher, mode, idle_stop, began, told)
 
     try:
         run(work)
@@ -190,20 +127,118 @@ def publish(
     return ExitCode.OK
 
 
+class _Maker(NamedTuple):
+    """What makes the publisher.
+
+    Attributes:
+        key: Where it is said with --zenoh.
+        raw: Whether the bytes of the device are sent.
+        router: Address of the router.
+        robot: Name of this robot.
+        of_ros: The options that belong to --ros.
+        has_frame: Whether the user has said which frame it is.
+        stamps: What is said with --stamps.
+        is_recorded: Whether a recording is published.
+    """
+
+    key: str | None
+    raw: bool
+    router: str
+    robot: str | None
+    of_ros: dict[str, Any]
+    has_frame: bool
+    stamps: str | None
+    is_recorded: bool
+
+    def publisher_of(self, lidars: list[Lidar]) -> Publisher | Share:
+        """The publisher of these lidars."""
+        from lidario import Mount
+        from lidario.ros import MergedPublisher, Publisher, Share
+
+        (lidar, *others), options = lidars, dict(self.of_ros)
+        if self.key is not None:
+            return Share(lidar, self.key, raw=self.raw, router=self.router, robot=self.robot)
+        mounts, cloud = options.pop("mounts"), options.pop("cloud")
+        options |= arguments_of(options) | {"router": self.router, "robot": self.robot}
+        places = [(x, y, math.radians(yaw)) for x, y, yaw in mounts]
+        if others:
+            for name in ("order", "preset", "mount_yaw"):
+                options.pop(name)
+            options["frame_id"] = options.pop("base_frame")
+            options["beams"] = options["beams"] or BEAMS
+            where = [Mount(*place) for place in places] or None
+            return MergedPublisher(lidars, mounts=where, cloud_topic=cloud, **options)
+        own = lidar.config
+        options["mount"] = places[0] if places else own.mount and (own.mount.x, own.mount.y, own.mount.yaw)
+        if own.frame and not self.has_frame:
+            options["frame_id"] = own.frame
+        options["stamps"] = "now" if self.is_recorded and self.stamps != "recorded" else "measured"
+        return Publisher(lidar, clock=self.stamps == "recorded", **options)
+
+
+async def _publish(
+    publisher: Publisher | Share,
+    mode: str | int | None,
+    idle_stop: float | None,
+    began: str,
+    told: list[Publisher | Share],
+) -> None:
+    there = asyncio.Event()
+
+    def changed(connected: bool) -> None:
+        message(publisher.news)
+        if connected:
+            there.set()
+
+    publisher.on_change = changed
+    async with publisher:
+        if publisher.is_connected:
+            there.set()
+        told.append(publisher)
+        # Robots need the scans, whether or not somebody reads the key here.
+        with suppress(ReaderGone, OSError):
+            emit(f"{publisher.key}\n")
+        message(began)
+        checking = asyncio.create_task(_check(publisher, there))
+        try:
+            await publisher.run(mode, idle_stop=idle_stop)
+        finally:
+            checking.cancel()
+            await asyncio.wait([checking])
+
+
+def _check_choice(
+    sources: tuple[str, ...], ros: bool, key: str | None, raw: bool, stamps: str | None, mounts: int
+) -> bool:
+    """Refuse what does not fit together; whether a recording is published."""
+    from lidario.recording.files import file_source
+
+    is_recorded = any(file_source(source) is not None for source in sources)
+    _refuse_if(ros == (key is not None), "say one of --ros and --zenoh KEY")
+    _refuse_if(raw and ros, "--raw belongs to --zenoh KEY; a topic of ROS 2 has scans")
+    only_with("--ros", _OF_ROS, ros)
+    _refuse_if(
+        stamps is not None and not is_recorded,
+        "--stamps is for a recording: a lidar's stamps are those of its measurements",
+    )
+    if len(sources) > 1:
+        _check_several(len(sources), ros, mounts)
+        _refuse_if(is_recorded, "a recording is of another time than the others: publish it alone")
+    _refuse_if(len(sources) == 1 and mounts > 1, "more mounts than sources")
+    return is_recorded
+
+
 def _check_several(count: int, ros: bool, mounts: int) -> None:
-    context = click.get_current_context()
-    if not ros:
-        raise click.UsageError(
-            "several lidars become one with --ros; of --zenoh, publish each under its key", context
-        )
-    if mounts not in (0, count):
-        raise click.UsageError(f"there are {count} lidars and {mounts} mounts: once --mount for each", context)
+    _refuse_if(not ros, "several lidars become one with --ros; of --zenoh, publish each under its key")
+    _refuse_if(mounts not in (0, count), f"there are {count} lidars and {mounts} mounts: once --mount for each")
     for name in ("frame", "order", "preset", "mount_yaw", "stamps"):
-        if is_given(name):
-            said = f"--{name.replace('_', '-')}"
-            raise click.UsageError(
-                f"{said} is for one lidar; several are in the frame of the robot, --base-frame", context
-            )
+        said = f"--{name.replace('_', '-')}"
+        _refuse_if(is_given(name), f"{said} is for one lidar; several are in the frame of the robot, --base-frame")
+
+
+def _refuse_if(is_wrong: bool, why: str) -> None:
+    if is_wrong:
+        raise click.UsageError(why, click.get_current_context())
 
 
 async def _check(publisher: Publisher | Share, there: asyncio.Event) -> None:
