@@ -120,20 +120,30 @@ def test_what_needs_a_request_is_refused_and_the_stream_goes_on(model: str) -> N
     main()
 
 
-@pytest.mark.parametrize(("model", "named", "of"), [("delta2a", "delta2g", "2A"), ("delta2g", "delta2a", "2G")])
+@pytest.mark.parametrize(
+    ("model", "named", "of"),
+    [
+        ("irobotix-delta2a", "delta2g", "Delta-2A"),
+        ("irobotix-delta2g", "delta2a", "Delta-2G"),
+        ("ldrobot-ld14p", "ld06", "LDROBOT LD14P"),
+        ("ldrobot-ld19", "ld14p", "LDROBOT LD06"),
+    ],
+)
 def test_a_name_that_its_packets_speak_against_is_told(
     model: str, named: str, of: str, caplog: pytest.LogCaptureFixture
 ) -> None:
+    family = model.partition("-")[0]
+
     @driven
     async def main() -> None:
-        async with open_lidar(f"sim://irobotix-{model}?via=memory&model={named}") as lidar:
-            assert f"such as a Delta-{of}" in lidar.health.note
+        async with open_lidar(f"sim://{model}?via=memory&model={named}") as lidar:
+            assert f"such as a {of}" in lidar.health.note
             assert "leave out ?model=" in lidar.health.note
-        device = make_rig("irobotix", f"irobotix-{model}").device
+        device = make_rig(family, model).device
         device.transmit(0)
         caplog.clear()
-        list(decode(device.transmit(10**9), family="irobotix", model=named))
-        assert f"such as a Delta-{of}" in caplog.text
+        list(decode(device.transmit(10**9), family=family, model=named))
+        assert f"such as a {of}" in caplog.text
 
     main()
 
