@@ -70,7 +70,9 @@ class Assembler:
         self._by_blocks = True
         self._next_offset_deg: float | None = None
         self._ended_at: tuple[Packets, int, int] | None = None
-        self._told_unseen = 0  # revolutions counted as missing before the one that ends, when its number was told
+        # The number of the revolution that ends, where it was told before, and how many were missing by then.
+        self._told_seq: int | None = None
+        self._told_unseen = 0
 
     @property
     def keeps_offset(self) -> bool:
@@ -184,8 +186,14 @@ class Assembler:
 
     def end(self) -> None:
         """The stream has ended: discard the revolution in the making. Harmless when done before."""
-        self.stats.finish(self.stats.unfinished_packets, delivered=False)
+        self._discard()
         self.incoming.end()
+
+    def _discard(self) -> None:
+        """What is missing in the revolution in the making is counted all the same."""
+        if (packets := self._partial.packets()) is not None:
+            self.stats.lost_packets += self._stream.decoder.decode(packets, None).lost
+        self.stats.finish(self.stats.unfinished_packets, delivered=False)
         self._partial = PartialRevolution(whole=False)
 
     def _part(self, packets: Packets, begin: int, end: int, offsets: Sequence[int] | None = None) -> Packets:
@@ -204,8 +212,7 @@ class Assembler:
             if partial.whole:
                 self.stats.break_scan()
             self._clock.restart()
-            self.stats.finish(self.stats.unfinished_packets, delivered=False)
-            self._partial = PartialRevolution(whole=False)
+            self._discard()
 
     def _end(self, split: Split, following: bytes) -> Scan | None:
         """End the revolution in the making before the packet `following`, and begin the next."""
@@ -308,7 +315,7 @@ class Assembler:
             ended.spanned_ns += ended.missing_samples(gap_behind=self._partial.carried is None) * ended.sample_ns
             ordinary_ns = self._last_spanned_ns or ended.spanned_ns
         broken = ended.is_broken(ordinary_ns)
-        if partial.whole and not self._is_numbered and self._ended_at is not None:
+        if partial.whole and self._told_seq is None and self._ended_at is not None:
             least_ns = ended.least_ns(wire, self._clock.usual_ns)
             # Angles hide whole revolutions; so it counts when the packet behind it came.
             if least_ns and self._part(*self._ended_at).received_ns - ended.start_ns < least_ns:
@@ -330,17 +337,10 @@ class Assembler:
 
     def _deliver(self, made: DatedRevolution, sample_ns: float, lost: int) -> Scan:
         self.stats.resume(made.start_ns)
-        seq, self.stats.scans = self._next_seq(), self.stats.scans + 1
+        seq = self.stats.scans + self.stats.missed_scans if self._told_seq is None else self._told_seq
+        self.stats.scans += 1
         wall_ns = made.start_ns + self._wall_offset_ns
         return build_scan(self._stream, made, wall_ns=wall_ns, sample_ns=sample_ns, seq=seq, lost=lost)
-
-    @property
-    def _is_numbered(self) -> bool:
-        """Whether the revolution that ends has been told its number already, so that it must stay a scan."""
-        return False
-
-    def _next_seq(self) -> int:
-        return self.stats.scans + self.stats.missed_scans
 
     def _reckon(self, beginning: Beginning) -> float:
         """Count what is missing since the revolution before; return what one takes, NaN when it was not seen."""

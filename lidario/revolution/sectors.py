@@ -70,7 +70,6 @@ class SectorAssembler(Assembler):
         self._parts: tuple[int, ...] = ()
         self._divided: DividedRevolution | None = None
         self._usual_samples = self._by_speed_ns = 0.0
-        self._told: int | None = None
         self._ending: tuple[DividedRevolution, int] | None = None
 
     def divide(self, parts: Iterable[int]) -> None:
@@ -268,7 +267,7 @@ class SectorAssembler(Assembler):
     # ------------------------------------------------------------------------------------------------ the end
 
     def _end(self, split: Split, following: bytes) -> Scan | None:
-        self._told, self._told_unseen = None, 0
+        self._told_seq, self._told_unseen = None, 0
         broken = self.stats.broken_scans
         scan = super()._end(split, following)
         ending, self._ending = self._ending, None
@@ -302,7 +301,7 @@ class SectorAssembler(Assembler):
         samples = self._of_revolution(here, packets, behind, room, seam)
         if not (split.broken or split.moved):
             self._ending = here, left + last.before_seam
-        self._told, self._told_unseen = here.seq, here.unseen
+        self._told_seq, self._told_unseen = here.seq, here.unseen
         return samples
 
     def _finish_all(self, here: DividedRevolution, crossed: int) -> None:
@@ -337,10 +336,3 @@ class SectorAssembler(Assembler):
         found.angle_deg, found.distance_mm, found.intensity = arrays.angle, arrays.distance, arrays.intensity
         found.before_seam = before_seam
         return found
-
-    @property
-    def _is_numbered(self) -> bool:
-        return self._told is not None
-
-    def _next_seq(self) -> int:
-        return super()._next_seq() if self._told is None else self._told

@@ -108,6 +108,18 @@ def test_lost_packets_are_counted_in_their_turn(lost: tuple[int, ...]) -> None:
         assert scan.rpm == pytest.approx(2000, rel=1e-3)
 
 
+def test_what_is_missing_in_the_revolution_in_the_making_is_told_when_the_stream_ends() -> None:
+    stats = AssemblerStats()
+    assembler = Assembler(stream_of(DENSE, sample_ns=float(SAMPLE_NS)), BAUD, stats=stats)
+    packets, arrival = without(numbered(24 * 3, 960), 50, 60, 61)
+    for place, packet in enumerate(packets):
+        assembler.add(arrived(packet, 1, round(arrival(place))))
+    assert (stats.scans, stats.lost_packets) == (1, 0)
+    for _ in range(2):
+        assembler.end()
+        assert (stats.lost_packets, stats.broken_scans, stats.missed_scans) == (3, 0, 0)
+
+
 def test_a_packet_lost_behind_the_seam_is_missing_in_the_turn_that_begins() -> None:
     packets = numbered(24 * 5, 960, 500)
     crossing = next(n for n in range(24, 60) if 500 + 960 * n < 2 * TURN <= 500 + 960 * (n + 1))

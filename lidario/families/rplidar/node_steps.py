@@ -158,7 +158,8 @@ class NodeSteps:
         if agreeing < CERTAIN_STEPS or 2 * agreeing < len(spans):
             return
         self._strange += 1
-        if self._strange >= STRANGE:
+        # A rotor that stands tells of no step.
+        if self._strange >= STRANGE and middle > 0:
             self._typical, self._strange = middle, 0
 
     def _learn_first(self, spans: Steps) -> None:
@@ -168,7 +169,7 @@ class NodeSteps:
         ordinary = spans[np.abs(spans - short) <= short / 2]
         if len(ordinary):
             self._typical, _ = _middle(ordinary)
-        self._certain = len(ordinary) >= CERTAIN_STEPS
+        self._certain = len(ordinary) >= CERTAIN_STEPS and self._typical > 0
 
 
 def _middle(spans: Steps) -> tuple[float, int]:
