@@ -89,7 +89,8 @@ async def test_every_question_has_an_answer_in_every_state(family: str) -> None:
             assert (await lidar.get_health()).ok
             assert any(mode.typical for mode in await lidar.get_modes())
             assert await lidar.get_scan_frequency() == pytest.approx(1 / rig.turn_s, rel=0.01)
-            assert (await lidar.reset()).ok
+            assert (told := await lidar.reset()).ok
+            assert lidar.health is told
             if scanning:
                 assert (await anext(stream)).seq > 0
                 await lidar.stop()

@@ -18,6 +18,8 @@ from tests.support.recorded import assert_same_scans, record, take_scans
 
 FIELDS = {"hokuyo-urg04lx": (-340, 341, 1024), "hokuyo-ust10lx": (-540, 540, 1440)}
 """First and last step, counted from ahead, and steps of 360 degrees."""
+REACH_M = {"hokuyo-urg04lx": 5.6, "hokuyo-ust10lx": 30.0}
+"""As the devices tell it (DMAX)."""
 every_field = pytest.mark.parametrize("model", FIELDS)
 
 
@@ -32,6 +34,7 @@ async def test_the_message_covers_the_field_and_no_more(model: str) -> None:
     first, last, turn = FIELDS[model]
     for scan in await scans_of(model):
         message = scan.to_laserscan()
+        assert scan.max_range == message.range_max == REACH_M[model]
         assert message.angle_min == pytest.approx(first * math.tau / turn)
         assert message.angle_max == pytest.approx(last * math.tau / turn)
         assert message.angle_increment == pytest.approx(math.tau / turn)
