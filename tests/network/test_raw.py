@@ -95,8 +95,9 @@ def test_a_message_that_is_missing_costs_a_part_of_one_revolution(sent: Sent) ->
     ]
     assert decoder.stats.lost_packets
     assert len(scans) + decoder.stats.missed_scans >= len(sent.scans) - 1
-    whole = {scan.stamp_ns // 1000: scan for scan in sent.scans}
-    same = [scan for scan in scans if scan.stamp_ns // 1000 in whole and not scan.lost_packets]
+    # A device's own clock of milliseconds is followed anew behind the gap.
+    begins = np.array([scan.stamp_ns for scan in sent.scans])
+    same = [scan for scan in scans if np.abs(begins - scan.stamp_ns).min() < 1e5 and not scan.lost_packets]
     assert len(same) >= len(sent.scans) - 3
 
 
