@@ -36,7 +36,7 @@ def test_what_runs_is_changed_and_what_is_shown_is_not() -> None:
         [
             "if not a < 5 or g():",
             "if a < 5 and g():",
-            "if not a <= 5 and g():",
+            "if not a >= 5 and g():",
             "if not a < 6 and g():",
             "if not a < 10 and g():",
             "pass",

@@ -10,10 +10,10 @@ from typing import Final, NamedTuple
 __all__ = ["Place", "places_of"]
 
 _TURNED: Final = {
-    "<": "<=",
-    "<=": "<",
-    ">": ">=",
-    ">=": ">",
+    "<": ">=",
+    "<=": ">",
+    ">": "<=",
+    ">=": "<",
     "==": "!=",
     "!=": "==",
     "is": "is not",
