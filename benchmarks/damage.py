@@ -213,6 +213,7 @@ def received(kind: Kind, data: Bytes, places: Places) -> tuple[list[Scan], Assem
             if isinstance(event, Packets):
                 scans += assembler.add(event)
                 offsets += [offsets[-1] + each for each in packet_offsets(event.blocks)[1:]]
+    assembler.end()
     return scans, assembler.stats, link.stats.packets, np.array(offsets)
 
 
