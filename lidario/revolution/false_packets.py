@@ -5,10 +5,10 @@ costs its revolution: the angle leaps there and, with the packet behind it, back
 turn, or like the end of a revolution.
 
 The packets beside it tell. A rotor turns on by a little from packet to packet, and by a few times that where some
-are lost. So of three packets, the one in the middle is false if the third follows closely on the first, and the one
-in the middle fits neither. Until the third has come, the second waits, with what was read with it: only behind a
-leap, so in an undisturbed stream nothing does. Where so much is lost that the rotor turns far from one to the next,
-nothing is judged.
+are lost. So of three packets, the one in the middle is false if the third is less than half a turn ahead of the
+first, and the one in the middle does not lie between them: else almost a turn would be missing on one side of it.
+Until the third has come, the second waits, with what was read with it: only behind a leap, so in an undisturbed
+stream nothing does. Where so much is lost that two gaps may well make a whole turn together, nothing is judged.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ __all__ = ["FalsePackets"]
 MEASURED: Final = 16
 """The latest advances, of which the mean tells how far the rotor usually turns from one packet to the next."""
 CLOSELY: Final = 3
-"""Times that mean up to which a packet follows closely on another."""
-FARTHEST_TURNS: Final = 1 / 12
-"""Part of a turn which that mean may be: beyond, two gaps may well make a whole turn together."""
+"""Times that mean from which on a packet may be false."""
+FARTHEST_TURNS: Final = 1 / 4
+"""Part of a turn which the farthest of them may be: beyond, two gaps may make a whole turn together."""
 RETREAT_TURNS: Final = 1 / 36
 """Part of a turn by which a heading may tremble back."""
 
@@ -153,20 +153,18 @@ class FalsePackets:
     def _measure(self) -> None:
         """Where enough have come, find how far the rotor usually turns."""
         latest = self._advances = self._advances[-MEASURED:]
-        total = sum(latest) if len(latest) == MEASURED else 0
-        self._closely = CLOSELY * total / MEASURED if total <= MEASURED * self._farthest else 0.0
+        known = len(latest) == MEASURED and max(latest) <= self._farthest
+        self._closely = CLOSELY * sum(latest) / MEASURED if known else 0.0
 
     def _judge(self, headings: Sequence[int], end: int) -> tuple[list[int], bool]:
         """Which of those before number `end` are false, and whether the last of all has to wait."""
         false = list[int]()
         for at, heading in enumerate(headings[:end]):
-            closely, last = self._closely, self._last
-            if closely and closely <= (heading - last) % self._full_turn < self._forwards:
+            ahead = (heading - self._last) % self._full_turn
+            if self._closely and self._closely <= ahead < self._forwards:
                 if at + 1 == len(headings):
                     return false, True
-                behind = headings[at + 1]
-                fits = (behind - last) % self._full_turn < closely
-                if fits and closely <= (behind - heading) % self._full_turn < self._forwards:
+                if (headings[at + 1] - self._last) % self._full_turn < min(ahead, self._full_turn // 2):
                     false.append(at)
                     continue
             self._accept(heading)

@@ -33,3 +33,19 @@ def test_what_comes_is_delivered_and_what_does_not_is_told(name: str, case: str,
     assert found.told == pytest.approx(found.missing, rel=0.08, abs=2)
     if case == "an outage of two turns":
         assert found.told_revolutions == found.missing_revolutions == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "case"),
+    [
+        ("0x85 S2", "40 % of the packets spoilt"),
+        ("0x85 S2", "2 % of the bytes lost"),
+        ("0x82 A2", "1 % of the bytes flipped"),
+    ],
+)
+def test_noise_that_passes_for_packets_is_not_told_as_gaps(name: str, case: str) -> None:
+    """Of eight check bits, one packet of 256 that are damaged passes."""
+    found = _scored(name, case, "read")
+    assert found.told == pytest.approx(found.missing, rel=0.004)
+    assert found.delivered <= found.revolutions
+    assert found.told_revolutions == found.missing_revolutions
