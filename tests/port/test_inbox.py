@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
+import struct
+import termios
 import threading
+import time
 import tty
 from collections.abc import Callable, Iterator
 
@@ -35,6 +39,11 @@ class Script:
 
     def inbox(self, late: Late | None = None) -> Inbox:
         return Inbox(-1, lambda: self.now, self.read, late)
+
+
+def _waiting(handle: int) -> int:
+    (count,) = struct.unpack("i", fcntl.ioctl(handle, termios.FIONREAD, bytes(4)))
+    return int(count)
 
 
 @pytest.fixture
@@ -171,10 +180,11 @@ def test_a_read_that_finds_the_buffer_full_is_counted() -> None:
         os.write(ours, bytes(1000))
         inbox.read()
         assert late.full_reads == 0
-        written = 0
-        with contextlib.suppress(BlockingIOError):
-            while written < 100_000:
-                written += os.write(ours, bytes(4096))
+        deadline = time.monotonic() + 10
+        # What was written reaches the other end a little later.
+        while _waiting(theirs) < FULL and time.monotonic() < deadline:
+            with contextlib.suppress(BlockingIOError):
+                os.write(ours, bytes(4096))
         inbox.read()
         assert late.full_reads == 1
     finally:
