@@ -18,6 +18,7 @@ from lidario.sim.faults import parse_faults
 from lidario.sim.rooms import make_world
 from tests.support.devices import Rig, discarded, left_still, make_rig, names, take
 from tests.support.loop import driven, run_driven
+from tests.support.session import inside_of
 
 TURNS_S = {"rplidar-a1": 60 / 428, "rplidar-a2": 0.1, "rplidar-a3": 0.1, "rplidar-c1": 0.1}
 models = pytest.mark.parametrize("model", TURNS_S)
@@ -281,7 +282,7 @@ async def test_a_session_that_is_abandoned_is_left_still(model: str) -> None:
     lidar = await rig.open()
     stream = lidar.scans()
     await anext(stream)
-    lidar._at.dialogue.abandon()
+    inside_of(lidar).dialogue.abandon()
     assert left_still(rig)
     await asyncio.sleep(0.1)
     await lidar.close()

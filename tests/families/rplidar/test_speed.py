@@ -12,6 +12,7 @@ from lidario.families.rplidar.speed import confirm
 from lidario.port.port import Port
 from tests.support.devices import Rig, left_still, make_rig, names, take
 from tests.support.loop import driven
+from tests.support.session import inside_of
 
 
 def rig_of(model: str = "rplidar-s2") -> Rig:
@@ -182,7 +183,7 @@ def test_a_line_without_a_speed_has_none_to_change() -> None:
     @driven
     async def main() -> None:
         async with rig.open() as lidar:
-            lidar._at.dialogue.port.baudrate = 0
+            inside_of(lidar).dialogue.port.baudrate = 0
             with pytest.raises(Unsupported, match="no speed"):
                 await lidar.set_baudrate(921_600)
 
