@@ -259,14 +259,14 @@ async def test_a_board_whose_responses_were_lost_is_found_when_no_packet_comes(
 ) -> None:
     rig = rig_of("rplidar-a2")
     lost = 2
-    flag = type(rig.device)._HANDLERS["get_acc_board_flag"]
+    flag = type(rig.device).HANDLERS["get_acc_board_flag"]
 
     def lose(device: object, request: object) -> str:
         nonlocal lost
         lost -= 1
         return "" if lost >= 0 else flag(device, request)
 
-    monkeypatch.setitem(type(rig.device)._HANDLERS, "get_acc_board_flag", lose)
+    monkeypatch.setitem(type(rig.device).HANDLERS, "get_acc_board_flag", lose)
     async with rig.open() as lidar:
         assert len(await lidar.scan()) > 1000
         assert lidar.stats.restarts == 1

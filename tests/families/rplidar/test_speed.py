@@ -88,7 +88,7 @@ def test_old_firmware_is_not_asked(model: str) -> None:
 
 def test_a_device_that_does_not_follow_is_reached_at_the_speed_before(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = rig_of()
-    monkeypatch.setattr(rig.device._speed, "hear", lambda data, now: b"")
+    monkeypatch.setattr(rig.device.line_speed, "hear", lambda data, now: b"")
 
     @driven
     async def main() -> None:
@@ -150,14 +150,14 @@ def test_one_that_falls_silent_after_the_confirmation_is_told() -> None:
     @driven
     async def main() -> None:
         async with rig.open() as lidar:
-            confirmed = rig.device._speed.confirm
+            confirmed = rig.device.line_speed.confirm
 
             def forgets(payload: bytes) -> str:
                 confirmed(payload)
                 rig.device.mute = True
                 return ""
 
-            rig.device._speed.confirm = forgets
+            rig.device.line_speed.confirm = forgets
             with pytest.raises(ResponseTimeout):
                 await lidar.set_baudrate(921_600)
 
