@@ -234,7 +234,7 @@ async def test_one_that_stays_unplugged_is_not_opened_again(via: str, monkeypatc
     """Its name or address is free then, and the system gives it to the next one who asks."""
     simulation = Simulation(parse_source(f"sim://rplidar-s2?via={via}"), lasting=True)
     port = await simulation.open()
-    server = simulation._server
+    server = simulation.server
     assert server is not None
     server.unplug()
     await port.close()
