@@ -115,7 +115,7 @@ class Assembler:
                 # Those behind a beginning or a gap teach what others are measured by. A block has one offset.
                 together = self._by_blocks and self._next_offset_deg is None
                 if together and is_ready(self._stream, self.partial, self._clock):
-                    block = self._add_block(event, offsets, splits[done:], kept)
+                    block = self.add_block(event, offsets, splits[done:], kept)
                     if block:
                         kept = splits[-1].packet
                         yield block
@@ -147,7 +147,7 @@ class Assembler:
         self._keep_time()
         return scan
 
-    def _add_block(self, event: Packets, offsets: Sequence[int], splits: Sequence[Split], begin: int) -> list[Scan]:
+    def add_block(self, event: Packets, offsets: Sequence[int], splits: Sequence[Split], begin: int) -> list[Scan]:
         """All revolutions up to the last split, decoded at once; none where something may be missing."""
         block = decode_block(
             self._stream,
