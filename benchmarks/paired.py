@@ -189,7 +189,7 @@ def compare_live(old: Checkout, new: Checkout, rounds: int, window_s: float, rat
             for number in range(rounds):
                 for each in (old, new) if number % 2 else (new, old):
                     found[each].append(_read(each, rate, player, window_s))
-        table.rows.append(_live_row(rate, found[old], found[new]))
+        table.rows.append(live_row(rate, found[old], found[new]))
     table.notes.append(
         f"each {rounds} times for {window_s:g} s, by turns; pairs are old, new; medians, delays of all scans"
     )
@@ -217,7 +217,7 @@ def _read(checkout: Checkout, rate: str, player: Player, window_s: float) -> dic
     return got | {"late": late_by(arrivals[5:], turns), "lost": lost_scans(arrivals, turns)}
 
 
-def _live_row(rate: str, old: list[dict[str, Any]], new: list[dict[str, Any]]) -> list[str]:
+def live_row(rate: str, old: list[dict[str, Any]], new: list[dict[str, Any]]) -> list[str]:
     def both(digits: int, of: Any) -> str:
         return ", ".join(f"{of(rounds):.{digits}f}" for rounds in (old, new))
 

@@ -36,7 +36,7 @@ _IDLE_S = 0.05
 _READ = 4096
 
 
-class _Played:
+class Played:
     """One device on one pseudo-terminal."""
 
     def __init__(self, rate: Rate, delivery: int, every_ns: int, speed: int, holds: int) -> None:
@@ -47,15 +47,15 @@ class _Played:
         self._every_ns = every_ns
         self._recording: Recording = recording(rate.kind)
         self._bytes_per_s = len(self._recording.loop) * speed
-        self.master, self._slave = os.openpty()
-        tty.setraw(self._slave)
+        self.master, self.slave = os.openpty()
+        tty.setraw(self.slave)
         os.set_blocking(self.master, False)
-        self.path = os.ttyname(self._slave)
+        self.path = os.ttyname(self.slave)
         self.renew()
 
     def renew(self) -> None:
         """Begin again with a device that knows nothing."""
-        termios.tcflush(self._slave, termios.TCIOFLUSH)
+        termios.tcflush(self.slave, termios.TCIOFLUSH)
         self._device: Any = self._rate.kind.device()
         self._said = b""
         self._source = b""
@@ -115,7 +115,7 @@ class _Played:
                 data = data[: at + len(descriptor) - len(self._said)]
                 self._begin(now)
             self._said = said[1 - len(descriptor) :]
-        self._write(data)
+        self.write(data)
 
     def _begin(self, now: int) -> None:
         self.playing = True
@@ -133,7 +133,7 @@ class _Played:
             piece = self._piece(step)
             ready -= len(piece)
             self.written += len(piece)
-            self._write(piece)
+            self.write(piece)
 
     @property
     def hungry(self) -> bool:
@@ -164,11 +164,12 @@ class _Played:
                 piece += self._piece(size - len(piece))
         return piece
 
-    def _write(self, data: bytes) -> None:
+    def write(self, data: bytes) -> None:
+        """Send it, as far as the line holds it; the rest is lost."""
         if self._holds:
             # What stands in the terminal's own buffer, of which the kernel keeps one byte free; what is still on
             # its way there takes microseconds.
-            (unread,) = struct.unpack("i", fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4)))
+            (unread,) = struct.unpack("i", fcntl.ioctl(self.slave, termios.FIONREAD, bytes(4)))
             room = max(0, self._holds - 1 - unread)
             self.lost += len(data) - len(data[:room])
             data = data[:room]
@@ -178,7 +179,7 @@ class _Played:
             self.lost += len(data)
 
 
-def _report(played: list[_Played], cpu: float) -> dict[str, Any]:
+def _report(played: list[Played], cpu: float) -> dict[str, Any]:
     return {
         "turns": [each.turns for each in played],
         "lost_bytes": [each.lost for each in played],
@@ -208,7 +209,7 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     every_ns = round(options.every * 1e9)
     rate = RATES[options.rate]
-    played = [_Played(rate, options.delivery, every_ns, options.speed, options.holds) for _ in range(options.count)]
+    played = [Played(rate, options.delivery, every_ns, options.speed, options.holds) for _ in range(options.count)]
     print(json.dumps([each.path for each in played]), flush=True)
     by_handle = {each.master: each for each in played}
     handles = [0, *by_handle]

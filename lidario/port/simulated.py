@@ -65,6 +65,9 @@ class Simulation:
         lasting: Whether it goes on until `end` while ports to it are closed and opened again. Else it ends with its
             only port, or when that cannot be opened.
 
+    Attributes:
+        server: What serves it; None in memory.
+
     Raises:
         ConnectFailed: The source is no good.
     """
@@ -73,17 +76,17 @@ class Simulation:
         self._name = source.text
         self._ended = not lasting
         self._device, self._faults = make_device(source)
-        self._server: PtyServer | TcpServer | UdpServer | None = None
+        self.server: PtyServer | TcpServer | UdpServer | None = None
         self._ports = 0
         way = _way(source)
         if "via" not in source.options and way != "memory" and is_network(self._device):
             way = "udp"
         if way == "pty":
-            self._server = PtyServer(self._device, faults=self._faults)
+            self.server = PtyServer(self._device, faults=self._faults)
         elif way == "tcp":
-            self._server = TcpServer(self._device, faults=self._faults)
+            self.server = TcpServer(self._device, faults=self._faults)
         elif way == "udp":
-            self._server = UdpServer(self._device, faults=self._faults)
+            self.server = UdpServer(self._device, faults=self._faults)
 
     async def open(self) -> Port:
         """Open a line to it.
@@ -92,7 +95,7 @@ class Simulation:
             ConnectFailed: The line could not be opened.
             DeviceLost: The simulated device failed already.
         """
-        server = self._server
+        server = self.server
         if server is None:
             return connect_in_memory(self._device, self._faults, name=self._name)
         if server.unplugged:
@@ -126,8 +129,8 @@ class Simulation:
             RuntimeError: The device failed; the error is the cause.
         """
         self._ended = True
-        if not self._ports and self._server is not None:
-            self._server.close()
+        if not self._ports and self.server is not None:
+            self.server.close()
 
     def _closed(self) -> None:
         self._ports -= 1
@@ -136,7 +139,7 @@ class Simulation:
 
     def _why_lost(self) -> DeviceLost | None:
         """The error of the device, if there was one. A server that goes on may be plugged in again."""
-        server = self._server
+        server = self.server
         if server is None or not (self._ended or server.unplugged):
             return None
         try:
@@ -223,7 +226,7 @@ class _MemoryTransport(Line):
         try:
             self._line.write(data, now)
         except Exception as error:
-            self._end(_failed(self._port.name, error))
+            self.end(_failed(self._port.name, error))
         else:
             self._arm(now)
 
@@ -238,10 +241,10 @@ class _MemoryTransport(Line):
         self._arm(now)
 
     def close(self) -> None:
-        self._end(None)
+        self.end(None)
 
     def abort(self) -> None:
-        self._end(None)
+        self.end(None)
 
     def write_without_loop(self, data: bytes) -> None:
         if self._closing:
@@ -250,7 +253,7 @@ class _MemoryTransport(Line):
             self._line.write(data, self._port.now())
         except Exception as error:
             if not self._loop.is_closed():
-                self._end(_failed(self._port.name, error))
+                self.end(_failed(self._port.name, error))
 
     def close_without_loop(self) -> None:
         self._closing = True
@@ -265,7 +268,7 @@ class _MemoryTransport(Line):
         try:
             due = self._line.wakeup(now)
         except Exception as error:
-            self._end(_failed(self._port.name, error))
+            self.end(_failed(self._port.name, error))
             return
         if due is not None:
             self._timer = self._loop.call_at(max(due, now + round(_TICK_S * 1e9)) * 1e-9, self._deliver)
@@ -279,16 +282,17 @@ class _MemoryTransport(Line):
             data = self._line.read(now)
             unplugged = self._line.unplugged(now)
         except Exception as error:
-            self._end(_failed(self._port.name, error))
+            self.end(_failed(self._port.name, error))
             return
         if unplugged:
-            self._end(OSError("the line was unplugged"))
+            self.end(OSError("the line was unplugged"))
             return
         if data:
             self._port.data_received(data)
         self._arm(now)
 
-    def _end(self, error: Exception | None) -> None:
+    def end(self, error: Exception | None) -> None:
+        """Have the port told that the line is gone; harmless when done before."""
         if self._closing:
             return
         self._closing = True

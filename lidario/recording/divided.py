@@ -50,7 +50,7 @@ class _Mark(NamedTuple):
     seq: int
 
 
-class _Joined(NamedTuple):
+class Joined(NamedTuple):
     """Which span is gone on with, from which byte of its file on, and what is added to its numbers."""
 
     span: int
@@ -122,7 +122,7 @@ def _end_with_parent(folder: Path | None) -> None:
 
 
 def _in_order(
-    division: _Division[T], others: dict[int, Future[_Joined | None]], renumbered: Callable[[T, int], T]
+    division: _Division[T], others: dict[int, Future[Joined | None]], renumbered: Callable[[T, int], T]
 ) -> Iterator[T]:
     span, shift = _Span(division, 0, others), 0
     yield from span.made()
@@ -136,7 +136,7 @@ def _in_order(
         joined = others[joined.span].result()
 
 
-def _spooled(file: IO[bytes], others: dict[int, Future[_Joined | None]], number: int) -> Iterator[bytes]:
+def _spooled(file: IO[bytes], others: dict[int, Future[Joined | None]], number: int) -> Iterator[bytes]:
     """What another process has written and writes, to its end; raises what any of them raises."""
     while True:
         begin, has_ended = file.tell(), others[number].done()
@@ -154,7 +154,7 @@ def _spooled(file: IO[bytes], others: dict[int, Future[_Joined | None]], number:
         time.sleep(_POLL_S)
 
 
-def _check(other: Future[_Joined | None]) -> None:
+def _check(other: Future[Joined | None]) -> None:
     """Raise what a process that has ended raises."""
     try:
         other.result()
@@ -162,7 +162,7 @@ def _check(other: Future[_Joined | None]) -> None:
         raise CannotRecord("a process that decodes a part of it was killed: is memory short?") from None
 
 
-def _spool(division: _Division[Any], number: int) -> _Joined | None:
+def _spool(division: _Division[Any], number: int) -> Joined | None:
     """Write what is made of a span to a file; returns what is gone on with behind it. Runs in any process."""
     with open(division.folder / str(number), "wb") as file:
         span = _Span(division, number, {}, file.tell)
@@ -180,10 +180,10 @@ class _Span(Generic[T]):
         self,
         division: _Division[T],
         number: int,
-        others: dict[int, Future[_Joined | None]],
+        others: dict[int, Future[Joined | None]],
         written: Callable[[], int] = int,
     ) -> None:
-        self.joined: _Joined | None = None
+        self.joined: Joined | None = None
         self._division, self._number, self._others, self._written = division, number, others, written
         self._decoder = FileDecoder(division.recording.path, recording=division.recording)
         self._decoder.filters = division.filters
@@ -219,7 +219,7 @@ class _Span(Generic[T]):
         mark = self._marks_of(self._next).get(place)
         if mark is None or mark.held != hold():
             return False
-        self.joined = _Joined(self._next, mark.written, self._seq - mark.seq)
+        self.joined = Joined(self._next, mark.written, self._seq - mark.seq)
         return True
 
     @property

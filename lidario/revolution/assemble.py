@@ -46,6 +46,7 @@ class Assembler:
 
     Attributes:
         incoming: What comes; it knows how long a sample takes.
+        partial: The revolution that goes on.
     """
 
     def __init__(
@@ -64,7 +65,7 @@ class Assembler:
         self._seam = Seam(stream.format.full_turn, stream.format.first_seam)
         self._endless_ns = _ENDLESS_TURNS * 1e9 * stream.slowest_turn_s
         self._most_bytes = stream.most_bytes
-        self._partial = PartialRevolution(whole=False)
+        self.partial: PartialRevolution = PartialRevolution(whole=False)
         self._clock = RevolutionClock(1e9 * stream.slowest_turn_s)
         self._last_spanned_ns = 0.0
         self._by_blocks = True
@@ -113,8 +114,8 @@ class Assembler:
                 left = 1
                 # Those behind a beginning or a gap teach what others are measured by. A block has one offset.
                 together = self._by_blocks and self._next_offset_deg is None
-                if together and is_ready(self._stream, self._partial, self._clock):
-                    block = self._add_block(event, offsets, splits[done:], kept)
+                if together and is_ready(self._stream, self.partial, self._clock):
+                    block = self.add_block(event, offsets, splits[done:], kept)
                     if block:
                         kept = splits[-1].packet
                         yield block
@@ -146,11 +147,11 @@ class Assembler:
         self._keep_time()
         return scan
 
-    def _add_block(self, event: Packets, offsets: Sequence[int], splits: Sequence[Split], begin: int) -> list[Scan]:
+    def add_block(self, event: Packets, offsets: Sequence[int], splits: Sequence[Split], begin: int) -> list[Scan]:
         """All revolutions up to the last split, decoded at once; none where something may be missing."""
         block = decode_block(
             self._stream,
-            self._partial,
+            self.partial,
             event,
             offsets,
             splits,
@@ -166,7 +167,7 @@ class Assembler:
         last.number = stats.scans + stats.missed_scans + len(block.revolutions) - 1
         last.packets_before = stats.all_packets + block.packets - last.packets
         self._clock.settle(last)
-        self._partial = block.next
+        self.partial = block.next
         self._last_spanned_ns = block.revolutions[-1].spanned_ns
         self.stats.unfinished_packets += block.packets
         self.stats.finish(self.stats.unfinished_packets, delivered=True)
@@ -191,23 +192,22 @@ class Assembler:
 
     def _discard(self) -> None:
         """What is missing in the revolution in the making is counted all the same."""
-        if (packets := self._partial.packets()) is not None:
+        if (packets := self.partial.packets()) is not None:
             self.stats.lost_packets += self._stream.decoder.decode(packets, None).lost
         self.stats.finish(self.stats.unfinished_packets, delivered=False)
-        self._partial = PartialRevolution(whole=False)
+        self.partial = PartialRevolution(whole=False)
 
     def _part(self, packets: Packets, begin: int, end: int, offsets: Sequence[int] | None = None) -> Packets:
         return part_of(packets, begin, end, offsets, self._stream.format, self._stream.sample_ns)
 
     def _keep(self, packets: Packets) -> None:
         """Add packets to the revolution in the making."""
-        partial = self._partial
+        partial = self.partial
         partial.runs.append(packets)
         partial.size += len(packets.data)
         count, received_ns = packets.arrivals[-1]
         self.stats.unfinished_packets += count
-        lasts_ns = received_ns - partial.runs[0].arrivals[0][1]
-        if lasts_ns > self._endless_ns or partial.size > self._most_bytes:
+        if received_ns - partial.runs[0].arrivals[0][1] > self._endless_ns or partial.size > self._most_bytes:
             # It will never end as it should. Time alone is no bound: peers and files say what time it is.
             if partial.whole:
                 self.stats.break_scan()
@@ -216,8 +216,8 @@ class Assembler:
 
     def _end(self, split: Split, following: bytes) -> Scan | None:
         """End the revolution in the making before the packet `following`, and begin the next."""
-        partial = self._partial
-        self._partial = PartialRevolution(whole=not split.broken, moved=split.moved, seam=split.seam)
+        partial = self.partial
+        self.partial = PartialRevolution(whole=not split.broken, moved=split.moved, seam=split.seam)
         ended = self._ended(partial, split, following)
         if ended is None:
             return None
@@ -245,7 +245,7 @@ class Assembler:
             samples = self._decode(partial, packets, split, following, room)
             self.incoming.measure(samples, packets)
             self.stats.lost_packets += samples.lost
-            self._partial.behind_gap = samples.lost_behind > 0 or not samples.certain
+            self.partial.behind_gap = samples.lost_behind > 0 or not samples.certain
             lost += samples.lost
             here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
             if arrays is not None:
@@ -256,7 +256,7 @@ class Assembler:
                 lost += revoked
             crossed = room + samples.before_seam
             if crossed < len(here.angle):
-                self._partial.carry(here.part(crossed), partial.last_ns, samples)
+                self.partial.carry(here.part(crossed), partial.last_ns, samples)
                 lost -= samples.lost_behind
             if samples.gaps or lost:
                 gaps = partial.gaps(samples, room, crossed, revoked=bool(revoked))
@@ -312,7 +312,7 @@ class Assembler:
         """Count a revolution; return what it took, NaN when unknown; None where it makes no scan."""
         partial, packets, samples, wire = ended.partial, ended.packets, ended.samples, self._stream.format
         if samples is not None:
-            ended.spanned_ns += ended.missing_samples(gap_behind=self._partial.carried is None) * ended.sample_ns
+            ended.spanned_ns += ended.missing_samples(gap_behind=self.partial.carried is None) * ended.sample_ns
             ordinary_ns = self._last_spanned_ns or ended.spanned_ns
         broken = ended.is_broken(ordinary_ns)
         if partial.whole and self._told_seq is None and self._ended_at is not None:

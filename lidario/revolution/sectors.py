@@ -100,7 +100,7 @@ class SectorAssembler(Assembler):
     @property
     def keeps_offset(self) -> bool:
         """As `Assembler.keeps_offset`: where sectors of it may have been handed out."""
-        return self._divided is not None and self._divided.partial is self._partial
+        return self._divided is not None and self._divided.partial is self.partial
 
     def set_zero_offset(self, degrees: float, *, behind: bool = False) -> None:
         """As `Assembler.set_zero_offset`; a revolution of which sectors were handed out keeps the one before."""
@@ -114,14 +114,14 @@ class SectorAssembler(Assembler):
 
     def _keep(self, packets: Packets) -> None:
         super()._keep(packets)
-        if self._divided is None or self._divided.partial is not self._partial:
+        if self._divided is None or self._divided.partial is not self.partial:
             self._divided = self._begin(packets)
         if self._divided is not None:
             self._follow(self._divided, packets)
 
     def _begin(self, packets: Packets) -> DividedRevolution | None:
         """A revolution may begin with these packets; None where it does not, or is not to be divided."""
-        partial, wire = self._partial, self._stream.format
+        partial, wire = self.partial, self._stream.format
         # Where the angles are not certain, samples that were carried over may still be dropped.
         sure = partial.whole and not partial.moved and not partial.carried_packets and len(partial.runs) == 1
         if not self._parts or not sure or partial.seam is None or not self._sample_time_ns:

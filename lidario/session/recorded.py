@@ -31,6 +31,10 @@ class RecordedSession:
         scanner: Makes the scans, and knows the health of the device.
         source: What was opened.
         filters: What every scan passes, of the settings.
+
+    Attributes:
+        sends_bytes: Whether the device sends bytes that can be kept; else whole scans arrive.
+        running: The recordings that are handed everything.
     """
 
     def __init__(self, at: At, scanner: Scanner, source: str, filters: tuple[Filter, ...] = ()) -> None:
@@ -39,7 +43,7 @@ class RecordedSession:
         self._scanner = scanner
         self._source = source
         self._filters = filters
-        self._running: dict[Recording, _Watcher] = {}
+        self.running: dict[Recording, _Watcher] = {}
 
     def begin_recording(self, recording: Recording) -> About:
         """Hand every chunk, event and scan to `recording` from now on; returns what stands at the beginning."""
@@ -47,7 +51,7 @@ class RecordedSession:
         # What was read and not parsed yet belongs to the time before.
         dialogue.port.poll()
         about = about_now(dialogue, self._at.info, self._scanner.inquiry.health, self._source)
-        watcher = self._running[recording] = _Watcher(recording, dialogue, self._filters)
+        watcher = self.running[recording] = _Watcher(recording, dialogue, self._filters)
         dialogue.chronicle.watch(watcher.see)
         dialogue.port.add_tap(watcher.see_chunk)
         self._scanner.watch(watcher.see_scan)
@@ -55,7 +59,7 @@ class RecordedSession:
 
     def end_recording(self, recording: Recording) -> None:
         """Hand it no more; harmless when done before."""
-        watcher = self._running.pop(recording, None)
+        watcher = self.running.pop(recording, None)
         if watcher is not None:
             self._at.dialogue.chronicle.unwatch(watcher.see)
             self._at.dialogue.port.remove_tap(watcher.see_chunk)
@@ -63,13 +67,13 @@ class RecordedSession:
 
     def adopt(self) -> None:
         """The session goes on over another line, which has the taps of the lost one, and so do its recordings."""
-        for watcher in self._running.values():
+        for watcher in self.running.values():
             watcher.change_line(self._at.dialogue)
             self._at.dialogue.chronicle.watch(watcher.see)
 
     async def close(self) -> None:
         """End every recording of the session, and return when the files are complete."""
-        for recording in tuple(self._running):
+        for recording in tuple(self.running):
             await recording.close()
 
 

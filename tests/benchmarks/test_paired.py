@@ -99,6 +99,6 @@ def test_a_checkout_that_cannot_decode_is_named(tmp_path: Path) -> None:
 def test_live_figures_of_both_stand_beside_each_other() -> None:
     old = [{"cpu": 0.02, "wakeups": 30.0, "late": [1.0, 3.0], "lost": 0}] * 2
     new = [{"cpu": 0.01, "wakeups": 20.0, "late": [2.0, 2.0], "lost": 1}] * 2
-    assert paired._live_row("S2", old, new) == [
+    assert paired.live_row("S2", old, new) == [
         "S2", "0.50", "2.00, 1.00", "30, 20", "2.00, 2.00", "3.00, 2.00", "0, 2",
     ]  # fmt: skip

@@ -16,12 +16,12 @@ def unread(handle: int) -> int:
 
 
 def test_a_line_that_holds_4_kib_loses_what_is_beyond() -> None:
-    played = player._Played(RATES["S2 DenseBoost"], 64, 0, 1, holds=4096)
+    played = player.Played(RATES["S2 DenseBoost"], 64, 0, 1, holds=4096)
     slave = os.open(played.path, os.O_RDWR | os.O_NOCTTY)
     try:
         written = 0
         for _ in range(100):
-            played._write(bytes(64))
+            played.write(bytes(64))
             written += 64
             deadline = time.monotonic() + 20
             # The kernel carries bytes from one end to the other in a thread of its own.
@@ -30,5 +30,5 @@ def test_a_line_that_holds_4_kib_loses_what_is_beyond() -> None:
         assert unread(slave) == 4095
         assert played.lost == written - 4095
     finally:
-        for handle in (slave, played._slave, played.master):
+        for handle in (slave, played.slave, played.master):
             os.close(handle)

@@ -45,8 +45,8 @@ class OddMotor(Motor):
 def with_motor(device: Any, motor: Motor) -> Any:
     """The device, with another motor."""
     device._motor = motor
-    if hasattr(device, "_drive"):
-        device._drive._motor = motor
+    if hasattr(device, "drive"):
+        device.drive._motor = motor
     return device
 
 
@@ -79,7 +79,7 @@ def with_mode(**changes: Any) -> Any:
 
 
 def patched(device: Any, name: str, value: Any) -> Any:
-    """A device, or a part of it as in ``_drive.set_speed``, one of whose attributes is another one."""
+    """A device, or a part of it as in ``drive.set_speed``, one of whose attributes is another one."""
     *path, last = name.split(".")
     part = device
     for each in path:
@@ -90,15 +90,15 @@ def patched(device: Any, name: str, value: Any) -> Any:
 
 def changes_serial(device: Any) -> Any:
     """Its serial number is another one from the fifth question on."""
-    respond, asked = device._identity.respond, [0]
+    respond, asked = device.identity.respond, [0]
 
     def other(request: Any, *rest: Any) -> Any:
         asked[0] += request.name == "get_info"
         if asked[0] == 5:
-            device._identity = Identity(bytes(range(16)))
-        return respond(request, *rest) if asked[0] < 5 else device._identity.respond(request, *rest)
+            device.identity = Identity(bytes(range(16)))
+        return respond(request, *rest) if asked[0] < 5 else device.identity.respond(request, *rest)
 
-    return patched(device, "_identity.respond", other)
+    return patched(device, "identity.respond", other)
 
 
 def another_after_reset(device: Any) -> Any:
@@ -107,7 +107,7 @@ def another_after_reset(device: Any) -> Any:
 
     def other(now: int, up: int) -> None:
         restart(now, up)
-        device._identity = Identity(bytes(16))
+        device.identity = Identity(bytes(16))
 
     return patched(device, "_restart", other)
 
@@ -125,26 +125,26 @@ def dead_standard(device: Any) -> Any:
 
 def motor_goes_on(device: Any) -> Any:
     """Speed 0 does not switch its motor off."""
-    set_speed = device._drive.set_speed
-    return patched(device, "_drive.set_speed", lambda rpm, now: set_speed(rpm, now) if rpm else None)
+    set_speed = device.drive.set_speed
+    return patched(device, "drive.set_speed", lambda rpm, now: set_speed(rpm, now) if rpm else None)
 
 
 def slow_later(device: Any) -> Any:
     """It responds after 0.7 s, from the third time on that it is asked what it is."""
-    respond, asked = device._identity.respond, [0]
+    respond, asked = device.identity.respond, [0]
 
     def other(request: Any, *rest: Any) -> Any:
         asked[0] += request.name == "get_info"
         device.response_delay_s = 0.0015 if asked[0] < 3 else 0.7
         return respond(request, *rest)
 
-    return patched(device, "_identity.respond", other)
+    return patched(device, "identity.respond", other)
 
 
 def no_speed(device: Any) -> Any:
     """It can be switched on and off only."""
-    set_speed = device._drive.set_speed
-    return patched(device, "_drive.set_speed", lambda rpm, now: set_speed(600 if rpm else 0, now))
+    set_speed = device.drive.set_speed
+    return patched(device, "drive.set_speed", lambda rpm, now: set_speed(600 if rpm else 0, now))
 
 
 def alive_for(seconds: float) -> Any:
@@ -154,7 +154,7 @@ def alive_for(seconds: float) -> Any:
 
     def other(now: int) -> None:
         scan(now)
-        device._alive_until = now + int(seconds * 1e9)
+        device.alive_until = now + int(seconds * 1e9)
 
     return patched(device, "_scan", other)
 

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -44,7 +45,7 @@ async def test_leaving_a_router_that_does_not_respond_is_bounded(monkeypatch: py
 
 
 @pytest.mark.parametrize("file", ["", '{mode: "peer", scouting: {multicast: {enabled: true}}}'], ids=["", "a file"])
-def test_only_the_router_that_was_named_is_connected_to(
+async def test_only_the_router_that_was_named_is_connected_to(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, file: str
 ) -> None:
     """Whatever the environment names as configuration."""
@@ -52,7 +53,10 @@ def test_only_the_router_that_was_named_is_connected_to(
     if file:
         (tmp_path / "zenoh.json5").write_text(file)
         monkeypatch.setenv("ZENOH_CONFIG", str(tmp_path / "zenoh.json5"))
-    config: Any = under_test._config(__import__("zenoh"), ROUTER)
+    opened = Mock(return_value=Session())
+    monkeypatch.setattr("zenoh.open", opened)
+    await Bus.open(ROUTER)
+    (config,) = opened.call_args.args
     assert config.get_json("mode") == '"client"'
     assert config.get_json("connect/endpoints") == f'["{ROUTER}"]'
     assert config.get_json("scouting/multicast/enabled") == "false"

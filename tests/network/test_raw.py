@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,6 +33,11 @@ from tests.test_model import FOUR
 MODELS = ("rplidar-s2", "ydlidar-4ros", "ldrobot-ld06")
 
 
+def feed_of(share: Share) -> Any:
+    """What is told what the device sends, of a share of raw bytes."""
+    return share._raw
+
+
 class Sent:
     """What a publisher of raw bytes sends, and the scans that its own session made of them."""
 
@@ -45,15 +51,15 @@ class Sent:
         async with lidario.open_lidar(lidario.simulate(model, spin_up=0)) as lidar:
             share = Share(lidar, "a", raw=True)
             share._outlet = Outlet(self, bytes(16))  # type: ignore[arg-type]
-            assert share._raw is not None
-            share._raw.begin()
+            feed = feed_of(share)
+            feed.begin()
             async with lidar.scans() as scans:
                 async for scan in scans:
                     self.scans.append(scan)
                     self.status = Status.of(share.status().to_bytes(whole=False))
                     if len(self.scans) == count:
                         break
-            share._raw.end()
+            feed.end()
             self.offset_ns = round(self.scans[0].wall_stamp_ns - self.scans[0].stamp_ns)
 
     def put(self, payload: bytes, attachment: bytes) -> bool:
@@ -245,10 +251,10 @@ def test_what_was_read_at_once_is_sent_in_messages_that_are_taken() -> None:
         async with lidario.open_lidar(lidario.simulate("rplidar-s2", spin_up=0)) as lidar:
             share = Share(lidar, "a", raw=True)
             share.send_raw = lambda entries: sent.append(encode_raw_message(entries))  # type: ignore[method-assign]
-            assert share._raw is not None
-            share._raw.begin()
-            share._raw.see_chunk("in", bytes(range(256)) * 4096, 7)
-            share._raw.end()
+            feed = feed_of(share)
+            feed.begin()
+            feed.see_chunk("in", bytes(range(256)) * 4096, 7)
+            feed.end()
 
     run_driven(run)
     entries = [parse_raw_message(message) for message in sent]

@@ -110,9 +110,9 @@ async def test_two_tasks_that_read_one_fleet_are_told(monkeypatch: pytest.Monkey
         results = await asyncio.gather(anext(fleet), anext(fleet), return_exceptions=True)
         assert [type(each) for each in results] == [FleetScan, Busy]
         # Cancelling loses none.
-        waiting = len(fleet._scans)
         reading = asyncio.ensure_future(anext(fleet))
         await asyncio.sleep(0)
         reading.cancel()
         await asyncio.wait([reading])
-        assert len(fleet._scans) >= waiting
+        await fleet.close()
+        assert len([each async for each in fleet]) == LIDARS - 1

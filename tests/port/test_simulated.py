@@ -21,6 +21,7 @@ from lidario.source import parse_source
 from tests.support.devices import both_families, make_rig
 from tests.support.loop import driven, run_driven
 from tests.support.ports import PATIENCE_S, Sink, open_files
+from tests.support.session import inside_of
 
 
 class Mistake(Exception):
@@ -174,7 +175,7 @@ async def test_abandoned_in_memory_the_device_gets_the_stop_requests() -> None:
     rig = make_rig("rplidar")
     lidar = await open_lidar(rig.device)
     await anext(lidar.scans())
-    port = lidar._at.dialogue.port
+    port = inside_of(lidar).dialogue.port
     assert rig.device.scanning
     port.abandon(b"\xa5\x25")
     assert not rig.device.scanning
@@ -233,7 +234,7 @@ async def test_one_that_stays_unplugged_is_not_opened_again(via: str, monkeypatc
     """Its name or address is free then, and the system gives it to the next one who asks."""
     simulation = Simulation(parse_source(f"sim://rplidar-s2?via={via}"), lasting=True)
     port = await simulation.open()
-    server = simulation._server
+    server = simulation.server
     assert server is not None
     server.unplug()
     await port.close()

@@ -23,7 +23,7 @@ from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.thread import ReadingThread, Watched, reading_thread
 from tests.port.test_thread import Steady, block_until_read, threads
-from tests.support.interrupt import StartedThreads, interrupted_at_call
+from tests.support.interrupt import StartedThreads, as_if_running, interrupted_at_call
 from tests.support.ports import PATIENCE_S, Sink, terminal_pair
 
 pytestmark = pytest.mark.usefixtures("quick_collection")
@@ -137,9 +137,8 @@ def test_ctrl_c_at_every_call_of_a_blocking_call() -> None:
             made: list[object] = []
             discarded: list[object] = []
             coroutine = run_in_thread(partial(make, made), discarded.append)
-            asyncio._set_running_loop(loop)
-            place = interrupted_at_call(number, partial(coroutine.send, None))
-            asyncio._set_running_loop(None)
+            with as_if_running(loop):
+                place = interrupted_at_call(number, partial(coroutine.send, None))
             started.all_ended(place)
             # What the thread has told the loop.
             loop.run_until_complete(asyncio.sleep(0))

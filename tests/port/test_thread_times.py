@@ -101,11 +101,20 @@ def test_a_port_that_the_loop_reads_all_the_time_is_left_to_it() -> None:
     assert clock.reads == []
 
 
+def thread_of(clock: Clock, *ports: Watched) -> ReadingThread:
+    """One that serves these ports, and was not started."""
+    thread = ReadingThread(lambda: clock.now)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("lidario.port.thread.start_thread", lambda *_: None)
+        for each in ports:
+            thread.add(each)
+    return thread
+
+
 def test_ports_that_are_due_soon_are_read_together() -> None:
     clock = Clock()
     first, second = clock.watched(0.04), clock.watched(0.042)
-    thread = ReadingThread(lambda: clock.now)
-    thread._ports += [first, second]  # without starting it
+    thread = thread_of(clock, first, second)
     thread.serve()
     clock.now += 0.04
     thread.serve()
@@ -138,8 +147,7 @@ def test_an_error_is_told_and_tried_again() -> None:
 def test_lateness_is_remembered_for_a_while() -> None:
     clock = Clock()
     watched = clock.watched(0.04)
-    thread = ReadingThread(lambda: clock.now)
-    thread._ports += [watched]  # without starting it
+    thread = thread_of(clock, watched)
     thread.serve()
     clock.now += 0.05
     thread.note_lateness(0.012)

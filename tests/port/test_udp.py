@@ -177,7 +177,7 @@ async def test_abandoned_writes_the_stop_requests(peer: socket.socket) -> None:
 async def test_an_ethernet_model_is_simulated_by_udp() -> None:
     async with asyncio.timeout(PATIENCE_S), open_lidar("sim://rplidar-t1") as lidar:
         assert lidar.info.model == "RPLIDAR T1M1"
-        assert lidar._at.dialogue.port.baudrate == 0
+        assert lidar.baudrate == 0
         assert (await lidar.scan()).mode == "DenseBoost"
 
 

@@ -215,7 +215,7 @@ def test_garbage_is_passed_over_without_a_look_at_each_byte(
 ) -> None:
     """Trying every place by hand took 3 to 9 us a byte, up to 74 % of a core."""
     tried: list[int] = []
-    find, steps = NodeFormat._find_step, chains.chain_steps
+    find, steps = NodeFormat.find_step, chains.chain_steps
 
     def find_counted(self: NodeFormat, data: bytearray, at: int) -> int | None:
         tried.append(at)
@@ -225,7 +225,7 @@ def test_garbage_is_passed_over_without_a_look_at_each_byte(
         tried.append(at)
         return steps(data, at, length, mark)
 
-    monkeypatch.setattr(NodeFormat, "_find_step", find_counted)
+    monkeypatch.setattr(NodeFormat, "find_step", find_counted)
     monkeypatch.setattr(chains, "chain_steps", steps_counted)
     case = CASES_81[0]
     garbage = GARBAGE[what](case.raw[20_000:80_000])

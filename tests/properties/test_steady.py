@@ -63,7 +63,7 @@ def made(
     with pytest.MonkeyPatch.context() as patch:
         if not by_blocks:
             patch.setattr(assemble, "is_ready", lambda *_: False)
-        add_block = Assembler._add_block
+        add_block = Assembler.add_block
 
         def counted(self: Assembler, *args: object) -> list[Scan]:
             nonlocal blocks
@@ -71,7 +71,7 @@ def made(
             blocks += bool(found)
             return found
 
-        patch.setattr(Assembler, "_add_block", counted)
+        patch.setattr(Assembler, "add_block", counted)
         now = 0
         for number, at in enumerate(range(0, len(data), chunk)):
             # What comes behind what is late is not read before it.

@@ -46,7 +46,7 @@ CHANGES: list[Callable[[Pipeline], None]] = [
     lambda pipeline: setattr(pipeline.link, "_noise", pipeline.link._noise + 1),
     lambda pipeline: setattr(pipeline.stats, "left_off", (1, 2.0)),
     lambda pipeline: setattr(pipeline.stats, "missed_scans", pipeline.stats.missed_scans + 1),
-    lambda pipeline: setattr(pipeline.assembler._partial.carried, "angle", None),
+    lambda pipeline: setattr(pipeline.assembler.partial.carried, "angle", None),
     lambda pipeline: setattr(pipeline.assembler, "_last_spanned_ns", 1.0),
     lambda pipeline: setattr(pipeline.assembler._seam, "_armed", not pipeline.assembler._seam._armed),
     lambda pipeline: setattr(pipeline.assembler.incoming.time, "ns", 1.0),

@@ -58,13 +58,13 @@ def joined(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     monkeypatch.setattr(divided, "processes", lambda *_: Here())
     monkeypatch.setattr(decode_file, "_BLOCK_NS", 300_000_000)
     monkeypatch.setattr(device_clock, "_BUCKETS", 3)
-    found, make = list[int](), divided._Joined
+    found, make = list[int](), divided.Joined
 
     def told(span: int, begin: int, shift: int) -> Any:
         found.append(span)
         return make(span, begin, shift)
 
-    monkeypatch.setattr(divided, "_Joined", told)
+    monkeypatch.setattr(divided, "Joined", told)
     return found
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -10,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from tests.support.devices import make_rig
-from tests.support.interrupt import StartedThreads, interrupted_at_call
+from tests.support.interrupt import StartedThreads, as_if_running, interrupted_at_call
 from tests.support.loop import DrivenLoop
+from tests.support.session import inside_of, recorded_of
 
 
 @pytest.mark.exhaustive("stride", sample=[4], full=[1])
@@ -22,15 +22,14 @@ def test_ctrl_c_at_every_call_of_starting(stride: int, tmp_path: Path) -> None:
         while place:
             recording = lidar.record(tmp_path / f"{number}.mcap")
             starting = recording.start()
-            asyncio._set_running_loop(loop)
-            place = interrupted_at_call(number, partial(next, starting.__await__(), None))
-            asyncio._set_running_loop(None)
+            with as_if_running(loop):
+                place = interrupted_at_call(number, partial(next, starting.__await__(), None))
             starting.close()
             if not place:
                 loop.run_until_complete(recording.close())
             assert not recording.is_running, place
-            assert not lidar._recorded._running, place
-            assert not lidar._at.dialogue.port.taps, place
+            assert not recorded_of(lidar).running, place
+            assert not inside_of(lidar).dialogue.port.taps, place
             started.all_ended(place)
             number += stride
         assert number > 40

@@ -173,7 +173,7 @@ def test_a_turn_that_never_ends_is_given_up_and_does_not_grow() -> None:
     scans, held = [], 0
     for number, packet in enumerate(packets):
         scans += assembler.add(arrived(packet, 1, round(on_time(number))))
-        held = max(held, sum(run.count for run in assembler._partial.runs))
+        held = max(held, sum(run.count for run in assembler.partial.runs))
     # Twice the slowest turn, which takes a second here, is 1600 packets.
     assert held <= 1700
     assert stats.broken_scans == 1

@@ -136,8 +136,8 @@ def test_packets_of_many_sizes_are_walked_only_by_the_parser(chunk: int, monkeyp
         walks.append(at)
         return equal_sizes(data, at, size)
 
-    equal_sizes = ydlidar_formats._equal_sizes
-    monkeypatch.setattr(ydlidar_formats, "_equal_sizes", walk)
+    equal_sizes = ydlidar_formats.equal_sizes
+    monkeypatch.setattr(ydlidar_formats, "equal_sizes", walk)
     assembler = Assembler(stream_of(case))
     scans = [scan for event in events for scan in assembler.add(event)]
     assert len(scans) == len(case.turns)

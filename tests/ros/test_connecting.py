@@ -13,7 +13,7 @@ import lidario
 from lidario.errors import ConnectFailed, InvalidValue, Unsupported
 from lidario.network.bus import Bus
 from lidario.network.keys import Token, token_key
-from tests.support.network import BOUND_S
+from tests.support.network import BOUND_S, session_of
 from tests.support.router import Router
 
 
@@ -42,7 +42,7 @@ async def test_a_publisher_that_does_not_respond_is_not_waited_for(router: Route
     """It takes the request and keeps it."""
     silent, asking = await Bus.open(router.address), await Bus.open(router.address)
     kept: list[Any] = []
-    silent._session.declare_queryable("silent/key", kept.append)
+    session_of(silent).declare_queryable("silent/key", kept.append)
     async with asyncio.timeout(BOUND_S):
         while not kept:
             assert await asking.query("silent/key", 0.05) == []

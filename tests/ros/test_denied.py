@@ -58,8 +58,7 @@ async def test_another_publisher_under_the_same_key_is_not_taken_for_this_one(ro
     async with AsyncExitStack() as stack:
         lidar = await Rig(stack, router).open()
         share = await stack.enter_async_context(Share(lidar, "denied/same", router=router.address))
-        assert share._status is not None
-        own = share._status.gid
+        own = bytes.fromhex(share.status().sender)
         assert await what_is_heard(router.address, [f"{share.key}/@lidario/status"], own, BOUND)
         assert not await what_is_heard(router.address, [f"{share.key}/@lidario/status"], bytes(16), 1.5)
 

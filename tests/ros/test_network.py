@@ -20,7 +20,7 @@ from lidario.network.bus import Bus, Sample
 from lidario.network.keys import parse_attachment
 from lidario.ros import Publisher, Share, list_remote_lidars
 from lidario.ros.names import DIAGNOSTICS, LASERSCAN, Node, gid_of
-from tests.support.network import BOUND_S, Rig, until
+from tests.support.network import BOUND_S, Rig, until, zid_of
 from tests.support.router import Router
 
 
@@ -87,7 +87,7 @@ async def test_a_topic_of_ros(router: Router) -> None:
         async with publisher:
             assert publisher.key == key
             await until(lambda: len(tokens) == 3)
-            zid = publisher._bus.id if publisher._bus else ""
+            zid = zid_of(publisher)
             scan_token = node.publisher_token(zid, 1, "/front/scan", LASERSCAN)
             assert set(tokens) == {
                 node.node_token(zid), scan_token, node.publisher_token(zid, 2, "/diagnostics", DIAGNOSTICS),

@@ -17,7 +17,7 @@ from lidario.model import Health, HealthStatus
 from lidario.network.bus import Bus
 from lidario.network.status import Status
 from lidario.ros import Publisher, Share
-from tests.support.network import BOUND_S, Rig, until
+from tests.support.network import BOUND_S, Rig, outlet_of, until
 from tests.support.recorded import assert_same_scans
 from tests.support.router import Router
 from tests.test_model import FOUR
@@ -140,8 +140,6 @@ async def test_scans_that_were_lost_are_a_jump_in_the_numbers(router: Router, fo
         source = f"zenoh:{publisher.key}?router={router.address}"
         remote = await stack.enter_async_context(lidario.open_lidar(source))
         scans = await stack.enter_async_context(remote.scans(depth=64))
-        outlet = publisher._scans if isinstance(publisher, Publisher) else publisher._outlet
-        assert outlet is not None
         seq = None
         missed = 0
         async with asyncio.timeout(BOUND_S), asyncio.TaskGroup() as tasks:
@@ -150,7 +148,7 @@ async def test_scans_that_were_lost_are_a_jump_in_the_numbers(router: Router, fo
             while missed < 3:
                 scan = await anext(scans)
                 if seq is None:
-                    outlet.sent += 3
+                    outlet_of(publisher).sent += 3
                 else:
                     missed += scan.seq - seq - 1
                 seq = scan.seq
@@ -189,22 +187,21 @@ async def test_two_publishers_under_one_key(router: Router, caplog: pytest.LogCa
             await lidario.open_lidar(f"zenoh:{key}?router={router.address}")
 
 
-async def test_a_reader_is_told_that_the_lidar_is_away(router: Router, caplog: pytest.LogCaptureFixture) -> None:
+async def test_a_reader_is_told_that_the_lidar_is_away(
+    router: Router, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Its publisher is there, so the session goes on."""
+    monkeypatch.setattr("lidario.ros.broadcast.STATUS_S", 0.02)
     async with AsyncExitStack() as stack:
         rig = Rig(stack, router)
         share = await stack.enter_async_context(Share(await rig.open(), "away/scan", router=router.address))
         source = f"zenoh:away/scan?router={router.address}"
         remote = await stack.enter_async_context(lidario.open_lidar(source))
         status = share.status()
-        assert share._status is not None
         away, back = (f"zenoh:away/scan: the lidar is {each} its publisher" for each in ("away from", "back at"))
-        # Again and again: the publisher's side may not know of the reader yet.
-        async with asyncio.timeout(BOUND_S):
-            for lost, told in (("the lidar is away from its publisher", away), ("", back)):
-                while told not in caplog.messages:
-                    share._status.send(replace(status, lost=lost).to_bytes(whole=False))
-                    await asyncio.sleep(0.02)
+        for lost, told in (("the lidar is away from its publisher", away), ("", back)):
+            monkeypatch.setattr(share, "status", lambda lost=lost: replace(status, lost=lost))
+            await until(lambda told=told: told in caplog.messages)  # type: ignore[misc]
         assert caplog.messages.count(away) == 1
         assert remote.is_connected
 

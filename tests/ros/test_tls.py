@@ -79,7 +79,9 @@ async def test_who_is_let_in_and_what_passes(guarded: Router, monkeypatch: pytes
                     assert len(await anext(scans)) == len(FOUR)
             publishing.cancel()
             await asyncio.wait([publishing])
-        assert not curious._scans
+        await curious.close()
+        with pytest.raises(StopAsyncIteration):
+            await anext(curious)
 
 
 async def _publish(*shares: Share) -> None:

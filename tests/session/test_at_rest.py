@@ -25,7 +25,7 @@ QUESTIONS: dict[str, Callable[[Lidar], Awaitable[object]]] = {
 
 
 def is_dark(rig: Rig) -> bool:
-    return not rig.device._lit and not rig.device.scanning
+    return not rig.device.lit and not rig.device.scanning
 
 
 @pytest.mark.parametrize("stopped", [True, False], ids=["after stop", "after opening"])

@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidario import ConnectFailed, list_lidars, open_lidar
+from lidario import ConnectFailed, list_lidars, open_lidar, simulate
 from lidario.families.registry import family_named
 from lidario.port.simulated import connect_in_memory
 from lidario.session.finding import listening
 from lidario.session.finding.connect import _find_by_dtr, _Try, connect
 from lidario.session.finding.discovery import PortInfo
 from lidario.source import parse_source
-from lidario.testing import SimulatedLidar
 from tests.support.devices import make_rig
 from tests.support.loop import driven, run_driven
 from tests.support.speeds import serial_in_memory
@@ -330,8 +329,8 @@ def test_one_whose_response_is_damaged_while_dtr_is_asserted_is_asked_once_more(
 
     async def main() -> None:
         nonlocal damaged
-        device = SimulatedLidar("ydlidar-x4")
-        send = device._device.transmit
+        device = simulate("ydlidar-x4")
+        send = device.transmit
 
         def transmit(now: int) -> bytes:
             nonlocal damaged
@@ -341,7 +340,7 @@ def test_one_whose_response_is_damaged_while_dtr_is_asserted_is_asked_once_more(
                 return data[:-1]
             return data
 
-        device._device.transmit = transmit  # type: ignore[method-assign]
+        device.transmit = transmit  # type: ignore[method-assign]
         async with open_lidar(device) as lidar:
             assert lidar.info.model.startswith("YDLIDAR X4")
 

@@ -8,6 +8,7 @@ import pytest
 
 from lidario import ConnectFailed, Lidar, list_lidars, open_lidar
 from lidario.families.rplidar.simulated.packers import pack_dense
+from lidario.model import LineErrors
 from lidario.port.port import Port
 from lidario.port.simulated import connect_in_memory
 from lidario.scan import Scan
@@ -144,9 +145,9 @@ async def test_a_wrong_baud_rate_is_garbage_and_not_a_crash() -> None:
 
 
 def test_the_received_is_bounded() -> None:
+    """Only the first 4096 bytes are looked at, which are zero here."""
     received = ReceivedInSilence()
-    for _ in range(1000):
-        received.see("in", bytes(4096), 0)
+    for number in range(1000):
+        received.see("in", bytes([min(number, 1)]) * 4096, 0)
         received.see("out", b"ours", 0)
-    assert received.total == 1000 * 4096
-    assert len(received._kept) <= 4096
+    assert received.describe(LineErrors()).startswith("4096000 bytes came back, nearly all zero")

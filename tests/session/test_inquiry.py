@@ -12,6 +12,7 @@ from lidario import DeviceFault, Lidar, StreamFailed
 from lidario.revolution.seam import Seam
 from tests.support.devices import Rig, both_families, left_still, make_rig, names
 from tests.support.loop import DrivenLoop, driven, run_driven
+from tests.support.session import scanner_of
 
 CODE = 0x8001
 RECOVERED_S = 3.5
@@ -189,9 +190,7 @@ async def test_a_protection_stop_at_open_is_cured_counted_and_told(
 
 @both_families
 @driven
-async def test_a_well_device_that_falls_silent_is_started_again(
-    family: str, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_a_well_device_that_falls_silent_is_restarted(family: str, caplog: pytest.LogCaptureFixture) -> None:
     rig = make_rig(family)
     async with rig.open() as lidar:
         async with lidar.scans() as stream:
@@ -314,11 +313,11 @@ def test_whatever_is_done_while_the_device_is_asked(family: str, harm: str, act:
                 rig.device.protection_stop(CODE)
             else:
                 fall_silent(rig)
-            while lidar._scanner.control.failure is None:
+            while scanner_of(lidar).control.failure is None:
                 await asyncio.sleep(0.001)
             for _ in range(step):
                 await asyncio.sleep(0)
-                if not loop._ready:  # type: ignore[attr-defined]
+                if loop.is_idle:
                     await asyncio.sleep(0.004)
             if act == "stop":
                 await lidar.stop()

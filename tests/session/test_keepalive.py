@@ -114,7 +114,7 @@ async def test_protection_is_not_toggled_unless_a_stream_ends_as_if_it_were_on()
         async with lidar.scans() as stream:
             for _ in range(10):
                 await anext(stream)
-            rig.device._halt(rig.device._now)
+            rig.device.halt(round(asyncio.get_running_loop().time() * 1e9))
             for _ in range(40):
                 await anext(stream)
         assert lidar.stats.restarts == 1
@@ -125,7 +125,7 @@ async def test_protection_is_not_toggled_unless_a_stream_ends_as_if_it_were_on()
             began = asyncio.get_running_loop().time()
             while asyncio.get_running_loop().time() - began < 3.0:
                 await anext(stream)
-            rig.device._halt(rig.device._now)
+            rig.device.halt(round(asyncio.get_running_loop().time() * 1e9))
             for _ in range(40):
                 await anext(stream)
     assert names(rig).count("toggle_protection") == 2

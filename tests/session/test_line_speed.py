@@ -10,6 +10,7 @@ from lidario.families.rplidar.device import RplidarDevice
 from lidario.session.streaming.modes import does_not_fit
 from tests.support.devices import left_still, make_rig, names
 from tests.support.loop import driven
+from tests.support.session import inside_of
 
 
 @pytest.mark.parametrize("scanning", [False, True])
@@ -106,6 +107,6 @@ def test_each_mode_of_each_model_fits_its_own_line(which: tuple[str, str]) -> No
         async with rig.open() as lidar:
             modes = await lidar.get_modes()
             for mode in modes:
-                assert does_not_fit(lidar._at.device, modes, mode, lidar.baudrate) == ""
+                assert does_not_fit(inside_of(lidar).device, modes, mode, lidar.baudrate) == ""
 
     main()

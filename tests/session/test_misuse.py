@@ -16,6 +16,7 @@ from lidario import InternalError, InvalidValue, LocalProtocolError, SessionClos
 from lidario.session.talking.trouble import Trouble
 from tests.support.devices import both_families, left_still, make_rig, take
 from tests.support.loop import driven
+from tests.support.session import inside_of, scanner_of
 
 
 def test_open_lidar_is_not_for_a_plain_with() -> None:
@@ -137,7 +138,7 @@ async def test_a_mistake_of_ours_in_a_start_ends_the_session_and_stops_the_devic
         def blunder(*_: object, **__: object) -> None:
             raise IndexError("a bug")
 
-        lidar._at.device.start = blunder  # type: ignore[method-assign, assignment]
+        inside_of(lidar).device.start = blunder  # type: ignore[method-assign, assignment]
         with pytest.raises(InternalError, match=r"IndexError\('a bug'\).*report"):
             await lidar.scan()
         with pytest.raises(InternalError):
@@ -187,6 +188,6 @@ async def test_a_revolution_that_is_discarded_is_logged(caplog: pytest.LogCaptur
     rig = make_rig("rplidar")
     async with rig.open() as lidar, lidar.scans() as stream:
         await anext(stream)
-        lidar._scanner.totals.assembled.broken_scans += 2
+        scanner_of(lidar).totals.assembled.broken_scans += 2
         await anext(stream)
     assert [record.getMessage() for record in caplog.records] == ["revolutions discarded: 2 so far"]

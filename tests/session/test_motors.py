@@ -18,6 +18,7 @@ from lidario.sim.faults import parse_faults
 from lidario.sim.rooms import make_world
 from tests.support.devices import Rig, discarded, left_still, make_rig, names, take
 from tests.support.loop import driven, run_driven
+from tests.support.session import inside_of
 
 TURNS_S = {"rplidar-a1": 60 / 428, "rplidar-a2": 0.1, "rplidar-a3": 0.1, "rplidar-c1": 0.1}
 models = pytest.mark.parametrize("model", TURNS_S)
@@ -258,14 +259,14 @@ async def test_a_board_whose_responses_were_lost_is_found_when_no_packet_comes(
 ) -> None:
     rig = rig_of("rplidar-a2")
     lost = 2
-    flag = type(rig.device)._HANDLERS["get_acc_board_flag"]
+    flag = type(rig.device).HANDLERS["get_acc_board_flag"]
 
     def lose(device: object, request: object) -> str:
         nonlocal lost
         lost -= 1
         return "" if lost >= 0 else flag(device, request)
 
-    monkeypatch.setitem(type(rig.device)._HANDLERS, "get_acc_board_flag", lose)
+    monkeypatch.setitem(type(rig.device).HANDLERS, "get_acc_board_flag", lose)
     async with rig.open() as lidar:
         assert len(await lidar.scan()) > 1000
         assert lidar.stats.restarts == 1
@@ -281,7 +282,7 @@ async def test_a_session_that_is_abandoned_is_left_still(model: str) -> None:
     lidar = await rig.open()
     stream = lidar.scans()
     await anext(stream)
-    lidar._at.dialogue.abandon()
+    inside_of(lidar).dialogue.abandon()
     assert left_still(rig)
     await asyncio.sleep(0.1)
     await lidar.close()

@@ -127,12 +127,12 @@ def test_a_4ros_says_that_it_cannot_keep_spinning() -> None:
 def mute_for(rig: Rig, name: str, patch: pytest.MonkeyPatch) -> None:
     """Have the device leave a request without a response."""
     if rig.family == "rplidar":
-        handlers = {**rig.device._HANDLERS, name: lambda *_: ""}
-        patch.setattr(type(rig.device), "_HANDLERS", handlers)
+        handlers = {**rig.device.HANDLERS, name: lambda *_: ""}
+        patch.setattr(type(rig.device), "HANDLERS", handlers)
         return
-    obey = rig.device._obey
+    obey = rig.device.obey
     codes = {"get_health": (0x91, 0x92)}[name]
-    patch.setattr(rig.device, "_obey", lambda command, now: None if command in codes else obey(command, now))
+    patch.setattr(rig.device, "obey", lambda command, now: None if command in codes else obey(command, now))
 
 
 @pytest.mark.parametrize("foretold", [0x81, 0x82, 0x83, 0x84, 0x86])
@@ -149,7 +149,7 @@ def test_the_descriptor_decides_which_format_is_decoded(foretold: int, monkeypat
 
     monkeypatch.setattr(type(rig.device.profile), "conf", mistaken)
     # SCAN is what a mode of plain nodes is started by; the device sends its own format all the same.
-    monkeypatch.setitem(type(rig.device)._HANDLERS, "scan", lambda device, request: start_dense(device, request))
+    monkeypatch.setitem(type(rig.device).HANDLERS, "scan", lambda device, request: start_dense(device, request))
 
     @driven
     async def main() -> None:

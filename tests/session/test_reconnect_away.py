@@ -30,6 +30,7 @@ from tests.support.coming_back import (
 )
 from tests.support.devices import both_families, left_still, make_rig, take
 from tests.support.loop import driven, run_driven
+from tests.support.session import reconnector_of
 
 
 @both_families
@@ -251,8 +252,7 @@ async def test_what_happens_is_logged_once(caplog: pytest.LogCaptureFixture) -> 
         async with rig.open(reconnect=True) as lidar:
             cable.pull()
             await asyncio.sleep(60.0)
-            assert lidar._reconnector is not None
-            assert lidar._reconnector.step is Step.WAITING
+            assert reconnector_of(lidar).step is Step.WAITING
             cable.plug()
             await asyncio.sleep(3.0)
     told = [each.message for each in caplog.records]

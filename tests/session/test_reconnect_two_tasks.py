@@ -19,7 +19,7 @@ from functools import cache
 import pytest
 
 from lidario import DeviceLost, SessionClosed
-from tests.session.test_two_tasks import Scene, b_cancels, b_closes, b_starts, b_stops, both, timers
+from tests.session.test_two_tasks import Scene, b_cancels, b_closes, b_starts, b_stops, both
 from tests.support.cable import Cable, cable_to
 from tests.support.devices import FAMILIES, make_rig
 from tests.support.discards import all_obeyed
@@ -98,7 +98,7 @@ async def cell(family: str, trouble: Trouble, b: Callable[[Scene], Awaitable[obj
         gc.collect()
         assert not rig.device.scanning
         assert not rig.device.motor_on
-        assert not timers(loop), timers(loop)
+        assert not loop.timers
         if trouble is is_unplugged:
             all_obeyed([rig.device])
     return turns
@@ -109,7 +109,7 @@ async def as_it_should_be(scene: Scene) -> None:
     lidar, device = scene.lidar, scene.rig.device
     closed = False
     try:
-        lidar._check_open()
+        await lidar.__aenter__()
         async with asyncio.timeout(LONGEST_S):
             while not lidar.is_connected:
                 await asyncio.sleep(0.1)

@@ -168,7 +168,7 @@ async def test_a_device_that_nobody_understands_is_left_still(model: str, ways: 
 
 
 def garble(device: SimulatedRplidar, ways: str) -> None:
-    respond, count = device._respond, 0
+    respond, count = device.respond, 0
 
     def odd(kind: int, data: bytes, request: object) -> str:
         nonlocal count
@@ -177,7 +177,7 @@ def garble(device: SimulatedRplidar, ways: str) -> None:
             return respond(0x77, data, request)  # type: ignore[arg-type]
         return respond(kind, bytes([data[0]]) + count.to_bytes(len(data) - 1, "little"), request)  # type: ignore[arg-type]
 
-    device._respond = odd  # type: ignore[method-assign]
+    device.respond = odd  # type: ignore[method-assign]
 
 
 @driven

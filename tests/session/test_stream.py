@@ -111,11 +111,10 @@ def test_a_mailbox_holds_at_least_one() -> None:
 async def test_an_error_that_was_raised_does_not_keep_its_reader_alive() -> None:
     """The finalizer of a stream holds the mailbox: what the mailbox holds must not lead back to the stream."""
     mailbox = Mailbox(1)
-    mailbox.end(DeviceLost("gone"))
-    error = mailbox._error
+    error = DeviceLost("gone")
+    mailbox.end(error)
     for _ in range(2):
         with pytest.raises(DeviceLost, match="gone") as caught:
             await mailbox.get()
         assert caught.value.__traceback__ is not None
-    assert error is not None
     assert error.__traceback__ is None

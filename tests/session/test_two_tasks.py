@@ -160,10 +160,6 @@ def may_end_with(a: Work, b: Work, error: BaseException, *, of_b: bool) -> bool:
     return isinstance(error, LocalProtocolError) and a is change_mode and b in (b_stops, b_starts)
 
 
-def timers(loop: asyncio.AbstractEventLoop) -> list[asyncio.TimerHandle]:
-    return [timer for timer in loop._scheduled if not timer.cancelled()]  # type: ignore[attr-defined]
-
-
 async def both(scene: Scene, a: Work, b: Work, step: int, *, silent: bool = False) -> float:
     """Run A, and B when the loop has gone round `step` times; then look at what is left.
 
@@ -212,7 +208,7 @@ async def as_it_should_be(scene: Scene) -> None:
     lidar, device = scene.lidar, scene.rig.device
     closed = True
     with suppress(SessionClosed):
-        lidar._check_open()
+        await lidar.__aenter__()
         closed = False
     if scene.wanted and not closed:
         assert lidar.is_scanning
@@ -230,6 +226,7 @@ async def as_it_should_be(scene: Scene) -> None:
 async def cell(family: str, a: Work, b: Work, step: int) -> None:
     rig = make_rig(family)
     loop = asyncio.get_running_loop()
+    assert isinstance(loop, DrivenLoop)
     lidar = await rig.open()
     scene = Scene(rig, lidar)
     await both(scene, a, b, step)
@@ -239,7 +236,7 @@ async def cell(family: str, a: Work, b: Work, step: int) -> None:
     assert left_still(rig)
     assert not discarded(rig), [(each.name, each.why) for each in rig.device.log][-8:]
     assert all(not each.remark for each in rig.device.log)
-    assert not timers(loop), timers(loop)
+    assert not loop.timers
 
 
 def steps_of(family: str, a: Work) -> int:
@@ -297,6 +294,7 @@ def two_tasks(family: str, a: Work, b: Work, stride: int, run: Cell = cell) -> N
 async def silent_cell(family: str, a: Work, b: Work, step: int) -> None:
     rig = make_rig(family)
     loop = asyncio.get_running_loop()
+    assert isinstance(loop, DrivenLoop)
     lidar = await rig.open()
     took = await both(Scene(rig, lidar), a, b, step, silent=True)
     assert took < AT_ONCE_S, f"it waited for {took:.3f} s"
@@ -304,7 +302,7 @@ async def silent_cell(family: str, a: Work, b: Work, step: int) -> None:
     await asyncio.sleep(0)
     assert left_still(rig)
     assert not discarded(rig), [(each.name, each.why) for each in rig.device.log][-8:]
-    assert not timers(loop), timers(loop)
+    assert not loop.timers
 
 
 @pytest.mark.exhaustive("stride", sample=[0], full=[12])

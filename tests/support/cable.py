@@ -47,8 +47,9 @@ class Cable:
         self.device = None
         ports, self._ports = self._ports, []
         for port in ports:
-            if port._line is not None and not port._line.is_closing():
-                port._line._end(OSError("the line was unplugged"))  # type: ignore[attr-defined]
+            line: Any = port._line
+            if line is not None and not line.is_closing():
+                line.end(OSError("the line was unplugged"))
 
     def plug(self, device: Any = None, *, boots: bool = True) -> None:
         """Put it in again, into `device` or the one from before, which is switched on by that and boots."""

@@ -118,12 +118,12 @@ async def take(lidar: Lidar, count: int) -> list[Scan]:
 def change_info(rig: Rig, change: Callable[[bytes], bytes], patch: pytest.MonkeyPatch) -> None:
     """Have what the device tells of itself changed on the way."""
     if rig.family == "rplidar":
-        respond = rig.device._respond
+        respond = rig.device.respond
         patch.setattr(
             rig.device,
-            "_respond",
+            "respond",
             lambda kind, data, request: respond(kind, change(data) if kind == 0x04 else data, request),
         )
     else:
-        info = rig.device._info
-        patch.setattr(rig.device, "_info", lambda: change(info()))
+        info = rig.device.info
+        patch.setattr(rig.device, "info", lambda: change(info()))

@@ -11,6 +11,7 @@ lock stays taken, and no code in Python can prevent it (https://github.com/pytho
 from __future__ import annotations
 
 import _thread
+import asyncio
 import gc
 import sys
 import threading
@@ -20,12 +21,23 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any, Self
 
-__all__ = ["StartedThreads", "interrupted", "interrupted_at_call", "no_collection"]
+__all__ = ["StartedThreads", "as_if_running", "interrupted", "interrupted_at_call", "no_collection"]
 
 PATIENCE_S = 20.0
 NOT_OURS = ("_weakrefset.py", "selectors.py")
 """Python ignores what is raised in the callback of a weak reference; an event loop is broken where its own selector
 was interrupted."""
+
+
+@contextmanager
+def as_if_running(loop: asyncio.AbstractEventLoop) -> Iterator[None]:
+    """Have `loop` be the running one of this thread, so that a step of a coroutine can be taken by hand."""
+    set_running = asyncio._set_running_loop
+    set_running(loop)
+    try:
+        yield
+    finally:
+        set_running(None)
 
 
 @contextmanager

@@ -63,6 +63,16 @@ class DrivenLoop(asyncio.SelectorEventLoop):
     def time(self) -> float:
         return self._driven.now
 
+    @property
+    def is_idle(self) -> bool:
+        """Whether nothing else is to run in this turn or the next."""
+        return not self._ready  # type: ignore[attr-defined]
+
+    @property
+    def timers(self) -> list[asyncio.TimerHandle]:
+        """Those that are left, without cancelled ones."""
+        return [timer for timer in self._scheduled if not timer.cancelled()]  # type: ignore[attr-defined]
+
     def block(self, seconds: float) -> None:
         """As if the running callback had taken that long."""
         self._driven.now += seconds

@@ -5,9 +5,12 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from contextlib import AsyncExitStack
+from typing import Any
 
 import lidario
+from lidario.network.bus import Bus
 from lidario.ros import Publisher, Share
+from lidario.ros.broadcast import Outlet
 from lidario.scan import Scan
 from tests.support.router import Router
 
@@ -19,6 +22,24 @@ async def until(condition: Callable[[], object]) -> None:
     async with asyncio.timeout(BOUND_S):
         while not condition():
             await asyncio.sleep(0.002)
+
+
+def session_of(bus: Bus) -> Any:
+    """zenoh's own session, for what a `Bus` does not do."""
+    return bus._session
+
+
+def zid_of(publisher: Publisher) -> str:
+    """The id of its session, as zenoh prints it."""
+    bus = publisher._bus
+    return bus.id if bus else ""
+
+
+def outlet_of(publisher: Publisher | Share) -> Outlet:
+    """What sends its scans."""
+    outlet = publisher._scans if isinstance(publisher, Publisher) else publisher._outlet
+    assert outlet is not None
+    return outlet
 
 
 class Rig:

@@ -89,7 +89,7 @@ def _fast_machine() -> Iterator[None]:
     from lidario.port import simulated
     from lidario.session import opening
 
-    make, way = simulated.make_device, simulated._way
+    make = simulated.make_device
     new_loop = asyncio.events.new_event_loop
 
     def make_ready(source: Source) -> Any:
@@ -113,7 +113,7 @@ def _fast_machine() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(simulated, "make_device", make_ready)
-        patch.setattr(simulated, "_way", lambda source: way(source) if "via" in source.options else "memory")
+        patch.setattr(simulated, "usual_way", lambda: "memory")
         patch.setattr(opening, "as_source", plugged_in)
         patch.setattr("asyncio.events.new_event_loop", fast_loop)
         patch.setattr(Writer, "write", write_at_once)

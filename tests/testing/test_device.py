@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+import selectors
 import threading
 import time
 from collections.abc import AsyncIterator
@@ -16,30 +17,30 @@ import lidario
 from lidario.families.registry import FAMILIES
 from lidario.testing import Body, SimulatedLidar, make_scan, make_sector, room
 from lidario.testing.clock import clock_of
+from lidario.testing.surroundings import Surroundings
 
 MODELS = [family.simulated[0] for family in FAMILIES if family.make(None).can_be_stopped]
 """One of each family. Those that only talk are never still."""
 
 
 @pytest.mark.parametrize("model", MODELS)
-async def test_opening_a_scan_and_closing_take_a_moment(model: str) -> None:
+async def test_opening_a_scan_and_closing_take_a_moment(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """As long as with a real one on the clock of the loop, a hundredth of that in waiting, and some computing."""
     lidar = SimulatedLidar(model)
     loop = asyncio.get_running_loop()
-    selector: Any = loop._selector  # type: ignore[attr-defined]
-    select, waits = selector.select, [0.0]
+    select, waits = selectors.DefaultSelector.select, list[float]()
 
-    def selecting(timeout: float | None = None) -> Any:
+    def selecting(selector: Any, timeout: float | None = None) -> Any:
         waits.append(timeout or 0.0)
-        return select(timeout)
+        return select(selector, timeout)
 
-    selector.select = selecting
+    monkeypatch.setattr(selectors.DefaultSelector, "select", selecting)
     began, used = loop.time(), time.process_time()
     async with lidario.open_lidar(lidar) as session:
         scan = await session.scan()
     took, used = loop.time() - began, time.process_time() - used
     assert 0.2 < took < 2.0
-    assert sum(waits) < took / 50
+    assert 0 < sum(waits) < took / 50
     assert used < 1.0  # 6 ms
     assert lidar.is_still
     nearest = scan.nearest()
@@ -146,12 +147,9 @@ async def _some(scans: lidario.ScanStream, count: int) -> AsyncIterator[lidario.
 @pytest.mark.parametrize("bearing", [0.0, 1.0, -2.5, math.pi])
 def test_a_body_covers_the_angle_that_it_should(bearing: float) -> None:
     distance, radius = 1.5, 0.3
-    lidar = SimulatedLidar(
-        walls=[], bodies=[Body([(0, distance * math.cos(bearing), distance * math.sin(bearing))], radius)]
-    )
-    assert lidar._surroundings is not None
+    body = Body([(0, distance * math.cos(bearing), distance * math.sin(bearing))], radius)
     angles = np.linspace(-np.pi, np.pi, 3600, endpoint=False)
-    seen = lidar._surroundings.ranges_mm(-np.degrees(angles), np.zeros(3600)) / 1000
+    seen = Surroundings([], [body], 0.0, 0).ranges_mm(-np.degrees(angles), np.zeros(3600)) / 1000
     away = np.abs((angles - bearing + np.pi) % math.tau - np.pi)
     half = math.asin(radius / distance)
     assert (seen[away < half - 0.002] > 0).all()

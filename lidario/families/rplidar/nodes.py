@@ -167,7 +167,7 @@ class NodeFormat(StreamFormat):
             if self._repeats(data, at):
                 return self.run(data, at)
             self._in_step = False
-        place = self._find_step(data, at)
+        place = self.find_step(data, at)
         if place is None:
             return Stretch((), at, at)
         if place < 0:
@@ -179,7 +179,7 @@ class NodeFormat(StreamFormat):
             return Stretch((), at, place)
         return self.run(data, at)
 
-    def _find_step(self, data: bytearray, at: int) -> int | None:
+    def find_step(self, data: bytearray, at: int) -> int | None:
         """Where nodes go on after `at`: -1 if not within a node's length, None while it cannot be told."""
         if len(data) - at < WINDOW:
             return None
@@ -195,7 +195,7 @@ class NodeFormat(StreamFormat):
         return -1 if best is None else best
 
     def _next_place(self, data: bytearray, at: int) -> int:
-        """The first place from `at` on from which `_find_step` can see a chain, found without looking at each."""
+        """The first place from `at` on from which `find_step` can see a chain, found without looking at each."""
         place = next_chain(data, at, self._last, self._mark)
         return len(data) if place is None else max(at, place - (PHASES_BACK - 1) * SIZE)
 

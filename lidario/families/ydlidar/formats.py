@@ -74,7 +74,7 @@ WORTH_AN_ARRAY: Final = 4
 32 as an array."""
 
 
-def _equal_sizes(data: bytes | bytearray, at: int, size: int) -> int:
+def equal_sizes(data: bytes | bytearray, at: int, size: int) -> int:
     """How many whole packets of `size` bytes follow each other from `at`, by what they say of themselves."""
     # Each packet says where the next begins, so those that say the same stand at equal steps.
     lengths = data[at + 3 : len(data) - size + 4 : size]
@@ -158,7 +158,7 @@ class PointCloud(StreamFormat):
             size = self.measure(data, end)
             if not 0 < size <= len(data) - end:
                 break
-            rows = _equal_sizes(data, end, size) if size <= self.ordinary else 1
+            rows = equal_sizes(data, end, size) if size <= self.ordinary else 1
             found.append(Block(size, rows))
             end += rows * size
         count = sum([rows for _, rows in found])

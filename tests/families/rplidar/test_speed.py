@@ -12,6 +12,7 @@ from lidario.families.rplidar.speed import confirm
 from lidario.port.port import Port
 from tests.support.devices import Rig, left_still, make_rig, names, take
 from tests.support.loop import driven
+from tests.support.session import inside_of
 
 
 def rig_of(model: str = "rplidar-s2") -> Rig:
@@ -87,7 +88,7 @@ def test_old_firmware_is_not_asked(model: str) -> None:
 
 def test_a_device_that_does_not_follow_is_reached_at_the_speed_before(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = rig_of()
-    monkeypatch.setattr(rig.device._speed, "hear", lambda data, now: b"")
+    monkeypatch.setattr(rig.device.line_speed, "hear", lambda data, now: b"")
 
     @driven
     async def main() -> None:
@@ -149,14 +150,14 @@ def test_one_that_falls_silent_after_the_confirmation_is_told() -> None:
     @driven
     async def main() -> None:
         async with rig.open() as lidar:
-            confirmed = rig.device._speed.confirm
+            confirmed = rig.device.line_speed.confirm
 
             def forgets(payload: bytes) -> str:
                 confirmed(payload)
                 rig.device.mute = True
                 return ""
 
-            rig.device._speed.confirm = forgets
+            rig.device.line_speed.confirm = forgets
             with pytest.raises(ResponseTimeout):
                 await lidar.set_baudrate(921_600)
 
@@ -182,7 +183,7 @@ def test_a_line_without_a_speed_has_none_to_change() -> None:
     @driven
     async def main() -> None:
         async with rig.open() as lidar:
-            lidar._at.dialogue.port.baudrate = 0
+            inside_of(lidar).dialogue.port.baudrate = 0
             with pytest.raises(Unsupported, match="no speed"):
                 await lidar.set_baudrate(921_600)
 

@@ -65,6 +65,8 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         profile: What it is.
         serial: Its serial number.
         health: Status (0 good, 1 warning, 2 Protection Stop) and error code; this and more as in `Chassis`.
+        identity: What it responds when it is asked what it is; a test may put another one in its place.
+        drive, line_speed, HANDLERS: What switches its motor, sets its speed, and obeys each request; likewise.
 
     Raises:
         ValueError: The serial number has not 16 bytes.
@@ -81,13 +83,13 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         super().__init__(profile.baudrate, world, seed, profile.model)
         self.profile = profile
         self.serial: bytes = self._random.bytes(16) if serial is None else bytes(serial)
-        self._identity = Identity(self.serial)
+        self.identity: Identity = Identity(self.serial)
         self.response_delay_s: float = 0.0015
         self.boot_s: float = profile.boot_s
         self._motor = Motor(turns=float(self._random.random()))
-        self._drive = Drive(profile, self._motor)
+        self.drive: Drive = Drive(profile, self._motor)
         self._reader = RequestReader()
-        self._speed = LineSpeed(profile.baudrate)
+        self.line_speed: LineSpeed = LineSpeed(profile.baudrate)
         self._ignored_until = 0
         self._waiting: Mode | None = None  # a stream that was announced, while the motor is off
 
@@ -99,7 +101,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
     @property
     def address(self) -> bytes:
         """Of an Ethernet device: address, mask and gateway, four bytes each; all zero for DHCP."""
-        return self._identity.address
+        return self.identity.address
 
     @property
     def scanning(self) -> bool:
@@ -116,7 +118,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
             return
         mode = self._waiting if self._stream is None else self._stream.mode
         self._end_stream(now)
-        self._drive.set_line(asserted, now)
+        self.drive.set_line(asserted, now)
         if mode is not None:
             self._begin(mode, now)
 
@@ -124,9 +126,9 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         """Take bytes that the host sent and that arrived at `now`."""
         self._advance(now)
         if self.profile.measures_speed and self._stream is None and now >= self._deaf_until:
-            self._queue.push(self._speed.hear(data, now), self._response_at(now))
-            self._queue.baudrate = self._speed.now
-        if self._speed.is_garbled:
+            self._queue.push(self.line_speed.hear(data, now), self._response_at(now))
+            self._queue.baudrate = self.line_speed.now
+        if self.line_speed.is_garbled:
             return
         for byte in data:
             request = self._reader.feed(byte, now)
@@ -136,22 +138,22 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
     def transmit(self, now: int) -> bytes:
         """As `Chassis.transmit`; at another speed than the device's, a host receives garbage."""
         data = super().transmit(now)
-        return self._random.bytes(len(data)) if self._speed.is_garbled else data
+        return self._random.bytes(len(data)) if self.line_speed.is_garbled else data
 
     def set_host_baudrate(self, baudrate: int, now: int) -> None:
         """The host sets the speed of its port; one that is never told of runs at the device's speed."""
         self._advance(now)
-        self._speed.host = baudrate
+        self.line_speed.host = baudrate
 
     @property
     def baudrate(self) -> int:
         """Speed of the device's end of the line in bits a second."""
-        return self._speed.now
+        return self.line_speed.now
 
     def reboot(self, now: int, *, off_s: float = 0.0) -> None:
         """As `Chassis.reboot`; the speed of the line is that of the model again."""
         super().reboot(now, off_s=off_s)
-        self._speed.lose_power()
+        self.line_speed.lose_power()
 
     def wakeup(self, now: int) -> int | None:
         """When the next response or packet will have left; None while the device is idle."""
@@ -172,7 +174,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
             raise ValueError(f"{self.profile.name} has no scan mode {mode_id}")
         past = 10 * mode.period_ns + self._queue.airtime(mode.packet[0] * 2 // 5)
         if not self.motor_on:
-            self._drive.spin_at_once(now - past)
+            self.drive.spin_at_once(now - past)
         self._stream = MeasurementStream(mode, now - past, self._motor, self.world, first=False)
         self._advance(now)
         self._queue.take(now)
@@ -181,7 +183,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         """Fail: the stream and the motor stop, and health reports the error until a RESET clears it."""
         self._fault(error_code)
         self._end_stream(self._now)
-        self._drive.protect(self._now)
+        self.drive.protect(self._now)
 
     def _advance(self, now: int) -> None:
         """Do what is due by `now`: build packets, give up an incomplete request."""
@@ -190,8 +192,8 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         if stream is not None:
             for data, made in stream.until(now):
                 self._queue.push(data, made, size=stream.size, period=stream.period)
-        self._speed.advance(now)
-        self._queue.baudrate = self._speed.now
+        self.line_speed.advance(now)
+        self._queue.baudrate = self.line_speed.now
         late = self._reader.overdue(now)
         if late is not None:
             self._log.add(late.ended, late.name, late.data, late.fault)
@@ -205,7 +207,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         elif not why:
             if request.name != "motor_speed_ctrl" or not any(request.payload):
                 self._end_stream(request.ended)
-            why = self._HANDLERS[request.name](self, request)
+            why = self.HANDLERS[request.name](self, request)
         self._log.add(request.ended, request.name, request.data, why, remark=remark)
 
     def _refusal(self, request: Request) -> str:
@@ -217,7 +219,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
             return outstanding
         if request.fault:
             return request.fault
-        if request.name not in self._HANDLERS or request.name in self.profile.unknown:
+        if request.name not in self.HANDLERS or request.name in self.profile.unknown:
             return "unknown to this device"
         if request.name == "new_baudrate_confirm" and not request.payload:
             return "unknown to this device"  # the question of another family, completed
@@ -228,7 +230,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         given, wanted = len(request.payload), PAYLOADS.get(request.name, 0)
         if given < wanted or (given > wanted and request.name != "get_lidar_conf"):
             return f"payload of {given} bytes"
-        if request.name == "get_lidar_conf" and self._identity.conf(self.profile, request.payload) is None:
+        if request.name == "get_lidar_conf" and self.identity.conf(self.profile, request.payload) is None:
             return "unknown to this firmware"
         return ""
 
@@ -250,9 +252,9 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
     def _restart(self, now: int, up: int) -> None:
         self._forget(now)
         self._reader.clear()
-        self._drive.protect(now)
+        self.drive.protect(now)
         self._recover()
-        self._identity.restart()
+        self.identity.restart()
         self._deaf_until, self._deaf_why = up, "still booting"
         self._queue.push(self.profile.banner, up)
 
@@ -275,7 +277,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
     def _start(self, mode: Mode, request: Request, *, force: bool = False) -> str:
         """Announce a stream and begin it once the motor is up to speed."""
         now = request.ended
-        self._drive.scan_begins(now)
+        self.drive.scan_begins(now)
         announced = self._response_at(now)
         self._respond_with(pack_announcement(mode), announced, request.name)
         self._begin(mode, announced, force=force)
@@ -301,28 +303,25 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
     def _motor_speed_ctrl(self, request: Request) -> str:
         # What was built already was measured at the speed before.
         since = request.ended if self._stream is None else max(request.ended, self._stream.built_until)
-        self._drive.set_speed(int.from_bytes(request.payload, "little"), since)
+        self.drive.set_speed(int.from_bytes(request.payload, "little"), since)
         return ""
 
     def _set_motor_pwm(self, request: Request) -> str:
-        self._drive.set_duty(int.from_bytes(request.payload, "little"), request.ended)
+        self.drive.set_duty(int.from_bytes(request.payload, "little"), request.ended)
         return ""
 
     def _tell(self, request: Request) -> str:
         """Respond to a question, or to a setting of what the device tells."""
-        told = self._identity.respond(request, self.profile, self.health)
-        return "unknown to this firmware" if told is None else self._respond(*told, request)
+        told = self.identity.respond(request, self.profile, self.health)
+        return "unknown to this firmware" if told is None else self.respond(*told, request)
 
-    def _respond(self, kind: int, data: bytes, request: Request) -> str:
+    def respond(self, kind: int, data: bytes, request: Request) -> str:
         """Send a single response, or noise of the same length when it is to be garbled."""
         response = self._garbled(pack_response(kind, data))
         self._respond_with(response, self._response_at(request.ended), request.name)
         return ""
 
-    def _new_baudrate_confirm(self, request: Request) -> str:
-        return self._speed.confirm(request.payload)
-
-    _HANDLERS: ClassVar[dict[str, Callable[[SimulatedRplidar, Request], str]]] = {
+    HANDLERS: ClassVar[dict[str, Callable[[SimulatedRplidar, Request], str]]] = {
         "stop": _stop,
         "reset": _reset,
         "scan": _scan,
@@ -337,7 +336,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         "set_motor_pwm": _set_motor_pwm,
         "get_acc_board_flag": _tell,
         "set_lidar_conf": _tell,
-        "new_baudrate_confirm": _new_baudrate_confirm,
+        "new_baudrate_confirm": lambda device, request: device.line_speed.confirm(request.payload),
     }
 
 

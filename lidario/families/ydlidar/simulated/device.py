@@ -86,6 +86,8 @@ class Simulated4Ros(Chassis[PointStream]):
         set_speed: The speed that is set, in hundredths of Hz.
         protected: Whether power-down protection is on.
         lapses: How often protection has ended a scan.
+        lit: Whether DTR is asserted.
+        alive_until: When protection ends the scan, unless the host is heard before.
 
     Raises:
         ValueError: The serial number is not 16 digits.
@@ -109,25 +111,25 @@ class Simulated4Ros(Chassis[PointStream]):
         self.lapses: int = 0
         self.response_delay_s: float = 0.0005
         self._motor = Motor(spin_up_s=profile.spin_up_s, turns=float(self._random.random()))
-        self._lit = True  # DTR, where it matters; lines that have none leave it asserted
+        self.lit: bool = True  # DTR, where it matters; lines that have none leave it asserted
         self._begun = False  # the first byte of a request is there
-        self._alive_until = 0
+        self.alive_until: int = 0
 
     def set_dtr(self, asserted: bool, now: int) -> None:
         """The host sets the control line DTR: some models are dark while it is cleared, others do not have it."""
         self._advance(now)
-        if not self.profile.by_dtr or asserted is self._lit:
+        if not self.profile.by_dtr or asserted is self.lit:
             return
-        self._lit = asserted
+        self.lit = asserted
         if not asserted:
-            self._halt(now)
+            self.halt(now)
             self._begun = False
         self._talk(now, at_once=False)
 
     def receive(self, data: bytes, now: int) -> None:
         """Take bytes that the host sent and that arrived at `now`; a model that only talks does not see them."""
         self._advance(now)
-        if self.profile.one_way or not self._lit:
+        if self.profile.one_way or not self.lit:
             return
         for byte in data:
             if not self._begun:
@@ -148,7 +150,7 @@ class Simulated4Ros(Chassis[PointStream]):
         """Be in the middle of a scan, and of a packet, as after a program that was killed."""
         past = 10 * 40 * self.profile.sample_ns + self._queue.airtime(90) * 2 // 5
         self._spin_at_once(self.set_speed * 0.6, now - past)
-        self._alive_until = now + _ALIVE_FOR
+        self.alive_until = now + _ALIVE_FOR
         self._stream = PointStream(now - past, self._motor, self.world, self.profile)
         self._advance(now)
         self._queue.take(now)
@@ -156,15 +158,15 @@ class Simulated4Ros(Chassis[PointStream]):
     def protection_stop(self, error_code: int) -> None:
         """Fail: the stream and the motor stop, and health reports the error until a RESET clears it."""
         self._fault(error_code)
-        self._halt(self._now)
+        self.halt(self._now)
 
     def _advance(self, now: int) -> None:
         """Do what is due by `now`: build packets, stop when the keepalive is missing."""
         self._now = now = max(self._now, now)
         self._talk(now)
-        if self._stream is not None and self.protected and now >= self._alive_until:
-            self._build(self._alive_until)
-            self._halt(self._alive_until)
+        if self._stream is not None and self.protected and now >= self.alive_until:
+            self._build(self.alive_until)
+            self.halt(self.alive_until)
             self.lapses += 1
         self._build(now)
 
@@ -177,7 +179,7 @@ class Simulated4Ros(Chassis[PointStream]):
         """A model that only talks streams as soon as it has power, and unless it failed."""
         if (
             not self.profile.one_way
-            or not self._lit
+            or not self.lit
             or self._stream is not None
             or self.health[0]
             or now < self._deaf_until
@@ -192,7 +194,7 @@ class Simulated4Ros(Chassis[PointStream]):
             max(now, self._motor.stable_at or 0) - past, self._motor, self.world, self.profile
         )
 
-    def _halt(self, now: int) -> None:
+    def halt(self, now: int) -> None:
         """End the scan and stop the motor; the packet that is made still leaves."""
         self._end_stream(now)
         self._motor.set_rpm(0.0, now)
@@ -202,7 +204,7 @@ class Simulated4Ros(Chassis[PointStream]):
         why, remark = self._refusal(command, now), ""
         if not why:
             remark = self._outstanding(now)
-            self._obey(command, now)
+            self.obey(command, now)
         self._log.add(now, _NAMES.get(command, "unknown"), bytes((0xA5, command)), why, remark=remark)
 
     def _refusal(self, command: int, now: int) -> str:
@@ -219,9 +221,10 @@ class Simulated4Ros(Chassis[PointStream]):
             return "too many responses are outstanding"
         return ""
 
-    def _obey(self, command: int, now: int) -> None:
+    def obey(self, command: int, now: int) -> None:
+        """Do what a request asks, and respond where it has a response."""
         if command in _STOPS:
-            self._halt(now)
+            self.halt(now)
             self._deaf_until, self._deaf_why = now + _SETTLE_AFTER_STOP, _AFTER_STOP
         elif command == 0x80:
             self._reset(now)
@@ -234,7 +237,7 @@ class Simulated4Ros(Chassis[PointStream]):
     def _reply(self, command: int) -> tuple[int, bytes]:
         """Response type and payload."""
         if command == 0x90:
-            return _SETTING, self._info()
+            return _SETTING, self.info()
         if command == self.profile.health_command:
             return _HEALTH, struct.pack("<BH", *self.health)
         if command == 0x93:
@@ -246,12 +249,13 @@ class Simulated4Ros(Chassis[PointStream]):
         self.set_speed = min(max(self.set_speed + _STEPS.get(command, 0), lowest), highest)
         return _SETTING, struct.pack("<I", self.set_speed)
 
-    def _info(self) -> bytes:
+    def info(self) -> bytes:
+        """What it tells of itself."""
         return bytes((self.profile.model, *_FIRMWARE, _HARDWARE)) + self.serial
 
     def _scan(self, now: int) -> None:
         """Announce a stream that begins once the motor is up to speed, or keep alive the one there is."""
-        self._alive_until = now + _ALIVE_FOR
+        self.alive_until = now + _ALIVE_FOR
         if self._stream is not None:
             return
         self._motor.set_rpm(self.set_speed * 0.6, now)
@@ -274,7 +278,7 @@ class Simulated4Ros(Chassis[PointStream]):
         self._recover()
         self._deaf_until, self._deaf_why = up, "still booting"
         if self.profile.announces and not self.profile.one_way:
-            self._queue.push(pack_response(_SETTING, self._info()), up)
+            self._queue.push(pack_response(_SETTING, self.info()), up)
 
 
 make_simulated: Maker[Simulated4Ros] = maker(Simulated4Ros, PROFILES)
