@@ -57,8 +57,8 @@ class FalsePackets:
         self._farthest = wire.full_turn * FARTHEST_TURNS
         self._forwards = wire.full_turn * (1 - RETREAT_TURNS)
         self._last = -1
-        # The latest advances, and how far a packet may be ahead of the one before to follow closely on it: 0 where
-        # that is not known.
+        # The latest advances, and from how far ahead of the one before on a packet may be false: 0 where that is
+        # not known.
         self._advances: list[int] = []
         self._closely = 0.0
         self._waiting: Packets | None = None
