@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lidario.arguments import callable_of, shown
 from lidario.errors import InvalidValue
 from lidario.rotor import Gaps
-from lidario.samples import metres_of, nearest_return, radians_of, read_only
+from lidario.samples import is_between, metres_of, nearest_return, radians_of, read_only
 
 __all__ = ["MeasuredSamples", "Return", "changed", "later", "with_distances", "with_dropped", "with_gaps"]
 
@@ -112,7 +112,8 @@ class MeasuredSamples:
         Raises:
             InvalidValue: `between` is not two finite angles of at most a turn.
         """
-        index = nearest_return(self.angles, self.ranges, between)
+        among = None if between is None else is_between(self.angles, between)
+        index = nearest_return(self.device_distances, among)
         return None if index is None else self._return(index)
 
     def filtered(self, *filters: Callable[[Self], Self]) -> Self:
@@ -141,7 +142,11 @@ class MeasuredSamples:
         return made
 
     def _return(self, index: int) -> Return:
-        return Return(float(self.ranges[index]), float(self.angles[index]), index)
+        # Of one sample, where nobody has asked for all.
+        here = slice(index, index + 1)
+        ranges = metres_of(self.device_distances[here]) if self._ranges is None else self._ranges[here]
+        angles = radians_of(self.device_angles[here]) if self._angles is None else self._angles[here]
+        return Return(float(ranges[0]), float(angles[0]), index)
 
     def _in_time_order(self) -> Self:
         return self

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from enum import Enum
 
 __all__ = [
@@ -141,11 +141,21 @@ class LineErrors:
 
     def __add__(self, other: LineErrors) -> LineErrors:
         """The sums, such as of two lines."""
-        return LineErrors(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
+        return LineErrors(
+            self.framing + other.framing,
+            self.parity + other.parity,
+            self.overruns + other.overruns,
+            self.breaks + other.breaks,
+        )
 
     def __sub__(self, before: LineErrors) -> LineErrors:
         """What was counted since `before`."""
-        return LineErrors(*(a - b for a, b in zip(astuple(self), astuple(before), strict=True)))
+        return LineErrors(
+            self.framing - before.framing,
+            self.parity - before.parity,
+            self.overruns - before.overruns,
+            self.breaks - before.breaks,
+        )
 
     def meaning(self) -> str:
         """What was counted, and what it is mostly a sign of; empty where nothing was counted."""

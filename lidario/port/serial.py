@@ -115,9 +115,13 @@ class _SerialLine(Line):
         self._closing = False
         self._ended = False
         self._drained_by = 0.0
-        self._errors = LineErrors()
+        self._errors = self._errors_before = LineErrors()
+        # A driver that does not count is not asked again: that is done once a revolution.
+        self._counts = False
+        with contextlib.suppress(*FOREIGN):
+            self._errors = self._errors_before = count_errors(device.fileno())
+            self._counts = True
         self._timer: asyncio.TimerHandle | None = None
-        self._errors_before = self._errors = self._count()
         self._transport = serial_asyncio.SerialTransport(loop, _Events(self), device)
         self._polled: Polled | None = None
         if _POSIX:
@@ -172,15 +176,15 @@ class _SerialLine(Line):
 
     @property
     def errors(self) -> LineErrors:
-        # What a line that is gone has counted last is what it had counted.
-        self._errors = self._count() if self._device.is_open else self._errors
+        if self._device.is_open:
+            self._count()
         return self._errors - self._errors_before
 
-    def _count(self) -> LineErrors:
-        try:
-            return count_errors(self._device.fileno())
-        except FOREIGN:
-            return self._errors
+    def _count(self) -> None:
+        """What a line that is gone has counted last is what it had counted."""
+        if self._counts:
+            with contextlib.suppress(*FOREIGN):
+                self._errors = count_errors(self._device.fileno())
 
     def write(self, data: bytes) -> None:
         self._reader.wrote(data)
@@ -280,7 +284,7 @@ class _SerialLine(Line):
     def lost(self, error: Exception | None) -> None:
         """The transport has ended: hand over what was held, close the port, and report it."""
         self._reader.hand_over()
-        self._errors = self._count()
+        self._count()
         with contextlib.suppress(*FOREIGN):
             self._device.close()
         self._closing = True

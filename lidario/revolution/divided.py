@@ -15,7 +15,7 @@ import numpy as np
 
 from lidario.families.base import Decoder, Samples
 from lidario.revolution.partial import PartialRevolution, SampleArrays
-from lidario.wire.blocks import Block, join_blocks, some_blocks
+from lidario.wire.blocks import Block, some_blocks
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK, Headings, StreamFormat
 
@@ -24,7 +24,6 @@ __all__ = [
     "ROUNDING",
     "DividedRevolution",
     "OpenSector",
-    "as_one",
     "away_of",
     "ends_of",
     "join_pieces",
@@ -76,6 +75,7 @@ class DividedRevolution:
         decoder: Decodes its pieces.
         offset_deg: Zero-angle offset of all its sectors.
         waiting: Packets that were not decoded.
+        waiting_at: How far behind the seam the last of them begins.
         rest: Samples that were decoded and belong to no sector yet.
         decoded: What each piece was decoded to.
         arrays: All samples: those that were carried over, and those of each piece.
@@ -88,7 +88,8 @@ class DividedRevolution:
         gaps: Where samples are missing so far: how many came before, and how many are missing there.
         lost_behind: Those that are missing behind the last packet that was decoded, and belong to no sector yet.
         samples: Samples that have come.
-        most_samples: Those of the longest packet.
+        longest: Bytes of the longest packet.
+        most_samples: Its samples.
         bytes: The length of their packets.
         packets: How many they are.
         first_ns: Earliest estimate of when the first sample arrived; infinite when there is none.
@@ -106,6 +107,7 @@ class DividedRevolution:
         self.decoder = decoder
         self.offset_deg = offset_deg
         self.waiting: list[Packets] = []
+        self.waiting_at: int = 0
         self.rest: SampleArrays | None = partial.carried
         self.decoded: list[Samples] = []
         self.arrays: list[SampleArrays] = [] if partial.carried is None else [partial.carried]
@@ -122,15 +124,12 @@ class DividedRevolution:
             self.gaps.append((self.samples, partial.skipped_behind_carried))
         self.bytes: int = 0
         self.packets: int = 0
+        self.longest: int = 0
         self.most_samples: int = 0
         self.first_ns: float = math.inf
         self.gap: bool = partial.carried is not None and partial.lost_behind_carried > 0
         self.seq: int | None = None
         self.unseen = 0
-
-    def skipped(self, begin: int) -> int:
-        """Samples that are missing before number `begin` of those that came."""
-        return sum(skipped for before, skipped in self.gaps if before <= begin)
 
     def upto(self, end: int) -> int:
         """How many samples of `rest` were measured before the rotor passed `end`, by the last packet's arc."""
@@ -139,55 +138,66 @@ class DividedRevolution:
         inside = self.last_samples
         if self.last_arc > 0:
             inside = min(inside, math.ceil((end - self.last) * self.last_samples / self.last_arc - ROUNDING))
-        return max(0, len(self.rest) - self.last_samples + max(0, inside))
+        return max(0, len(self.rest.angle) - self.last_samples + max(0, inside))
 
     def date(self, packets: Packets, wire: StreamFormat, sample_ns: float) -> None:
         """Take note of when packets came: each tells when the revolution began, the least delayed one best."""
+        all_samples = wire.samples_in(packets.blocks)
         # Behind a gap the number of samples since the beginning is not known exactly.
         if not self.gap or math.isinf(self.first_ns):
             for count, at_ns in packets.arrivals:
-                samples = self.samples + wire.samples_in(some_blocks(packets.blocks, 0, count))
-                self.first_ns = min(self.first_ns, at_ns - (samples - 1) * sample_ns)
-        self.samples += wire.samples_in(packets.blocks)
-        self.most_samples = max(
-            self.most_samples, *(wire.samples_in((Block(size, 1),)) for size, _ in packets.blocks)
-        )
+                some = count < packets.count
+                samples = wire.samples_in(some_blocks(packets.blocks, 0, count)) if some else all_samples
+                self.first_ns = min(self.first_ns, at_ns - (self.samples + samples - 1) * sample_ns)
+        self.samples += all_samples
+        for size, _ in packets.blocks:
+            if size > self.longest:
+                self.longest, self.most_samples = size, wire.samples_in((Block(size, 1),))
         self.bytes += len(packets.data)
         self.packets += packets.count
 
-    def take(self, packets: Packets, samples: Samples, next_away: int, wire: StreamFormat) -> None:
-        """Take over what was decoded; it begins with the samples that were left over before."""
-        room = 0 if self.rest is None else len(self.rest)
+    def wait(self, packets: Packets, at: int) -> None:
+        """Keep packets, of which the last one begins so far behind the seam, until a sector ends."""
+        self.waiting.append(packets)
+        self.waiting_at = at
+
+    def take(self, samples: Samples, next_at: int, full_turn: int) -> None:
+        """What waited was decoded to that, behind the samples that were left over before.
+
+        Args:
+            samples: The samples.
+            next_at: How far behind the seam the packet behind it begins.
+            full_turn: 360 degrees.
+        """
         arrays = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
+        if samples.gaps:
+            earlier = sum(map(len, self.arrays))
+            self.gaps += [(earlier + before, skipped) for before, skipped in samples.gaps]
         if self.rest is not None:
             arrays.begin_with(self.rest)
-        earlier = sum(map(len, self.arrays))
-        self.gaps += [(earlier + before, skipped) for before, skipped in samples.gaps]
-        self.arrays.append(arrays.part(room))
+        self.arrays.append(arrays.part(len(self.rest)) if self.rest else arrays)
         self.rest = arrays
         self.decoded.append(samples)
         self.waiting.clear()
         self.lost += self.lost_behind + samples.lost - samples.lost_behind
         self.lost_behind = samples.lost_behind
         self.gap |= samples.lost > 0
-        last = some_blocks(packets.blocks, packets.count - 1, packets.count)
-        tail = Packets(packets.data[len(packets.data) - last[0].size :], last, ((1, 0),))
-        self.last = away_of(wire.headings(tail), self.began, wire.full_turn)[0]
-        self.last_samples = wire.samples_in(last)
-        self.last_arc = (next_away - self.last) % wire.full_turn
+        ends = samples.ends
+        self.last, self.last_samples = self.waiting_at, ends[-1] - (ends[-2] if len(ends) > 1 else 0)
+        self.last_arc = (next_at - self.last) % full_turn
         if samples.certain and samples.revolution_samples and samples.lost_behind:
-            self.last_arc = self.last_samples * wire.full_turn / samples.revolution_samples
+            self.last_arc = self.last_samples * full_turn / samples.revolution_samples
 
     def give(self, upto: int) -> None:
         """Add so many samples of the rest to every sector in the making."""
         if self.rest is None:
             return
         piece, self.rest = self.rest.part(0, upto), self.rest.part(upto)
-        self.given += len(piece)
-        if not len(self.rest):
+        self.given += upto
+        if not len(self.rest.angle):
             # What is missing behind the last packet belongs to the sector that ends with it.
             self.lost, self.lost_behind = self.lost + self.lost_behind, 0
-        if len(piece):
+        if upto:
             for sector in self.open.values():
                 sector.pieces.append(piece)
 
@@ -208,16 +218,6 @@ def reach(here: DividedRevolution, away: Sequence[int], at: int, end: int, full_
         if here.passed >= end:
             return number
     return len(away)
-
-
-def as_one(runs: Sequence[Packets]) -> Packets:
-    """Packets that follow each other, as if reported together; at least one run."""
-    if len(runs) == 1:
-        return runs[0]
-    blocks: list[Block] = []
-    join_blocks(blocks, [block for run in runs for block in run.blocks])
-    count = sum([run.count for run in runs])
-    return Packets(b"".join([run.data for run in runs]), tuple(blocks), ((count, runs[-1].received_ns),))
 
 
 def join_pieces(pieces: Sequence[SampleArrays]) -> SampleArrays:

@@ -18,7 +18,7 @@ from lidario.wire.blocks import Block, join_blocks, packet_offsets, some_blocks
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["MOST_IN_A_PART", "PartialRevolution", "SampleArrays", "part_of", "parts_of"]
+__all__ = ["MOST_IN_A_PART", "PartialRevolution", "SampleArrays", "joined", "part_of", "parts_of"]
 
 MOST_IN_A_PART: Final = 2048
 """Packets of a part: several revolutions of most formats, which are decoded as one block."""
@@ -90,23 +90,7 @@ class PartialRevolution:
 
     def packets(self) -> Packets | None:
         """All its packets, as if they had been reported together; None when it has none."""
-        runs = self.runs
-        if len(runs) <= 1:
-            return runs[0] if runs else None
-        arrivals: list[Arrival] = []
-        before, size, alike = 0, runs[0].blocks[0].size, True
-        for run in runs:
-            for count, at_ns in run.arrivals:
-                arrivals.append((before + count, at_ns))
-            before, _ = arrivals[-1]
-            alike = alike and run.blocks[0][0] == size and len(run.blocks) == 1
-        data = b"".join([run.data for run in runs])
-        if alike:
-            return Packets(data, (Block(size, before),), tuple(arrivals))
-        joined: list[Block] = []
-        for run in runs:
-            join_blocks(joined, run.blocks)
-        return Packets(data, tuple(joined), tuple(arrivals))
+        return joined(self.runs) if self.runs else None
 
     def carry(self, arrays: SampleArrays, at_ns: int, samples: Samples) -> None:
         """Begin with what lies behind the seam in the last packet of the revolution before.
@@ -161,6 +145,26 @@ class PartialRevolution:
     def last_ns(self) -> int:
         """Arrival of its latest packet."""
         return self.runs[-1].arrivals[-1][1] if self.runs else self.carried_ns
+
+
+def joined(runs: Sequence[Packets]) -> Packets:
+    """Packets that follow each other, as if they had been reported together; at least one run."""
+    if len(runs) == 1:
+        return runs[0]
+    arrivals: list[Arrival] = []
+    before, size, alike = 0, runs[0].blocks[0].size, True
+    for run in runs:
+        for count, at_ns in run.arrivals:
+            arrivals.append((before + count, at_ns))
+        before, _ = arrivals[-1]
+        alike = alike and run.blocks[0][0] == size and len(run.blocks) == 1
+    data = b"".join([run.data for run in runs])
+    if alike:
+        return Packets(data, (Block(size, before),), tuple(arrivals))
+    blocks: list[Block] = []
+    for run in runs:
+        join_blocks(blocks, run.blocks)
+    return Packets(data, tuple(blocks), tuple(arrivals))
 
 
 def part_of(

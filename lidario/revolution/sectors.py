@@ -32,7 +32,6 @@ from lidario.revolution.divided import (
     ROUNDING,
     DividedRevolution,
     OpenSector,
-    as_one,
     away_of,
     ends_of,
     join_pieces,
@@ -40,7 +39,7 @@ from lidario.revolution.divided import (
     sum_of,
 )
 from lidario.revolution.ended import share_before
-from lidario.revolution.partial import PartialRevolution
+from lidario.revolution.partial import PartialRevolution, joined
 from lidario.revolution.seam import Split
 from lidario.revolution.timing import earliest_ns
 from lidario.samples import read_only
@@ -143,34 +142,39 @@ class SectorAssembler(Assembler):
 
     def _follow(self, here: DividedRevolution, packets: Packets) -> None:
         """Decode what these packets complete, and hand it out."""
-        here.date(packets, self._stream.format, self._sample_time_ns)
-        full = self._stream.format.full_turn
-        away = away_of(self._stream.format.headings(packets), here.began, full)
+        wire = self._stream.format
+        here.date(packets, wire, self._sample_time_ns)
+        full, ends = wire.full_turn, here.ends
+        away = away_of(wire.headings(packets), here.began, full)
         offsets = packet_offsets(packets.blocks)
         begin = at = 0
-        while here.at < len(here.ends):
-            at = reach(here, away, at, here.ends[here.at][0], full)
+        while here.at < len(ends):
+            at = reach(here, away, at, ends[here.at][0], full)
             if at == len(away):
                 break
             if at > begin:
-                here.waiting.append(self._part(packets, begin, at, offsets))
+                here.wait(self._part(packets, begin, at, offsets), away[at - 1])
                 begin = at
             if here.waiting:
-                joined = as_one(here.waiting)
-                room = 0 if here.rest is None else len(here.rest)
                 following = packets.data[offsets[at] : offsets[at + 1]]
-                self._take(here, joined, here.decoder.decode(joined, following, room), here.passed)
-            while here.at < len(here.ends) and here.ends[here.at][0] <= here.passed:
+                self._take(here, following, here.passed)
+            while here.at < len(ends) and ends[here.at][0] <= here.passed:
                 self._pass_end(here)
         else:
             reach(here, away, at, full, full)
         if begin < len(away):
-            here.waiting.append(self._part(packets, begin, len(away), offsets) if begin else packets)
+            here.wait(self._part(packets, begin, len(away), offsets) if begin else packets, away[-1])
 
-    def _take(self, here: DividedRevolution, packets: Packets, samples: Samples, next_away: int) -> None:
-        here.take(packets, samples, next_away, self._stream.format)
+    def _take(
+        self, here: DividedRevolution, following: bytes | None, next_at: int, seam: int | None = None
+    ) -> Samples:
+        """Decode what waits: `following` is the packet behind it, and begins so far behind the seam."""
+        room = 0 if here.rest is None else len(here.rest.angle)
+        samples = here.decoder.decode(joined(here.waiting), following, room, seam)
+        here.take(samples, next_at, self._stream.format.full_turn)
         if samples.certain and samples.revolution_samples:
             self._usual_samples, self._by_speed_ns = samples.revolution_samples, samples.sample_ns
+        return samples
 
     # ------------------------------------------------------------------------------------------------ sectors
 
@@ -192,12 +196,14 @@ class SectorAssembler(Assembler):
             return
         here.open[count] = OpenSector(done.index + 1, here.given, here.lost)
         arrays = done.pieces[0] if len(done.pieces) == 1 else join_pieces(done.pieces)
-        sample_ns, start_ns = self._sample_time_ns, self._start_ns(here)
+        sample_ns = self._sample_time_ns
+        start_ns = self._start_ns(here, sample_ns)
         if here.seq is None:
             here.seq = self._number(here, start_ns)
         lost = here.lost - done.lost
+        before = sum([skipped for at, skipped in here.gaps if at <= done.begin])
         gaps = [(at - done.begin, skipped) for at, skipped in here.gaps if done.begin < at < here.given]
-        stamp_ns = start_ns + round((done.begin + here.skipped(done.begin)) * sample_ns)
+        stamp_ns = start_ns + round((done.begin + before) * sample_ns)
         mode = self._stream.mode
         sector = Sector(
             device_angles=read_only(turned_by(arrays.angle, here.offset_deg)),
@@ -206,7 +212,7 @@ class SectorAssembler(Assembler):
             stamp_ns=stamp_ns,
             wall_stamp_ns=stamp_ns + self._wall_offset_ns,
             time_increment_ns=round(sample_ns),
-            duration_ns=round((len(arrays) + sum(skipped for _, skipped in gaps)) * sample_ns),
+            duration_ns=round((len(arrays.angle) + sum([skipped for _, skipped in gaps])) * sample_ns),
             rpm=60e9 / (self._usual_samples * sample_ns) if self._usual_samples else math.nan,
             seq=here.seq,
             index=done.index,
@@ -223,10 +229,10 @@ class SectorAssembler(Assembler):
     def _sample_time_ns(self) -> float:
         return self._by_speed_ns or self._stream.sample_ns or self.incoming.time.measured_ns
 
-    def _start_ns(self, here: DividedRevolution) -> int:
+    def _start_ns(self, here: DividedRevolution, sample_ns: float) -> int:
         """When the first sample was measured, as far as the packets so far tell."""
         packet_bytes = here.bytes / here.packets if here.packets else self._stream.format.shortest
-        return earliest_ns([here.first_ns], self._sample_time_ns, packet_bytes * self._byte_ns)
+        return earliest_ns([here.first_ns], sample_ns, packet_bytes * self._byte_ns)
 
     def _number(self, here: DividedRevolution, start_ns: int) -> int:
         """The number of the revolution; those that passed unseen before it are counted."""
@@ -291,13 +297,10 @@ class SectorAssembler(Assembler):
         wire = self._stream.format
         seam = None if split.marked or split.broken else split.seam
         behind = None if split.broken else following
-        joined = as_one(here.waiting)
-        left = 0 if here.rest is None else len(here.rest)
-        last = here.decoder.decode(joined, behind, left, seam)
         first = Packets(following, (Block(len(following), 1),), ((1, 0),))
-        self._take(
-            here, joined, last, wire.full_turn + away_of(wire.headings(first), here.began, wire.full_turn)[0]
-        )
+        next_at = wire.full_turn + away_of(wire.headings(first), here.began, wire.full_turn)[0]
+        left = 0 if here.rest is None else len(here.rest)
+        last = self._take(here, behind, next_at, seam)
         samples = self._of_revolution(here, packets, behind, room, seam)
         if not (split.broken or split.moved):
             self._ending = here, left + last.before_seam
