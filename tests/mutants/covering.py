@@ -16,8 +16,8 @@ from tests.mutants.places import Place
 
 __all__ = ["Covering"]
 
-_MOST_NAMED: Final = 400
-"""So many tests are named one by one. pytest is slow to find more, so then whole modules run."""
+MOST_TESTS: Final = 400
+"""Of more tests that run a line, so many are taken, evenly: to find and run more takes minutes."""
 
 
 class Covering:
@@ -37,40 +37,62 @@ class Covering:
         """The tests that run the line: those of the `nearest` folders and modules, then the others.
 
         pytest orders those of one run by their fixtures, and not as they are named. Of a line that runs while its
-        module is imported, those that run anything of the module.
+        module is imported, those that run a line that names what it defines.
         """
         path = self._root / place.path
-        contexts = self._data.contexts_by_lineno(str(path))
-        statement = set(_statement(ast.parse(path.read_bytes()), place.line))
-        found = _tests(contexts[line] for line in statement.intersection(contexts)) or _tests(contexts.values())
+        tree = ast.parse(path.read_bytes())
+        statement = _statement(tree, place.line)
+        found = self._tests_of(path, range(statement.lineno, _head_end(statement)))
+        if not found and (names := _defined(statement)):
+            for user in sorted((self._root / "lidario").rglob("*.py")):
+                if lines := _naming(user, names):
+                    found |= self._tests_of(user, lines)
 
         near, far = list[str](), list[str]()
-        for test in sorted(found):
-            module = _module(test)
+        for test in sorted(found or self._tests_of(path, None)):
+            module = test.partition("::")[0]
             is_near = any(module == folder or module.startswith(f"{folder}/") for folder in nearest)
             (near if is_near else far).append(test)
-        return [_shortened(tests) for tests in (near, far) if tests]
+        return [tests[:: -(-len(tests) // MOST_TESTS)] for tests in (near, far) if tests]
+
+    def _tests_of(self, path: Path, lines: Iterable[int] | None) -> set[str]:
+        """The tests that run some of these lines of a file; None for any line."""
+        contexts = self._data.contexts_by_lineno(str(path))
+        these = contexts if lines is None else contexts.keys() & set(lines)
+        return {context.rpartition("|")[0] for line in these for context in contexts[line] if context}
 
 
-def _statement(tree: ast.Module, line: int) -> range:
-    """The lines of the statement on that line; of one that has a body, those before it."""
-    around = range(line, line + 1)
+def _statement(tree: ast.Module, line: int) -> ast.stmt:
+    """The smallest statement on that line."""
+    around: ast.stmt = tree.body[0]
     for node in ast.walk(tree):
-        end = getattr(node, "end_lineno", line)
-        if isinstance(node, ast.stmt) and node.lineno <= line <= end:
+        if isinstance(node, ast.stmt) and node.lineno <= line <= (node.end_lineno or line):
             # Walked from the outside inwards: the last one is the smallest.
-            body = getattr(node, "body", None)
-            around = range(node.lineno, max(node.lineno + 1, body[0].lineno if body else end + 1))
+            around = node
     return around
 
 
-def _tests(contexts: Iterable[Iterable[str]]) -> set[str]:
-    return {context.rpartition("|")[0] for each in contexts for context in each if context}
+def _head_end(statement: ast.stmt) -> int:
+    """The line behind a statement; of one that has a body, behind what stands before that."""
+    body = getattr(statement, "body", None)
+    end = statement.end_lineno or statement.lineno
+    return max(statement.lineno + 1, body[0].lineno if body else end + 1)
 
 
-def _shortened(tests: list[str]) -> list[str]:
-    return tests if len(tests) <= _MOST_NAMED else list(dict.fromkeys(map(_module, tests)))
+def _defined(statement: ast.stmt) -> set[str]:
+    """The names that a statement gives a value."""
+    targets = getattr(statement, "targets", None) or [getattr(statement, "target", None)]
+    return {name.id for target in targets if target for name in ast.walk(target) if isinstance(name, ast.Name)}
 
 
-def _module(test: str) -> str:
-    return test.partition("::")[0]
+def _naming(path: Path, names: set[str]) -> list[int]:
+    """The lines of a file that read one of the names, also as an attribute."""
+    text = path.read_text(encoding="utf-8")
+    if not any(name in text for name in names):
+        return []
+    found = list[int]()
+    for node in ast.walk(ast.parse(text)):
+        name = node.id if isinstance(node, ast.Name) else node.attr if isinstance(node, ast.Attribute) else ""
+        if name in names and isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Load):
+            found.append(node.lineno)
+    return found
