@@ -14,6 +14,9 @@ from lidario.wire.formats import StreamFormat
 
 __all__ = ["LONGEST_REVOLUTION", "Keepalive", "Known", "RawStream", "Stream", "raw_stream"]
 
+ENDLESS_TURNS: Final = 4
+"""Times that the slowest revolution takes, after which one that has not ended is given up. A rotor that runs down is
+slower than it ever should be."""
 LONGEST_REVOLUTION: Final = 65536
 """Samples after which a revolution that does not end is given up, whatever is said of its times; twice what the
 fastest device takes at its slowest speed."""
@@ -62,15 +65,20 @@ class Stream:
     timed: bool = True
 
     @property
+    def most_ns(self) -> float:
+        """Nanoseconds that a revolution may take, before it is given up (`ENDLESS_TURNS`)."""
+        return ENDLESS_TURNS * 1e9 * self.slowest_turn_s
+
+    @property
     def most_bytes(self) -> int:
-        """Bytes of packets that a revolution may have: those of the slowest one, twice.
+        """Bytes of packets that a revolution may have, before it is given up (`ENDLESS_TURNS`).
 
         Times come from the device, a peer or a file. Whatever they say, it is never more than `LONGEST_REVOLUTION`
         samples.
         """
         samples = float(LONGEST_REVOLUTION)
         if self.sample_ns > 0:
-            samples = min(samples, 2e9 * self.slowest_turn_s / self.sample_ns)
+            samples = min(samples, self.most_ns / self.sample_ns)
         wire = self.format
         sizes = [(size, wire.samples_in((Block(size, 1),))) for size in (wire.shortest, wire.longest)]
         most = max(math.ceil(samples / max(each, 1)) * size for size, each in sizes)

@@ -31,8 +31,6 @@ from lidario.wire.events import Packets
 
 __all__ = ["Assembler", "AssemblerStats"]
 
-_ENDLESS_TURNS = 2  # of the slowest ones, after which a revolution that has not ended is given up
-
 
 class Assembler:
     """Builds the scans of one stream.
@@ -63,8 +61,7 @@ class Assembler:
         self._wall_offset_ns = wall_offset_ns
         self.incoming: Incoming = Incoming(stream, self.stats, clock)
         self._seam = Seam(stream.format.full_turn, stream.format.first_seam)
-        self._endless_ns = _ENDLESS_TURNS * 1e9 * stream.slowest_turn_s
-        self._most_bytes = stream.most_bytes
+        self._most_ns, self._most_bytes = stream.most_ns, stream.most_bytes
         self.partial: PartialRevolution = PartialRevolution(whole=False)
         self._clock = RevolutionClock(1e9 * stream.slowest_turn_s)
         self._last_spanned_ns = 0.0
@@ -207,7 +204,7 @@ class Assembler:
         partial.size += len(packets.data)
         count, received_ns = packets.arrivals[-1]
         self.stats.unfinished_packets += count
-        if received_ns - partial.runs[0].arrivals[0][1] > self._endless_ns or partial.size > self._most_bytes:
+        if received_ns - partial.runs[0].arrivals[0][1] > self._most_ns or partial.size > self._most_bytes:
             # It will never end as it should. Time alone is no bound: peers and files say what time it is.
             if partial.whole:
                 self.stats.break_scan()

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future
 from copy import copy
 from functools import lru_cache
-from itertools import cycle, product
+from itertools import cycle
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -119,7 +119,9 @@ def exported(path: Path, out: Path, jobs: int) -> bytes:
 
 
 @pytest.mark.exhaustive(
-    "case", sample=[*zip(OF_EACH_FORMAT, cycle(FAULTS), strict=False)], full=[*product(MODELS, FAULTS)]
+    "case",
+    sample=[*zip(OF_EACH_FORMAT, cycle(FAULTS), strict=False)],
+    full=[*zip(MODELS, cycle(FAULTS), strict=False)],
 )
 def test_all_scans_are_those_of_one_process(tmp_path: Path, case: tuple[str, str], joined: list[int]) -> None:
     model, fault = case

@@ -1,0 +1,74 @@
+"""The models that only talk are what the protocol sheets say; `docs/devices.md` tells the same lines."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from lidario.families.camsense.device import TALKERS as CAMSENSE
+from lidario.families.hlds.device import TALKERS as HLDS
+from lidario.families.irobotix.device import TALKERS as IROBOTIX
+from lidario.families.ldrobot.device import TALKERS as LDROBOT
+from lidario.families.neato.device import TALKERS as NEATO
+from lidario.families.talking import TalkingModel
+
+DOCS = Path(__file__).parents[2] / "docs/devices.md"
+FAMILIES = {"ldrobot": LDROBOT, "hlds": HLDS, "neato": NEATO, "camsense": CAMSENSE, "irobotix": IROBOTIX}
+SHEET = {
+    # more_families.md B1; more_families_2.md 1.1 and 1.2: baud, samples a second, metres (0 where none is stated).
+    "ldrobot": {
+        "ld06": (230_400, 4546, 12),
+        "ld19": (230_400, 4500, 12),
+        "stl-06p": (230_400, 5000, 12),
+        "stl-19p": (230_400, 4500, 12),
+        "stl-26": (230_400, 5000, 12),
+        "stl-27l": (921_600, 21_600, 25),
+        "ld14": (115_200, 2300, 8),
+        "ld14p": (230_400, 4000, 8),
+        "ld08": (115_200, 2300, 8),
+    },
+    # more_families_2.md 3: one sample a degree, 300 revolutions a minute.
+    "neato": {"xv11": (115_200, 1800, 0), "lds02rr": (115_200, 1800, 0), "lds01rr": (115_200, 1800, 9)},
+    # 4
+    "camsense": {"x1": (115_200, 2080, 8), "lds08rr": (115_200, 2080, 8)},
+    # 5
+    "irobotix": {
+        "delta2a": (230_400, 5000, 8),
+        "delta2b": (230_400, 5000, 8),
+        "delta2d": (115_200, 2000, 8),
+        "delta2g": (115_200, 1890, 8),
+        "lds08rr": (115_200, 1890, 8),
+    },
+}
+
+
+def facts(model: TalkingModel) -> tuple[int, int, float]:
+    """Baud, samples a second, metres."""
+    return model.baudrate, round(1e6 / model.sample_us), model.reach
+
+
+@pytest.mark.parametrize("family", SHEET)
+def test_each_has_the_line_the_rate_and_the_reach_of_the_sheet(family: str) -> None:
+    assert {name: facts(model) for name, model in FAMILIES[family].models.items()} == SHEET[family]
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_one_that_is_not_named_is_read_at_the_line_and_rate_of_one_that_is(family: str) -> None:
+    # more_families_2.md 2: an LDS-01 has no other name.
+    named = [*SHEET[family].values()] if family in SHEET else [(230_400, 1800, 3.5)]
+    # Whatever a Neato or an alike sends.
+    others = [NEATO.unnamed(b"")] if family == "neato" else FAMILIES[family].others
+    assert {facts(model) for model in others} <= set(named)
+
+
+def test_the_page_of_devices_tells_the_same_lines() -> None:
+    told: dict[str, set[int]] = {}
+    for row in DOCS.read_text(encoding="utf-8").splitlines():
+        cells = [cell.strip() for cell in row.split("|")]
+        if len(cells) > 4 and re.fullmatch(r"\d{6}", cells[3]):
+            for name in re.findall(r"`([\w-]+)`", cells[2]):
+                told.setdefault(name, set()).add(int(cells[3]))
+    lines = {(name, baud) for models in SHEET.values() for name, (baud, _, _) in models.items()}
+    assert lines <= {(name, baud) for name, bauds in told.items() for baud in bauds}
