@@ -179,6 +179,10 @@ class Device(ABC):
         """
         return b""
 
+    def end_search(self) -> bytes:
+        """What stops it at the end of a search that may have started it in vain. Default: nothing does."""
+        return b""
+
     @abstractmethod
     def health(self) -> Script[Health]:
         """Ask how the device is."""

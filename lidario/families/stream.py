@@ -15,8 +15,8 @@ from lidario.wire.formats import StreamFormat
 __all__ = ["LONGEST_REVOLUTION", "Keepalive", "Known", "RawStream", "Stream", "raw_stream"]
 
 ENDLESS_TURNS: Final = 4
-"""Times that the slowest revolution takes, after which one that has not ended is given up. A rotor that runs down is
-slower than it ever should be."""
+"""Times that the slowest revolution takes, after which one that has not ended is given up. A rotor that runs down
+is slower than it ever should be."""
 LONGEST_REVOLUTION: Final = 65536
 """Samples after which a revolution that does not end is given up, whatever is said of its times; twice what the
 fastest device takes at its slowest speed."""

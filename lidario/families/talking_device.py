@@ -100,6 +100,9 @@ class TalkingDevice(Device):
         # Where most models need no start, one that has got it goes on: it is heard in the next round.
         return self._model.stop if all(model.start for model in self._talkers.all) else b""
 
+    def end_search(self) -> bytes:
+        return self._model.stop
+
     def identify(self) -> Script[DeviceInfo]:
         """As `Device.identify`: by its packets. One that may have been stopped is started for that."""
         runs = yield from self._hear()

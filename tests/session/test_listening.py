@@ -190,6 +190,32 @@ def test_where_nothing_listens_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     assert at_each == [QUESTION[name] if name else bytes.fromhex("54A004000000005E") for name in order]
 
 
+@pytest.mark.parametrize("ended_after_s", [0.5, 2.0, 4.0, None])
+@pytest.mark.parametrize("model", ["ldrobot-ld14p", "hlds-lds01"])
+def test_what_the_search_may_have_started_is_left_still(
+    model: str, ended_after_s: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = make(model)
+    serial_in_memory(monkeypatch, mute=device)
+
+    @driven
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        device.receive(bytes.fromhex("54A104000000004A") if model == "ldrobot-ld14p" else b"e", now())
+        assert not device.motor_on
+        device.mute = True
+        with pytest.raises((ConnectFailed, TimeoutError)):
+            async with asyncio.timeout(ended_after_s):
+                await open_lidar("mute")
+        # What was written last may still be under way.
+        until = loop.time() + 1.0
+        while device.motor_on and loop.time() < until:
+            await asyncio.sleep(0.01)
+        assert not device.motor_on
+
+    main()
+
+
 class Noise:
     """A line on which bytes come that say nothing, at whatever speed they are read."""
 

@@ -2,14 +2,7 @@
 
 Where family and speed are known, the device is asked at once, for as long as a half request that a killed program
 left may keep it from hearing. Otherwise the line is first listened to (`listen`): a device that
-streams is recognised by that. What remains unknown is found by asking, in rounds:
-
-- The first round waits shortly at each speed, since a healthy device responds within milliseconds. It is made
-  where nothing was heard, so nothing has to be stopped before the question, and where one family would have to wait
-  for another.
-- Then the models are asked that need the control line DTR. For the others it is cleared again.
-- Each later round asks with patience, until each was asked after the longest time for which a device does not hear:
-  it holds half a request, or it boots.
+streams is recognised by that. What remains unknown is found by asking (`lidario.session.finding.asking`).
 
 At one speed the families are asked in the order of the registry. Speeds are ordered by rank, each family's
 likeliest first, so that a family with one speed does not wait for all speeds of another. Where a device was found
@@ -19,19 +12,20 @@ before on the same adapter, its family and speed come first (`remember`).
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator, Sequence
-from itertools import count, pairwise, zip_longest
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable, Sequence
+from itertools import pairwise, zip_longest
+from typing import TYPE_CHECKING
 
 import anyio
 
 from lidario.errors import ConnectFailed, DeviceLost, ResponseTimeout
-from lidario.families.base import Device, Family
+from lidario.families.base import Family
 from lidario.families.registry import FAMILIES, families_of_model, family_named, family_of_simulated
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.tcp import open_tcp
 from lidario.port.udp import open_udp
+from lidario.session.finding.asking import Attempt, Woken, ask_in_turns, find_by_dtr, made
 from lidario.session.finding.connection import Connection, HalfOpen, connect_recording, connect_remote
 from lidario.session.finding.listening import adapter_of, last_at, listen, remember
 from lidario.session.finding.silence import ReceivedInSilence
@@ -43,19 +37,6 @@ if TYPE_CHECKING:
     from lidario.port.simulated import Simulation
 
 __all__ = ["connect"]
-
-
-class _Try(NamedTuple):
-    family: Family
-    baudrate: int
-    model: str | None = None
-    is_guess: bool = False
-
-
-RESPONSE_BYTES = 64
-"""Most bytes of a response that says what a device is. More of them are noise, or a stream."""
-QUICK_S = 0.05
-"""How long the first round waits for a response: a healthy device needs a few milliseconds, an adapter up to 16."""
 
 
 async def connect(
@@ -97,6 +78,7 @@ async def connect(
     loop = asyncio.get_running_loop()
     received = ReceivedInSilence()
     asked: list[Dialogue] = []
+    woken = Woken(port)
 
     def began(dialogue: Dialogue) -> None:
         asked.append(dialogue)
@@ -109,15 +91,16 @@ async def connect(
             on_port(port)
         if guard and source.is_driven_from_here:
             await port.guard()
-        connection, tries = await _find(port, tries, patient=patient, on_dialogue=began)
+        connection, tries = await _find(port, tries, woken, patient=patient, on_dialogue=began)
         if connection is None and len(tries) == 1 and source.model is None:
-            connection = await _find_by_dtr(port, tries)
+            connection = await find_by_dtr(port, tries, woken)
         if connection is not None:
             if adapter is not None:
                 remember(adapter, connection.family.name, port.baudrate)
             if not connection.device.can_be_stopped:
                 port.unguard()
             return connection
+        await woken.stop()
         for dialogue in asked:
             dialogue.hang_up()
         if not asked:
@@ -145,7 +128,7 @@ async def connect(
 
 async def _opened(
     source: Source, named: str | None, speed: int | None, simulation: Simulation | None
-) -> tuple[Port, list[_Try], str | None]:
+) -> tuple[Port, list[Attempt], str | None]:
     """An open port, what is to be tried on it, and its adapter where the speed behind that is to be remembered."""
     families = (family_named(named),) if named else FAMILIES
     if source.model is not None:
@@ -155,23 +138,23 @@ async def _opened(
         from lidario.port.simulated import open_simulated  # a fifth of the import time, for those who need it
 
         port = await (open_simulated(source) if simulation is None else simulation.open())
-        tries = [_Try(family_of_simulated(source.address), port.baudrate, source.model)]
+        tries = [Attempt(family_of_simulated(source.address), port.baudrate, source.model)]
     elif source.device is not None:
         from lidario.port.simulated import connect_in_memory
 
         port = connect_in_memory(source.device)
-        tries = [_Try(each, 0) for each in families]
+        tries = [Attempt(each, 0) for each in families]
     elif source.kind == "tcp":
         port = await open_tcp(source.text, *source.host_and_port, baudrate=speed or 0)
-        tries = [_Try(each, 0, source.model) for each in families]
+        tries = [Attempt(each, 0, source.model) for each in families]
     elif source.kind == "udp":
         port = await open_udp(source.text, *source.host_and_port)
-        tries = [_Try(each, 0) for each in families]
+        tries = [Attempt(each, 0) for each in families]
     else:
         if source.model is not None:
-            tries = [_Try(each, speed or each.models[source.model].baudrate, source.model) for each in families]
+            tries = [Attempt(each, speed or each.models[source.model].baudrate, source.model) for each in families]
         elif speed:
-            tries = [_Try(each, speed) for each in families]
+            tries = [Attempt(each, speed) for each in families]
         else:
             adapter = adapter_of(source.address)
             known = None if adapter is None else last_at(adapter)
@@ -181,28 +164,21 @@ async def _opened(
     return port, tries, adapter
 
 
-def _made(port: Port, attempt: _Try) -> Device:
-    device = attempt.family.make(attempt.model)
-    device.by_network = not port.baudrate
-    device.is_guess = attempt.is_guess
-    return device
-
-
-def _may_hear(each: _Try) -> bool:
+def _may_hear(each: Attempt) -> bool:
     """Whether a silent device of that family may hear a request at that speed."""
     asked_at = each.family.asked_at
     return asked_at is None or each.baudrate in (0, *asked_at)
 
 
-def _by_likelihood(families: Sequence[Family]) -> list[_Try]:
+def _by_likelihood(families: Sequence[Family]) -> list[Attempt]:
     """Every speed of every family: the likeliest of each family first, then the second of each, and so on."""
-    ranks = zip_longest(*([_Try(family, speed) for speed in family.baudrates] for family in families))
+    ranks = zip_longest(*([Attempt(family, speed) for speed in family.baudrates] for family in families))
     return [each for rank in ranks for each in rank if each is not None]
 
 
 async def _find(
-    port: Port, tries: list[_Try], *, patient: bool, on_dialogue: Callable[[Dialogue], None] | None
-) -> tuple[Connection | None, list[_Try]]:
+    port: Port, tries: list[Attempt], woken: Woken, *, patient: bool, on_dialogue: Callable[[Dialogue], None] | None
+) -> tuple[Connection | None, list[Attempt]]:
     """The device, or None, and what was tried."""
     if len(tries) == 1:
         return await _try_known(port, tries[0], patient=patient, on_dialogue=on_dialogue), tries
@@ -212,86 +188,21 @@ async def _find(
     if heard.stream is not None:
         at = heard.stream
         # Where several families have a model of the name that the user gave, it is that one.
-        known = next((each for each in tries if (each.family, each.baudrate) == at), _Try(*at))
+        known = next((each for each in tries if (each.family, each.baudrate) == at), Attempt(*at))
         return await _try_known(port, known, on_dialogue=on_dialogue), [known]
     tries = [each for each in tries if _may_hear(each)] or tries
     families = {each.family for each in tries}
     # One that is waited for shortly may be late. Then at another speed it is noise, but not at the same.
     quick = heard.silent and len(families) > 1 and all(a.baudrate != b.baudrate for a, b in pairwise(tries))
-    return await _ask_in_turns(port, tries, quick=quick, silent=heard.silent, patient=patient), tries
-
-
-async def _ask_in_turns(
-    port: Port, tries: list[_Try], *, quick: bool, silent: bool, patient: bool
-) -> Connection | None:
-    """Ask at each speed, again and again, until each was asked when its device must have heard it; or None."""
-    loop = asyncio.get_running_loop()
-    longest = max(each.family.timing.forget_s for each in tries)
-    # Where something arrives, no device boots: then only half a request can keep one from hearing.
-    deadlines = {each: loop.time() + (longest if silent else each.family.timing.forget_s) for each in tries}
-    left = list(tries)
-    for number in count():
-        for each in tuple(left):
-            began = loop.time()
-            # Once: a silent port is given up soon, and requests of other families may stop it meanwhile.
-            patience_s = each.family.timing.starts_s if silent and number == quick else 0.0
-            connection = await _try(port, each, quick=quick and not number, patience_s=patience_s or None)
-            if connection is not None:
-                return connection
-            if began >= deadlines[each] and not (quick and not number):
-                left.remove(each)
-        if number == (quick and patient) and all(each.model is None for each in tries):
-            # Not at the end: meanwhile the time passes in which others cannot hear.
-            connection = await _find_by_dtr(port, tries)
-            if connection is not None:
-                return connection
-        if not left or not patient:
-            return None
-    return None
-
-
-async def _find_by_dtr(port: Port, tries: list[_Try]) -> Connection | None:
-    """One of the models that are dark while DTR is cleared; None when none responds.
-
-    Each is asked once, and once more where as much as a response came back: it may have been damaged.
-    """
-    came = ReceivedInSilence()
-    port.add_tap(came.see)
-    try:
-        for guess, patience_s in _dark_ones(tries):
-            before = came.total
-            connection = await _try(port, guess, quick=False, patience_s=patience_s)
-            if connection is None and 0 < came.total - before <= RESPONSE_BYTES:
-                connection = await _try(port, guess, quick=False, patience_s=patience_s)
-            if connection is not None:
-                return connection
-    finally:
-        port.remove_tap(came.see)
-    port.set_dtr(False)
-    return None
-
-
-def _dark_ones(tries: list[_Try]) -> Iterator[tuple[_Try, float]]:
-    """Whom to ask while DTR is asserted, and how long each may take to respond."""
-    speeds = {each.baudrate for each in tries}
-    asked: set[tuple[Family, int, float]] = set()
-    for family in dict.fromkeys(each.family for each in tries):
-        for name, patience_s in family.by_dtr.items():
-            baudrate = 0 if 0 in speeds else family.models[name].baudrate
-            # Where no speed tells them apart, one question is for all that respond, and one for all that talk.
-            question = (family, baudrate, patience_s)
-            if question in asked or baudrate not in speeds:
-                continue
-            asked.add(question)
-            yield _Try(family, baudrate, name, is_guess=True), patience_s
+    return await ask_in_turns(port, tries, woken, quick=quick, silent=heard.silent, patient=patient), tries
 
 
 async def _try_known(
-    port: Port, known: _Try, *, patient: bool = True, on_dialogue: Callable[[Dialogue], None] | None = None
+    port: Port, known: Attempt, *, patient: bool = True, on_dialogue: Callable[[Dialogue], None] | None = None
 ) -> Connection | None:
     """Ask the one family at the one speed that it can be, with patience; None when there is no response."""
     family = known.family
-    device = _made(port, known)
+    device = made(port, known)
     if known.baudrate:
         port.set_baudrate(known.baudrate)
     dialogue = Dialogue(port, device, family.timing)
@@ -306,40 +217,6 @@ async def _try_known(
         await dialogue.settled_down()
         half_open.release()
         port.attach(None)
-        return None
-    except BaseException:
-        await dialogue.close()
-        raise
-    return Connection(port, family, device, dialogue, info, half_open)
-
-
-async def _try(port: Port, attempt: _Try, *, quick: bool, patience_s: float | None = None) -> Connection | None:
-    """Ask one family's question once at one speed; None when there is no response.
-
-    Args:
-        port: The line.
-        attempt: Whom to ask, and how fast.
-        quick: Nothing streams: ask without waiting for silence, and wait shortly.
-        patience_s: How long its response may take; None for as long as is usual in its family.
-    """
-    family = attempt.family
-    if attempt.baudrate:
-        try:
-            port.set_baudrate(attempt.baudrate)
-        except ConnectFailed:
-            return None  # the adapter cannot do it; its device runs at another speed
-    device = _made(port, attempt)
-    dialogue = Dialogue(port, device, family.timing)
-    half_open = HalfOpen(dialogue)
-    try:
-        usual_s = QUICK_S if quick else family.timing.probe_s
-        dialogue.hurry(usual_s if patience_s is None else patience_s)
-        info = await introduce(dialogue, device, patience=0, quiet=quick)
-        dialogue.hurry()
-    except ResponseTimeout:
-        half_open.release()
-        port.attach(None)
-        port.write(device.complete_probe())
         return None
     except BaseException:
         await dialogue.close()

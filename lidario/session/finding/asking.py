@@ -1,0 +1,204 @@
+"""Asking a device that nothing is known of, in rounds.
+
+- The first round waits shortly at each speed, since a healthy device responds within milliseconds. It is made
+  where nothing was heard, so nothing has to be stopped before the question, and where one family would have to wait
+  for another.
+- Then the models are asked that need the control line DTR. For the others it is cleared again.
+- Each later round asks with patience, until each was asked after the longest time for which a device does not hear:
+  it holds half a request, or it boots.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from contextlib import suppress
+from itertools import count
+from typing import NamedTuple
+
+import anyio
+
+from lidario.errors import ConnectFailed, ResponseTimeout
+from lidario.families.base import Device, Family
+from lidario.port.port import Port
+from lidario.session.finding.connection import Connection, HalfOpen
+from lidario.session.finding.silence import ReceivedInSilence
+from lidario.session.talking.dialogue import Dialogue
+from lidario.session.talking.handshake import introduce
+
+__all__ = ["Attempt", "Woken", "ask_in_turns", "find_by_dtr", "made"]
+
+RESPONSE_BYTES = 64
+"""Most bytes of a response that says what a device is. More of them are noise, or a stream."""
+SENT_S = 0.02
+"""How long a request may be under way: some bytes, and an adapter that gathers them."""
+QUICK_S = 0.05
+"""How long the first round waits for a response: a healthy device needs a few milliseconds, an adapter up to 16."""
+
+
+class Attempt(NamedTuple):
+    """Whom to ask, and how fast.
+
+    Attributes:
+        family: Whose question is asked.
+        baudrate: Speed of the line; 0 where it has none.
+        model: The model, where it is known.
+        is_guess: Whether the model is only supposed.
+    """
+
+    family: Family
+    baudrate: int
+    model: str | None = None
+    is_guess: bool = False
+
+
+class Woken:
+    """Devices that a search may have started, and which did not respond in time: they are stopped when it ends.
+
+    Until then they are left on, so that they are heard when their rotor turns evenly.
+
+    Args:
+        port: The line.
+    """
+
+    def __init__(self, port: Port) -> None:
+        self._port = port
+        self._loop = asyncio.get_running_loop()
+        self._stops: set[tuple[int, bytes]] = set()
+
+    def add(self, baudrate: int, stop: bytes) -> None:
+        """One at that speed may have been started; nothing stops one that was not."""
+        if stop:
+            self._stops.add((baudrate, stop))
+
+    async def stop(self, then: int = 0) -> None:
+        """Stop them, and leave the line at the speed `then`."""
+        with anyio.CancelScope(shield=not self._loop.is_closed()):
+            for baudrate, stop in sorted(self._stops):
+                if not self._port.is_open:
+                    return
+                self._at(baudrate)
+                self._port.write(stop)
+                if not self._loop.is_closed():
+                    # What is still under way would be garbled by another speed.
+                    await anyio.sleep(SENT_S)
+            if self._stops:
+                self._stops.clear()
+                self._at(then)
+
+    def _at(self, baudrate: int) -> None:
+        if baudrate:
+            with suppress(ConnectFailed):
+                self._port.set_baudrate(baudrate)
+
+
+def made(port: Port, attempt: Attempt) -> Device:
+    """The device as the family sees it that is asked."""
+    device = attempt.family.make(attempt.model)
+    device.by_network = not port.baudrate
+    device.is_guess = attempt.is_guess
+    return device
+
+
+async def ask_in_turns(
+    port: Port, tries: list[Attempt], woken: Woken, *, quick: bool, silent: bool, patient: bool
+) -> Connection | None:
+    """Ask at each speed, again and again, until each was asked when its device must have heard it; or None."""
+    loop = asyncio.get_running_loop()
+    longest = max(each.family.timing.forget_s for each in tries)
+    # Where something arrives, no device boots: then only half a request can keep one from hearing.
+    deadlines = {each: loop.time() + (longest if silent else each.family.timing.forget_s) for each in tries}
+    left = list(tries)
+    for number in count():
+        for each in tuple(left):
+            began = loop.time()
+            # Once: a silent port is given up soon, and requests of other families may stop it meanwhile.
+            patience_s = each.family.timing.starts_s if silent and number == quick else 0.0
+            connection = await _try(port, each, woken, quick=quick and not number, patience_s=patience_s or None)
+            if connection is not None:
+                return connection
+            if began >= deadlines[each] and not (quick and not number):
+                left.remove(each)
+        if number == (quick and patient) and all(each.model is None for each in tries):
+            # Not at the end: meanwhile the time passes in which others cannot hear.
+            connection = await find_by_dtr(port, tries, woken)
+            if connection is not None:
+                return connection
+        if not left or not patient:
+            return None
+    return None
+
+
+async def find_by_dtr(port: Port, tries: list[Attempt], woken: Woken) -> Connection | None:
+    """One of the models that are dark while DTR is cleared; None when none responds.
+
+    Each is asked once, and once more where as much as a response came back: it may have been damaged.
+    """
+    came = ReceivedInSilence()
+    port.add_tap(came.see)
+    try:
+        for guess, patience_s in _dark_ones(tries):
+            before = came.total
+            connection = await _try(port, guess, woken, quick=False, patience_s=patience_s)
+            if connection is None and 0 < came.total - before <= RESPONSE_BYTES:
+                connection = await _try(port, guess, woken, quick=False, patience_s=patience_s)
+            if connection is not None:
+                return connection
+    finally:
+        port.remove_tap(came.see)
+    port.set_dtr(False)
+    return None
+
+
+def _dark_ones(tries: list[Attempt]) -> Iterator[tuple[Attempt, float]]:
+    """Whom to ask while DTR is asserted, and how long each may take to respond."""
+    speeds = {each.baudrate for each in tries}
+    asked: set[tuple[Family, int, float]] = set()
+    for family in dict.fromkeys(each.family for each in tries):
+        for name, patience_s in family.by_dtr.items():
+            baudrate = 0 if 0 in speeds else family.models[name].baudrate
+            # Where no speed tells them apart, one question is for all that respond, and one for all that talk.
+            question = (family, baudrate, patience_s)
+            if question in asked or baudrate not in speeds:
+                continue
+            asked.add(question)
+            yield Attempt(family, baudrate, name, is_guess=True), patience_s
+
+
+async def _try(
+    port: Port, attempt: Attempt, woken: Woken, *, quick: bool, patience_s: float | None = None
+) -> Connection | None:
+    """Ask one family's question once at one speed; None when there is no response.
+
+    Args:
+        port: The line.
+        attempt: Whom to ask, and how fast.
+        woken: Takes note of whom the question may have started.
+        quick: Nothing streams: ask without waiting for silence, and wait shortly.
+        patience_s: How long its response may take; None for as long as is usual in its family.
+    """
+    family = attempt.family
+    if attempt.baudrate:
+        try:
+            port.set_baudrate(attempt.baudrate)
+        except ConnectFailed:
+            return None  # the adapter cannot do it; its device runs at another speed
+    device = made(port, attempt)
+    dialogue = Dialogue(port, device, family.timing)
+    half_open = HalfOpen(dialogue)
+    try:
+        usual_s = QUICK_S if quick else family.timing.probe_s
+        dialogue.hurry(usual_s if patience_s is None else patience_s)
+        info = await introduce(dialogue, device, patience=0, quiet=quick)
+        dialogue.hurry()
+    except ResponseTimeout:
+        half_open.release()
+        port.attach(None)
+        port.write(device.complete_probe())
+        woken.add(attempt.baudrate, device.end_search())
+        return None
+    except BaseException:
+        await woken.stop(attempt.baudrate)
+        await dialogue.close()
+        raise
+    return Connection(port, family, device, dialogue, info, half_open)
