@@ -13,12 +13,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
-from lidario.errors import RemoteProtocolError, Unsupported
+from lidario.errors import Unsupported
 from lidario.families.samples import Decoder, Samples, SteadySamples
 from lidario.families.stream import Keepalive, Known, RawStream, Stream, raw_stream
-from lidario.model import DeviceInfo, Health, HealthStatus, NetworkAddress, SampleRate, ScanMode
+from lidario.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.formats import StreamFormat
 
@@ -40,8 +40,6 @@ __all__ = [
     "SteadySamples",
     "Stream",
     "Timing",
-    "agreed",
-    "health_of",
     "raw_stream",
     "told",
 ]
@@ -49,39 +47,11 @@ __all__ = [
 T = TypeVar("T")
 Script: TypeAlias = Generator[Request, bytes, T]
 
-STATUSES: Final = (HealthStatus.OK, HealthStatus.WARNING, HealthStatus.ERROR)
-"""Health by its number, the same in every family so far."""
-MOST_DIFFERENT: Final = 5
-
-
-def agreed(request: Request) -> Script[bytes]:
-    """Ask until two responses are equal: responses carry no checksum, and one flipped bit makes another device.
-
-    Raises:
-        RemoteProtocolError: Five responses were all different.
-    """
-    seen: set[bytes] = set()
-    for _ in range(MOST_DIFFERENT):
-        payload = yield request
-        if payload in seen:
-            return payload
-        seen.add(payload)
-    raise RemoteProtocolError(
-        f"{MOST_DIFFERENT} responses to {request.name} were all different: the line damages what it carries"
-    )
-
 
 def told(value: T) -> Script[T]:
     """A script that asks nothing: the value is known."""
     yield from ()
     return value
-
-
-def health_of(status: int, code: int) -> Health:
-    """Health by its number; a warning where no document defines the number: only an error is known to be one."""
-    if status < len(STATUSES):
-        return Health(STATUSES[status], code)
-    return Health(HealthStatus.WARNING, code, f"it reports health status {status}, which is not defined")
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +89,7 @@ class Device(ABC):
             itself counts more.
         rests_s: Seconds between two signs of life, of one that may be well and yet silent for longer than others.
         fill: Bytes that complete any request that was half written, and begin none. Default: none are needed.
+        modes_note: What it has not told of its modes, for the log, once it was asked; empty where nothing is amiss.
     """
 
     can_keep_spinning: bool = True
@@ -127,6 +98,7 @@ class Device(ABC):
     sends_bytes: bool = True
     is_guess: bool = False
     rests_s: float = 0.0
+    modes_note: str = ""
     fill: Request = Request("FILL", b"")
 
     @abstractmethod

@@ -192,7 +192,7 @@ DEFECTS: Final[dict[str, tuple[Callable[[], Any], str, set[str]]]] = {
     "deaf behind its response": (
         lambda: DeafAfterResponse(s2()),
         "questions-in-a-row",
-        {"identity-is-one", "speed-is-reached", "request-after-stop", "stop-at-rest", "stands-at-the-end"},
+        {"identity-is-one", "speed-is-reached", "request-after-stop", "stands-at-the-end"},
     ),
     "chatters at rest": (
         lambda: Chatters(s2()),

@@ -88,7 +88,7 @@ def test_the_matrix_notices_where_the_device_is_silent(monkeypatch: pytest.Monke
 @pytest.mark.parametrize("family", ["rplidar", "ydlidar"])
 def test_slow_responses_show_where_a_quiet_line_is_believed(family: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A device that owes a response is quiet, and has not heard the stop requests."""
-    delay_s, moment_s = (0.2, 2.62) if family == "rplidar" else (1.5, 0.02)
+    delay_s, moment_s = (0.2, 5.23) if family == "rplidar" else (1.5, 0.02)
     run_driven(lambda: slow.both(make_rig(family), delay_s, slow.start, slow.b_stops, moment_s))
     monkeypatch.setattr(Readiness, "owes_until", 0.0)
     with pytest.raises(AssertionError):

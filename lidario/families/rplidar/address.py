@@ -13,6 +13,7 @@ from typing import Final
 
 from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.base import Script
+from lidario.families.responses import agreed
 from lidario.families.rplidar import commands
 from lidario.families.rplidar.commands import Conf
 from lidario.model import NetworkAddress
@@ -27,7 +28,7 @@ def ask_address() -> Script[NetworkAddress]:
     """Ask for the address. Raises Unsupported where the device tells none."""
     try:
         # The type is followed by two zero bytes.
-        told = (yield commands.get_lidar_conf(Conf.NETWORK_ADDRESS, 0))[4:]
+        told = (yield from agreed(commands.get_lidar_conf(Conf.NETWORK_ADDRESS, 0)))[4:]
     except ResponseTimeout as error:
         raise Unsupported(_NONE) from error
     if len(told) < _SIZE:

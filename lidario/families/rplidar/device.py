@@ -9,12 +9,14 @@ turned is in `motor`.
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
 
 from lidario.arguments import printable
 from lidario.errors import ResponseTimeout, Unsupported
-from lidario.families.base import Device, Script, Stream, agreed, health_of
+from lidario.families.base import Device, Script, Stream
+from lidario.families.responses import agreed, ask_health
 from lidario.families.rplidar import commands
 from lidario.families.rplidar.address import ask_address, set_address
 from lidario.families.rplidar.commands import Conf
@@ -100,13 +102,12 @@ class RplidarDevice(Device):
 
     def health(self) -> Script[Health]:
         """As `Device.health`; a status that is not defined is a warning."""
-        status, code = struct.unpack("<BH", (yield commands.GET_HEALTH))
-        return health_of(status, code)
+        return (yield from ask_health(_ask_health))
 
     def sample_rate(self) -> Script[SampleRate]:
         if self._major < FIRST_DIRECT_TOF and self._firmware < SAMPLERATE_FIRMWARE:
             return SampleRate(LEGACY_SAMPLE_US, LEGACY_SAMPLE_US)
-        standard, express = struct.unpack("<HH", (yield commands.GET_SAMPLERATE))
+        standard, express = struct.unpack("<HH", (yield from agreed(commands.GET_SAMPLERATE)))
         return SampleRate(float(standard), float(express))
 
     def modes(self) -> Script[tuple[ScanMode, ...]]:
@@ -121,22 +122,42 @@ class RplidarDevice(Device):
             self._silences = 0
 
     def _modes(self) -> Script[tuple[ScanMode, ...]]:
-        found: list[ScanMode] = []
+        found: dict[int, ScanMode] = {}
         if self._has_conf:
-            count = yield from self._ask("<H", Conf.MODE_COUNT)
-            for mode in range(MODE_LIMIT):
-                if len(found) >= (count or 0) or self._silences >= MOST_SILENCES:
-                    break
-                told = yield from self._mode(mode)
-                # Numbers may have holes: a mode that the device tells nothing of is none.
-                found += [told] if told.response_type else []
+            count = (yield from self._ask("<H", Conf.MODE_COUNT)) or 0
+            unsure = yield from self._list(range(MODE_LIMIT), count, found)
+            # The line may have damaged what was not told.
+            yield from self._list(unsure, count, found)
+            self.modes_note = ""
+            if not found:
+                self.modes_note = "the device did not tell its scan modes; those of older firmware are assumed"
+            elif len(found) < count:
+                self.modes_note = f"the device did not tell {count - len(found)} of its {count} scan modes"
         if not found:
             return (yield from self._legacy_modes())
         typical = yield from self._ask("<H", Conf.TYPICAL_MODE)
-        usable = [mode.id for mode in found if mode.response_type in FORMATS]
+        if typical is None:
+            typical = yield from self._ask("<H", Conf.TYPICAL_MODE)
+        modes = [found[number] for number in sorted(found)]
+        usable = [mode.id for mode in modes if mode.response_type in FORMATS]
         if typical not in usable:
             typical = usable[-1] if usable else None
-        return tuple(replace(mode, typical=mode.id == typical) for mode in found)
+        return tuple(replace(mode, typical=mode.id == typical) for mode in modes)
+
+    def _list(self, numbers: Iterable[int], count: int, found: dict[int, ScanMode]) -> Script[list[int]]:
+        """Ask for modes until so many are found; returns the numbers of those that have left a question open."""
+        unsure: list[int] = []
+        for number in numbers:
+            silences = self._silences
+            if silences >= MOST_SILENCES or (number not in found and len(found) >= count):
+                continue
+            told = yield from self._mode(number)
+            # Numbers may have holes: a mode that the device tells nothing of is none.
+            if told.response_type:
+                found[number] = told
+            if self._silences > silences:
+                unsure.append(number)
+        return unsure
 
     def load(self, mode: ScanMode) -> float:
         """As `Device.load`, by what the mode's list foretells."""
@@ -251,7 +272,7 @@ class RplidarDevice(Device):
         if not self._has_conf or self._silences >= MOST_SILENCES:
             return b""
         try:
-            return (yield commands.get_lidar_conf(kind, mode))[4:]
+            return (yield from agreed(commands.get_lidar_conf(kind, mode)))[4:]
         except ResponseTimeout:
             self._silences += 1
             return b""
@@ -300,6 +321,10 @@ class RplidarDevice(Device):
         except ResponseTimeout:
             return 0.0
         return rate.standard_us if mode.response_type == NODE_TYPE else rate.express_us
+
+
+def _ask_health() -> Script[bytes]:
+    return (yield commands.GET_HEALTH)
 
 
 _GET_MAC: Final = replace(commands.get_lidar_conf(Conf.MAC_ADDRESS), timeout=0.25, attempts=1)

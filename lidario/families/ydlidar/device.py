@@ -28,7 +28,8 @@ from typing import Final, TypeVar
 
 from lidario.errors import ResponseTimeout, Unsupported
 from lidario.families.arguments import frequency_within
-from lidario.families.base import Device, Keepalive, NamedModel, Script, Stream, agreed, health_of, told
+from lidario.families.base import Device, Keepalive, NamedModel, Script, Stream, told
+from lidario.families.responses import agreed, ask_health
 from lidario.families.unasked import NOT_STOPPED, begin, hear, hear_runs
 from lidario.families.ydlidar import commands
 from lidario.families.ydlidar.formats import PointCloud, samples_a_turn
@@ -194,8 +195,7 @@ class YdlidarDevice(Device):
                 yield commands.DTR_TURNS
             yield hear(self._model.kind.wire(), timeout=BY_DTR_S if self._model.dtr else HEAR_S)
             return Health(HealthStatus.OK, 0, UNNAMED if self._named is None else "")
-        status, code = struct.unpack("<BH", (yield from self._awake(self._ask_health())))
-        return health_of(status, code)
+        return (yield from self._awake(ask_health(self._ask_health)))
 
     def modes(self) -> Script[tuple[ScanMode, ...]]:
         """As `Device.modes`: there is one, and the device cannot be asked."""

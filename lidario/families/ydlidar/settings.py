@@ -14,6 +14,7 @@ from typing import Final
 
 from lidario.errors import RemoteProtocolError, ResponseTimeout
 from lidario.families.base import Script
+from lidario.families.responses import agreed
 from lidario.families.ydlidar import commands
 
 __all__ = ["ask_speed", "ask_zero_offset", "learn_protection", "step_to", "toggle_to"]
@@ -40,7 +41,7 @@ _STEPS: Final = {
 
 def ask_speed() -> Script[int]:
     """The scan frequency that is set, in hundredths of Hz."""
-    return _hundredths((yield commands.GET_SPEED))
+    return _hundredths((yield from agreed(commands.GET_SPEED)))
 
 
 def step_to(wanted: int) -> Script[float]:
@@ -108,13 +109,11 @@ def ask_zero_offset() -> Script[float]:
     """The zero-angle offset in degrees.
 
     Raises:
-        RemoteProtocolError: More than 360 degrees, twice.
+        RemoteProtocolError: More than 360 degrees.
     """
-    quarters = 0
-    for _ in range(2):
-        (quarters,) = struct.unpack("<i", (yield commands.GET_ZERO_OFFSET))
-        if abs(quarters) <= OFFSETS_A_TURN:
-            return float(quarters) / 4
+    (quarters,) = struct.unpack("<i", (yield from agreed(commands.GET_ZERO_OFFSET)))
+    if abs(quarters) <= OFFSETS_A_TURN:
+        return float(quarters) / 4
     raise RemoteProtocolError(f"the device reports a zero-angle offset of {quarters / 4:g} degrees")
 
 

@@ -118,6 +118,12 @@ class StreamControl:
         if before is not self.state:
             _log.debug("%s: %s -> %s", event.value, before.value, self.state.value)
 
+    def keep_modes(self, modes: tuple[ScanMode, ...]) -> None:
+        """Take note of the scan modes that the device has told, and tell which it has not."""
+        self.modes = modes
+        if self._at.device.modes_note:
+            _log.warning("%s", self._at.device.modes_note)
+
     def set_zero_offset(self, degrees: float, *, behind: bool) -> None:
         """Have the stream that runs add another zero-angle offset, as `Assembler.set_zero_offset`."""
         if self._running is not None:

@@ -164,7 +164,7 @@ class Scanner:
     async def modes(self) -> tuple[ScanMode, ...]:
         """The scan modes of the device, asked for once."""
         if not self.control.modes:
-            self.control.modes = await self.ask(self._at.device.modes)
+            self.control.keep_modes(await self.ask(self._at.device.modes))
         return self.control.modes
 
     def ask(self, script: Callable[[], Script[T]]) -> Awaitable[T]:

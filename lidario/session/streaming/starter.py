@@ -108,7 +108,7 @@ class Starter:
         while self._readers.joining:
             if not control.modes:
                 await control.interrupt()
-                control.modes = await self._at.dialogue.run(self._at.device.modes())
+                control.keep_modes(await self._at.dialogue.run(self._at.device.modes()))
                 continue
             mailbox, mode, force = self._readers.joining.pop(0)
             try:

@@ -34,7 +34,8 @@ def test_set_scan_frequency(bench: Bench, hertz: float) -> None:
 def test_the_set_frequency_is_reached_without_the_vendors_correction(bench: Bench) -> None:
     assert bench.run(bench.device.scan_frequency()) == 7.0
     assert bench.run(bench.device.set_scan_frequency(10.0)) == 10.0
-    assert [received.data[1] for received in bench.simulated.log] == [0x0D, 0x0D, 0x0B, 0x0B, 0x0B, 0x0D]
+    steps = [0x0B, 0x0B, 0x0B]
+    assert [received.data[1] for received in bench.simulated.log] == [0x0D] * 4 + steps + [0x0D] * 2
 
 
 @pytest.mark.parametrize("hertz", [4.9, 12.1, 0.0, -7.0, 1e308])
@@ -62,7 +63,7 @@ def test_a_device_that_does_not_step_ends_the_setting() -> None:
         return struct.pack("<I", 800)
 
     assert played(YdlidarDevice().set_scan_frequency(10.0), stubborn) == 8.0
-    assert asked == [0x0D, 0x0B, 0x0D]
+    assert asked == [0x0D, 0x0D, 0x0B, 0x0D, 0x0D]
 
 
 def test_a_device_that_overshoots_is_not_asked_for_ever() -> None:
@@ -100,7 +101,7 @@ def test_zero_offset(bench: Bench, quarters: int, degrees: float) -> None:
 
 
 def test_an_absurd_zero_offset_is_asked_again_and_refused() -> None:
-    answers = [struct.pack("<i", 100_000), struct.pack("<i", 9)]
+    answers = [struct.pack("<i", each) for each in (100_000, 9, 9)]
     assert played(YdlidarDevice().zero_offset(), lambda _: answers.pop(0)) == 2.25
     with pytest.raises(RemoteProtocolError, match="25000"):
         played(YdlidarDevice().zero_offset(), lambda _: struct.pack("<i", 100_000))
