@@ -13,6 +13,7 @@
 import gc
 import importlib.util
 import inspect
+import logging
 import os
 import platform
 import re
@@ -198,9 +199,12 @@ def _first_uvloop() -> None:
 
 @pytest.fixture(autouse=True)
 def _tidy() -> Iterator[None]:
-    """No test leaves a thread or a file descriptor behind."""
+    """No test leaves a thread or a file descriptor behind, nor a log that is silent."""
+    log = logging.getLogger("lidario")
+    level = log.level
     with leaves_nothing():
         yield
+    assert log.level == level
 
 
 @pytest.fixture(autouse=True)

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from lidario.cli.output import PROGRESS_GRACE_S
 from lidario.cli.streams import say
 
-__all__ = ["log_beside"]
+__all__ = ["log_beside", "nothing_logged"]
 
 
 class _Beside(logging.Handler):
@@ -44,6 +44,18 @@ class _Beside(logging.Handler):
         while (line := self._lines.get()) is not None:
             # The next line may find a reader again, or space on the disk.
             say(line)
+
+
+@contextmanager
+def nothing_logged() -> Iterator[None]:
+    """Nothing that lidario logs in the block is shown."""
+    log = logging.getLogger("lidario")
+    level = log.level
+    log.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
 
 
 @contextmanager

@@ -7,7 +7,6 @@ be opened, or nothing comes.
 
 from __future__ import annotations
 
-import logging
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING
 import click
 
 from lidario.cli.errors import ExitCode
+from lidario.cli.log import nothing_logged
 from lidario.cli.machine import Machine
 from lidario.cli.output import console, dump, facts, introduced, progress, rendered
 from lidario.cli.parameters import complete_source
@@ -168,10 +168,9 @@ def _check(path: Path, as_json: bool) -> int:
     from lidario.conformance.news import known_of
 
     report = read_report(path)
-    # What simulated devices say of themselves is not of interest here.
-    logging.getLogger("lidario").setLevel(logging.CRITICAL)
     family = report.about.info.family
-    with progress(f"comparing {path} with what is known …"):
+    # What simulated devices say of themselves is not of interest here.
+    with progress(f"comparing {path} with what is known …"), nothing_logged():
         known = run(lambda: known_of(family)) if family else ()
     news = news_of(report, known)
     if report.is_simulated:

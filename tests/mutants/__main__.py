@@ -29,12 +29,16 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Final, NamedTuple
 
+import pytest
+
 from tests.mutants.covering import Covering
 from tests.mutants.places import Place, places_of
 
 __all__ = ["Verdict", "choose", "main", "stages_of"]
 
 ROOT: Final = Path(__file__).resolve().parent.parent.parent
+BESIDE: Final = ROOT.parent / "shared"
+"""Some tests read what stands beside the project, where it does: recordings of real devices."""
 PARTS: Final = ("wire", "families", "revolution", "session", "port")
 _ABOUT_TEXT: Final = (
     "architecture",
@@ -103,6 +107,8 @@ def main(arguments: list[str] | None = None) -> int:
     covering = None if options.covered is None else Covering(options.covered, ROOT)
     chosen = list(enumerate(choose(options.count, options.seed, options.only), 1))[options.start - 1 :]
     with tempfile.TemporaryDirectory(prefix="mutants ") as folder:
+        if BESIDE.exists():
+            Path(folder, BESIDE.name).symlink_to(BESIDE)
         copies: SimpleQueue[Path] = SimpleQueue()
         for number in range(options.jobs):
             copies.put(_copied(Path(folder, str(number))))
@@ -204,6 +210,8 @@ def _run(copy: Path, tests: list[str]) -> str:
         text = output.read().decode(errors="replace")
     if code == 0:
         return ""
+    if code == pytest.ExitCode.USAGE_ERROR:
+        raise RuntimeError(f"pytest did not run: {text.strip()[-1000:]}")
     failed = re.search(r"^(?:FAILED|ERROR) (tests/.*?)(?: - .*)?$", text, re.MULTILINE)
     if failed:
         return failed[1]
