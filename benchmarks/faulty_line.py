@@ -85,18 +85,18 @@ class Recorder(Relayed):
         """What arrived intact up to the last `mark`, and what of it lidario's parser recognises."""
         played = recording(self._kind)
         near = min(_NEAR, round(_OF_A_REVOLUTION * len(played.loop) / len(played.loop_ends)))
-        sent = self._packets([bytes(self.sent[: self._until[0]])])
+        sent, _ = self._packets([bytes(self.sent[: self._until[0]])])
         ahead = max(_AHEAD, _AHEAD_BYTES * len(sent) // max(1, sum(map(len, sent))))
         arrived = self._arrived[: self._until[1]]
-        raw, at, skipped, there = b"".join(arrived), 0, near, list[bytes | None]()
+        recognised, begin = self._packets(arrived)
+        raw, at, skipped, there = b"".join(arrived)[begin:], 0, 0, list[bytes | None]()
         for packet in sent:
-            # Not anywhere: packets repeat with each revolution. Before the first one stand responses.
-            found = raw.find(packet, at + max(0, skipped - near) if at else 0, at + skipped + near + len(packet))
+            # Not anywhere: packets repeat with each revolution.
+            found = raw.find(packet, at + max(0, skipped - near), at + skipped + near + len(packet))
             there.append(None if found < 0 else packet)
             at, skipped = (at, skipped + len(packet)) if found < 0 else (found + len(packet), 0)
         while there and there[-1] is None:
             there.pop()
-        recognised = self._packets(arrived)
         place = passed_over = row = in_a_row = 0
         for each in there:
             if each is None:
@@ -112,17 +112,18 @@ class Recorder(Relayed):
         intact = sum(each is not None for each in there)
         return Intact(len(there) - intact, intact, passed_over, in_a_row)
 
-    def _packets(self, chunks: list[bytes]) -> list[bytes]:
-        """The packets that the parser recognises behind the descriptor of the stream."""
-        link, wire, found = Link(), self._kind.make_format(), list[bytes]()
+    def _packets(self, chunks: list[bytes]) -> tuple[list[bytes], int]:
+        """The packets that the parser recognises behind the descriptor of the stream, and where that ends."""
+        link, wire, found, begin = Link(), self._kind.make_format(), list[bytes](), 0
         link.send_request(self._kind.request(wire))
         for chunk in chunks:
             link.receive_data(chunk, 0)
             for event in link.events_received():
+                begin = begin or link.stream_at
                 if isinstance(event, Packets):
                     offsets = packet_offsets(event.blocks)
                     found += [bytes(event.data[a:b]) for a, b in pairwise(offsets)]
-        return found
+        return found, begin
 
     def _check_cable(self, now: int) -> None:
         if self._line.unplugged(now):
