@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from lidario import open_lidar
+from lidario import RemoteProtocolError, open_lidar
+from lidario.families.hokuyo.commands import check_of
+from lidario.families.hokuyo.device import HokuyoDevice
 from lidario.testing import SimulatedLidar
+from lidario.wire.envelope import Request
+from tests.support.bench_4ros import played
 from tests.support.devices import take
 from tests.support.loop import driven
 
@@ -21,3 +25,33 @@ def test_many_damaged_scans_in_a_row_do_not_end_a_stream(model: str) -> None:
             assert len(await take(lidar, 100)) == 100
 
     main()
+
+
+def lines(**fields: object) -> bytes:
+    """A response as it stands behind the echo: a status and the fields, each line with its check character."""
+    told = [f"{name}:{value};".encode() for name, value in fields.items()]
+    return b"\n".join(line + bytes((check_of(line),)) for line in (b"00", *told))
+
+
+FIELD: dict[str, object] = {
+    "MODL": "URG-04LX", "DMIN": 20, "DMAX": 5600, "ARES": 1024, "AMIN": 44, "AMAX": 725, "AFRT": 384, "SCAN": 600,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("spoilt", [0, 1, 2])
+def test_a_field_that_cannot_be_is_asked_for_again(spoilt: int) -> None:
+    """One damaged line in 64 passes for a whole one."""
+    fields = iter([lines(**FIELD | {"AMIN": 900})] * spoilt + [lines(**FIELD)])
+    asked = 0
+
+    def answer(request: Request) -> bytes:
+        nonlocal asked
+        asked += b"PP" in request.data
+        return next(fields) if b"PP" in request.data else lines(PROD="URG")
+
+    if spoilt == 2:
+        with pytest.raises(RemoteProtocolError, match="cannot be: .*AMIN:900"):
+            played(HokuyoDevice().identify(), answer)
+    else:
+        assert played(HokuyoDevice().identify(), answer).model == "Hokuyo URG-04LX"
+    assert asked == min(1 + spoilt, 2)
