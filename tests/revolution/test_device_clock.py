@@ -17,9 +17,10 @@ from lidario.families.ldrobot.simulated.packers import pack_points
 from lidario.model import ScanMode
 from lidario.recording.stored_times import StoredTimes
 from lidario.revolution.assemble import Assembler
-from lidario.revolution.device_clock import DeviceClock
+from lidario.revolution.device_clock import DeviceClock, StampReader
 from lidario.scan import Scan
 from lidario.wire.events import Packets
+from lidario.wire.formats import Ticks
 from lidario.wire.link import Link
 
 MS = 1_000_000
@@ -90,6 +91,19 @@ def test_times_are_even_though_bytes_come_late(seed: int, latest_ms: float) -> N
     found = errors_ms(received(data, late_reads(times, seed, latest_ms)), times)[300:]
     # A millisecond is what the device's clock tells. Above that, a sixth of what the line makes of it is left.
     assert max(found) - min(found) < 1.0 + latest_ms / 6
+
+
+@pytest.mark.parametrize("begin_ns", [0, 300_000, 29_999_100_000])
+def test_a_stamp_is_the_millisecond_in_which_its_packet_was_measured(begin_ns: int) -> None:
+    """So the middle of what several of them allow is at most half a millisecond off."""
+    reader, off = StampReader(Ticks(MS, 30_000), PACKET_NS), list[float]()
+    for first in range(0, 3000, 25):
+        times = begin_ns + (first + np.arange(25)) * PACKET_NS
+        reader.add((times // MS).astype(np.int64) % 30_000)
+        found = reader.measured(round(times[-1]) + 3 * MS)
+        assert found is not None
+        off.append((found - times[-1]) / MS)
+    assert max(map(abs, off)) <= 0.5
 
 
 @pytest.mark.parametrize("fast", [0.99, 1.0001, 1.01])

@@ -17,7 +17,7 @@ import pytest
 
 from lidario import Lidar, LidarError, NetworkAddress, run
 from lidario.port.turns import Turns
-from lidario.session.talking.intake import EARLY_BYTES, Delivery
+from lidario.session.talking.intake import Delivery
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
 from lidario.wire.stats import LinkStats
@@ -144,7 +144,8 @@ def test_early_packets_are_bounded() -> None:
     stats = LinkStats()
     delivery = Delivery(stats, Turns(lambda: 0, lambda error: pytest.fail(str(error))))
     run = Packets(b"\0" * 5, (Block(5, 1),), ((1, 0),))
-    most = EARLY_BYTES // 512
+    # As docs/bounds.md says; each run counts as what it takes beside its bytes, too.
+    most = 256 * 1024 // 512
     for _ in range(2 * most):
         assert list(delivery.deliver(run, streaming=True)) == []
     got: list[Packets] = []
@@ -154,8 +155,8 @@ def test_early_packets_are_bounded() -> None:
         return []
 
     delivery.deliver_to(take)
-    assert (len(got) + stats.unread_packets, len(got) <= most) == (2 * most, True)
-    assert len(got) > 0.9 * most
+    assert len(got) + stats.unread_packets == 2 * most
+    assert len(got) == -(-256 * 1024 // (512 + 5))
 
 
 @driven

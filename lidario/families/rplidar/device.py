@@ -128,7 +128,7 @@ class RplidarDevice(Device):
             unsure = yield from self._list(range(MODE_LIMIT), count, found)
             # The line may have damaged what was not told.
             yield from self._list(unsure, count, found)
-            self.modes_note = ""
+            self.modes_note: str = ""
             if not found:
                 self.modes_note = "the device did not tell its scan modes; those of older firmware are assumed"
             elif len(found) < count:

@@ -165,3 +165,13 @@ def test_bytes_alone_tell_the_field_by_the_response_or_by_its_steps() -> None:
     scans = list(lidario.decode(data))
     assert len(scans) == 20
     np.testing.assert_array_equal(np.concatenate([scan.device_distances for scan in scans]), distances)
+
+
+def test_the_speed_is_what_the_device_tells() -> None:
+    async def main() -> tuple[float, float]:
+        async with lidario.open_lidar("sim://hokuyo-urg04lx?via=memory") as lidar:
+            rate = await lidar.get_sample_rate()
+            return await lidar.get_scan_frequency(), rate.standard_us
+
+    # 600 revolutions a minute, 1024 steps each.
+    assert run_driven(main) == pytest.approx((10.0, 1e6 / 10 / 1024))

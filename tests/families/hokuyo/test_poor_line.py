@@ -50,7 +50,7 @@ def test_a_field_that_cannot_be_is_asked_for_again(spoilt: int) -> None:
         return next(fields) if b"PP" in request.data else lines(PROD="URG")
 
     if spoilt == 2:
-        with pytest.raises(RemoteProtocolError, match="cannot be: .*AMIN:900"):
+        with pytest.raises(RemoteProtocolError, match=r"cannot be: .*AMIN:900"):
             played(HokuyoDevice().identify(), answer)
     else:
         assert played(HokuyoDevice().identify(), answer).model == "Hokuyo URG-04LX"

@@ -1,0 +1,62 @@
+"""The models are those of the protocol sheet (more_families.md A1); `docs/devices.md` tells the same lines."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from lidario.families.ydlidar.models import MODELS, Model
+
+DOCS = Path(__file__).parents[3] / "docs/devices.md"
+SHEET = {
+    # Code, baud, thousand samples a second, whether it only talks; reach in metres by the vendor's tables.
+    "4ros": (101, 512_000, (20,), False, 30), "tg30": (101, 512_000, (20,), False, 30),
+    "tg15": (100, 512_000, (20, 18, 10), False, 15), "tg50": (102, 512_000, (20, 18, 10), False, 50),
+    "x4": (6, 128_000, (5,), False, 10), "s4": (4, 115_200, (4,), False, 8), "s4b": (11, 153_600, (4,), False, 8),
+    "f4": (1, 115_200, (4,), False, 12), "f4pro": (8, 230_400, (4, 6), False, 12),
+    "g1": (19, 230_400, (9,), False, 12), "g2": (15, 230_400, (5,), False, 12),
+    "g2a": (14, 230_400, (5,), False, 12), "g2c": (16, 115_200, (4,), False, 12),
+    "g4": (5, 230_400, (9, 8, 4), False, 16), "g4pro": (7, 230_400, (9, 8, 4), False, 16),
+    "g4b": (17, 512_000, (10,), False, 16), "g4c": (18, 115_200, (4,), False, 16),
+    "g5": (20, 230_400, (9, 8, 4), False, 16),
+    "g6": (13, 512_000, (18, 16, 8), False, 25), "g7": (21, 512_000, (18, 16, 8), False, 25),
+    "r2": (9, 230_400, (5,), False, 12), "tsa-pro": (131, 230_400, (4,), False, 12),
+    "tmini": (140, 230_400, (4,), False, 12), "tmini-pro": (150, 230_400, (4,), False, 12),
+    "tmini-plus": (151, 230_400, (4,), False, 12), "tmini-plus-sh": (152, 230_400, (4,), False, 12),
+    "x2": (6, 115_200, (3,), True, 8), "x3": (6, 115_200, (3,), True, 8),
+    "x4pro": (6, 128_000, (5,), True, 10), "s2pro": (4, 115_200, (3,), True, 8),
+    "tx8": (100, 115_200, (4,), True, 8),
+}  # fmt: skip
+OFFSET = {"r2", "g1", "g2", "g2a", "g2c", "4ros", "tg15", "tg30", "tg50"}
+"""Those that tell a zero-angle offset (A5 93)."""
+FIXED = {"x4", "s4", "s4b", "x2", "x3", "x4pro", "s2pro", "tx8"}
+"""Those whose speed no request sets."""
+FROM_6_HZ = {"tsa-pro", "tmini", "tmini-pro", "tmini-plus", "tmini-plus-sh"}
+
+
+def facts(model: Model) -> tuple[int, int, tuple[float, ...], bool, float]:
+    """As the rows of the sheet."""
+    return model.code, model.baudrate, tuple(rate / 1000 for rate in model.rates), model.one_way, model.reach
+
+
+def test_each_is_what_the_sheet_says() -> None:
+    assert {name: facts(model) for name, model in MODELS.items()} == SHEET
+
+
+def test_which_of_them_tell_an_offset_and_change_their_speed() -> None:
+    assert {name for name, model in MODELS.items() if model.offset} == OFFSET
+    assert {name for name, model in MODELS.items() if model.speeds is None} == FIXED
+    for name in MODELS.keys() - FIXED:
+        assert MODELS[name].speeds == (6.0 if name in FROM_6_HZ else 5.0, 12.0)
+
+
+def test_the_page_of_devices_tells_the_same_lines() -> None:
+    told: dict[str, set[int]] = {}
+    for row in DOCS.read_text(encoding="utf-8").splitlines():
+        cells = [cell.strip() for cell in row.split("|")]
+        if len(cells) > 4 and re.fullmatch(r"\d{6}(, \d{6})*", cells[3]):
+            for name in re.findall(r"`([\w-]+)`", cells[2]):
+                told.setdefault(name, set()).update(map(int, cells[3].split(", ")))
+    rows = {name: model.baudrate for name, model in MODELS.items() if name in told}
+    assert len(rows) == 20
+    assert {name for name, baud in rows.items() if baud not in told[name]} == set()
