@@ -72,8 +72,8 @@ def test_a_robot_drives_on_when_its_lidar_is_back(fault: str, monkeypatch: pytes
 def test_damage_keeps_no_robot_from_driving_where_it_sees(
     model: str, fault: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # Where every response is late, it takes long until the first scan.
-    told = wheels(model, fault, 9.0 if "late" in fault else 4.0, monkeypatch)
+    # Where every response is late, it takes long until the first scan: each is asked for until two are alike.
+    told = wheels(model, fault, 18.0 if "late" in fault else 4.0, monkeypatch)
     # That all comes 0.3 s late nobody can know: the devices have no clock that is ours.
     assert sum(speed > 0 for _, speed in told) > 10
     assert told[-1][1] == 0.0

@@ -6,7 +6,6 @@ So what decides how a device is read, or what is done to it, is asked until it c
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
 from typing import Final
 
 from lidario.errors import RemoteProtocolError, ResponseTimeout
@@ -14,21 +13,25 @@ from lidario.families.base import Script
 from lidario.model import Health, HealthStatus
 from lidario.wire.envelope import Request
 
-__all__ = ["agreed", "ask_health"]
+__all__ = ["agreed", "health_of"]
 
 STATUSES: Final = (HealthStatus.OK, HealthStatus.WARNING, HealthStatus.ERROR)
 """Health by its number, the same in every family so far."""
 MOST_DIFFERENT: Final = 5
 
 
-def agreed(request: Request) -> Script[bytes]:
+def agreed(request: Request, *told: bytes) -> Script[bytes]:
     """Ask until two responses are equal; one that has responded once may miss a question later.
+
+    Args:
+        request: What is asked.
+        told: Responses that came before.
 
     Raises:
         RemoteProtocolError: Five responses were all different.
         ResponseTimeout: None came.
     """
-    seen: set[bytes] = set()
+    seen = set(told)
     for _ in range(MOST_DIFFERENT):
         try:
             payload = yield request
@@ -44,20 +47,9 @@ def agreed(request: Request) -> Script[bytes]:
     )
 
 
-def ask_health(ask: Callable[[], Script[bytes]]) -> Script[Health]:
-    """Health as status and code; trouble is believed when it comes twice, since the device is reset for an error.
-
-    Args:
-        ask: Asks once.
-    """
-    payload = yield from ask()
-    while payload[0] and (again := (yield from ask())) != payload:
-        payload = again
-    return _health_of(*struct.unpack("<BH", payload))
-
-
-def _health_of(status: int, code: int) -> Health:
-    """A warning where no document defines the number: only an error is known to be one."""
+def health_of(payload: bytes) -> Health:
+    """Status and code; a warning where no document defines the status: only an error is known to be one."""
+    status, code = struct.unpack("<BH", payload)
     if status < len(STATUSES):
         return Health(STATUSES[status], code)
     return Health(HealthStatus.WARNING, code, f"it reports health status {status}, which is not defined")

@@ -16,7 +16,7 @@ from typing import Final
 from lidario.arguments import printable
 from lidario.errors import ResponseTimeout, Unsupported
 from lidario.families.base import Device, Script, Stream
-from lidario.families.responses import agreed, ask_health
+from lidario.families.responses import agreed, health_of
 from lidario.families.rplidar import commands
 from lidario.families.rplidar.address import ask_address, set_address
 from lidario.families.rplidar.commands import Conf
@@ -102,7 +102,9 @@ class RplidarDevice(Device):
 
     def health(self) -> Script[Health]:
         """As `Device.health`; a status that is not defined is a warning."""
-        return (yield from ask_health(_ask_health))
+        told = yield commands.GET_HEALTH
+        # For an error, the device is reset.
+        return health_of((yield from agreed(commands.GET_HEALTH, told)) if told[0] else told)
 
     def sample_rate(self) -> Script[SampleRate]:
         if self._major < FIRST_DIRECT_TOF and self._firmware < SAMPLERATE_FIRMWARE:
@@ -321,10 +323,6 @@ class RplidarDevice(Device):
         except ResponseTimeout:
             return 0.0
         return rate.standard_us if mode.response_type == NODE_TYPE else rate.express_us
-
-
-def _ask_health() -> Script[bytes]:
-    return (yield commands.GET_HEALTH)
 
 
 _GET_MAC: Final = replace(commands.get_lidar_conf(Conf.MAC_ADDRESS), timeout=0.25, attempts=1)

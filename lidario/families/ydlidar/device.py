@@ -29,7 +29,7 @@ from typing import Final, TypeVar
 from lidario.errors import ResponseTimeout, Unsupported
 from lidario.families.arguments import frequency_within
 from lidario.families.base import Device, Keepalive, NamedModel, Script, Stream, told
-from lidario.families.responses import agreed, ask_health
+from lidario.families.responses import agreed, health_of
 from lidario.families.unasked import NOT_STOPPED, begin, hear, hear_runs
 from lidario.families.ydlidar import commands
 from lidario.families.ydlidar.formats import PointCloud, samples_a_turn
@@ -195,7 +195,7 @@ class YdlidarDevice(Device):
                 yield commands.DTR_TURNS
             yield hear(self._model.kind.wire(), timeout=BY_DTR_S if self._model.dtr else HEAR_S)
             return Health(HealthStatus.OK, 0, UNNAMED if self._named is None else "")
-        return (yield from self._awake(ask_health(self._ask_health)))
+        return health_of((yield from self._awake(self._ask_health())))
 
     def modes(self) -> Script[tuple[ScanMode, ...]]:
         """As `Device.modes`: there is one, and the device cannot be asked."""
@@ -332,11 +332,13 @@ class YdlidarDevice(Device):
                 payload = yield request
             except ResponseTimeout:
                 continue
-            self._health_request = request
-            return payload
-        payload = yield last
-        self._health_request = last
-        return payload
+            break
+        else:
+            request = last
+            payload = yield last
+        self._health_request = request
+        # For an error, the device is reset.
+        return (yield from agreed(request, payload)) if payload[0] else payload
 
 
 _SHORT_INFO: Final = replace(commands.GET_INFO, timeout=0.25, attempts=1)

@@ -13,6 +13,8 @@ import lidario
 from lidario.sim.serve import TcpServer
 
 CORNERS = ((3.0, -2.0), (3.0, 2.0), (-2.0, 2.0), (-2.0, -2.0))
+ATTEMPTS = 5
+"""A device that is played on a machine with too much to do leaves a scan out, and counts on."""
 BOX = list(pairwise((*CORNERS, CORNERS[0])))
 """Walls without noise, so that each scan is the same."""
 
@@ -35,7 +37,11 @@ def test_hokuyolx_reads_what_the_device_measures(model: str) -> None:
             assert "PROT" in laser.version()
             assert laser.laser_state()[0] in (0, 3)
             singles = [laser.get_dist()[1], laser.get_intens()[1][:, 0]]
-            runs = [scan for scan, _, _ in laser.iter_dist(3)] + [scan[:, 0] for scan, _, _ in laser.iter_intens(3)]
+            for _ in range(ATTEMPTS):
+                runs = [scan for scan, _, _ in laser.iter_dist(3)]
+                runs += [scan[:, 0] for scan, _, _ in laser.iter_intens(3)]
+                if len(runs) == 6:
+                    break
             degrees = np.degrees(laser.get_angles())
         finally:
             laser.close()
