@@ -60,6 +60,10 @@ _ABOUT_TEXT: Final = (
 )
 """Test modules that look at the source itself, not at what it does."""
 _ABOUT_TEXT_MODULES: Final = tuple(f"tests/test_{name}.py" for name in _ABOUT_TEXT)
+_FEW: Final = 3
+"""So few tests that run a line may not be all that depend on it."""
+_NEAREST: Final = 2
+"""Stages that judge then, too."""
 _STAGE_S: Final = 1800.0
 _TEST_S: Final = 60
 _MOST_KB: Final = 8_000_000
@@ -165,7 +169,9 @@ def _stages(place: Place, covering: Covering | None, whole: bool) -> list[list[s
         return stages
     found = covering.tests(place, list(chain.from_iterable(stages)))
     judging = [[test for test in tests if not test.startswith(_ABOUT_TEXT_MODULES)] for tests in found]
-    return [tests for tests in judging if tests] or stages
+    judging = [tests for tests in judging if tests]
+    # Of what is made once and kept, only the test is known that was the first to need it.
+    return judging if sum(map(len, judging)) >= _FEW else [*judging, *(stages[:_NEAREST] if judging else stages)]
 
 
 def _judge(copy: Path, place: Place, stages: list[list[str]]) -> Verdict:
@@ -210,7 +216,7 @@ def _run(copy: Path, tests: list[str]) -> str:
         text = output.read().decode(errors="replace")
     if code == 0:
         return ""
-    if code == pytest.ExitCode.USAGE_ERROR:
+    if code == pytest.ExitCode.USAGE_ERROR and "ERROR: not found: " in text:
         raise RuntimeError(f"pytest did not run: {text.strip()[-1000:]}")
     failed = re.search(r"^(?:FAILED|ERROR) (tests/.*?)(?: - .*)?$", text, re.MULTILINE)
     if failed:
