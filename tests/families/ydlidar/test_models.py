@@ -5,7 +5,10 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from lidario.families.stream import Known
 from lidario.families.ydlidar.models import MODELS, Model
+from lidario.families.ydlidar.raw import find_stream
+from tests.families.ydlidar.about import CASES
 
 DOCS = Path(__file__).parents[3] / "docs/devices.md"
 SHEET = {
@@ -60,3 +63,13 @@ def test_the_page_of_devices_tells_the_same_lines() -> None:
     rows = {name: model.baudrate for name, model in MODELS.items() if name in told}
     assert len(rows) == 20
     assert {name for name, baud in rows.items() if baud not in told[name]} == set()
+
+
+def test_where_no_packet_tells_how_long_a_revolution_is_the_slowest_rate_of_the_model_is_taken() -> None:
+    """So that no revolution is too long."""
+    case = next(each for each in CASES if each.name.startswith("ydlidar_x4"))
+    # Of one sample each: they tell no step.
+    packets = b"".join([packet for packet in case.packets if packet[2] & 1 and packet[3] == 1])
+    found = find_stream(memoryview(packets), Known(model="g4"))
+    assert found is not None
+    assert found.stream.sample_ns == 1e9 / 4000
