@@ -86,3 +86,15 @@ async def test_a_speed_that_is_refused_is_told_in_both_units() -> None:
     async with rig.open() as lidar:
         with pytest.raises(InvalidValue, match=r"^500 Hz \(30000 rpm\) .* 8 to 20 Hz \(480 to 1200 rpm\)$"):
             await lidar.set_scan_frequency(500)
+
+
+@driven
+async def test_several_settings_in_a_row_wait_for_no_more_than_the_device_needs() -> None:
+    """It hears nothing for 10 ms behind each; what is written then is written again soon."""
+    rig, loop = make_rig("rplidar"), asyncio.get_running_loop()
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        began = loop.time()
+        for hertz in (9.0, 11.0, 10.0):
+            await lidar.set_scan_frequency(hertz, verify=False)
+        assert loop.time() - began < 0.05
