@@ -129,12 +129,14 @@ class RplidarDevice(Device):
             count = (yield from self._ask("<H", Conf.MODE_COUNT)) or 0
             unsure = yield from self._list(range(MODE_LIMIT), count, found)
             # The line may have damaged what was not told.
-            yield from self._list(unsure, count, found)
+            unsure = yield from self._list(unsure, count, found)
             self.modes_note: str = ""
             if not found:
                 self.modes_note = "the device did not tell its scan modes; those of older firmware are assumed"
             elif len(found) < count:
                 self.modes_note = f"the device did not tell {count - len(found)} of its {count} scan modes"
+            elif found.keys() & unsure:
+                self.modes_note = "the device did not tell all of its scan modes"
         if not found:
             return (yield from self._legacy_modes())
         typical = yield from self._ask("<H", Conf.TYPICAL_MODE)

@@ -8,7 +8,7 @@ import pytest
 from lidario.families.rplidar.commands import Conf, get_lidar_conf
 from lidario.model import ScanMode
 from tests.support.rplidar_device import A1, C1, DENSE_BOOST, LISTED, STANDARD, conf, identified, mode_answers
-from tests.support.scripts import drive
+from tests.support.scripts import Answers, drive
 
 
 def test_modes_are_the_devices_own() -> None:
@@ -51,6 +51,21 @@ def test_values_that_are_missing_or_cut_short_are_nothing() -> None:
     modes, _ = drive(identified().modes(), answers)
     # What the second sends is not told: it is none. So the first is the typical one.
     assert modes == (ScanMode(0, "mode 0", 0.0, 0.0, 0x81, typical=True),)
+
+
+@pytest.mark.parametrize(
+    ("missing", "note"),
+    [
+        ({}, ""),
+        (conf(Conf.MODE_NAME, None, 1), "did not tell all of its scan modes"),
+        (mode_answers(1, None, None, None, None), "did not tell 1 of its 2 scan modes"),
+        (conf(Conf.MODE_COUNT, None), "did not tell its scan modes; those of older firmware are assumed"),
+    ],
+)
+def test_what_is_not_told_is_noted(missing: Answers, note: str) -> None:
+    device = identified()
+    drive(device.modes(), {**LISTED, **missing})
+    assert device.modes_note.removeprefix("the device ") == note
 
 
 def test_mode_numbers_may_have_holes() -> None:
