@@ -21,7 +21,7 @@ MOST_DIFFERENT: Final = 5
 
 
 def agreed(request: Request, *told: bytes) -> Script[bytes]:
-    """Ask until two responses are equal; one that has responded once may miss a question later.
+    """Ask until two responses are equal; one that has responded may miss the question once.
 
     Args:
         request: What is asked.
@@ -29,15 +29,16 @@ def agreed(request: Request, *told: bytes) -> Script[bytes]:
 
     Raises:
         RemoteProtocolError: Five responses were all different.
-        ResponseTimeout: None came.
+        ResponseTimeout: None came, or twice none behind others.
     """
-    seen = set(told)
-    for _ in range(MOST_DIFFERENT):
+    seen, missed = set(told), False
+    while len(seen) < MOST_DIFFERENT:
         try:
             payload = yield request
         except ResponseTimeout:
-            if not seen:
+            if missed or not seen:
                 raise
+            missed = True
             continue
         if payload in seen:
             return payload

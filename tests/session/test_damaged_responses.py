@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
+from functools import partial
+
 import pytest
 
 from lidario import ConnectFailed, Health, LidarError, ScanMode, Unsupported, open_lidar
@@ -47,3 +50,21 @@ def test_nothing_wrong_is_believed(model: str, caplog: pytest.LogCaptureFixture)
         assert found[1] == health, seed
         assert found[2] == frequency, seed
     assert answered > SEEDS / 2
+
+
+@pytest.mark.parametrize("model", ["rplidar-s2", "rplidar-a1"])
+def test_to_ask_until_two_are_alike_takes_a_bounded_time(model: str) -> None:
+    """Where most questions have no response, or one that is late, too."""
+
+    async def main(seed: int) -> float:
+        loop = asyncio.get_running_loop()
+        device = f"sim://{model}?via=memory&seed={seed}&fault=late:700ms,wrong-response:40%25,drop:1%25"
+        try:
+            async with open_lidar(device) as lidar:
+                began = loop.time()
+                await lidar.get_modes()
+                return loop.time() - began
+        except LidarError:
+            return 0.0
+
+    assert 5.0 < max(run_driven(partial(main, seed)) for seed in range(12)) < 60.0

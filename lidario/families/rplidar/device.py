@@ -39,7 +39,7 @@ SAMPLERATE_FIRMWARE: Final = (1, 17)
 LEGACY_SAMPLE_US: Final = 476.0
 """Of firmware too old to be asked (SDK)."""
 LEGACY_MAX_DISTANCE: Final = 16.0
-MODE_LIMIT: Final = 64
+MODE_LIMIT: Final = 16
 """Mode numbers that are tried; devices have two to five modes, numbered from 0, with holes."""
 MOST_SILENCES: Final = 4
 """Questions about modes without a response, after which no more are asked. Each takes 1 s."""
@@ -104,7 +104,7 @@ class RplidarDevice(Device):
         """As `Device.health`; a status that is not defined is a warning."""
         told = yield commands.GET_HEALTH
         # For an error, the device is reset.
-        return health_of((yield from agreed(commands.GET_HEALTH, told)) if told[0] else told)
+        return health_of((yield from agreed(commands.GET_HEALTH, told)) if any(told) else told)
 
     def sample_rate(self) -> Script[SampleRate]:
         if self._major < FIRST_DIRECT_TOF and self._firmware < SAMPLERATE_FIRMWARE:
@@ -133,9 +133,7 @@ class RplidarDevice(Device):
             self.modes_note: str = ""
             if not found:
                 self.modes_note = "the device did not tell its scan modes; those of older firmware are assumed"
-            elif len(found) < count:
-                self.modes_note = f"the device did not tell {count - len(found)} of its {count} scan modes"
-            elif found.keys() & unsure:
+            elif len(found) < count or found.keys() & unsure:
                 self.modes_note = "the device did not tell all of its scan modes"
         if not found:
             return (yield from self._legacy_modes())
@@ -273,13 +271,21 @@ class RplidarDevice(Device):
         return int(struct.unpack_from(layout, value)[0])
 
     def _ask_bytes(self, kind: Conf, mode: int | None) -> Script[bytes]:
-        if not self._has_conf or self._silences >= MOST_SILENCES:
-            return b""
-        try:
-            return (yield from agreed(commands.get_lidar_conf(kind, mode)))[4:]
-        except ResponseTimeout:
-            self._silences += 1
-            return b""
+        request, told = commands.get_lidar_conf(kind, mode), b""
+        while self._has_conf and self._silences < MOST_SILENCES:
+            try:
+                again = yield request
+            except ResponseTimeout:
+                self._silences += 1
+                if not told:
+                    break
+            else:
+                alike, told = again == told, again
+                # That it knows no such value is told by a response that is shorter: no damage makes that.
+                if alike or not told[4:]:
+                    break
+        # Where it has been silent so often, what it told last is all that there will be.
+        return told[4:]
 
     def _has_mac(self) -> Script[bool]:
         """Whether it has an Ethernet address: nothing else tells an S2E from an S2 (SDK 2.1.0)."""

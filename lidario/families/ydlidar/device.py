@@ -338,7 +338,7 @@ class YdlidarDevice(Device):
             payload = yield last
         self._health_request = request
         # For an error, the device is reset.
-        return (yield from agreed(request, payload)) if payload[0] else payload
+        return (yield from agreed(request, payload)) if any(payload) else payload
 
 
 _SHORT_INFO: Final = replace(commands.GET_INFO, timeout=0.25, attempts=1)

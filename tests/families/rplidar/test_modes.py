@@ -58,7 +58,7 @@ def test_values_that_are_missing_or_cut_short_are_nothing() -> None:
     [
         ({}, ""),
         (conf(Conf.MODE_NAME, None, 1), "did not tell all of its scan modes"),
-        (mode_answers(1, None, None, None, None), "did not tell 1 of its 2 scan modes"),
+        (mode_answers(1, None, None, None, None), "did not tell all of its scan modes"),
         (conf(Conf.MODE_COUNT, None), "did not tell its scan modes; those of older firmware are assumed"),
     ],
 )
