@@ -39,7 +39,7 @@ SAMPLERATE_FIRMWARE: Final = (1, 17)
 LEGACY_SAMPLE_US: Final = 476.0
 """Of firmware too old to be asked (SDK)."""
 LEGACY_MAX_DISTANCE: Final = 16.0
-MODE_LIMIT: Final = 16
+MODE_LIMIT: Final = 64
 """Mode numbers that are tried; devices have two to five modes, numbered from 0, with holes."""
 MOST_SILENCES: Final = 4
 """Questions about modes without a response, after which no more are asked. Each takes 1 s."""
