@@ -142,7 +142,7 @@ class MeasuredSamples:
         return made
 
     def _return(self, index: int) -> Return:
-        # Of one sample, where nobody has asked for all.
+        # The arrays of all samples are not made for one of them.
         here = slice(index, index + 1)
         ranges = metres_of(self.device_distances[here]) if self._ranges is None else self._ranges[here]
         angles = radians_of(self.device_angles[here]) if self._angles is None else self._angles[here]

@@ -16,7 +16,7 @@ from typing import Final
 from lidario.arguments import printable
 from lidario.errors import ResponseTimeout, Unsupported
 from lidario.families.base import Device, Script, Stream
-from lidario.families.responses import agreed, health_of
+from lidario.families.responses import MOST_DIFFERENT, agreed, health_of
 from lidario.families.rplidar import commands
 from lidario.families.rplidar.address import ask_address, set_address
 from lidario.families.rplidar.commands import Conf
@@ -271,8 +271,8 @@ class RplidarDevice(Device):
         return int(struct.unpack_from(layout, value)[0])
 
     def _ask_bytes(self, kind: Conf, mode: int | None) -> Script[bytes]:
-        request, told = commands.get_lidar_conf(kind, mode), b""
-        while self._has_conf and self._silences < MOST_SILENCES:
+        request, told, asked = commands.get_lidar_conf(kind, mode), b"", 0
+        while self._has_conf and self._silences < MOST_SILENCES and (asked := asked + 1) <= MOST_DIFFERENT:
             try:
                 again = yield request
             except ResponseTimeout:
@@ -284,7 +284,7 @@ class RplidarDevice(Device):
                 # That it knows no such value is told by a response that is shorter: no damage makes that.
                 if alike or not told[4:]:
                     break
-        # Where it has been silent so often, what it told last is all that there will be.
+        # Where it is silent, or never tells the same, what it told last is all that there will be.
         return told[4:]
 
     def _has_mac(self) -> Script[bool]:

@@ -143,3 +143,13 @@ def test_mode_names_are_utf_8() -> None:
     answers = {**LISTED, **conf(Conf.MODE_COUNT, b"\x01\0"), **conf(Conf.MODE_NAME, name.encode() + b"\0", 0)}
     (mode,), _ = drive(identified().modes(), answers)
     assert mode.name == name
+
+
+def test_a_device_that_never_tells_the_same_is_not_asked_for_ever() -> None:
+    script, asked = identified().modes(), 0
+    request = next(script)
+    with pytest.raises(StopIteration):
+        while asked < 10_000:
+            asked += 1
+            request = script.send(request.data[3:7] + bytes((asked & 0xFF, asked >> 8, 1, 1)))
+    assert asked < 2000
