@@ -13,7 +13,7 @@ from lidario.families.base import Script
 from lidario.model import Health, HealthStatus
 from lidario.wire.envelope import Request
 
-__all__ = ["MOST_DIFFERENT", "agreed", "health_of"]
+__all__ = ["agreed", "health_of"]
 
 STATUSES: Final = (HealthStatus.OK, HealthStatus.WARNING, HealthStatus.ERROR)
 """Health by its number, the same in every family so far."""

@@ -44,6 +44,11 @@ class StoredTimes:
         self._believed: tuple[int, float] | None = None
         self._is_in_doubt = False
 
+    @property
+    def is_told(self) -> bool:
+        """As `Clock.is_told`."""
+        return self._reader is not None
+
     def dated(self, packets: Packets) -> Packets:
         """The next packets, with the times at which they came."""
         wire, arrivals, done = self._wire, list[Arrival](), 0

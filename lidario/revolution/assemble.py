@@ -16,7 +16,7 @@ from dataclasses import replace
 
 from lidario.families.base import Samples, Stream
 from lidario.revolution.build import DatedRevolution, build_scan, turned_by
-from lidario.revolution.clock import Beginning, RevolutionClock
+from lidario.revolution.clock import RevolutionClock
 from lidario.revolution.ended import EndedRevolution, is_complete
 from lidario.revolution.incoming import Clock, Incoming
 from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
@@ -63,7 +63,7 @@ class Assembler:
         self._seam = Seam(stream.format.full_turn, stream.format.first_seam)
         self._most_ns, self._most_bytes = stream.most_ns, stream.most_bytes
         self.partial: PartialRevolution = PartialRevolution(whole=False)
-        self._clock = RevolutionClock(1e9 * stream.slowest_turn_s)
+        self._clock = self._new_clock()
         self._last_spanned_ns = 0.0
         self._by_blocks = True
         self._next_offset_deg: float | None = None
@@ -115,6 +115,7 @@ class Assembler:
                     block = self.add_block(event, offsets, splits[done:], kept)
                     if block:
                         kept = splits[-1].packet
+                        self.partial.begun_ns = event.read_at(kept)
                         yield block
                         break
                     # Something is not as it should be, somewhere. Behind it all may be well again.
@@ -134,10 +135,13 @@ class Assembler:
         number = split.packet
         if number > begin:
             self._keep(self._part(event, begin, number, offsets))
-        held = self.stats.unfinished_packets
+        held, now = self.stats.unfinished_packets, event.read_at(number)
+        self.partial.ended_ns = now
         self._ended_at = event, number, number + 1
         scan = self._end(split, event.data[offsets[number] : offsets[number + 1]])
         self._ended_at = None
+        # Times that were made from the sample time cannot go on by themselves.
+        self.partial.begun_ns = now if self._stream.timed else 0
         if self._next_offset_deg is not None:
             self.set_zero_offset(self._next_offset_deg)
         self.stats.finish(held, delivered=scan is not None)
@@ -179,8 +183,11 @@ class Assembler:
             self._stream = replace(self._stream, sample_ns=sample_ns)
             self.incoming.use_time_of(self._stream)
             # What is remembered of the revolutions before was reckoned by the other time.
-            self._clock = RevolutionClock(1e9 * self._stream.slowest_turn_s)
+            self._clock = self._new_clock()
             self._last_spanned_ns = 0.0
+
+    def _new_clock(self) -> RevolutionClock:
+        return RevolutionClock(1e9 * self._stream.slowest_turn_s, exact=self.incoming.is_exact)
 
     def end(self) -> None:
         """The stream has ended: discard the revolution in the making. Harmless when done before."""
@@ -324,7 +331,10 @@ class Assembler:
         else:
             before = packets_before - samples.lost - partial.lost_behind_carried - ended.revoked
             beginning = ended.beginning(wire, broken=broken, number=number, packets_before=before)
-            revolution_ns = self._reckon(beginning)
+            passed = self._clock.follow(beginning)
+            self.stats.lost_packets += passed.lost
+            self.stats.missed_scans += passed.unseen - min(passed.unseen, self._told_unseen)
+            revolution_ns = passed.revolution_ns
         if not partial.whole:
             return None
         if broken:
@@ -338,10 +348,3 @@ class Assembler:
         self.stats.scans += 1
         wall_ns = made.start_ns + self._wall_offset_ns
         return build_scan(self._stream, made, wall_ns=wall_ns, sample_ns=sample_ns, seq=seq, lost=lost)
-
-    def _reckon(self, beginning: Beginning) -> float:
-        """Count what is missing since the revolution before; return what one takes, NaN when it was not seen."""
-        passed = self._clock.follow(beginning)
-        self.stats.lost_packets += passed.lost
-        self.stats.missed_scans += passed.unseen - min(passed.unseen, self._told_unseen)
-        return passed.revolution_ns

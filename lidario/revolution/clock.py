@@ -7,7 +7,7 @@ two ways: by the speed, and by what the samples since took, which is exact while
 Time stamps may be late, never early, as after a blocked event loop. A beginning that is late by less than a part
 of a revolution is the next anchor. One that is late by whole ones has missed so many, at once where packets are
 known to be missing. Where the angles show no gap, the anchor stays, and they are counted only when the stamps stay
-late: what seems missing comes back when the stamps are right again.
+late while reads go on: what a program reads late, it reads in a moment.
 
 Behind a restart, and where so little comes that no speed is sure, the anchor stays too, and what has passed is
 counted when a speed is known. Where not even that is, the time that a packet takes tells how many are missing.
@@ -34,8 +34,8 @@ lost, the gaps may be alike by chance, and then tell of a rotor that is many tim
 MORE_THAN_ONE: Final = 1.005
 """Times the packets of a revolution from which a broken one holds parts of two for certain; where it has 33 and a
 third, it has 34 by right at times."""
-PATIENCE: Final = 2
-"""Revolutions for which stamps must stay late, where no packet is known to be missing."""
+STAYED_LATE: Final = 0.5
+"""Revolutions during which reads must go on and stamps stay late, where no packet is known to be missing."""
 UNEVEN_SPEED: Final = 0.005
 """Part of the revolutions of a long time that are not counted, since the speed may have been lower for a while."""
 EXACT: Final = 0.15
@@ -69,6 +69,7 @@ class Beginning:
             the longest packet of the format.
         borrowed: Whether its speed is that of a revolution before, since its own is not known.
         spanned_ns: What its samples took, and those that are known to be missing; 0 when that is not known.
+        read_ns: From the read that brought its beginning to the one that brought its end; 0 when that is not known.
     """
 
     start_ns: int
@@ -84,6 +85,7 @@ class Beginning:
     ordinary: bool = True
     borrowed: bool = False
     spanned_ns: float = 0.0
+    read_ns: int = 0
 
     @property
     def tells_time(self) -> bool:
@@ -111,16 +113,19 @@ class RevolutionClock:
 
     Args:
         slowest_ns: What a revolution takes at most.
+        exact: Whether the device's own clock tells the times, so that no stamp is late.
     """
 
-    def __init__(self, slowest_ns: float = 1e9) -> None:
+    def __init__(self, slowest_ns: float = 1e9, *, exact: bool = False) -> None:
+        self._least_late = 0.0 if exact else STAYED_LATE
         self._search = SparseSpeed(slowest_ns)
         self._anchor: Beginning | None = None
         # Whether all since the anchor is to be counted: nothing else tells what passed.
         self._is_open = False
-        # What the samples since the anchor took, and how many beginnings were late since then.
+        # Since the anchor: what the samples took, whether a beginning was late, and how long reads went on since.
         self._spanned_ns = 0.0
-        self._waited = 0
+        self._is_late = False
+        self._late_ns = 0
         self._last: Beginning | None = None
         self._sure: Beginning | None = None
         self._seam = 0.0
@@ -144,7 +149,7 @@ class RevolutionClock:
         So it is where nothing is known of it, where the stamps are late at the moment, and where the next one
         has to tell the speed, or how many passed since the anchor.
         """
-        return None if self._waited or self._is_open or self.needs_speed else self._last
+        return None if self._is_late or self._is_open or self.needs_speed else self._last
 
     def learn_speed(self, packets: Iterable[tuple[float, int]]) -> None:
         """Packets came: where each begins, in revolutions, and when it came."""
@@ -164,7 +169,7 @@ class RevolutionClock:
             seam: Where revolutions begin from now on, in revolutions from the first of these places; None when they
                 begin where they did.
         """
-        self._last, self._waited = None, 0
+        self._last, self._is_late, self._late_ns = None, False, 0
         if seam is None or seam == self._seam:
             return
         if self._anchor is not None:
@@ -246,13 +251,14 @@ class RevolutionClock:
         gap = last.lost > 0 or (last.broken and last.packets >= most)
         unseen = 0
         if late >= 1 - NOISE:
-            self._waited += 1
-            if not gap and self._waited <= PATIENCE:
+            self._is_late = True
+            self._late_ns += here.read_ns
+            if not gap and self._late_ns < self._least_late * here.revolution_ns:
                 return 0, 0
             unseen = int(late + NOISE)
         lost = round(unseen * last.revolution_packets)
-        if last.broken:
-            # So little of it came that its angles do not tell what is missing. Of two witnesses the lesser is told.
+        if last.broken and (gap or last.packets < LEAST_SHARE * last.revolution_packets):
+            # Its angles do not tell all that is missing. Of two witnesses the lesser is told.
             by_clock = self._missing_by_clock(here, elapsed if unseen else min(elapsed, share * last.revolution_ns))
             if unseen:
                 lost = min(lost, by_clock)
@@ -268,7 +274,8 @@ class RevolutionClock:
     def _be_anchor(self, here: Beginning, unseen: int = 0, lost: int = 0) -> None:
         here.number += unseen
         here.packets_before += lost
-        self._anchor, self._is_open, self._waited, self._spanned_ns = here, False, 0, 0.0
+        self._anchor, self._is_open, self._spanned_ns = here, False, 0.0
+        self._is_late, self._late_ns = False, 0
 
     def _missing_by_clock(self, here: Beginning, elapsed: float) -> int:
         """Packets missing since the anchor beyond those known, by what one takes."""

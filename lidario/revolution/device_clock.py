@@ -123,6 +123,11 @@ class DeviceClock:
         self._ahead_ns = 0
         self._last_ns = -(1 << 63)
 
+    @property
+    def is_told(self) -> bool:
+        """As `Clock.is_told`."""
+        return self._reader is not None
+
     def dated(self, packets: Packets) -> Packets:
         """The packets, with the times at which they would have come if nothing delayed them."""
         reader = self._reader

@@ -19,6 +19,11 @@ __all__ = ["Clock", "Incoming"]
 class Clock(Protocol):
     """Tells when packets came."""
 
+    @property
+    def is_told(self) -> bool:
+        """Whether packets carry the device's clock, so that no time is late, as that of a read may be."""
+        ...
+
     def dated(self, packets: Packets) -> Packets:
         """The next packets, with the times at which they came."""
         ...
@@ -55,6 +60,11 @@ class Incoming:
         event, headings = self._doubled.drop(event, headings)
         found = self._false.drop(event, headings) if event.data else ()
         return [(self._clock.dated(packets), angles) for packets, angles in found]
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether no time is late: the device tells it."""
+        return self._clock.is_told
 
     def end(self) -> None:
         """The stream has ended."""

@@ -71,6 +71,8 @@ class PartialRevolution:
         carried_packets: Packets that a whole revolution has, as far as was known when that packet was decoded; 0
             where that was certain.
         first_packets: The same; 0 where it rested on more than the first packets of a stream.
+        begun_ns: When the read was completed that brought its beginning; 0 when that is not known.
+        ended_ns: The same of its end.
         runs: The packets since, as they were reported.
         size: Their bytes.
     """
@@ -85,6 +87,8 @@ class PartialRevolution:
     skipped_behind_carried: int = 0
     carried_packets: float = 0.0
     first_packets: float = 0.0
+    begun_ns: int = 0
+    ended_ns: int = 0
     runs: list[Packets] = field(default_factory=list)
     size: int = 0
 
@@ -140,6 +144,11 @@ class PartialRevolution:
             gaps.insert(0, (room, self.skipped_behind_carried))
         first = room if revoked else 0
         return [(at - first, skipped) for at, skipped in gaps if first < at < crossed]
+
+    @property
+    def read_ns(self) -> int:
+        """From the read that brought its beginning to the one that brought its end; 0 where that is not known."""
+        return self.ended_ns - self.begun_ns if self.begun_ns else 0
 
     @property
     def last_ns(self) -> int:

@@ -11,6 +11,7 @@ measured any more.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from statistics import median
 from typing import Final
@@ -25,17 +26,19 @@ OFF: Final = 0.1
 ALIKE: Final = 0.03
 FEWEST: Final = 8
 """Reads of a window at least."""
+_LATEST: Final = 15
+"""Revolutions of which most are read in time, also where a program reads several of them late and together."""
 
 
 class SampleTime:
     """Follows one stream, until it is sure.
 
     Args:
-        told_ns: Nanoseconds that the device tells; 0 where it tells none, and then nothing is measured here.
+        told_ns: Nanoseconds that the device tells; 0 where it tells none, and then `of` tells it.
         timed: As `Stream.timed`. Times that were made from the sample time cannot speak against it.
 
     Attributes:
-        ns: What counts.
+        ns: What counts; 0 where nothing is told.
         measured_ns: What it takes where the device tells none, by `of`.
     """
 
@@ -48,13 +51,18 @@ class SampleTime:
         self._before_ns = 0.0
         self._begin_ns: int | None = None
         self._last_ns = 0
+        self._latest: deque[float] = deque(maxlen=_LATEST)
         # Of the window: the time that passed before each read, and the samples that came with it.
         self._reads: list[tuple[int, int]] = []
 
     def of(self, ended: EndedRevolution) -> float:
-        """Where the device tells none: as the last revolution without a gap took."""
+        """Where the device tells none: as most of the last revolutions without a gap took.
+
+        So nothing older is remembered, and parts of a file can be decoded apart.
+        """
         if not ended.lost or not self.measured_ns:
-            self.measured_ns = ended.elapsed_ns / ended.count
+            self._latest.append(ended.elapsed_ns / ended.count)
+            self.measured_ns = median(self._latest)
         return self.measured_ns
 
     def take_note(self) -> str:

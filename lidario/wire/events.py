@@ -6,7 +6,9 @@ may be reported in one `Packets` or in several. Noise makes no event; it is coun
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import TypeAlias
 
 from lidario.wire.blocks import Block
@@ -79,6 +81,10 @@ class Packets:
     def received_ns(self) -> int:
         """Arrival of the read that completed the last of them."""
         return self.arrivals[-1][1]
+
+    def read_at(self, number: int) -> int:
+        """Arrival of the read that completed packet `number`, from 0."""
+        return self.arrivals[bisect_right(self.arrivals, number, key=itemgetter(0))][1]
 
 
 Event = Descriptor | Response | Packets

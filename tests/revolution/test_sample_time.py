@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 
+from benchmarks.streams import KINDS, capture
+from lidario.revolution.pipeline import Pipeline
 from lidario.revolution.sample_time import SampleTime
+from lidario.scan import Scan
+from lidario.wire.envelope import DESCRIPTOR_SIZE
 
 MS = 1_000_000
 TOLD_NS = 100_000.0
@@ -85,3 +91,22 @@ def test_it_counts_anew_where_nobody_knows_what_is_missing() -> None:
 
 def test_where_nothing_is_told_nothing_is_measured_here() -> None:
     assert after((100 * number for number in range(100)), told_ns=0.0).ns == 0.0
+
+
+@pytest.mark.parametrize("name", ["0x81 nodes", "0x84 ultra", "0x85 dense"])
+@pytest.mark.parametrize(("pause_s", "at_s"), [(0.05, 1.2), (0.05, 6.25), (0.4, 6.25)])
+def test_a_pause_changes_no_sample_time_of_a_device_that_tells_none(name: str, pause_s: float, at_s: float) -> None:
+    """What is read late and together was measured evenly, and no packet is told as lost."""
+    kind, scans = KINDS[name], list[Scan]()
+    raw = capture(kind, 8.0)[DESCRIPTOR_SIZE:]
+    pipeline = Pipeline(replace(kind.stream(), sample_ns=0.0))
+    reads = [each * 0.005 for each in range(1, 1600) if not at_s < each * 0.005 < at_s + pause_s]
+    for before_s, now_s in pairwise((0.0, *reads)):
+        begin, end = (round(len(raw) * each / 8) for each in (before_s, now_s))
+        scans += pipeline.receive(raw[begin:end], round(now_s * 1e9))
+    stats = pipeline.stats
+    assert stats.lost_packets == 0
+    # Nothing but the time speaks for a revolution that took five: it is not delivered.
+    assert stats.missed_scans == stats.broken_scans == (pause_s > 0.1)
+    assert scans[-1].seq + 1 == len(scans) + stats.missed_scans
+    assert all(scan.time_increment_ns == pytest.approx(kind.stream().sample_ns, rel=0.1) for scan in scans[1:])

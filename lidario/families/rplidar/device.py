@@ -9,17 +9,16 @@ turned is in `motor`.
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
 
-from lidario.arguments import printable
-from lidario.errors import ResponseTimeout, Unsupported
+from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.base import Device, Script, Stream
-from lidario.families.responses import MOST_DIFFERENT, agreed, health_of
+from lidario.families.responses import agreed, health_of
 from lidario.families.rplidar import commands
 from lidario.families.rplidar.address import ask_address, set_address
 from lidario.families.rplidar.commands import Conf
+from lidario.families.rplidar.configuration import Configuration
 from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.formats import FORMATS
 from lidario.families.rplidar.motor import MotorControl
@@ -39,10 +38,6 @@ SAMPLERATE_FIRMWARE: Final = (1, 17)
 LEGACY_SAMPLE_US: Final = 476.0
 """Of firmware too old to be asked (SDK)."""
 LEGACY_MAX_DISTANCE: Final = 16.0
-MODE_LIMIT: Final = 64
-"""Mode numbers that are tried; devices have two to five modes, numbered from 0, with holes."""
-MOST_SILENCES: Final = 4
-"""Questions about modes without a response, after which no more are asked. Each takes 1 s."""
 SPIN_UP_S: Final = 5.0
 SLOWEST_TURN_S: Final = 1.0
 NODE_TYPE: Final = 0x81
@@ -62,13 +57,9 @@ class RplidarDevice(Device):
     def __init__(self) -> None:
         self._major = 0
         self._firmware: tuple[int, int] = (0, 0)
-        self._silences = 0
         self._is_ethernet: bool | None = None
-        self._motor = MotorControl(lambda kind: self._ask_bytes(kind, None))
-
-    @property
-    def _has_conf(self) -> bool:
-        return self._major >= FIRST_DIRECT_TOF or self._firmware >= CONF_FIRMWARE
+        self._configuration = Configuration()
+        self._motor = MotorControl(self._configuration.ask_bytes)
 
     def stop(self) -> Request:
         return commands.STOP
@@ -88,6 +79,7 @@ class RplidarDevice(Device):
         """As `Device.identify`; asked until two responses are equal."""
         model, minor, major, hardware, serial = struct.unpack("<BBBB16s", (yield from agreed(commands.GET_INFO)))
         self._major, self._firmware = model >> 4, (major, minor)
+        self._configuration.known = self._major >= FIRST_DIRECT_TOF or self._firmware >= CONF_FIRMWARE
         self._motor.identified(self._major)
         if self.by_network and self._major == S2_MAJOR and self._is_ethernet is None:
             self._is_ethernet = yield from self._has_mac()
@@ -117,49 +109,10 @@ class RplidarDevice(Device):
 
         A device that is silent about its modes is asked four times in vain, which takes 4 s, and then no more.
         """
-        self._silences = 0
-        try:
-            return (yield from self._modes())
-        finally:
-            self._silences = 0
-
-    def _modes(self) -> Script[tuple[ScanMode, ...]]:
-        found: dict[int, ScanMode] = {}
-        if self._has_conf:
-            count = (yield from self._ask("<H", Conf.MODE_COUNT)) or 0
-            unsure = yield from self._list(range(MODE_LIMIT), count, found)
-            # The line may have damaged what was not told.
-            unsure = yield from self._list(unsure, count, found)
-            self.modes_note: str = ""
-            if not found:
-                self.modes_note = "the device did not tell its scan modes; those of older firmware are assumed"
-            elif len(found) < count or found.keys() & unsure:
-                self.modes_note = "the device did not tell all of its scan modes"
-        if not found:
-            return (yield from self._legacy_modes())
-        typical = yield from self._ask("<H", Conf.TYPICAL_MODE)
-        if typical is None:
-            typical = yield from self._ask("<H", Conf.TYPICAL_MODE)
-        modes = [found[number] for number in sorted(found)]
-        usable = [mode.id for mode in modes if mode.response_type in FORMATS]
-        if typical not in usable:
-            typical = usable[-1] if usable else None
-        return tuple(replace(mode, typical=mode.id == typical) for mode in modes)
-
-    def _list(self, numbers: Iterable[int], count: int, found: dict[int, ScanMode]) -> Script[list[int]]:
-        """Ask for modes until so many are found; returns the numbers of those that have left a question open."""
-        unsure: list[int] = []
-        for number in numbers:
-            silences = self._silences
-            if silences >= MOST_SILENCES or (number not in found and len(found) >= count):
-                continue
-            told = yield from self._mode(number)
-            # Numbers may have holes: a mode that the device tells nothing of is none.
-            if told.response_type:
-                found[number] = told
-            if self._silences > silences:
-                unsure.append(number)
-        return unsure
+        modes: tuple[ScanMode, ...] = ()
+        if self._configuration.known:
+            modes, self.modes_note = yield from self._configuration.modes()
+        return modes or (yield from self._legacy_modes())
 
     def load(self, mode: ScanMode) -> float:
         """As `Device.load`, by what the mode's list foretells."""
@@ -172,7 +125,7 @@ class RplidarDevice(Device):
         Older firmware has the first as its mode "Express". A device that lacks it may send something else: the
         descriptor decides.
         """
-        return (LEGACY_EXPRESS, HQ_SCAN) if self._has_conf else ()
+        return (LEGACY_EXPRESS, HQ_SCAN) if self._configuration.known else ()
 
     def explain_silence(self, lasted_s: float) -> Script[bool]:
         """As `Device.explain_silence`: the motor of an A2 or A3 may not have been started."""
@@ -201,7 +154,7 @@ class RplidarDevice(Device):
             request = commands.hq_scan(stream)
         else:
             # Firmware that cannot list its modes knows them by no number: there 0 is the express scan (SDK).
-            request = commands.express_scan(mode.id if self._has_conf else 0, stream)
+            request = commands.express_scan(mode.id if self._configuration.known else 0, stream)
         announced = yield request
         if announced and announced[0] != mode.response_type:
             # The told time of a sample was that of another format: it is measured from the stream.
@@ -263,30 +216,6 @@ class RplidarDevice(Device):
             raise Unsupported("the firmware of this device is too old to change the speed of its line")
         return change_speed(baudrate, present)
 
-    def _ask(self, layout: str, kind: Conf, mode: int | None = None) -> Script[int | None]:
-        """One configuration value, or None when the device does not have or tell it."""
-        value = yield from self._ask_bytes(kind, mode)
-        if len(value) < struct.calcsize(layout):
-            return None
-        return int(struct.unpack_from(layout, value)[0])
-
-    def _ask_bytes(self, kind: Conf, mode: int | None) -> Script[bytes]:
-        request, told, asked = commands.get_lidar_conf(kind, mode), b"", 0
-        while self._has_conf and self._silences < MOST_SILENCES and (asked := asked + 1) <= MOST_DIFFERENT:
-            try:
-                again = yield request
-            except ResponseTimeout:
-                self._silences += 1
-                if not told:
-                    break
-            else:
-                alike, told = again == told, again
-                # That it knows no such value is told by a response that is shorter: no damage makes that.
-                if alike or not told[4:]:
-                    break
-        # Where it is silent, or never tells the same, what it told last is all that there will be.
-        return told[4:]
-
     def _has_mac(self) -> Script[bool]:
         """Whether it has an Ethernet address: nothing else tells an S2E from an S2 (SDK 2.1.0)."""
         try:
@@ -294,31 +223,13 @@ class RplidarDevice(Device):
         except ResponseTimeout:
             return False
 
-    def _mode(self, mode: int) -> Script[ScanMode]:
-        response_type = yield from self._ask("<B", Conf.RESPONSE_TYPE, mode)
-        if not response_type:
-            return ScanMode(mode, "", 0.0, 0.0, 0)
-        name = yield from self._ask_bytes(Conf.MODE_NAME, mode)
-        sample_q8 = yield from self._ask("<I", Conf.SAMPLE_DURATION, mode)
-        distance_q8 = yield from self._ask("<I", Conf.MAX_DISTANCE, mode)
-        return ScanMode(
-            id=mode,
-            name=_text(name) or f"mode {mode}",
-            sample_us=(sample_q8 or 0) / 256,
-            max_distance=(distance_q8 or 0) / 256,
-            response_type=response_type,
-        )
-
     def _legacy_modes(self) -> Script[tuple[ScanMode, ...]]:
-        try:
-            rate = yield from self.sample_rate()
-        except ResponseTimeout:
-            rate = SampleRate(0.0, 0.0)
+        rate = yield from self._rate()
         standard = ScanMode(0, "Standard", rate.standard_us, LEGACY_MAX_DISTANCE, NODE_TYPE, typical=True)
         if self._major >= FIRST_DIRECT_TOF or self._firmware < SAMPLERATE_FIRMWARE:
             return (standard,)
         # Firmware that knows ids, yet lists none (an A2M6), is asked for the legacy express scan: working mode 0.
-        number = 0 if self._has_conf else 1
+        number = 0 if self._configuration.known else 1
         express = ScanMode(number, "Express", rate.express_us, LEGACY_MAX_DISTANCE, EXPRESS_TYPE, typical=True)
         return (replace(standard, typical=False), express)
 
@@ -326,11 +237,15 @@ class RplidarDevice(Device):
         """A mode that claims 0 µs a sample: ask the older way; 0 again means it is measured from the stream."""
         if mode == HQ_SCAN:
             return 0.0
-        try:
-            rate = yield from self.sample_rate()
-        except ResponseTimeout:
-            return 0.0
+        rate = yield from self._rate()
         return rate.standard_us if mode.response_type == NODE_TYPE else rate.express_us
+
+    def _rate(self) -> Script[SampleRate]:
+        """As `sample_rate`; zeros where the device does not tell it."""
+        try:
+            return (yield from self.sample_rate())
+        except (ResponseTimeout, RemoteProtocolError):
+            return SampleRate(0.0, 0.0)
 
 
 _GET_MAC: Final = replace(commands.get_lidar_conf(Conf.MAC_ADDRESS), timeout=0.25, attempts=1)
@@ -343,8 +258,3 @@ def _model_name(model: int) -> str:
         if major >= first:
             return f"RPLIDAR {letter}{major - first + 1}M{sub}"
     return f"RPLIDAR (model 0x{model:02X})"
-
-
-def _text(raw: bytes) -> str:
-    """A name from the device, without what could disturb a terminal."""
-    return printable(raw.split(b"\0")[0].decode("utf-8", "replace")).strip()
