@@ -35,6 +35,8 @@ _ALIKE: Final = 0.01
 _LEAST_TURNS: Final = 6.0
 """Revolutions that the packets must be apart, for their angles to tell a speed within 1 %."""
 _FASTEST_HZ: Final = 30.0
+_TOGETHER: Final = 256
+"""Speeds that are tried at a time: slow ones first, and most rotors are found soon."""
 _LONGEST_NS: Final = 20e9
 """Packets farther apart are not compared: no rotor is so even, and more speeds would have to be tried."""
 
@@ -68,7 +70,8 @@ class SparseSpeed:
 
     def add(self, angle: float, at_ns: int) -> None:
         """A packet came; `angle` is where it begins, in revolutions."""
-        if self._points and at_ns - self._points[0][1] > _LONGEST_NS:
+        # What was read late and together may be dated before what came before it.
+        if self._points and abs(at_ns - self._points[0][1]) > _LONGEST_NS:
             self._points.clear()
         self._points.append((angle, at_ns))
         self._new += 1
@@ -88,14 +91,16 @@ class SparseSpeed:
         lasted = float(seconds[-1])
         if not lasted:
             return 0.0
-        speeds = np.arange(self._slowest_hz, _FASTEST_HZ, _TOLERANCE / lasted)
-        left = np.exp(2j * np.pi * (angles[:, None] - seconds[:, None] * speeds))
-        strength = np.abs(left.mean(axis=0))
-        # Those that agree add up to more than what the others can take away.
-        for at in (strength >= 2 * _AGREEING - 1).nonzero()[0].tolist():
-            found = _fitted(angles, seconds, float(speeds[at]))
-            if found:
-                return 1e9 / found if found * lasted >= _LEAST_TURNS else 0.0
+        step = _TOLERANCE / lasted
+        for begin in np.arange(self._slowest_hz, _FASTEST_HZ, _TOGETHER * step).tolist():
+            speeds = begin + step * np.arange(_TOGETHER)
+            left = np.exp(2j * np.pi * (angles[:, None] - seconds[:, None] * speeds))
+            strength = np.abs(left.mean(axis=0))
+            # Those that agree add up to more than what the others can take away.
+            for speed in speeds[strength >= 2 * _AGREEING - 1].tolist():
+                found = _fitted(angles, seconds, speed)
+                if found:
+                    return 1e9 / found if found * lasted >= _LEAST_TURNS else 0.0
         return 0.0
 
 
