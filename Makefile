@@ -36,7 +36,7 @@ demo: $(RUNS)  ## live scans of a simulated lidar, as bytes through a real pseud
 	$(BIN)/lidario info sim://rplidar-s2
 	$(BIN)/lidario scan sim://rplidar-s2 -n $(SCANS)
 
-test: $(READY)  ## the tests, three on every core; the longest ones shortened
+test: $(READY)  ## the quick tests, three on every core; `make check` runs all of them
 	$(BIN)/python -m pytest -n $(WORKERS)
 
 check: $(READY)  ## lint, format, types, workflows, and all tests at full length under coverage

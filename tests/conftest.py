@@ -1,7 +1,9 @@
 """How long tests run: short by default, long with ``--exhaustive``, ``--soak`` and ``HYPOTHESIS_PROFILE=search``.
 
 - ``--exhaustive`` (`make check`): tests marked ``exhaustive`` go through all that they can, not through a sample;
-  property tests try three times as many examples.
+  property tests try three times as many examples; and with the tests marked ``long``.
+- ``--long``: these alone: real programs, browsers and routers, which take or wait a second or more. A test that is
+  named on the command line is run in any case.
 - ``--every-step``: two tasks at once are tried at every step of the event loop, not at every twelfth; five minutes.
 - ``--soak SECONDS``: how long tests at true pace run.
 - ``--rounds N``: how often tests at true pace act at a random moment; a few times by default, more with
@@ -35,6 +37,7 @@ from tests.support.ledger import ledgers_made
 PROPERTIES = Path(__file__).parent / "properties"
 LONG = {"rounds", "soak"}
 """Fixtures of tests that take as long as they are told to."""
+FIRST = ("exhaustive", "long")
 NEVER_MIND = (HealthCheck.too_slow, HealthCheck.data_too_large)
 
 settings.register_profile("ci", deadline=None, derandomize=True, max_examples=20, suppress_health_check=NEVER_MIND)
@@ -113,7 +116,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--soak", type=float, default=1.0, help="seconds that tests at true pace run")
     parser.addoption("--every-step", action="store_true", help="two tasks at once: at every step of the loop")
     parser.addoption("--rounds", type=int, default=0, help="random moments that tests at true pace act at")
-    parser.addoption("--exhaustive", action="store_true", help="tests marked exhaustive at full length")
+    parser.addoption("--exhaustive", action="store_true", help="all tests, those marked exhaustive at full length")
+    parser.addoption("--long", action="store_true", help="tests marked long, too")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -137,13 +141,22 @@ def _named(value: object) -> str:
     return "-".join(str(getattr(part, "name", getattr(part, "__name__", part))) for part in parts)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Have async tests watched by `leaves_no_task`, and those first that take or wait longest."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Have async tests watched by `leaves_no_task`, leave out the long ones, and sort by what takes longest."""
+    if not _runs_long(config):
+        left_out = [item for item in items if item.get_closest_marker("long")]
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [item for item in items if not item.get_closest_marker("long")]
     for item in items:
         if isinstance(item, pytest.Function) and inspect.iscoroutinefunction(item.obj):
             item.obj = leaves_no_task(item.obj)
     # The longest first: at the end, every worker still finds something to do.
-    items.sort(key=lambda item: not (item.get_closest_marker("exhaustive") or LONG & set(_fixtures(item))))
+    items.sort(key=lambda item: not (any(map(item.get_closest_marker, FIRST)) or LONG & set(_fixtures(item))))
+
+
+def _runs_long(config: pytest.Config) -> bool:
+    named = [Path(each.split("::")[0]) for each in config.invocation_params.args if isinstance(each, str)]
+    return any(map(config.getoption, ("--exhaustive", "--long"))) or any(each.suffix == ".py" for each in named)
 
 
 @pytest.hookimpl(wrapper=True)

@@ -162,6 +162,7 @@ def test_extracts_are_found() -> None:
     assert all(len(lines_of(extract)) >= 3 for _, _, extract in EXTRACTS)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("way", "title", "extract"), EXTRACTS, ids=[title for _, title, _ in EXTRACTS])
 def test_the_calls_are_those_of_a_real_run(way: str, title: str, extract: str) -> None:
     lines = lines_of(extract)

@@ -44,6 +44,7 @@ def test_nothing_of_lidar_is_missing() -> None:
     assert asked.parameters == answered.parameters
 
 
+@pytest.mark.long
 @both_families
 def test_scans_questions_and_settings(family: str) -> None:
     rig = make_rig(family)
@@ -221,6 +222,7 @@ def test_a_forked_child_is_refused_and_its_exit_stops_nothing() -> None:
         assert rig.device.scanning
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("rounds", sample=[4], full=[8])
 @both_families
 def test_ctrl_c_at_any_moment(family: str, rounds: int, request: pytest.FixtureRequest) -> None:

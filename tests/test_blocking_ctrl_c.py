@@ -19,6 +19,7 @@ from tests.test_blocking import wait_for_threads
 pytestmark = pytest.mark.usefixtures("quick_collection")
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("stride", sample=[23], full=[9])
 @pytest.mark.parametrize("at", ["asking", "closing"])
 def test_ctrl_c_at_every_line_of_a_wait(at: str, stride: int) -> None:

@@ -33,6 +33,7 @@ def named(path: Path) -> str:
     return str(path.relative_to(ROOT))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("path", SHOWN, ids=named)
 def test_everything_it_shows_runs(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page = Page(path.read_text(encoding="utf-8"), tmp_path, capsys)

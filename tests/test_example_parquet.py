@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet
+import pytest
 
 import lidario
 from tests.cli.processes import BOUND
@@ -17,6 +18,7 @@ from tests.support.recorded import record
 MODELS = ("rplidar-s2", "ydlidar-4ros", "ldrobot-ld06")
 
 
+@pytest.mark.long
 def test_day_to_parquet_keeps_every_scan(tmp_path: Path) -> None:
     day, into = tmp_path / "day", tmp_path / "into"
     day.mkdir()

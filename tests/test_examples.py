@@ -59,6 +59,7 @@ def test_it_is_short_and_says_what_it_is(path: Path) -> None:
         assert sum(len(cell["source"]) for cell in cells() if cell["cell_type"] == "code") < LINES
 
 
+@pytest.mark.long
 def test_obstacle_stop_and_its_own_test(tmp_path: Path) -> None:
     """The robot's unit test, run as its developer runs it: in its folder, with pytest."""
     (tmp_path / "pytest.ini").write_text(ASYNCIO_INI, encoding="utf-8")
@@ -227,6 +228,7 @@ def cells() -> list[dict[str, Any]]:
     return found
 
 
+@pytest.mark.long
 def test_the_notebook_runs_from_top_to_bottom(capsys: pytest.CaptureFixture[str]) -> None:
     """Each cell in one namespace, and the value of its last line drawn, as a notebook does."""
     names: dict[str, Any] = {}

@@ -104,6 +104,7 @@ EXAMPLES: dict[str, Callable[[Any, str, Path], Awaitable[object]]] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", EXAMPLES)
 @pytest.mark.exhaustive(
     "fault",

@@ -71,6 +71,7 @@ def test_distances_are_the_vendors_and_angles_within_a_64th(case: Case) -> None:
     assert 0 <= off.min() <= off.max() <= allowed
 
 
+@pytest.mark.long
 @every_case
 def test_every_figure_is_the_scalar_references(case: Case) -> None:
     samples = case.make_decoder().decode(in_one_run(case.make_format(), feed(case, case.raw).data), None)

@@ -62,6 +62,7 @@ def test_every_change_is_one_line_and_compiles(part: str) -> None:
         compile(place.changed(source), place.path, "exec")
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_changes() -> None:
     chosen = choose(200, 7)
     assert chosen != choose(200, 8)

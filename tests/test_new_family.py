@@ -39,6 +39,7 @@ def run(clone: Path, *command: str) -> str:
     return done.stdout
 
 
+@pytest.mark.long
 def test_a_family_is_green_from_the_first_minute(clone: Path) -> None:
     told = run(clone, "-m", "tests.new_family", "zebra")
     assert "lidario/families/zebra/formats.py" in told

@@ -27,6 +27,7 @@ MEASURED_BY = sorted(
 )
 
 
+@pytest.mark.long
 def test_the_first_program_runs_as_a_process() -> None:
     program = re.findall(r"```python\n(.*?)```", README, re.DOTALL)[0]
     result = subprocess.run(

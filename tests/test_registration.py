@@ -25,6 +25,7 @@ async def seen(pose: tuple[float, float, float], model: str = "rplidar-c1", seed
         return np.concatenate([(await anext(scans)).points().xy for _ in range(6)])
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("pose", sample=POSES[:2], full=POSES)
 async def test_ten_poses(pose: tuple[float, float, float]) -> None:
     pose = tuple(round(each, 6) for each in pose)  # type: ignore[assignment]
@@ -97,6 +98,7 @@ def test_what_is_no_cloud() -> None:
         register(cloud, cloud, guess=3)  # type: ignore[arg-type]
 
 
+@pytest.mark.long
 def test_the_verb_writes_the_mount(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     here, there = "AA" * 16, "BB" * 16

@@ -94,6 +94,7 @@ for each in connected:
 """
 
 
+@pytest.mark.long
 def test_the_verbs_connect_to_what_a_source_names_and_to_nothing_else(tmp_path: Path) -> None:
     """Every verb under an audit hook. The peer that a source names is seen, so the hook does see.
 

@@ -235,6 +235,7 @@ def test_examples_are_the_same_every_time(profile: str) -> None:
     assert settings.get_profile(profile).database is None
 
 
+@pytest.mark.long
 def test_the_suite_watches_every_test(tmp_path: Path) -> None:
     """The conftest of the suite, with tests that leave something behind."""
     conftest = ROOT / "tests" / "conftest.py"

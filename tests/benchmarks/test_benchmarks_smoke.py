@@ -29,6 +29,7 @@ def decoded() -> Result:
     return decode.run(Setting(quick=True))
 
 
+@pytest.mark.long
 def test_every_format_is_decoded_in_every_size_of_chunks(decoded: Result) -> None:
     found = json.loads(json.dumps(decoded.data))["lidario"]
     assert set(found) == set(KINDS)
@@ -65,6 +66,7 @@ def test_tables_are_markdown(decoded: Result) -> None:
         assert len({line.count("|") for line in lines}) == 1
 
 
+@pytest.mark.long
 def test_the_stages_of_a_turn_are_told_for_every_format() -> None:
     result = stages.run(Setting(quick=True))
     in_memory, live, session = result.tables
@@ -136,6 +138,7 @@ def test_what_the_vendors_driver_read_is_compared_with_the_device(
     assert vendor.Run(device, {}, "it crashed").wrong() == ["it crashed"]
 
 
+@pytest.mark.long
 async def test_viewers_of_the_page_leave_no_memory_behind_and_a_wrong_token_is_refused() -> None:
     more_kb, status = await view.grown(300)
     assert status == 403
@@ -196,6 +199,7 @@ def test_where_most_packets_are_lost_no_more_is_told_than_is_missing(name: str, 
     assert found.told_scans == pytest.approx(found.missing_scans, rel=0.1, abs=2)
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("name", sample=["2 bytes in 100 lost"], full=[*damage.DAMAGES, *damage.SCARCE])
 def test_the_page_of_damage_shows_what_its_command_prints(name: str) -> None:
     page = (Path(__file__).parents[2] / "docs" / "reliability.md").read_text(encoding="utf-8")

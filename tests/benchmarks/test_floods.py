@@ -12,6 +12,7 @@ from lidario.families.rplidar.formats import DenseFormat
 from lidario.wire.link import Link
 
 
+@pytest.mark.long
 def test_a_flood_is_measured() -> None:
     found = flood("tcp", "short", 0.5, "-")
     assert math.isfinite(found["late_ms"])

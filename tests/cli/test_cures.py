@@ -77,6 +77,7 @@ def test_a_full_disk_leaves_the_picture_before(tmp_path: Path, monkeypatch: pyte
     assert os.listdir(tmp_path) == ["scan.svg"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "arguments", [("info", S2), ("doctor",), ("stats", S2, "-t", "0.3s"), ("devices", "--json")]
 )

@@ -14,6 +14,7 @@ from tests.support.drivers import SPEED_FLAG, FakeDriver
 from tests.support.terminals import WaitingPtyServer
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("refuses", [False, True])
 def test_what_low_latency_has_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refuses: bool) -> None:
     with WaitingPtyServer(lidario.simulate("rplidar-s2")) as server:

@@ -42,6 +42,7 @@ def stopped(server: PtyServer) -> bool:
         return "stop" in obeyed[began:] and not server.device.scanning and not server.device.motor_on
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("ended", sample=[SIGNALS[0], SIGNALS[-1]], full=SIGNALS)
 def test_a_signal_ends_an_endless_stream_as_it_is_meant_to_end(ended: tuple[str, signal.Signals]) -> None:
     model, number = ended
@@ -124,6 +125,7 @@ def test_a_reader_that_goes_away_ends_it_without_a_word(form: str) -> None:
         until(lambda: stopped(server))
 
 
+@pytest.mark.long
 def test_a_reader_that_reads_nothing_keeps_no_signal_from_stopping_the_motor() -> None:
     import fcntl
 
@@ -184,6 +186,7 @@ def test_a_busy_port(verb: str) -> None:
         assert requests(server) == []
 
 
+@pytest.mark.long
 def test_a_silent_device_is_told_from_a_missing_one(monkeypatch: pytest.MonkeyPatch) -> None:
     impatient(monkeypatch)
     with served(FIRST) as server:

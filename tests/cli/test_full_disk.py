@@ -42,6 +42,7 @@ def ended(arguments: tuple[str, ...], unbuffered: bool, *, on_full_disk: str) ->
         )  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("unbuffered", sample=[False], full=[False, True])
 @pytest.mark.exhaustive("arguments", sample=[WRITE[1], WRITE[-1]], full=WRITE)
 def test_stdout_on_a_full_disk_is_told(arguments: tuple[str, ...], unbuffered: bool) -> None:
@@ -52,6 +53,7 @@ def test_stdout_on_a_full_disk_is_told(arguments: tuple[str, ...], unbuffered: b
     assert done.returncode == 4, done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("unbuffered", sample=[False], full=[False, True])
 @pytest.mark.exhaustive("run", sample=[RUNS[0], RUNS[-1]], full=RUNS)
 def test_a_log_on_a_full_disk_changes_no_exit_code(run: tuple[tuple[str, ...], int], unbuffered: bool) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 
+import pytest
+
 from tests.cli.processes import in_memory, invoke, invoke_driven, served
 from tests.support.samples import every_model
 
@@ -58,6 +60,7 @@ def test_every_model(model: str) -> None:
     assert invoke_driven("info", in_memory(model)).exit_code == 0
 
 
+@pytest.mark.long
 def test_a_device_that_protects_itself_is_unhealthy() -> None:
     with served("ydlidar-4ros") as server:
         with server.lock:

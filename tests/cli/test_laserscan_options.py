@@ -16,6 +16,7 @@ from tests.support.messages import scans_of_file
 OPTIONS = ("--beams", "90", "--frame", "front", "--order", "measured", "--preset", "vendor", "--mount-yaw", "90")
 
 
+@pytest.mark.long
 def test_record_and_export_make_the_messages_that_are_asked_for(tmp_path: Path) -> None:
     path, exported = str(tmp_path / "run.mcap"), str(tmp_path / "exported.mcap")
     done = invoke("record", "sim://rplidar-c1", "-n", "3", "-o", path, "--scans", *OPTIONS)
@@ -34,6 +35,7 @@ def test_record_and_export_make_the_messages_that_are_asked_for(tmp_path: Path) 
             assert message.angle_max - math.pi / 90 == pytest.approx(-math.pi / 2, abs=1e-5)
 
 
+@pytest.mark.long
 def test_a_filtered_beam_is_what_was_asked_for(tmp_path: Path) -> None:
     path, exported, config = tmp_path / "run.mcap", tmp_path / "exported.mcap", tmp_path / "a.toml"
     save_config(config, "", filters=[AngularBoundsFilter([(0.5, 1.5)], invert=True)])

@@ -71,6 +71,7 @@ def test_the_motor_of_another_machine_is_not_ours(words: list[str]) -> None:
     assert "error: the motor of another machine's lidar cannot be switched from here" in ended.stderr
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("hertz", ["0", "-3", "fast", "1000"])
 def test_a_speed_that_cannot_be(hertz: str) -> None:
     ended = invoke("motor", "speed", "--", hertz, "sim://rplidar-s2?via=memory")

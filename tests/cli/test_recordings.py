@@ -87,6 +87,7 @@ def test_record_refuses_what_cannot_be_meant(option: str, value: str) -> None:
     assert invoke("record", "sim://rplidar-s2", option, value).exit_code == 2
 
 
+@pytest.mark.long
 def test_ctrl_c_is_the_end_of_a_recording(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with started("record", "sim://rplidar-s2", "-o", str(path)) as process:
@@ -239,6 +240,7 @@ def test_a_played_recording_of_a_device_that_only_talks_talks(tmp_path: Path, mo
     assert not any(each.obeyed for each in device.log)
 
 
+@pytest.mark.long
 def test_play_serves_another_process(live: Live) -> None:
     with started("play", str(live.path), "--loop", "--tcp", ":0") as process:
         name = line_of(process.stdout).strip()

@@ -73,6 +73,7 @@ def test_a_sick_device(path: Path) -> None:
     assert "skipped_bytes" in tried["packets-are-whole"]["text"]
 
 
+@pytest.mark.long
 def test_ctrl_c_leaves_what_was_tried(path: Path) -> None:
     with served("rplidar-s2") as server:
         with started("report", server.path, "-o", str(path)) as process:
@@ -140,6 +141,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.conformance.unknown.LISTEN_S", 0.05)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("quick")
 def test_a_device_that_nobody_knows(path: Path) -> None:
     with PtyServer(Stranger()) as server:  # type: ignore[arg-type]
@@ -170,6 +172,7 @@ def test_a_device_that_nobody_knows(path: Path) -> None:
     assert (told.exit_code, "responds in no known way" in told.stderr) == (7, True)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("quick")
 def test_where_nothing_comes_at_all_no_file_is_made(path: Path) -> None:
     with PtyServer(Mute()) as server:  # type: ignore[arg-type]
@@ -203,6 +206,7 @@ def test_the_port_is_told(path: Path, tmp_path: Path, monkeypatch: pytest.Monkey
     assert driver.flags == SPEED_FLAG
 
 
+@pytest.mark.long
 def test_a_device_that_is_lost_meanwhile(path: Path) -> None:
     # On a true clock: a driven one runs on while the file is made.
     result = invoke("report", "sim://rplidar-s2?via=memory&fault=unplug:3s", "-o", str(path))

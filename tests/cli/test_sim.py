@@ -47,6 +47,7 @@ def test_a_fault_that_does_not_exist() -> None:
     assert "replug" in ended.stderr
 
 
+@pytest.mark.long
 def test_one_process_serves_and_another_scans() -> None:
     serial = "00112233445566778899AABBCCDDEEFF"
     with started("sim", "--pty", "--serial", serial, "--world", "circle") as sim:
@@ -92,6 +93,7 @@ def test_a_motor_that_goes_on_is_told(capsys: pytest.CaptureFixture[str]) -> Non
             assert ("left its motor on" in capsys.readouterr().err) is (number == 1)
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("number", sample=[signal.SIGTERM], full=[signal.SIGINT, signal.SIGTERM])
 def test_over_tcp(number: signal.Signals) -> None:
     with started("sim", "ydlidar-4ros", "--tcp", ":0") as sim:
@@ -104,6 +106,7 @@ def test_over_tcp(number: signal.Signals) -> None:
         assert sim.wait(BOUND) == 0
 
 
+@pytest.mark.long
 def test_an_ethernet_model_by_udp() -> None:
     with started("sim", "rplidar-s2e", "--udp", ":0") as sim:
         address = line_of(sim.stdout).strip()
@@ -137,6 +140,7 @@ def test_it_ends_when_a_fault_pulls_the_cable() -> None:
         assert sim.wait(BOUND) == 0
 
 
+@pytest.mark.long
 def test_after_a_replug_the_new_name_is_told() -> None:
     with started("sim", "--pty", "--fault", "replug:100ms") as sim:
         first = line_of(sim.stdout).strip()

@@ -13,6 +13,8 @@ import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import pytest
+
 from lidario.sim.device import SimulatedDevice
 from tests.cli.processes import BOUND, ROOT, served
 from tests.cli.test_watch import Screen, resize
@@ -74,6 +76,7 @@ def begins(device: SimulatedDevice) -> Callable[[], bool]:
     return told
 
 
+@pytest.mark.long
 def test_watch_is_ended_while_its_terminal_takes_nothing() -> None:
     with served("rplidar-s2") as server, on_terminal("watch", server.path) as (process, screen, terminal):
         screen.until("\x1b[H", lambda text: "forward is up" in text)
@@ -84,6 +87,7 @@ def test_watch_is_ended_while_its_terminal_takes_nothing() -> None:
         assert process.wait(BOUND) == 0
 
 
+@pytest.mark.long
 def test_ctrl_c_on_a_stopped_terminal_restores_it() -> None:
     """A typed Ctrl-C makes a terminal take output again."""
     with served("rplidar-s2") as server, on_terminal("watch", server.path) as (process, screen, terminal):
@@ -104,6 +108,7 @@ def test_watch_says_that_a_terminal_cannot_draw() -> None:
         assert process.wait(BOUND) == 2
 
 
+@pytest.mark.long
 def test_what_shows_that_work_goes_on_does_not_hold_it_up(tmp_path: Path) -> None:
     with (
         served("rplidar-s2") as server,
@@ -118,6 +123,7 @@ def test_what_shows_that_work_goes_on_does_not_hold_it_up(tmp_path: Path) -> Non
     assert len((tmp_path / "scans").read_text().splitlines()) == 3
 
 
+@pytest.mark.long
 def test_a_line_of_the_log_does_not_hold_it_up(tmp_path: Path) -> None:
     """A warning is logged when a device is opened that cannot be stopped."""
     with (

@@ -32,6 +32,7 @@ def test_a_closed_stdout_is_said_and_ends_it(arguments: tuple[str, ...], closed:
     assert ended.stderr == ("" if "2>" in closed else "error: there is nowhere to write to: stdout is closed\n")
 
 
+@pytest.mark.long
 def test_a_closed_stderr_hides_messages_alone() -> None:
     ended = with_closed("2>&- <&-", "scan", "sim://rplidar-s2?via=memory", "--json")
     assert ended.returncode == 0

@@ -36,6 +36,7 @@ REACHED = [("10.0.0.5 50000 10.0.0.7 22", False), ("", True), ("", False)]
 """What SSH tells of the connection, and whether the network is let in."""
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("reached", sample=REACHED[:1], full=REACHED)
 def test_what_is_printed(monkeypatch: pytest.MonkeyPatch, reached: tuple[str, bool]) -> None:
     ssh, lan = reached

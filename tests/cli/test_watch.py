@@ -89,6 +89,7 @@ def test_it_wants_a_terminal() -> None:
     assert "lidario scan -n 0" in ended.stderr
 
 
+@pytest.mark.long
 def test_on_a_terminal_until_ctrl_c() -> None:
     # Where tests run in several processes, they hold the width of the terminal that pytest writes to.
     environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}

@@ -86,6 +86,7 @@ def test_what_is_wrong_is_told_before_anything_is_opened(tmp_path: Path) -> None
         lidario.open_lidar("/dev/nosuchport", config=tmp_path / "none.toml")
 
 
+@pytest.mark.long
 def test_the_command_finds_the_file(settings: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     source = f"sim://rplidar-s2?via=memory&serial={SERIAL}"
     empty = tmp_path / "empty"
@@ -110,6 +111,7 @@ def test_the_command_finds_the_file(settings: Path, monkeypatch: pytest.MonkeyPa
     assert "none.toml: the file of settings cannot be read" in wrong.stderr
 
 
+@pytest.mark.long
 def test_recordings_and_exports_honour_it(settings: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     import numpy as np
     from mcap.reader import make_reader

@@ -13,6 +13,7 @@ from tests.conformance.defects import DEFECTS, make
 pytestmark = pytest.mark.discards("what is wrong with these devices may be that they discard requests")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("defect", DEFECTS)
 def test_a_defect_is_found(defect: str, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.CRITICAL, logger="lidario")

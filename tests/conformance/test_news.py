@@ -67,6 +67,7 @@ def test_what_is_not_held(report: Report, known: tuple[Seen, ...]) -> None:
     assert news_of(replace(report, tried=tried), known) == ["not held: sample-time: twice of it"]
 
 
+@pytest.mark.long
 def test_each_family_is_known_in_real_time_too() -> None:
     for family in FAMILIES:
         found = asyncio.run(known_of(family.name))

@@ -109,6 +109,7 @@ def test_what_plays_a_report_tells_the_hash(model: str, tmp_path: Path) -> None:
     assert asyncio.run(played()) == report.about.info
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "defect",
     [

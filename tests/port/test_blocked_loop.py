@@ -105,6 +105,7 @@ async def read_blocked(family: str, block: Callable[[float], None]) -> tuple[lis
         return scans, stats, device.lost()
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive(
     "case",
     sample=["rplidar-compute"],
@@ -127,6 +128,7 @@ async def test_a_blocked_loop_loses_nothing(case: str) -> None:
     assert 0.5 < periods[0] <= periods[-1] < 1.5
 
 
+@pytest.mark.long
 @unless_starved
 async def test_a_reader_that_keeps_one_scan_is_told_what_it_missed() -> None:
     for _ in range(ATTEMPTS):

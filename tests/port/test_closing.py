@@ -189,6 +189,7 @@ async def test_cancelling_the_close_ends_only_the_waiting(
     assert open_files() == before
 
 
+@pytest.mark.long
 async def test_a_loop_that_was_blocked_while_it_closed(
     terminal: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -57,6 +57,7 @@ loop.close()
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("program", [INSIDE, BETWEEN], ids=["inside the running loop", "between two runs of it"])
 def test_the_exit_of_a_forked_child_stops_nothing(program: str) -> None:
     rig = make_rig("rplidar")

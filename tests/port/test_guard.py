@@ -51,6 +51,7 @@ async def test_a_session_has_one_and_leaves_none() -> None:
         until(lambda: is_left_still(server))
 
 
+@pytest.mark.long
 async def test_it_needs_little_memory_and_is_never_woken() -> None:
     with served("rplidar-s2") as server:
         async with open_lidar(server.path, guard=True) as lidar, lidar.scans() as scans:

@@ -163,6 +163,7 @@ async def test_a_lidar_that_nobody_holds_any_more_is_stopped() -> None:
             assert len(await again.scan()) > 1000
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("times", sample=[1], full=[2])
 @pytest.mark.parametrize("family", FAMILIES)
 async def test_opening_and_closing_leaves_nothing_behind(family: str, times: int) -> None:

@@ -6,6 +6,8 @@ import os
 import time
 from itertools import pairwise
 
+import pytest
+
 import lidario
 from lidario.port.inbox import Inbox
 from lidario.port.repeat import Repeat
@@ -90,6 +92,7 @@ async def test_the_thread_writes_it_while_the_loop_is_blocked_and_taps_see_it_in
         await port.close()
 
 
+@pytest.mark.long
 async def test_protection_survives_a_block_that_is_longer_than_its_time() -> None:
     rig = make_rig("ydlidar")
     with PtyServer(rig.device) as server:

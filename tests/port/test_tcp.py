@@ -58,6 +58,7 @@ def test_bytes_both_ways_at_once(library: ModuleType) -> None:
     run(library, main)
 
 
+@pytest.mark.long
 @both_loops
 def test_a_session_over_tcp_and_one_on_a_terminal(library: ModuleType) -> None:
     async def main() -> None:
@@ -89,6 +90,7 @@ def test_a_peer_that_ends_is_noticed(library: ModuleType) -> None:
     run(library, main)
 
 
+@pytest.mark.long
 @both_loops
 def test_closing_is_bounded_when_the_peer_takes_nothing(library: ModuleType) -> None:
     async def main() -> None:

@@ -138,6 +138,7 @@ def test_garbage_of_a_network_is_not_explained_by_a_speed(kind: str, words: str)
     )
 
 
+@pytest.mark.long
 async def test_a_host_that_is_silent(peer: socket.socket, monkeypatch: pytest.MonkeyPatch) -> None:
     impatient(monkeypatch)
     with pytest.raises(ConnectFailed, match="in its network") as caught:
@@ -151,6 +152,7 @@ async def test_an_address_that_cannot_be(address: str) -> None:
         await open_lidar(f"udp://{address}")
 
 
+@pytest.mark.long
 async def test_a_device_that_is_pulled_out_is_noticed() -> None:
     rig = make_rig("rplidar", "rplidar-s2e")
     with UdpServer(rig.device) as server:
@@ -174,6 +176,7 @@ async def test_abandoned_writes_the_stop_requests(peer: socket.socket) -> None:
         peer.recv(100)
 
 
+@pytest.mark.long
 async def test_an_ethernet_model_is_simulated_by_udp() -> None:
     async with asyncio.timeout(PATIENCE_S), open_lidar("sim://rplidar-t1") as lidar:
         assert lidar.info.model == "RPLIDAR T1M1"

@@ -124,6 +124,7 @@ async def test_a_pulled_cable_is_noticed(polled: bool) -> None:
     assert threads() == []
 
 
+@pytest.mark.long
 @both_families
 async def test_a_session_reads_scans_and_stops_the_device(family: str) -> None:
     rig = make_rig(family)

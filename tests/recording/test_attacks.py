@@ -60,6 +60,7 @@ async def played_for(path: Path) -> float:
     return asyncio.get_running_loop().time() - began
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ATTACKS)
 def test_a_forged_file_costs_little_and_is_told(name: str, tmp_path: Path) -> None:
     path = forge(tmp_path / "forged.mcap", ATTACKS[name]())
@@ -286,6 +287,7 @@ print("all refused")
 """
 
 
+@pytest.mark.long
 def test_what_is_no_file_is_refused_by_every_verb(tmp_path: Path, live: Live) -> None:
     """A pipe that nobody writes to, a device without an end, a folder, a socket, a file that is a hole."""
     ended = subprocess.run(

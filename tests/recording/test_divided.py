@@ -118,6 +118,7 @@ def exported(path: Path, out: Path, jobs: int) -> bytes:
     return out.read_bytes()
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive(
     "case",
     sample=[*zip(OF_EACH_FORMAT, cycle(FAULTS), strict=False)],
@@ -135,6 +136,7 @@ def test_all_scans_are_those_of_one_process(tmp_path: Path, case: tuple[str, str
     assert [each.name for each in tmp_path.iterdir()] == ["a.mcap"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("model", "form"), [("rplidar-s2", ".csv"), ("ydlidar-4ros", ".npz"), ("ldrobot-ld06", ".mcap")]
 )
@@ -159,6 +161,7 @@ def test_so_it_is_of_a_file_that_is_cut_and_damaged(tmp_path: Path, joined: list
     assert joined
 
 
+@pytest.mark.long
 def test_so_it_is_of_several_files_that_are_one_recording(tmp_path: Path, joined: list[int]) -> None:
     async def main() -> None:
         async with (
@@ -175,6 +178,7 @@ def test_so_it_is_of_several_files_that_are_one_recording(tmp_path: Path, joined
     assert joined == [2, 1]
 
 
+@pytest.mark.long
 def test_where_none_comes_to_hold_the_same_one_process_decodes_all(
     tmp_path: Path, joined: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -230,6 +234,7 @@ def test_what_fails_on_another_process_is_told_and_leaves_nothing(
     assert [each.name for each in tmp_path.iterdir()] == ["a.mcap"]
 
 
+@pytest.mark.long
 def test_real_processes_do_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.mcap"
     monkeypatch.setattr("tests.recording.test_divided.SECONDS", 245.0)
@@ -240,6 +245,7 @@ def test_real_processes_do_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert (tmp_path / "1.csv").read_bytes() == (tmp_path / "2.csv").read_bytes()
 
 
+@pytest.mark.long
 def test_when_it_is_killed_no_process_and_no_part_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.mcap"
     monkeypatch.setattr("tests.recording.test_divided.SECONDS", 245.0)

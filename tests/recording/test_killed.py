@@ -7,6 +7,8 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
+
 from lidario.recording.files import open_stored
 from tests.support.whole import assert_export_makes_it_whole
 
@@ -25,6 +27,7 @@ asyncio.run(main())
 BOUND_S = 60
 
 
+@pytest.mark.long
 def test_kill_9_costs_the_last_second(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with subprocess.Popen(

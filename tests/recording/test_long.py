@@ -18,6 +18,7 @@ def test_no_two_scans_of_a_day_have_the_same_check_value() -> None:
     assert len({_sum_of(scan) for scan in scans}) == len(scans)  # type: ignore[arg-type]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("family", "keep"), [("ldrobot", 500_000), ("ydlidar", 2_000_000)])
 def test_nothing_is_missing_but_what_was_told(tmp_path: Path, family: str, keep: int, soak: float) -> None:
     day = live(tmp_path, 120.0 * soak, seed=3, split_s=10.0, keep_bytes=keep, family=family, mean_s=15.0)

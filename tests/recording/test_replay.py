@@ -60,6 +60,7 @@ def test_scans_are_those_of_the_live_session(tmp_path: Path, source: str) -> Non
     assert all(scan.dropped_before == 0 for scan in scans)
 
 
+@pytest.mark.long
 def test_scans_at_true_pace_with_a_thread_that_reads(tmp_path: Path) -> None:
     """Through a terminal bytes are held, handed over together, and read by a thread while the loop is blocked."""
 

@@ -25,6 +25,7 @@ def thinned(name: str, share: float, seed: int) -> tuple[list[Scan], AssemblerSt
     return scans, stats, packets
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("name", sample=list(KINDS)[::4], full=list(KINDS))
 @pytest.mark.exhaustive("share", sample=[0.05], full=[0.02, 0.05, 0.1])
 @pytest.mark.exhaustive("seed", sample=[1], full=[1, 2])

@@ -22,6 +22,7 @@ RULES = """{ access_control: {
 } }"""
 
 
+@pytest.mark.long
 async def test_what_is_passed_on_and_what_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
     router = Router(config=RULES)
     async with AsyncExitStack() as stack:
@@ -54,6 +55,7 @@ async def test_what_is_passed_on_and_what_is_not(monkeypatch: pytest.MonkeyPatch
         assert asking.cancelled()
 
 
+@pytest.mark.long
 async def test_another_publisher_under_the_same_key_is_not_taken_for_this_one(router: Router) -> None:
     async with AsyncExitStack() as stack:
         lidar = await Rig(stack, router).open()
@@ -63,6 +65,7 @@ async def test_another_publisher_under_the_same_key_is_not_taken_for_this_one(ro
         assert not await what_is_heard(router.address, [f"{share.key}/@lidario/status"], bytes(16), 1.5)
 
 
+@pytest.mark.long
 def test_the_command_says_that_nothing_is_passed_on() -> None:
     router = Router(config=RULES)
     try:

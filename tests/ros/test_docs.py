@@ -54,6 +54,7 @@ def here(text: str, router: Router) -> str:
     return re.sub(r"tcp/[\w.]+:7447", router.address, text)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command(
     command: str, tape: str, router: Router, robots: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

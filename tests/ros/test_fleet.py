@@ -54,6 +54,7 @@ async def test_many_lidars_are_one_fleet_or_have_to_be_named(router: Router) -> 
             await reading
 
 
+@pytest.mark.long
 async def test_a_fleet_decodes_raw_bytes(router: Router) -> None:
     """Beside whole scans, of two families; a raw message that is lost is told."""
     async with AsyncExitStack() as stack:

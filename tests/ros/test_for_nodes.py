@@ -107,6 +107,7 @@ def replace_stamp(scan: lidario.Scan, wall_stamp_ns: int) -> lidario.Scan:
     return replace(scan, wall_stamp_ns=wall_stamp_ns)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("form", ["ros", "scan", "raw"])
 async def test_a_lidar_that_nobody_reads_rests_until_somebody_does(router: Router, form: str) -> None:
     device = lidario.simulate("rplidar-s2", spin_up=0)
@@ -161,6 +162,7 @@ def test_options_that_mean_nothing(arguments: list[str], told: str) -> None:
     assert told in ended.stderr
 
 
+@pytest.mark.long
 async def test_a_reader_of_its_own_program_goes_on_when_nobody_else_reads(router: Router) -> None:
     device = lidario.simulate("rplidar-s2", spin_up=0)
     async with AsyncExitStack() as stack:
@@ -180,6 +182,7 @@ async def test_a_reader_of_its_own_program_goes_on_when_nobody_else_reads(router
         await asyncio.wait([running])
 
 
+@pytest.mark.long
 async def test_a_reader_that_was_there_before_is_known_and_a_router_that_restarts_forgets_none() -> None:
     router = Router()
     device = lidario.simulate("rplidar-s2", spin_up=0)

@@ -97,6 +97,7 @@ def whole_program(router: Router, settings: Path, front: str, rear: str) -> Call
     return main
 
 
+@pytest.mark.long
 async def test_the_program_of_the_docs(router: Router, settings: Path, capsys: pytest.CaptureFixture[str]) -> None:
     async with AsyncExitStack() as stack:
         bus = await Bus.open(router.address)
@@ -118,6 +119,7 @@ async def test_the_program_of_the_docs(router: Router, settings: Path, capsys: p
     assert said.endswith("stop: the program ends\n")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("one", "two", "words"),
     [
@@ -149,6 +151,7 @@ def test_the_settings_of_the_docs_mask_the_body_for_both(tmp_path: Path) -> None
         assert config.of(serial).filters == (BoxFilter(*body, mount=mount),)
 
 
+@pytest.mark.long
 async def test_the_command_publishes_two_as_one(router: Router, settings: Path) -> None:
     async with AsyncExitStack() as stack:
         bus = await Bus.open(router.address)
@@ -163,6 +166,7 @@ async def test_the_command_publishes_two_as_one(router: Router, settings: Path) 
         assert process.returncode == 0, said
 
 
+@pytest.mark.long
 async def test_settings_of_one_are_seen_by_a_subscriber(router: Router, settings: Path) -> None:
     async with AsyncExitStack() as stack:
         bus = await Bus.open(router.address)
@@ -179,6 +183,7 @@ async def test_settings_of_one_are_seen_by_a_subscriber(router: Router, settings
     assert not np.isfinite(scan.ranges[abs(turned - 1.57) < 0.3]).any()
 
 
+@pytest.mark.long
 async def test_the_list_of_a_fleet_names_both_and_who_is_away(monkeypatch: pytest.MonkeyPatch) -> None:
     async with (
         lidario.open_lidar(ONE) as one,

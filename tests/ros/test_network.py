@@ -24,6 +24,7 @@ from tests.support.network import BOUND_S, Rig, until, zid_of
 from tests.support.router import Router
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("family", "raw"), [("rplidar", False), ("ydlidar", True)])
 async def test_scans_arrive_equal_and_info_and_health_with_them(router: Router, family: str, raw: bool) -> None:
     async with AsyncExitStack() as stack:

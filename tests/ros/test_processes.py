@@ -44,6 +44,7 @@ async def said(process: subprocess.Popen[str]) -> str:
     return await asyncio.to_thread(line_of, process.stderr)
 
 
+@pytest.mark.long
 async def test_each_is_killed_and_the_router_restarts(tape: str) -> None:
     """A killed reader disturbs nobody. Scans go on after the router is back. A killed publisher is gone at once."""
     router = Router()

@@ -33,6 +33,7 @@ async def publish_on(publisher: Publisher | Share) -> None:
         await asyncio.sleep(0.02)
 
 
+@pytest.mark.long
 async def test_a_session_comes_back_when_the_robot_does(router: Router) -> None:
     async with AsyncExitStack() as stack:
         rig = Rig(stack, router)
@@ -52,6 +53,7 @@ async def test_a_session_comes_back_when_the_robot_does(router: Router) -> None:
                 await anext(scans)
 
 
+@pytest.mark.long
 async def test_a_recording_goes_on_when_the_robot_is_back(router: Router, tmp_path: Path) -> None:
     taken = list[lidario.Scan]()
     async with AsyncExitStack() as stack:
@@ -108,6 +110,7 @@ async def test_a_reader_may_come_before_the_first_scan(router: Router) -> None:
             assert (await reading).mode == "DenseBoost"
 
 
+@pytest.mark.long
 async def test_what_was_read_at_once_is_dated_as_one_read(router: Router) -> None:
     """In pieces, the revolutions of the first one seem to have come as late as the last byte did."""
     async with AsyncExitStack() as stack:
@@ -156,6 +159,7 @@ async def test_scans_that_were_lost_are_a_jump_in_the_numbers(router: Router, fo
         assert remote.stats.missed_scans == missed
 
 
+@pytest.mark.long
 async def test_two_publishers_under_one_key(router: Router, caplog: pytest.LogCaptureFixture) -> None:
     """The second one is told, and a reader that is there goes on with the first one."""
     async with AsyncExitStack() as stack:
@@ -187,6 +191,7 @@ async def test_two_publishers_under_one_key(router: Router, caplog: pytest.LogCa
             await lidario.open_lidar(f"zenoh:{key}?router={router.address}")
 
 
+@pytest.mark.long
 async def test_a_reader_is_told_that_the_lidar_is_away(
     router: Router, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

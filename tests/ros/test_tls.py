@@ -48,6 +48,7 @@ def guarded(folder: Path) -> Iterator[Router]:
     router.stop()
 
 
+@pytest.mark.long
 async def test_who_is_let_in_and_what_passes(guarded: Router, monkeypatch: pytest.MonkeyPatch) -> None:
     address = guarded.address
     monkeypatch.setenv("ZENOH_CONFIG", "r7.json5")

@@ -42,6 +42,7 @@ def absent() -> Iterator[Router]:
     made.stop()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("form", ["ros", "scan", "raw"])
 async def test_a_publisher_waits_for_its_router(absent: Router, form: str) -> None:
     device = lidario.simulate("rplidar-s2", spin_up=0)

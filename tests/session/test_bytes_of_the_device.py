@@ -10,6 +10,8 @@ import time
 from itertools import pairwise
 from typing import Any
 
+import pytest
+
 from lidario.session.lidar import Lidar
 from lidario.session.opening import open_lidar
 from lidario.sim.serve import PtyServer
@@ -53,6 +55,7 @@ async def test_in_memory(family: str) -> None:
         assert lidar.stats.bytes_received == sent.bytes > 20_000
 
 
+@pytest.mark.long
 @both_families
 async def test_on_a_terminal_whose_reader_is_blocked(family: str) -> None:
     """Also what the thread has read while the loop stood still, and what came behind the STOP."""

@@ -46,6 +46,7 @@ class Babbler:
         return now if self._due else None
 
 
+@pytest.mark.long
 async def test_both_families_are_found_and_stream_side_by_side(soak: float) -> None:
     first, second = make_rig("rplidar"), make_rig("ydlidar")
     with WaitingPtyServer(first.device, chunk=64) as one, WaitingPtyServer(second.device, chunk=64) as two:
@@ -74,6 +75,7 @@ async def test_both_families_are_found_and_stream_side_by_side(soak: float) -> N
         assert one.lost == two.lost == 0
 
 
+@pytest.mark.long
 async def test_auto_takes_the_only_lidar_that_answers(monkeypatch: pytest.MonkeyPatch) -> None:
     impatient(monkeypatch)
     rig = make_rig("ydlidar")

@@ -38,6 +38,7 @@ LONGEST_S = 1.5
 """Opening takes 0.2 s, and one way through the loop 0.7 s."""
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("rounds", sample=[3], full=[5])
 @pytest.mark.exhaustive("model", sample=["rplidar-s2"], full=["rplidar-s2", "ydlidar-4ros"])
 def test_the_device_is_still_after_ctrl_c(model: str, rounds: int, request: pytest.FixtureRequest) -> None:

@@ -78,6 +78,7 @@ async def scan_once(path: str, family: str | None) -> lidario.Scan:
         return await lidar.scan()
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("model", sample=MODELS[:1], full=MODELS)
 def test_killed_at_any_moment_it_leaves_the_device_still(model: str, rounds: int) -> None:
     dice = random.Random(rounds)
@@ -101,6 +102,7 @@ def test_killed_at_any_moment_it_leaves_the_device_still(model: str, rounds: int
     print(f"(half), {sorted(worst)[-len(worst) // 20]:.3f} s (19 of 20), {max(worst):.3f} s (all)")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("real", [False, True], ids=["pseudo-terminal", "taken for a real port"])
 def test_a_program_that_opens_the_port_meanwhile_waits(real: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """A real port that somebody holds is not opened at all, since that would move its control lines."""

@@ -57,6 +57,7 @@ asyncio.run(main())
 }
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("ending", sample=["garbage", "never closed"], full=ENDINGS)
 def test_a_program_that_ends_by_itself_leaves_none(ending: str) -> None:
     with served("rplidar-s2") as server:

@@ -133,6 +133,7 @@ def test_every_kind_of_program(program: str) -> None:
 MOTORS = ["rplidar-a2", "rplidar-a2-no-board", "rplidar-c1", "ldrobot-ld14p", "ydlidar-x4", "rplidar-old-firmware"]
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("model", sample=MOTORS[:1], full=MOTORS)
 def test_every_way_in_which_a_motor_is_driven(model: str) -> None:
     """An accessory board is found when the stream is started, and only then it is known what stops the motor."""
@@ -182,6 +183,7 @@ def test_two_sessions_in_one_program_have_two_guards() -> None:
         killed(process, one, other)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", [TcpServer, UdpServer])
 def test_over_a_network_and_the_next_program_waits(kind: type[TcpServer | UdpServer]) -> None:
     with kind(simulate("rplidar-s2", spin_up=0)) as server:
@@ -200,6 +202,7 @@ def test_over_a_network_and_the_next_program_waits(kind: type[TcpServer | UdpSer
         until(lambda: is_left_still(server))
 
 
+@pytest.mark.long
 def test_a_line_that_reconnecting_has_made(tmp_path: Path) -> None:
     device = simulate("rplidar-s2", spin_up=0)
     device.boot_s = 0.2  # type: ignore[attr-defined]
@@ -216,6 +219,7 @@ def test_a_line_that_reconnecting_has_made(tmp_path: Path) -> None:
             killed(process, server)
 
 
+@pytest.mark.long
 def test_signals_of_the_terminal_do_not_end_it() -> None:
     with served("rplidar-s2") as server, ExitStack() as stack:
         program = UNDISTURBED + HEAD + SCAN + IGNORING + RUN
@@ -235,6 +239,7 @@ def test_signals_of_the_terminal_do_not_end_it() -> None:
         killed(process, server)
 
 
+@pytest.mark.long
 def test_it_sleeps_while_the_program_lives_also_while_that_is_frozen() -> None:
     with served("rplidar-s2") as server, child(UNDISTURBED + HEAD + SCAN + RUN, server.path) as process:
         for _ in range(3):
@@ -261,6 +266,7 @@ def test_half_a_request_that_was_written_last(half: str) -> None:
         until(lambda: is_left_still(server), lambda: requests(server)[-12:])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", ["rplidar-s2", "ydlidar-4ros"])
 def test_a_response_that_the_device_still_owes(model: str, tmp_path: Path) -> None:
     """It hears nothing before it has responded, and begins to scan then."""

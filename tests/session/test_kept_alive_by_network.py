@@ -17,6 +17,7 @@ from tests.support.ports import PATIENCE_S
 LONGEST_BLOCK_S = 20.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("library", [asyncio, uvloop], ids=["asyncio", "uvloop"])
 def test_the_thread_writes_what_the_loop_does_not(library: ModuleType) -> None:
     """The loop is blocked until the device has heard what keeps it going, often enough to outlast its patience."""

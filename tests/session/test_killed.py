@@ -59,6 +59,7 @@ async def scan_once(path: str, family: str | None) -> lidario.Scan:
         return await lidar.scan()
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("model", sample=["rplidar-s2"], full=["rplidar-s2", "ydlidar-4ros"])
 def test_the_next_program_opens_it_at_once(model: str, rounds: int) -> None:
     dice = random.Random(rounds)

@@ -37,6 +37,7 @@ async def first_scan_of_the_new_line(stream: ScanStream, after_ns: int) -> Scan:
     raise AssertionError("the stream ended")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("family", ["rplidar", "ydlidar"])
 async def test_within_two_seconds_through_a_link(family: str, tmp_path: Path) -> None:
     device = make_rig(family).device
@@ -59,6 +60,7 @@ async def test_within_two_seconds_through_a_link(family: str, tmp_path: Path) ->
         until(lambda: is_still(server))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("by", ["id", "path"])
 async def test_under_another_name_held_for_a_while_beside_other_ports(
     by: str, monkeypatch: pytest.MonkeyPatch
@@ -96,6 +98,7 @@ async def test_under_another_name_held_for_a_while_beside_other_ports(
         until(lambda: is_still(server))
 
 
+@pytest.mark.long
 async def test_two_that_change_their_names_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     rigs = [make_rig("rplidar", seed=seed) for seed in (1, 2)]
     for rig in rigs:
@@ -120,6 +123,7 @@ async def test_two_that_change_their_names_at_once(monkeypatch: pytest.MonkeyPat
         until(lambda: is_still(one) and is_still(two))
 
 
+@pytest.mark.long
 async def test_a_network_connection_that_was_closed() -> None:
     device = make_rig("ydlidar").device
     device.boot_s = BOOT_S
@@ -133,6 +137,7 @@ async def test_a_network_connection_that_was_closed() -> None:
         until(lambda: not device.scanning)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("via", ["pty", "tcp"])
 async def test_a_simulated_source_ends_with_the_session(via: str) -> None:
     source = f"sim://rplidar-s2?via={via}&fault=unplug:1s"
@@ -142,6 +147,7 @@ async def test_a_simulated_source_ends_with_the_session(via: str) -> None:
                 await lidar.scan()
 
 
+@pytest.mark.long
 async def test_a_session_that_is_closed_while_it_is_away_leaves_nothing() -> None:
     async with open_lidar("sim://rplidar-s2?fault=replug:1s", reconnect=True) as lidar:
         async with asyncio.timeout(BOUND_S):
@@ -149,6 +155,7 @@ async def test_a_session_that_is_closed_while_it_is_away_leaves_nothing() -> Non
                 await asyncio.sleep(0.01)
 
 
+@pytest.mark.long
 async def test_a_recording_goes_on_when_the_line_is_back(tmp_path: Path) -> None:
     device = make_rig("rplidar").device
     device.boot_s = BOOT_S

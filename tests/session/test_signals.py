@@ -89,6 +89,7 @@ SENT = {
 EVERY_WAY = [(model, sent) for sent in SENT for model in MODELS]
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("way", sample=EVERY_WAY[::3], full=EVERY_WAY)
 def test_a_signal_leaves_the_device_still(way: tuple[str, str]) -> None:
     model, sent = way
@@ -142,6 +143,7 @@ def test_a_lidar_that_another_task_holds(times: int) -> None:
     assert (returned, said) == (EXIT_TERM, "")
 
 
+@pytest.mark.long
 def test_a_hang_up_that_is_ignored_stays_ignored() -> None:
     """As under nohup."""
     program = f"signal.signal(signal.SIGHUP, signal.SIG_IGN)\n{RUN}"
@@ -156,6 +158,7 @@ def test_a_hang_up_that_is_ignored_stays_ignored() -> None:
         until(lambda: was_stopped(server))
 
 
+@pytest.mark.long
 def test_a_handler_of_the_program_is_left_in_place() -> None:
     # Not `print`: a handler that comes in the midst of another one must not use the same stream.
     program = f"import os; signal.signal(signal.SIGTERM, lambda *_: os.write(1, b'its own handler\\n'))\n{RUN}"

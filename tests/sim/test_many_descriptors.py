@@ -37,6 +37,7 @@ asyncio.run(main())
 """
 
 
+@pytest.mark.long
 def test_devices_are_served_beyond_1023_descriptors() -> None:
     if resource.getrlimit(resource.RLIMIT_NOFILE)[1] < 2000:
         pytest.fail("this system allows fewer than 2000 descriptors: the test needs them")

@@ -70,6 +70,7 @@ class TestPty:
             os.write(port, b"abc")
             assert read_exactly(port, 6)[1::2] == b"ABC"
 
+    @pytest.mark.long
     def test_what_is_held_back_comes_though_nothing_follows(self) -> None:
         faults = parse_faults("stall:990ms")
         with PtyServer(Parrot(), faults=faults) as server, opened(server.path) as port:
@@ -164,6 +165,7 @@ class TestPty:
             server.link(tmp_path / "by-id")
         assert (tmp_path / "by-id").exists()
 
+    @pytest.mark.long
     def test_a_fault_replugs_it(self) -> None:
         with PtyServer(Parrot(), faults=parse_faults("replug:50ms")) as server:
             first = server.path
@@ -175,6 +177,7 @@ class TestPty:
             with opened(server.path) as port:
                 assert len(read_exactly(port, 100)) == 100
 
+    @pytest.mark.long
     def test_a_replug_with_an_unplug_behind_it_ends(self) -> None:
         faults = parse_faults("replug:10ms,unplug:100ms")
         with PtyServer(Parrot(), faults=faults) as server, opened(server.path) as port:

@@ -25,6 +25,7 @@ def test_the_simulated_lidar_keeps_every_rule(tmp_path: Path, ini: str, options:
     assert "power-down protection" in ran.text
 
 
+@pytest.mark.long
 def test_what_is_no_device_says_so(tmp_path: Path) -> None:
     (tmp_path / "pytest.ini").write_text(STRICT_INI, encoding="utf-8")
     ran = run_pytest(tmp_path, "-p", "no:asyncio", *SUITE, "--lidario-device", "corridor.mcap")

@@ -138,6 +138,7 @@ def test_no_more_than_fifty_and_a_file_that_cannot_be_written(tmp_path: Path) ->
     assert masks.state()["unsaved"] == 50
 
 
+@pytest.mark.long
 def test_a_box_and_a_sector_are_drawn_and_saved(
     opened: Open, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -219,6 +220,7 @@ def check_recording(tmp_path: Path, settings: Path, begin: float, finish: float)
     assert count == 3
 
 
+@pytest.mark.long
 def test_the_network_may_not_write_unless_a_file_is_named(opened: Open) -> None:
     with started("view", S2, "--port", "0", "--lan") as process:
         url = line_of(process.stdout).strip()

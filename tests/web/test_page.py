@@ -25,6 +25,7 @@ EDGES = (
 """Left, right, upper and lower edge of what is drawn, in dots, without the farthest hundredth."""
 
 
+@pytest.mark.long
 def test_scans_are_drawn_and_the_panel_tells_of_them(url: str, opened: Open) -> None:
     page = opened(url)
     page.until("seen.painted > 3")
@@ -173,6 +174,7 @@ def test_every_control_is_reached_by_the_keyboard_and_has_a_name(url: str, opene
     assert all(page.ask(names))
 
 
+@pytest.mark.long
 def test_an_empty_scan_and_damage_are_said_in_words(opened: Open) -> None:
     empty = "sim://rplidar-s2?via=memory&world=empty"
     with started("view", empty, "sim://ydlidar-4ros?via=memory&fault=drop:0.05%", "--port", "0") as process:
@@ -188,6 +190,7 @@ def test_an_empty_scan_and_damage_are_said_in_words(opened: Open) -> None:
         page.complaints.clear()
 
 
+@pytest.mark.long
 def test_two_lidars_stand_where_they_are_mounted(opened: Open) -> None:
     places = ["--mount", "0.5,0,0", "--mount=-1,0.8,90", "--colour", "#ff0000", "--colour", "#00ff00"]
     with started("view", S2, "sim://ydlidar-4ros?via=memory", "--port", "0", *places) as process:
@@ -215,6 +218,7 @@ STRONGEST = (
 """The strongest colour of the picture, by every third dot."""
 
 
+@pytest.mark.long
 def test_after_unplugging_it_says_so_and_comes_back(opened: Open) -> None:
     with started("view", S2 + "&fault=replug:3s", "--port", "0") as process:
         page = opened(line_of(process.stdout).strip())

@@ -15,6 +15,7 @@ from tests.support.recorded import record
 from tests.web.shown import S2, Open, end, ink
 
 
+@pytest.mark.long
 def test_the_colours_keep_their_scale_and_the_legend_tells_it(url: str, opened: Open) -> None:
     page = opened(url)
     page.until("seen.painted > 3")
@@ -33,6 +34,7 @@ def test_the_colours_keep_their_scale_and_the_legend_tells_it(url: str, opened: 
     )
 
 
+@pytest.mark.long
 def test_intensity_is_shown_where_there_is_one(opened: Open) -> None:
     with started("view", S2, "--mode", "Standard", "--port", "0") as process:
         page = opened(line_of(process.stdout).strip())
@@ -86,6 +88,7 @@ def test_the_title_names_the_lidar_and_the_screen_is_filled(url: str, opened: Op
     page.until("document.fullscreenElement === null")
 
 
+@pytest.mark.long
 def test_what_is_shown_is_recorded(opened: Open, tmp_path: Path) -> None:
     with started("view", S2, "--port", "0", "--record", str(tmp_path)) as process:
         page = opened(line_of(process.stdout).strip())
@@ -103,6 +106,7 @@ def test_what_is_shown_is_recorded(opened: Open, tmp_path: Path) -> None:
         end(process, page)
 
 
+@pytest.mark.long
 def test_a_recording_is_moved_through_and_played_at_another_speed(opened: Open, tmp_path: Path) -> None:
     path = record(tmp_path / "a.mcap", "sim://rplidar-s2", 60).path
     with started("view", str(path), "--port", "0") as process:

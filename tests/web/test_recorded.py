@@ -94,6 +94,7 @@ async def test_a_recording_is_played_on_from_another_place_also_behind_its_end(p
     await asyncio.wait([reading])
 
 
+@pytest.mark.long
 async def test_viewers_move_recordings_and_start_the_recording_of_lidars(path: Path, tmp_path: Path) -> None:
     played = Feed(str(path), stays=True, folder=tmp_path)
     live = Feed("sim://rplidar-s2?via=memory", stays=True, folder=tmp_path)
@@ -131,6 +132,7 @@ async def test_viewers_move_recordings_and_start_the_recording_of_lidars(path: P
         await asyncio.wait(reading)
 
 
+@pytest.mark.long
 async def test_a_recording_that_cannot_be_made_says_so_and_the_page_goes_on(tmp_path: Path) -> None:
     live = Feed("sim://rplidar-s2?via=memory", folder=tmp_path / "nowhere")
     assert live.keeper is not None
