@@ -50,6 +50,7 @@ class Stream:
         slowest_turn_s: Longest time one revolution may take.
         keepalive: What must be repeated meanwhile, if anything.
         zero_offset_deg: Degrees to add to every device angle.
+        may_take_ns: Nanoseconds that a sample may take, where `sample_ns` is 0: which one holds is measured.
         timed: Whether its packets come when they are measured, or soon after; False where they were stored without
             times, which are made from the samples then.
     """
@@ -62,6 +63,7 @@ class Stream:
     slowest_turn_s: float
     keepalive: Keepalive | None = None
     zero_offset_deg: float = 0.0
+    may_take_ns: tuple[float, ...] = ()
     timed: bool = True
 
     @property

@@ -41,6 +41,7 @@ MOST_BAUD = 100_000_000
 MOST_METRES = 1e6
 SHORTEST_SAMPLE_US, LONGEST_SAMPLE_US = 0.01, 1e5
 """Far beyond every device. Figures outside are no figures of a device, and later steps could not bear them."""
+MOST_RATES = 8
 MOST_RESPONSES = 512
 """Different requests whose responses are kept; devices have a few dozen."""
 LONGEST_EVENT = 1 << 16
@@ -61,6 +62,7 @@ class StreamBegan:
         baudrate: Speed of the line in bits a second; 0 where bytes take no time.
         wall_offset_ns: What was added to the monotonic clock to get the wall clock.
         zero_offset_deg: Degrees that were added to every device angle.
+        may_take_ns: As in `Stream`.
         continues: Whether it goes on where the one before had failed: what passed since then is counted as missed.
     """
 
@@ -73,6 +75,7 @@ class StreamBegan:
     baudrate: int
     wall_offset_ns: int
     zero_offset_deg: float
+    may_take_ns: tuple[float, ...] = ()
     continues: bool = False
 
 
@@ -190,6 +193,7 @@ class Chronicle:
         baudrate: int,
         wall_offset_ns: int,
         zero_offset_deg: float,
+        may_take_ns: tuple[float, ...],
         *,
         continues: bool = False,
     ) -> None:
@@ -204,6 +208,7 @@ class Chronicle:
             baudrate,
             wall_offset_ns,
             zero_offset_deg,
+            may_take_ns,
             continues,
         )
         self._tell(self.running)
@@ -294,6 +299,7 @@ def _event_of(record: dict[str, Any]) -> StreamEvent | None:
             baudrate=_whole(record["baudrate"], MOST_BAUD),
             wall_offset_ns=_signed(record["wall_offset_ns"]),
             zero_offset_deg=_offset(record),
+            may_take_ns=tuple(_sample(each, 1e3) for each in record.get("may_take_ns", ())[:MOST_RATES]),
             continues=record.get("continues") is True,
         )
     return None

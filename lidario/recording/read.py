@@ -105,6 +105,7 @@ class StoredStream:
             spin_up_s=SPIN_UP_S,
             slowest_turn_s=self.began.slowest_turn_s,
             zero_offset_deg=self.began.zero_offset_deg,
+            may_take_ns=self.began.may_take_ns,
             timed=self.timed,
         )
 

@@ -43,7 +43,7 @@ class Incoming:
 
     def __init__(self, stream: Stream, stats: AssemblerStats, clock: Clock | None = None) -> None:
         stream.decoder.tell_time(stream.sample_ns)
-        self.time: SampleTime = SampleTime(stream.sample_ns, timed=stream.timed)
+        self.time: SampleTime = SampleTime(stream.sample_ns, stream.may_take_ns, timed=stream.timed)
         self._format = stream.format
         self._doubled = DoubledPackets(stream.format, stream.sample_ns, stats)
         self._false = FalsePackets(stream, stats)

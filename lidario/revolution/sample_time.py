@@ -6,7 +6,7 @@ two seconds. Where a line stalls, what comes late is early the next time, so tha
 reads are not; where whole revolutions are lost, which angles hide, most of the reads are right and the mean is
 not. So a time is believed when mean and median agree, in two windows alike, and are off by more than a tenth.
 Samples that are known to be missing count as if they had come. Once a window agrees with what was told, nothing is
-measured any more.
+measured any more. Where a model has several rates and cannot be asked for the one that is set, a window tells it.
 """
 
 from __future__ import annotations
@@ -34,20 +34,21 @@ class SampleTime:
     """Follows one stream, until it is sure.
 
     Args:
-        told_ns: Nanoseconds that the device tells; 0 where it tells none, and then `of` tells it.
+        told_ns: Nanoseconds that the device tells; 0 where it tells none.
+        may_be_ns: Those of which one holds, where the device tells none.
         timed: As `Stream.timed`. Times that were made from the sample time cannot speak against it.
 
     Attributes:
-        ns: What counts; 0 where nothing is told.
-        measured_ns: What it takes where the device tells none, by `of`.
+        ns: What counts; 0 while nothing is told or sure.
+        measured_ns: What it takes while that is 0, by `of`.
     """
 
-    def __init__(self, told_ns: float, *, timed: bool = True) -> None:
+    def __init__(self, told_ns: float, may_be_ns: Sequence[float] = (), *, timed: bool = True) -> None:
         self.ns: float = told_ns
         self.measured_ns: float = 0.0
         self._note = ""
-        self._told_ns = told_ns
-        self._is_sure = not (told_ns and timed)
+        self._likely_ns = [told_ns] if told_ns else [*may_be_ns]
+        self._is_sure = not timed
         self._before_ns = 0.0
         self._begin_ns: int | None = None
         self._last_ns = 0
@@ -56,10 +57,7 @@ class SampleTime:
         self._reads: list[tuple[int, int]] = []
 
     def of(self, ended: EndedRevolution) -> float:
-        """Where the device tells none: as most of the last revolutions without a gap took.
-
-        So nothing older is remembered, and parts of a file can be decoded apart.
-        """
+        """While nothing is told or sure: as most of the last revolutions without a gap took."""
         if not ended.lost or not self.measured_ns:
             self._latest.append(ended.elapsed_ns / ended.count)
             self.measured_ns = median(self._latest)
@@ -87,32 +85,38 @@ class SampleTime:
                 self._reads.append((passed_ns, before + samples))
         else:
             if self._last_ns - self._begin_ns >= WINDOW_NS and len(self._reads) >= FEWEST:
-                if self._is_told_by(_measured(self._reads)):
+                if self._is_told_by(self._reads):
                     return
                 self._begin_ns, self._reads = self._last_ns, []
             self._reads.append((came_ns - self._last_ns, samples))
         self._last_ns = came_ns
 
-    def _is_told_by(self, measured_ns: float) -> bool:
-        """Whether this makes it sure; then what led to it is forgotten."""
-        before_ns, self._before_ns = self._before_ns, measured_ns
-        if not measured_ns:
+    def _is_told_by(self, reads: Sequence[tuple[int, int]]) -> bool:
+        """Whether this window makes it sure; then what led to it is forgotten."""
+        mean_ns = sum(passed_ns for passed_ns, _ in reads) / sum(samples for _, samples in reads)
+        middle_ns = median(passed_ns / samples for passed_ns, samples in reads)
+        alike = abs(middle_ns - mean_ns) <= ALIKE * mean_ns
+        before_ns, self._before_ns = self._before_ns, mean_ns if alike else 0.0
+        likely_ns = self._nearest(mean_ns)
+        if likely_ns and likely_ns == self._nearest(middle_ns):
+            self.ns = likely_ns
+        elif alike and abs(mean_ns - before_ns) <= ALIKE * mean_ns:
+            measured_ns = (mean_ns + before_ns) / 2
+            if self.ns:
+                self._note = (
+                    f"the device tells {self.ns * 1e-3:.4g} µs a sample, and takes {measured_ns * 1e-3:.4g}: "
+                    "what is measured counts"
+                )
+            self.ns = measured_ns
+        else:
             return False
-        is_right = abs(measured_ns / self._told_ns - 1) <= OFF
-        if not is_right and abs(measured_ns - before_ns) > ALIKE * measured_ns:
-            return False
+        # So that decoders that began elsewhere are alike.
         self._is_sure, self._before_ns, self._begin_ns, self._last_ns, self._reads = True, 0.0, None, 0, []
-        if not is_right:
-            self.ns = (measured_ns + before_ns) / 2
-            self._note = (
-                f"the device tells {self._told_ns * 1e-3:.4g} µs a sample, and takes {self.ns * 1e-3:.4g}: "
-                "what is measured counts"
-            )
+        self.measured_ns = 0.0
+        self._latest.clear()
         return True
 
-
-def _measured(reads: Sequence[tuple[int, int]]) -> float:
-    """What a sample takes; 0 where the mean of the reads and most of them do not agree."""
-    mean = sum(passed_ns for passed_ns, _ in reads) / sum(samples for _, samples in reads)
-    middle = median(passed_ns / samples for passed_ns, samples in reads)
-    return mean if abs(middle - mean) <= ALIKE * mean else 0.0
+    def _nearest(self, measured_ns: float) -> float:
+        """The likely time that is about what was measured; 0 where there is none."""
+        near_ns = min(self._likely_ns, key=lambda each: abs(each - measured_ns), default=0.0)
+        return near_ns if abs(near_ns - measured_ns) <= OFF * near_ns else 0.0

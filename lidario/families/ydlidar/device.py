@@ -234,6 +234,7 @@ class YdlidarDevice(Device):
             slowest_turn_s=SLOWEST_TURN_S,
             keepalive=Keepalive(commands.KEEPALIVE, KEEPALIVE_S) if self._protected else None,
             zero_offset_deg=self._offset_deg,
+            may_take_ns=self._model.may_take_ns,
         )
 
     def _begin(self) -> Script[PointCloud]:

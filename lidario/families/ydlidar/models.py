@@ -64,6 +64,11 @@ class Model:
         return 1e6 / self.rates[0] if len(self.rates) == 1 else 0.0
 
     @property
+    def may_take_ns(self) -> tuple[float, ...]:
+        """Nanoseconds that a sample may take, by its rates."""
+        return tuple(1e9 / rate for rate in self.rates)
+
+    @property
     def mode(self) -> ScanMode:
         """Its one scan mode."""
         return ScanMode(

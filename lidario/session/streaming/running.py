@@ -157,6 +157,7 @@ class Running:
             self._baudrate,
             self._wall_offset_ns,
             stream.zero_offset_deg,
+            stream.may_take_ns,
             continues=self._totals.assembled.left_off is not None,
         )
         self._delivered = True
