@@ -187,7 +187,8 @@ class Assembler:
             self._last_spanned_ns = 0.0
 
     def _new_clock(self) -> RevolutionClock:
-        return RevolutionClock(1e9 * self._stream.slowest_turn_s, exact=self.incoming.is_exact)
+        slowest_ns, rough = 1e9 * self._stream.slowest_turn_s, not self._stream.sample_ns
+        return RevolutionClock(slowest_ns, exact=self.incoming.is_exact, rough=rough)
 
     def end(self) -> None:
         """The stream has ended: discard the revolution in the making. Harmless when done before."""
@@ -202,10 +203,9 @@ class Assembler:
         self.partial = PartialRevolution(whole=False)
 
     def _part(self, packets: Packets, begin: int, end: int, offsets: Sequence[int] | None = None) -> Packets:
-        return part_of(packets, begin, end, offsets, self._stream.format, self._stream.sample_ns)
+        return part_of(packets, begin, end, offsets, self._stream.format, self.incoming.time.known_ns)
 
     def _keep(self, packets: Packets) -> None:
-        """Add packets to the revolution in the making."""
         partial = self.partial
         partial.runs.append(packets)
         partial.size += len(packets.data)

@@ -114,18 +114,19 @@ class RevolutionClock:
     Args:
         slowest_ns: What a revolution takes at most.
         exact: Whether the device's own clock tells the times, so that no stamp is late.
+        rough: Whether what a sample takes is not well known. Then a late beginning alone says nothing.
     """
 
-    def __init__(self, slowest_ns: float = 1e9, *, exact: bool = False) -> None:
+    def __init__(self, slowest_ns: float = 1e9, *, exact: bool = False, rough: bool = False) -> None:
         self._least_late = 0.0 if exact else STAYED_LATE
+        self._is_rough = rough
         self._search = SparseSpeed(slowest_ns)
         self._anchor: Beginning | None = None
         # Whether all since the anchor is to be counted: nothing else tells what passed.
         self._is_open = False
-        # Since the anchor: what the samples took, whether a beginning was late, and how long reads went on since.
+        # Since the anchor: what the samples took, and how long reads went on since a beginning was late.
         self._spanned_ns = 0.0
-        self._is_late = False
-        self._late_ns = 0
+        self._late_ns: int | None = None
         self._last: Beginning | None = None
         self._sure: Beginning | None = None
         self._seam = 0.0
@@ -149,7 +150,7 @@ class RevolutionClock:
         So it is where nothing is known of it, where the stamps are late at the moment, and where the next one
         has to tell the speed, or how many passed since the anchor.
         """
-        return None if self._is_late or self._is_open or self.needs_speed else self._last
+        return None if self._late_ns is not None or self._is_open or self.needs_speed else self._last
 
     def learn_speed(self, packets: Iterable[tuple[float, int]]) -> None:
         """Packets came: where each begins, in revolutions, and when it came."""
@@ -169,7 +170,7 @@ class RevolutionClock:
             seam: Where revolutions begin from now on, in revolutions from the first of these places; None when they
                 begin where they did.
         """
-        self._last, self._is_late, self._late_ns = None, False, 0
+        self._last = self._late_ns = None
         if seam is None or seam == self._seam:
             return
         if self._anchor is not None:
@@ -251,9 +252,9 @@ class RevolutionClock:
         gap = last.lost > 0 or (last.broken and last.packets >= most)
         unseen = 0
         if late >= 1 - NOISE:
-            self._is_late = True
-            self._late_ns += here.read_ns
-            if not gap and self._late_ns < self._least_late * here.revolution_ns:
+            self._late_ns = (self._late_ns or 0) + here.read_ns
+            is_sure = last.broken or not self._is_rough
+            if not gap and not (is_sure and self._late_ns >= self._least_late * here.revolution_ns):
                 return 0, 0
             unseen = int(late + NOISE)
         lost = round(unseen * last.revolution_packets)
@@ -274,8 +275,7 @@ class RevolutionClock:
     def _be_anchor(self, here: Beginning, unseen: int = 0, lost: int = 0) -> None:
         here.number += unseen
         here.packets_before += lost
-        self._anchor, self._is_open, self._spanned_ns = here, False, 0.0
-        self._is_late, self._late_ns = False, 0
+        self._anchor, self._is_open, self._late_ns, self._spanned_ns = here, False, None, 0.0
 
     def _missing_by_clock(self, here: Beginning, elapsed: float) -> int:
         """Packets missing since the anchor beyond those known, by what one takes."""

@@ -56,9 +56,19 @@ class SampleTime:
         # Of the window: the time that passed before each read, and the samples that came with it.
         self._reads: list[tuple[int, int]] = []
 
+    @property
+    def known_ns(self) -> float:
+        """What it takes, as far as that is known; 0 while it is not."""
+        return self.ns or self.measured_ns
+
     def of(self, ended: EndedRevolution) -> float:
-        """While nothing is told or sure: as most of the last revolutions without a gap took."""
-        if not ended.lost or not self.measured_ns:
+        """While nothing is told or sure: as most of the last revolutions without a gap took.
+
+        One that came with a single read does not tell.
+        """
+        if self.ns:
+            return self.ns
+        if not self.measured_ns or (ended.partial.read_ns and not ended.lost):
             self._latest.append(ended.elapsed_ns / ended.count)
             self.measured_ns = median(self._latest)
         return self.measured_ns

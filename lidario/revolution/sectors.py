@@ -227,7 +227,7 @@ class SectorAssembler(Assembler):
 
     @property
     def _sample_time_ns(self) -> float:
-        return self._by_speed_ns or self._stream.sample_ns or self.incoming.time.measured_ns
+        return self._by_speed_ns or self.incoming.time.known_ns
 
     def _start_ns(self, here: DividedRevolution, sample_ns: float) -> int:
         """When the first sample was measured, as far as the packets so far tell."""
