@@ -7,6 +7,7 @@ states where it begins, or each sample its angle; the corrections of single samp
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -21,6 +22,7 @@ from lidario.families.rplidar.simulated import packers as rplidar
 from lidario.families.rplidar.simulated.device import PROFILES
 from lidario.families.rplidar.simulated.profile import Mode, Profile
 from lidario.families.rplidar.simulated.responses import pack_announcement
+from lidario.families.ydlidar.models import MODELS
 from lidario.families.ydlidar.simulated import packers as ydlidar
 from lidario.families.ydlidar.simulated.profiles import PROFILES as YDLIDARS
 from lidario.families.ydlidar.simulated.profiles import Profile as YdlidarProfile
@@ -189,6 +191,10 @@ def _forms() -> Iterator[Form]:
     yield _sold("0x86", "rplidar-ultradense", 1)
     yield _ydlidar_form("4ROS", RATES["4ROS"].kind, YDLIDARS["ydlidar-4ros"], 30, 7.0)
     yield _ydlidar_form("X4", RELATIVES["X4 points"], YDLIDARS["ydlidar-x4"], 0, 7.6)
+    triangulating = RELATIVES["X4 points"]
+    mode = replace(triangulating.mode, sample_us=1e6 / MODELS["g4"].rates[0])
+    form = _ydlidar_form("G4", replace(triangulating, mode=mode), YDLIDARS["ydlidar-g4"], 0, 7.0)
+    yield replace(form, rates=MODELS["g4"].rates)
     yield Form("LD19", RELATIVES["LD19 packets"], 230_400, 10.0, 12, 0.3, b"", (1.0, 1.0, 65535), _ldrobot)
 
 

@@ -43,6 +43,7 @@ class Form:
         words: How distances are written: millimetres of the word 0, of a step, and how many words there are.
         pack: Makes the packets.
         shift_deg: What is added to the angle of the beam, by the distance and the place in the packet.
+        rates: Samples a second that the model may take, where it does not tell which.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Form:
     words: tuple[float, float, int]
     pack: Callable[[Samples], tuple[bytes, Ints]]
     shift_deg: Callable[[Floats, Ints], Floats] | None = None
+    rates: tuple[float, ...] = ()
 
     @property
     def sample_ns(self) -> float:
@@ -63,7 +65,10 @@ class Form:
 
     def stream(self) -> Stream:
         """As the family would describe it to the session."""
-        return replace(self.kind.stream(), slowest_turn_s=self.slowest_turn_s)
+        stream = replace(self.kind.stream(), slowest_turn_s=self.slowest_turn_s)
+        if not self.rates:
+            return stream
+        return replace(stream, sample_ns=0.0, may_take_ns=tuple(1e9 / rate for rate in self.rates))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

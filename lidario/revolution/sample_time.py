@@ -62,16 +62,20 @@ class SampleTime:
         return self.ns or self.measured_ns
 
     def of(self, ended: EndedRevolution) -> float:
-        """While nothing is told or sure: as most of the last revolutions without a gap took.
+        """While nothing is told or sure: as in most of the last revolutions.
 
-        One that came with a single read does not tell.
+        A part of one does not tell, nor one that came with a single read.
         """
         if self.ns:
             return self.ns
-        if not self.measured_ns or (ended.partial.read_ns and not ended.lost):
-            self._latest.append(ended.elapsed_ns / ended.count)
+        samples, partial = ended.samples, ended.partial
+        certain = samples is not None and samples.certain
+        missing = ended.missing_samples(gap_behind=False) if certain else 0.0
+        took_ns = ended.elapsed_ns / (ended.count + missing)
+        if certain and partial.whole and partial.read_ns:
+            self._latest.append(took_ns)
             self.measured_ns = median(self._latest)
-        return self.measured_ns
+        return self.measured_ns or took_ns
 
     def take_note(self) -> str:
         """What is to be told of it, once; mostly empty."""
