@@ -31,3 +31,24 @@ async def test_a_stream_that_was_stopped_as_it_began_leaves_no_packets_to_the_ne
         await lidar.scan()
         stats = lidar.stats
         assert stats.lost_packets == stats.broken_scans == stats.missed_scans == 0, stats
+
+
+@both_families
+@driven
+async def test_what_was_read_together_with_the_descriptor_is_delivered(family: str) -> None:
+    """Three revolutions and more, too many bytes to be parsed in one step."""
+    rig = make_rig(family)
+    loop = asyncio.get_running_loop()
+    assert isinstance(loop, DrivenLoop)
+    async with rig.open() as lidar:
+        await lidar.get_modes()
+        async with lidar.scans(depth=16) as stream:
+            reading = asyncio.ensure_future(anext(stream))
+            while "scan" not in rig.device.log[-1].name:
+                await asyncio.sleep(0.0001)
+            loop.block(0.6)
+            read_ns = round(loop.time() * 1e9)
+            first = await reading
+            assert first.stamp_ns < read_ns - 300_000_000
+            assert [(await anext(stream)).seq for _ in range(3)] == [1, 2, 3]
+            assert lidar.stats.lost_packets == 0
