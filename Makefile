@@ -7,9 +7,9 @@ READY := $(VENV)/.ready
 # pyright asks the first `python` in PATH where the packages are. It has --pythonpath too, but --verifytypes ignores that.
 PYRIGHT := PATH="$(BIN):$$PATH" $(BIN)/pyright
 SCANS ?= 3
-# Tests wait for a process or a clock for half of the time, so several at a time share a core; under coverage they wait less.
+# Tests wait for a process or a clock at times, so two share a core.
 CORES := $(shell getconf _NPROCESSORS_ONLN)
-WORKERS ?= $(shell expr 3 \* $(CORES))
+WORKERS ?= $(shell expr 2 \* $(CORES))
 CHECK_WORKERS ?= $(shell expr 2 \* $(CORES))
 # Without compiled files, each program that the tests start compiles everything again: 0.8 s each time.
 unexport PYTHONDONTWRITEBYTECODE
@@ -36,7 +36,7 @@ demo: $(RUNS)  ## live scans of a simulated lidar, as bytes through a real pseud
 	$(BIN)/lidario info sim://rplidar-s2
 	$(BIN)/lidario scan sim://rplidar-s2 -n $(SCANS)
 
-test: $(READY)  ## the quick tests, three on every core; `make check` runs all of them
+test: $(READY)  ## the quick tests, two on every core; `make check` runs all of them
 	$(BIN)/python -m pytest -n $(WORKERS)
 
 check: $(READY)  ## lint, format, types, workflows, and all tests at full length under coverage

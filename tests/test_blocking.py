@@ -76,6 +76,7 @@ def test_scans_questions_and_settings(family: str) -> None:
         next(lidar.scans())
 
 
+@pytest.mark.long
 def test_a_reader_that_computes_gets_the_latest_scan() -> None:
     rig = make_rig("rplidar")
     with open_sync(rig.device) as lidar:
@@ -91,6 +92,7 @@ def test_a_reader_that_computes_gets_the_latest_scan() -> None:
         assert not lidar.is_scanning
 
 
+@pytest.mark.long
 def test_a_recording_can_be_played(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     with open_sync(make_rig("rplidar").device) as lidar:
@@ -124,6 +126,7 @@ def test_where_a_loop_runs_already() -> None:
     assert asyncio.run(notebook()) > 1000
 
 
+@pytest.mark.long
 def test_several_threads_share_it() -> None:
     rig = make_rig("rplidar")
     found: list[int] = []
@@ -204,6 +207,7 @@ def test_one_that_nobody_holds_is_closed() -> None:
         time.sleep(0.01)
 
 
+@pytest.mark.long
 def test_a_forked_child_is_refused_and_its_exit_stops_nothing() -> None:
     rig = make_rig("rplidar")
     with open_sync(rig.device) as lidar:
@@ -278,6 +282,7 @@ ENDINGS = [("if scan.seq > 1: sys.exit(5)", 5), ("if scan.seq > 1: raise OSError
 """What the program does, and its exit code; None where it has to be ended by a signal."""
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("ending", sample=ENDINGS[1:2], full=ENDINGS)
 def test_a_program_that_ends_without_closing(ending: tuple[str, int | None]) -> None:
     then, code = ending

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 from rerun.chunk import RrdReader
 
 from tests.cli.processes import BOUND
@@ -19,6 +20,7 @@ lidario.run(rerun_live.main(lidario.testing.SimulatedLidar(walls={WALLS}), sys.a
 """
 
 
+@pytest.mark.long
 def test_rerun_live_keeps_what_the_viewer_shows(tmp_path: Path) -> None:
     file = tmp_path / "run.rrd"
     subprocess.run([sys.executable, "-c", PROGRAM, str(file)], env=environment(), timeout=BOUND, check=True)

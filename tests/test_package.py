@@ -58,6 +58,7 @@ def ours(folder: str) -> set[str]:
     }
 
 
+@pytest.mark.long
 def test_the_wheel_holds_the_package_and_nothing_else(wheel: zipfile.ZipFile) -> None:
     names = {name for name in wheel.namelist() if ".dist-info/" not in name}
     assert {"lidario/py.typed", "lidario/web/page.html", "lidario/testing/plugin.py"} <= names
@@ -75,6 +76,7 @@ def test_the_wheel_says_what_it_needs_and_what_it_brings(wheel: zipfile.ZipFile)
     assert b"MIT License" in wheel.read(f"{home}/licenses/LICENSE")
 
 
+@pytest.mark.long
 def test_the_sdist_holds_what_its_tests_need(built: Path) -> None:
     (path,) = built.glob("*.tar.gz")
     with tarfile.open(path) as file:

@@ -43,6 +43,7 @@ def test_a_served_device_listens_on_the_loopback_interface() -> None:
         assert server.address[0] == "127.0.0.1"
 
 
+@pytest.mark.long
 def test_nothing_received_is_evaluated() -> None:
     """No module of the package uses what would run a text or an object from outside.
 

@@ -209,6 +209,7 @@ def test_the_page_of_damage_shows_what_its_command_prints(name: str) -> None:
     assert told[1].splitlines() == table.markdown().splitlines()[2:]
 
 
+@pytest.mark.long
 def test_noise_is_compared_with_a_clean_line_of_every_format() -> None:
     (table,) = garbage.run(Setting(quick=True)).tables
     assert [row[0] for row in table.rows[::2]] == list(KINDS)

@@ -80,6 +80,7 @@ def test_every_fault_is_in_the_table() -> None:
     assert {row.partition(":")[0] for row in ROWS} == set(FAULTS)
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("where", sample=EVERY_FAULT, full=EVERY_PLACE)
 def test_no_fault_makes_it_hang_or_crash_or_be_silent(where: tuple[str, str]) -> None:
     model, row = where

@@ -61,6 +61,7 @@ def test_a_signal_ends_an_endless_stream_as_it_is_meant_to_end(ended: tuple[str,
         until(lambda: stopped(server))
 
 
+@pytest.mark.long
 def test_the_motor_is_commanded_to_rest_before_stop() -> None:
     with served(FIRST) as server:
         with started("scan", server.path, "-n", "0") as process:
@@ -74,6 +75,7 @@ def test_the_motor_is_commanded_to_rest_before_stop() -> None:
         assert motor.data[3:5] == b"\0\0"  # behind start, command and size: the speed
 
 
+@pytest.mark.long
 def test_people_get_the_picture_after_ctrl_c() -> None:
     with served(FIRST) as server, started("scan", server.path, "-n", "0") as process:
         for _ in range(3):
@@ -84,6 +86,7 @@ def test_people_get_the_picture_after_ctrl_c() -> None:
         assert "▲" in rest
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_number_of_scans_that_is_not_reached(number: signal.Signals, code: int) -> None:
     with served(FIRST) as server:
@@ -108,6 +111,7 @@ def test_ctrl_c_in_a_question() -> None:
     assert "Traceback" not in said
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("form", sample=["--json"], full=["--json", "--csv", ""])
 def test_a_reader_that_goes_away_ends_it_without_a_word(form: str) -> None:
     with served(FIRST) as server:

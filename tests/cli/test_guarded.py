@@ -37,6 +37,7 @@ def test_a_verb_that_is_killed(verb: str, tmp_path: Path) -> None:
         until(lambda: is_left_still(server))
 
 
+@pytest.mark.long
 def test_on_a_terminal() -> None:
     with served("rplidar-s2") as server, on_terminal("watch", server.path, "--guard") as (process, _, _):
         until(lambda: not is_left_still(server) or process.poll() is not None)

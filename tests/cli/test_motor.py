@@ -13,6 +13,7 @@ from tests.support.children import until
 FIRST, SECOND = (family.simulated[0] for family in FAMILIES[:2])
 
 
+@pytest.mark.long
 def test_start_leaves_the_motor_on_and_the_laser_off_and_stop_ends_it() -> None:
     with served(FIRST) as server:
         ended = invoke("motor", "start", server.path, "--json")
@@ -24,6 +25,7 @@ def test_start_leaves_the_motor_on_and_the_laser_off_and_stop_ends_it() -> None:
         until(lambda: not server.device.motor_on)
 
 
+@pytest.mark.long
 def test_speed_is_measured_where_the_motor_turns_alone() -> None:
     with served(FIRST) as server:
         ended = invoke("motor", "speed", "12", server.path, "--json")
@@ -35,6 +37,7 @@ def test_speed_is_measured_where_the_motor_turns_alone() -> None:
         assert server.device.motor_on
 
 
+@pytest.mark.long
 def test_where_the_motor_stops_with_the_laser() -> None:
     with served(SECOND) as server:
         ended = invoke("motor", "start", server.path)

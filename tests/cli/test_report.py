@@ -51,6 +51,7 @@ def test_a_report_is_a_page_and_a_file(path: Path) -> None:
     assert invoke("info", str(path)).exit_code == 0
 
 
+@pytest.mark.long
 def test_a_report_is_checked(path: Path) -> None:
     assert invoke_driven("report", LD19, "-o", str(path)).exit_code == 0
     result = invoke_driven("report", "--check", str(path))
@@ -93,6 +94,7 @@ def test_ctrl_c_leaves_what_was_tried(path: Path) -> None:
     assert "note: it was ended before" in run("report", "--check", str(path)).stderr
 
 
+@pytest.mark.long
 def test_a_program_that_is_killed_leaves_what_was_tried(path: Path) -> None:
     with served("rplidar-s2") as server:
         with started("report", server.path, "-o", str(path)) as process:

@@ -138,6 +138,7 @@ def test_a_line_of_the_log_does_not_hold_it_up(tmp_path: Path) -> None:
         assert process.wait(BOUND) == 0
 
 
+@pytest.mark.long
 def test_a_signal_ends_what_waits_for_a_device() -> None:
     """Nothing at the port responds, so the command waits, and says so on a terminal that is stopped."""
     ours, theirs = os.openpty()

@@ -16,6 +16,7 @@ from tests.support.children import until
 MEMORY = "sim://rplidar-s2?via=memory"
 
 
+@pytest.mark.long
 def test_it_prints_the_address_serves_the_page_and_ends_with_everything_off() -> None:
     with served("rplidar-s2") as server:
         with started("view", server.path, "--port", "0") as process:

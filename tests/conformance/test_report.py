@@ -66,6 +66,7 @@ def make(device: lidario.SimulatedDevice, path: Path, rules: Sequence[Rule] = RU
     return serial, reporter.report()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", ONE_OF_EACH)
 def test_a_report_is_a_recording_that_others_read(model: str, tmp_path: Path) -> None:
     path = tmp_path / "report.mcap"

@@ -39,6 +39,7 @@ async def test_sectors() -> None:
     assert all(each.nearest() is None or (each.ranges[each.valid] >= 1.0).all() for each in found)
 
 
+@pytest.mark.long
 def test_without_await() -> None:
     with lidario.open_sync(lidar()) as session:
         scan = next(session.scans(filters=[NEAR]))

@@ -37,6 +37,7 @@ async def ended(process: int) -> None:
     await run_in_thread(lambda: until(lambda: process not in own_guards()))
 
 
+@pytest.mark.long
 async def test_a_session_has_one_and_leaves_none() -> None:
     with served("rplidar-s2") as server:
         async with open_lidar(server.path, guard=True) as lidar:
@@ -65,6 +66,7 @@ async def test_it_needs_little_memory_and_is_never_woken() -> None:
             assert kilobytes(guard, "Pss") <= kilobytes(guard, "Rss") < MOST_KB
 
 
+@pytest.mark.long
 async def test_one_that_was_killed_is_told_once_and_the_session_goes_on(caplog: pytest.LogCaptureFixture) -> None:
     def told() -> list[str]:
         warnings = [record.message for record in caplog.records if record.levelno >= logging.WARNING]
@@ -86,6 +88,7 @@ async def test_one_that_was_killed_is_told_once_and_the_session_goes_on(caplog: 
     assert len(told()) == 1
 
 
+@pytest.mark.long
 async def test_one_that_is_stopped_does_not_keep_the_port(monkeypatch: pytest.MonkeyPatch) -> None:
     with served("rplidar-s2") as server:
         lidar = await open_lidar(server.path, guard=True)

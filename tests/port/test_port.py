@@ -45,6 +45,7 @@ async def test_a_port_is_opened_by_one_program_alone() -> None:
             pass
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("family", FAMILIES)
 async def test_scans_over_tcp(family: str) -> None:
     rig = make_rig(family)
@@ -73,6 +74,7 @@ async def test_an_unplugged_lidar_ends_the_stream_at_once(family: str) -> None:
                         pass
 
 
+@pytest.mark.long
 def test_ctrl_c_in_the_middle_of_a_scan_stops_the_motor() -> None:
     rig = make_rig("rplidar")
     program = (
@@ -146,6 +148,7 @@ def test_a_closed_loop_does_not_keep_the_motor_on() -> None:
         asyncio.run(until_still(server, rig))
 
 
+@pytest.mark.long
 async def test_a_lidar_that_nobody_holds_any_more_is_stopped() -> None:
     rig = make_rig("rplidar")
     with served(rig) as server:

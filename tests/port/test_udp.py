@@ -93,6 +93,7 @@ def test_each_request_is_a_datagram_of_its_own(library: ModuleType, peer: socket
     run(library, main)
 
 
+@pytest.mark.long
 @both_loops
 def test_a_session(library: ModuleType) -> None:
     async def main() -> None:
@@ -184,6 +185,7 @@ async def test_an_ethernet_model_is_simulated_by_udp() -> None:
         assert (await lidar.scan()).mode == "DenseBoost"
 
 
+@pytest.mark.long
 async def test_the_last_client_is_the_one_that_is_served() -> None:
     rig = make_rig("rplidar", "rplidar-s2e")
     with UdpServer(rig.device) as server:

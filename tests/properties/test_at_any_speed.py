@@ -19,6 +19,7 @@ OF_THE_ROTOR = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FORMATS)
 @pytest.mark.exhaustive("speed", sample=OF_THE_ROTOR[::3], full=OF_THE_ROTOR)
 def test_nothing_is_missing_where_nothing_was_lost(name: str, speed: str) -> None:

@@ -109,6 +109,7 @@ def test_a_long_damaged_stream_gives_the_same_events(case: Case, harm: str, hits
         assert feed(case, raw, chunks).events == whole.events, chunks
 
 
+@pytest.mark.long
 @every_kind
 @pytest.mark.exhaustive("harm", sample=["lost bytes"], full=list(HARM))
 def test_the_scans_are_the_same_too(case: Case, harm: str) -> None:

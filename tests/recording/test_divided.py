@@ -153,6 +153,7 @@ def test_what_is_exported_is_the_same_to_the_last_byte(
     assert joined
 
 
+@pytest.mark.long
 def test_so_it_is_of_a_file_that_is_cut_and_damaged(tmp_path: Path, joined: list[int]) -> None:
     path = record(tmp_path / "a.mcap", "rplidar-s2", FAULTS[0])
     data = bytearray(path.read_bytes())
@@ -192,6 +193,7 @@ def test_where_none_comes_to_hold_the_same_one_process_decodes_all(
     assert not joined
 
 
+@pytest.mark.long
 def test_bare_bytes_and_short_recordings_are_decoded_by_one_process(
     tmp_path: Path, joined: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -16,6 +16,7 @@ from lidario.recording.write import SCAN_TOPIC
 from tests.support.recorded import record
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", ["", "?fault=stall:300ms"])
 @pytest.mark.parametrize("model", ["rplidar-s2", "ydlidar-4ros", "ldrobot-ld06"])
 def test_chunks_and_scans_stand_in_the_order_of_time(tmp_path: Path, model: str, fault: str) -> None:

@@ -11,6 +11,7 @@ from benchmarks.soak.recording import _sum_of, live
 SECOND = 100_000
 
 
+@pytest.mark.long
 def test_no_two_scans_of_a_day_have_the_same_check_value() -> None:
     """With 32 bits, of 200 000 that are kept, about ten were taken for other ones."""
     random = np.random.default_rng(7)

@@ -43,6 +43,7 @@ def replayed(path: Path) -> list[Scan]:
     return run_driven(main)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", MODELS)
 def test_a_recording_goes_on_over_the_next_line(tmp_path: Path, model: str) -> None:
     scans, stats = record(tmp_path / "a.mcap", f"sim://{model}?via=memory&fault=replug:6s")
@@ -53,6 +54,7 @@ def test_a_recording_goes_on_over_the_next_line(tmp_path: Path, model: str) -> N
     assert_same_scans(scans, replayed(tmp_path / "a.mcap"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", ["rplidar-s2", "ydlidar-4ros"])
 def test_so_does_a_device_that_restarts_by_itself(tmp_path: Path, model: str) -> None:
     scans, stats = record(tmp_path / "a.mcap", f"sim://{model}?via=memory&fault=reboot:6s")

@@ -100,6 +100,7 @@ def received_in(path: Path) -> bytes:
     return b"".join(parts)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", ["", "?fault=drop:0.1%25", "?fault=replug:4s"])
 @pytest.mark.parametrize("model", MODELS)
 def test_together_they_are_what_one_file_would_be(tmp_path: Path, model: str, fault: str) -> None:
@@ -114,6 +115,7 @@ def test_together_they_are_what_one_file_would_be(tmp_path: Path, model: str, fa
     assert b"".join(map(received_in, made.paths)) in b"".join(made.received)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", MODELS)
 def test_each_file_is_whole_by_itself(tmp_path: Path, model: str) -> None:
     made = record(tmp_path, f"sim://{model}", scans=True)

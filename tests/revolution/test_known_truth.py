@@ -35,6 +35,7 @@ def test_what_comes_is_delivered_and_what_does_not_is_told(name: str, case: str,
         assert found.told_revolutions == found.missing_revolutions == 3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FORMATS)
 @pytest.mark.parametrize(
     "case",

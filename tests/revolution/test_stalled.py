@@ -16,6 +16,7 @@ TURN = 360 * 64
 BEGINNINGS = [case for case in KINDS if case.truth.family == "rplidar" and case.response_type != 0x83]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", BEGINNINGS, ids=named)
 @pytest.mark.parametrize("held_s", [0.02, 0.3, 2.0])
 def test_what_comes_behind_is_whole_and_nothing_is_told_as_lost(case: Case, held_s: float) -> None:

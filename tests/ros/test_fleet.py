@@ -18,6 +18,7 @@ from tests.support.router import Router
 from tests.test_model import FOUR
 
 
+@pytest.mark.long
 async def test_many_lidars_are_one_fleet_or_have_to_be_named(router: Router) -> None:
     async with AsyncExitStack() as stack:
         rig = Rig(stack, router)

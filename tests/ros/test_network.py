@@ -59,6 +59,7 @@ async def test_scans_arrive_equal_and_info_and_health_with_them(router: Router, 
             assert stats.lost_packets == 0
 
 
+@pytest.mark.long
 async def test_a_topic_of_ros(router: Router) -> None:
     """Keys, tokens, payload, attachment and diagnostics, as a node would see them; ``zenoh:`` reads it, too."""
     store = get_typestore(Stores.ROS2_JAZZY)

@@ -103,6 +103,7 @@ def test_the_rules_themselves() -> None:
     assert SlamToolbox().take(opened) is not None
 
 
+@pytest.mark.long
 @every_model()
 async def test_slam_toolbox_takes_every_message_and_returns_lie_on_the_walls(router: Router, model: str) -> None:
     scans = await asyncio.to_thread(scans_of, model)

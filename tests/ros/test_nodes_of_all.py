@@ -67,6 +67,7 @@ async def messages_of(way: str, model: str, trouble: str, folder: Path, router: 
     return scans_of_file(path)
 
 
+@pytest.mark.long
 @every_model()
 @pytest.mark.exhaustive("case", sample=CASES[:1], full=CASES)
 async def test_slam_toolbox_takes_all_and_finds_the_walls(

@@ -79,6 +79,7 @@ async def test_a_recording_goes_on_when_the_robot_is_back(router: Router, tmp_pa
     assert_same_scans(taken, list(lidario.decode_file(recording.source)))
 
 
+@pytest.mark.long
 async def test_a_recording_holds_the_descriptor_that_was_made_for_the_stream(router: Router) -> None:
     """Places in it are counted in received bytes: without it each stream would lack its first bytes."""
     shown = list[bytes]()
@@ -230,6 +231,7 @@ async def test_a_publisher_that_sends_nothing_is_told(
         assert len(await reading) == len(FOUR)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("raw", [True, False])
 async def test_noise_under_a_key_keeps_nobody_from_reading(router: Router, raw: bool) -> None:
     """Neither as messages nor as a status, before the first message of the publisher and after it."""
@@ -276,6 +278,7 @@ async def test_whole_scans_have_no_raw_bytes_to_pass_on(router: Router) -> None:
             Share(remote, "relay/scan", raw=True, router=router.address)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("form", ["scan", "ros", "raw"])
 async def test_a_recording_of_whole_scans_keeps_some_or_does_not_begin(
     router: Router, form: str, tmp_path: Path

@@ -137,6 +137,7 @@ def test_the_command_ends_where_the_address_is_wrong(address: str, code: int) ->
     assert "host" in done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("closed", "words"), [("stdout", "publishing"), ("stderr", "")])
 def test_publishing_goes_on_where_nobody_reads_what_is_said(absent: Router, closed: str, words: str) -> None:
     """A pipe whose reader is gone, as of a start script; a log on a full disk."""
@@ -160,6 +161,7 @@ def test_publishing_goes_on_where_nobody_reads_what_is_said(absent: Router, clos
         soon(lambda: not server.device.scanning)
 
 
+@pytest.mark.long
 def test_ctrl_c_while_it_waits_leaves_laser_and_motor_off(absent: Router) -> None:
     with served("rplidar-s2") as server:
         with started("publish", server.path, "--zenoh", "late/scan", "--router", absent.address) as process:

@@ -140,6 +140,7 @@ def until_it_listens(server: PtyServer) -> None:
     time.sleep(max(0.0, max(done, default=0.0) - time.monotonic()))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", ["rplidar-s2", "ydlidar-4ros", "rplidar-a1"])
 def test_ended_at_a_random_moment(model: str, rounds: int) -> None:
     with served(model) as server:

@@ -23,8 +23,7 @@ from tests.support.devices import make_rig
 from tests.support.loop import driven, run_driven
 from tests.support.speeds import serial_in_memory
 
-ONE_OF_EACH: dict[str, tuple[float, int]] = {
-    # seconds, bytes written
+ONE_OF_EACH: dict[str, tuple[float, int]] = {  # seconds, bytes written
     "rplidar-s2": (0.2, 12),
     "rplidar-a1": (0.65, 32),
     "rplidar-c1": (0.75, 44),
@@ -209,6 +208,7 @@ def test_fifteen_of_them_together(monkeypatch: pytest.MonkeyPatch) -> None:
     main()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.3])
 def test_none_is_taken_for_another_where_packets_are_lost(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of those that are found by listening; the marks of two of them are the same."""

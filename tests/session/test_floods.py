@@ -68,6 +68,7 @@ def flood(rig: Rig, kind: str, size: int) -> None:
     rig.device.wakeup = lambda now: now + 10_000_000
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", FLOODS)
 @driven
 async def test_each_turn_of_the_loop_does_a_bounded_part(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:

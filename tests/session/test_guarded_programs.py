@@ -121,6 +121,7 @@ def guard_of(process: subprocess.Popen[str], count: int = 1) -> int:
     return guards[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("program", [SCAN + RUN, SCAN + UVLOOP, SYNC], ids=["asyncio", "uvloop", "sync"])
 def test_every_kind_of_program(program: str) -> None:
     with served("rplidar-s2") as server, child(UNDISTURBED + HEAD + program, server.path) as process:
@@ -147,6 +148,7 @@ def test_every_way_in_which_a_motor_is_driven(model: str) -> None:
         until(lambda: not scans(server))
 
 
+@pytest.mark.long
 def test_a_device_that_has_not_said_what_it_is() -> None:
     """Only what stops every kind of motor, one after the other, can help then."""
     with served("rplidar-a2") as server:
@@ -161,6 +163,7 @@ def test_a_device_that_has_not_said_what_it_is() -> None:
         until(lambda: [each.name for each in requests(server)][-2:] == ["stop", "set_motor_pwm"])
 
 
+@pytest.mark.long
 def test_a_motor_that_shall_go_on_goes_on() -> None:
     program = UNDISTURBED + HEAD.replace("guard=True", "guard=True, keep_spinning=True") + SCAN + RUN
     with served("rplidar-s2") as server, child(program, server.path) as process:
@@ -257,6 +260,7 @@ def test_it_sleeps_while_the_program_lives_also_while_that_is_frozen() -> None:
         killed(process, server)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("half", ["a58205", "a583", "a5"], ids=["EXPRESS_SCAN", "HQ_SCAN", "one byte"])
 def test_half_a_request_that_was_written_last(half: str) -> None:
     with served("rplidar-s2") as server:
@@ -282,6 +286,7 @@ def test_a_response_that_the_device_still_owes(model: str, tmp_path: Path) -> No
         assert requests(server)[-1].obeyed
 
 
+@pytest.mark.long
 def test_a_forked_child_neither_keeps_it_from_its_work_nor_begins_it() -> None:
     # A fork beside threads is warned of by later Pythons.
     program = "import warnings\nwarnings.simplefilter('ignore')\n" + HEAD + FORKING + RUN
@@ -294,6 +299,7 @@ def test_a_forked_child_neither_keeps_it_from_its_work_nor_begins_it() -> None:
             os.kill(forked, signal.SIGKILL)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("adopts", [[], ["yes"]], ids=["", "is given orphans"])
 def test_the_program_has_no_child_that_it_did_not_start(adopts: list[str]) -> None:
     with served("rplidar-s2") as server:

@@ -153,6 +153,7 @@ async def test_break_stops_the_device() -> None:
         assert not lidar.is_scanning
 
 
+@pytest.mark.long
 @both_families
 def test_without_await(family: str) -> None:
     rig = make_rig(family)

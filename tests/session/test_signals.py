@@ -103,6 +103,7 @@ def test_a_signal_leaves_the_device_still(way: tuple[str, str]) -> None:
         assert said == ""
 
 
+@pytest.mark.long
 def test_without_run_sigterm_leaves_the_device_scanning() -> None:
     """The limit that the documentation states; it shows that the tests above can fail."""
     with served(MODELS[0]) as server:
@@ -111,6 +112,7 @@ def test_without_run_sigterm_leaves_the_device_scanning() -> None:
         assert not is_still(server)
 
 
+@pytest.mark.long
 def test_ctrl_c_leaves_the_device_still_without_run_too() -> None:
     with served(MODELS[0]) as server:
         returned, _, _ = ended_by(server, "asyncio.run(main())", MODELS[0], [signal.SIGINT])
@@ -118,6 +120,7 @@ def test_ctrl_c_leaves_the_device_still_without_run_too() -> None:
         until(lambda: was_stopped(server))
 
 
+@pytest.mark.long
 def test_a_main_that_swallows_its_cancellation_returns_its_result() -> None:
     with served(MODELS[0]) as server:
         returned, out, said = ended_by(server, SWALLOWING, MODELS[0], [signal.SIGTERM])
@@ -126,6 +129,7 @@ def test_a_main_that_swallows_its_cancellation_returns_its_result() -> None:
     assert out.endswith("its own result\n")
 
 
+@pytest.mark.long
 def test_an_exception_of_the_cleanup_is_not_hidden() -> None:
     with served(MODELS[0]) as server:
         returned, _, said = ended_by(server, FAILING, MODELS[0], [signal.SIGTERM])
@@ -134,6 +138,7 @@ def test_an_exception_of_the_cleanup_is_not_hidden() -> None:
     assert "a mistake in the cleanup" in said
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("times", sample=[3], full=[1, 3])
 def test_a_lidar_that_another_task_holds(times: int) -> None:
     """That task is cancelled after the main one has ended; signals that come in between must not kill it."""
@@ -175,6 +180,7 @@ def test_a_handler_of_the_program_is_left_in_place() -> None:
         until(lambda: was_stopped(server))
 
 
+@pytest.mark.long
 def test_signals_while_a_session_opens() -> None:
     with served(MODELS[0]) as server:
         with server.lock:

@@ -15,6 +15,7 @@ from tests.support.inner import ASYNCIO_INI, STRICT_INI, run_pytest
 SUITE = ("--pyargs", "lidario.testing.conformance")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("ini", "options"), [(STRICT_INI, ("-p", "no:asyncio")), (ASYNCIO_INI, ())])
 def test_the_simulated_lidar_keeps_every_rule(tmp_path: Path, ini: str, options: tuple[str, ...]) -> None:
     (tmp_path / "pytest.ini").write_text(ini, encoding="utf-8")

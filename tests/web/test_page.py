@@ -66,6 +66,7 @@ def test_the_room_is_drawn_where_it_is(url: str, opened: Open) -> None:
     assert page.ask("place(1, 0)[1] < place(0, 0)[1] && place(0, 1)[0] < place(0, 0)[0]")
 
 
+@pytest.mark.long
 def test_pause_stops_the_picture_and_goes_on(url: str, opened: Open) -> None:
     page = opened(url)
     page.until("seen.painted > 1")
@@ -100,6 +101,7 @@ def test_zoom_and_pan_by_wheel_pointer_and_keys(url: str, opened: Open) -> None:
     page.until(f"Math.abs(view.scale - {scale}) < {scale * 0.3} && view.fitted")
 
 
+@pytest.mark.long
 def test_a_trail_and_other_colours(url: str, opened: Open) -> None:
     page = opened(url)
     page.until("scans[0] && scans[0].length > 5")

@@ -69,6 +69,7 @@ async def test_a_recording_at_full_speed_closes_no_viewer(path: Path, monkeypatc
     assert feed.scans >= drawn
 
 
+@pytest.mark.long
 async def test_a_recording_is_played_on_from_another_place_also_behind_its_end(path: Path) -> None:
     feed = Feed(f"{path}?rate=10", stays=True)
     changes: asyncio.Queue[str] = asyncio.Queue()

@@ -82,6 +82,7 @@ async def test_every_frame_counts_as_a_message(name: str, monkeypatch: pytest.Mo
         await until_viewers(server, 0)
 
 
+@pytest.mark.long
 async def test_pings_are_not_read_while_their_pongs_are_not(monkeypatch: pytest.MonkeyPatch) -> None:
     """However many a viewer might send: what it does not read is not kept for it."""
     monkeypatch.setattr(module, "MOST_MESSAGES", 1 << 40)

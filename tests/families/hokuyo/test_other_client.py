@@ -53,6 +53,7 @@ def test_hokuyolx_reads_what_the_device_measures(model: str) -> None:
     assert not device.scanning
 
 
+@pytest.mark.long
 async def test_we_read_the_same_box_over_tcp() -> None:
     device = lidario.simulate("hokuyo-ust10lx", world=BOX)
     with TcpServer(device) as server:
