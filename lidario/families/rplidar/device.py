@@ -111,7 +111,8 @@ class RplidarDevice(Device):
         """
         modes: tuple[ScanMode, ...] = ()
         if self._configuration.known:
-            modes, self.modes_note = yield from self._configuration.modes()
+            modes, note = yield from self._configuration.modes()
+            self.modes_note: str = note
         return modes or (yield from self._legacy_modes())
 
     def load(self, mode: ScanMode) -> float:
