@@ -75,6 +75,7 @@ class Incoming:
         if samples.certain and not samples.sample_ns:
             measured = samples.ends[-1] + sum([skipped for _, skipped in samples.gaps])
             self.time.add(measured, packets.arrivals[-1][1])
+            self.time.suppose(samples.revolution_samples, samples.reported_rpm)
         else:
             self.time.restart()
 

@@ -6,11 +6,13 @@ two seconds. Where a line stalls, what comes late is early the next time, so tha
 reads are not; where whole revolutions are lost, which angles hide, most of the reads are right and the mean is
 not. So a time is believed when mean and median agree, in two windows alike, and are off by more than a tenth.
 Samples that are known to be missing count as if they had come. Once a window agrees with what was told, nothing is
-measured any more. Where a model has several rates and cannot be asked for the one that is set, a window tells it.
+measured any more. Where a model has several rates and cannot be asked for the one that is set, a window tells it,
+and before that the speed that packets tell, if they do.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from statistics import median
@@ -86,6 +88,11 @@ class SampleTime:
         """How many samples are missing is not known: count anew."""
         self._begin_ns = None
 
+    def suppose(self, revolution_samples: float, rpm: float) -> None:
+        """While nothing is known: that of the likely times which fits a speed that the device tells, or NaN."""
+        if not (self.ns or self._is_sure or math.isnan(rpm)) and revolution_samples * rpm > 0:
+            self.ns = self._nearest(60e9 / (revolution_samples * rpm))
+
     def add(self, samples: int, came_ns: int) -> None:
         """So many samples more were measured, and came, the last of them then."""
         if self._is_sure:
@@ -116,7 +123,7 @@ class SampleTime:
             self.ns = likely_ns
         elif alike and abs(mean_ns - before_ns) <= ALIKE * mean_ns:
             measured_ns = (mean_ns + before_ns) / 2
-            if self.ns:
+            if [self.ns] == self._likely_ns:
                 self._note = (
                     f"the device tells {self.ns * 1e-3:.4g} µs a sample, and takes {measured_ns * 1e-3:.4g}: "
                     "what is measured counts"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import pairwise
@@ -117,6 +118,33 @@ def test_a_rate_that_is_none_of_several_is_measured() -> None:
     for number in range(60):
         time.add(TURN, round(1000 * number * TURN / 6000 * MS))
     assert time.ns == pytest.approx(1e9 / 6000)
+
+
+@pytest.mark.parametrize(
+    ("hertz", "rate"), [(7.0, 9000.0), (7.1, 9000.0), (6.2, 8000.0), (3.2, 4000.0), (14.0, 0.0)]
+)
+def test_until_then_the_speed_tells_it_that_packets_tell(hertz: float, rate: float) -> None:
+    time = SampleTime(0.0, [1e9 / each for each in RATES])
+    time.suppose(9000 / 7.0, 60 * hertz)
+    assert time.ns == (1e9 / rate if rate else 0.0)
+    time.suppose(9000 / 7.0, 60 * 3.2)
+    assert time.ns == (1e9 / rate if rate else 1e9 / 4000)
+    # What is measured has the last word.
+    for number in range(21):
+        time.add(TURN, round(1000 * number * TURN / 8000 * MS))
+    assert (time.ns, time.take_note()) == (1e9 / 8000, "")
+    time.suppose(9000 / 7.0, 60 * 7.0)
+    assert time.ns == 1e9 / 8000
+
+
+def test_a_speed_that_is_none_tells_nothing() -> None:
+    for samples, rpm in ((1285.0, math.nan), (1285.0, 0.0), (0.0, 420.0)):
+        time = SampleTime(0.0, [1e9 / each for each in RATES])
+        time.suppose(samples, rpm)
+        assert time.ns == 0.0
+    time = SampleTime(TOLD_NS)
+    time.suppose(1285.0, 420.0)
+    assert time.ns == TOLD_NS
 
 
 def test_outages_choose_no_other_rate() -> None:
