@@ -23,6 +23,7 @@ MADE_WRONG = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("model", sample=[*dict.fromkeys([*MADE_WRONG, *MODELS[::4]])], full=MODELS)
 def test_every_model_keeps_every_rule(model: str, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.CRITICAL, logger="lidario")

@@ -97,6 +97,7 @@ def test_a_clean_stream_collected_from_reads_of_any_size(case: Case, read: int) 
     assert at > 90_000
 
 
+@pytest.mark.long
 @every_kind
 @pytest.mark.parametrize("harm", HARM)
 @pytest.mark.exhaustive("hits", sample=[0.3], full=[0.1, 0.3, 1.0])
