@@ -38,6 +38,7 @@ PROPERTIES = Path(__file__).parent / "properties"
 LONG = {"rounds", "soak"}
 """Fixtures of tests that take as long as they are told to."""
 FIRST = ("exhaustive", "long")
+"""Markers of tests that are begun first."""
 NEVER_MIND = (HealthCheck.too_slow, HealthCheck.data_too_large)
 
 settings.register_profile("ci", deadline=None, derandomize=True, max_examples=20, suppress_health_check=NEVER_MIND)

@@ -115,7 +115,7 @@ class Assembler:
                     block = self.add_block(event, offsets, splits[done:], kept)
                     if block:
                         kept = splits[-1].packet
-                        self.partial.begun_ns = event.read_at(kept)
+                        self.partial.begun_ns = self.incoming.read_at(event, kept)
                         yield block
                         break
                     # Something is not as it should be, somewhere. Behind it all may be well again.
@@ -135,13 +135,11 @@ class Assembler:
         number = split.packet
         if number > begin:
             self._keep(self._part(event, begin, number, offsets))
-        held, now = self.stats.unfinished_packets, event.read_at(number)
+        held, now = self.stats.unfinished_packets, self.incoming.read_at(event, number)
         self.partial.ended_ns = now
         self._ended_at = event, number, number + 1
         scan = self._end(split, event.data[offsets[number] : offsets[number + 1]])
-        self._ended_at = None
-        # Times that were made from the sample time cannot go on by themselves.
-        self.partial.begun_ns = now if self._stream.timed else 0
+        self._ended_at, self.partial.begun_ns = None, now
         if self._next_offset_deg is not None:
             self.set_zero_offset(self._next_offset_deg)
         self.stats.finish(held, delivered=scan is not None)

@@ -47,7 +47,7 @@ class Incoming:
         self._format = stream.format
         self._doubled = DoubledPackets(stream.format, stream.sample_ns, stats)
         self._false = FalsePackets(stream, stats)
-        self._is_live = clock is None
+        self._is_live, self._is_timed = clock is None, stream.timed
         self._clock: Clock = clock or DeviceClock(stream)
 
     def take(self, event: Packets) -> list[tuple[Packets, Headings]]:
@@ -60,6 +60,10 @@ class Incoming:
         event, headings = self._doubled.drop(event, headings)
         found = self._false.drop(event, headings) if event.data else ()
         return [(self._clock.dated(packets), angles) for packets, angles in found]
+
+    def read_at(self, event: Packets, number: int) -> int:
+        """When the read came that completed packet `number`; 0 where times were made from the samples."""
+        return event.read_at(number) if self._is_timed else 0
 
     @property
     def is_exact(self) -> bool:

@@ -89,7 +89,7 @@ class SampleTime:
         self._begin_ns = None
 
     def suppose(self, revolution_samples: float, rpm: float) -> None:
-        """While nothing is known: that of the likely times which fits a speed that the device tells, or NaN."""
+        """Packets tell this speed, or NaN: while nothing is known, the likely time that fits it is taken."""
         if not (self.ns or self._is_sure or math.isnan(rpm)) and revolution_samples * rpm > 0:
             self.ns = self._nearest(60e9 / (revolution_samples * rpm))
 

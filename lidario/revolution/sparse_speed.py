@@ -91,9 +91,9 @@ class SparseSpeed:
         lasted = float(seconds[-1])
         if not lasted:
             return 0.0
-        step = _TOLERANCE / lasted
-        for begin in np.arange(self._slowest_hz, _FASTEST_HZ, _TOGETHER * step).tolist():
-            speeds = begin + step * np.arange(_TOGETHER)
+        every = np.arange(self._slowest_hz, _FASTEST_HZ, _TOLERANCE / lasted)
+        for begin in range(0, len(every), _TOGETHER):
+            speeds = every[begin : begin + _TOGETHER]
             left = np.exp(2j * np.pi * (angles[:, None] - seconds[:, None] * speeds))
             strength = np.abs(left.mean(axis=0))
             # Those that agree add up to more than what the others can take away.
