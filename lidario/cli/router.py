@@ -38,7 +38,7 @@ def router(addresses: tuple[str, ...], config: str | None) -> int:
                 emit(f"{address}\n")
             message("a zenoh router, until Ctrl-C; for instance")
             message("  lidario publish --zenoh robots/r7/scan")
-            open_to_all = [each for each in served.addresses if not config and not _is_private(each)]
+            open_to_all = [each for each in served.addresses if not config and not is_private(each)]
             if open_to_all:
                 message(f"everybody who reaches {open_to_all[0]} may publish and read: --config FILE names who may")
             await asyncio.Event().wait()
@@ -50,7 +50,7 @@ def router(addresses: tuple[str, ...], config: str | None) -> int:
     return ExitCode.OK
 
 
-def _is_private(address: str) -> bool:
+def is_private(address: str) -> bool:
     """Whether only this machine reaches it."""
     protocol, _, rest = address.partition("/")
     host = re.split(r"[?#]", rest)[0].rpartition(":")[0].strip("[]")

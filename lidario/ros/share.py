@@ -8,6 +8,7 @@ device has responded so far and the stream that runs.
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, cast
 
@@ -23,7 +24,7 @@ from lidario.ros.names import gid_of
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
 
-__all__ = ["Share"]
+__all__ = ["RawFeed", "Share"]
 
 COLLECT_S: Final = 0.05
 """Longest time for which bytes wait to be sent; half a revolution."""
@@ -68,7 +69,7 @@ class Share(Broadcast):
         self.form = "raw" if raw else "scan"
         self._key = check_key(key)
         self._outlet: Outlet | None = None
-        self._raw = _RawFeed(lidar, self) if raw else None
+        self._raw = RawFeed(lidar, self.send_raw, self.count_scan) if raw else None
 
     @property
     def key(self) -> str:
@@ -107,16 +108,22 @@ class Share(Broadcast):
         self._count(True)
 
 
-class _RawFeed:
-    """Takes what a recording would take; see `lidario.recording.record.Recorded`."""
+class RawFeed:
+    """Takes what a recording would take; see `lidario.recording.record.Recorded`.
 
-    def __init__(self, lidar: Lidar, share: Share) -> None:
+    Args:
+        lidar: An open lidar.
+        send: Called with what was collected.
+        count_scan: Called when a scan is complete, before its last bytes are sent.
+    """
+
+    def __init__(self, lidar: Lidar, send: Callable[[list[Entry]], None], count_scan: Callable[[], None]) -> None:
         self.path = Path("zenoh")
         # Not public: users record to files only.
         self._session = lidar._recorded  # noqa: SLF001
         if not self._session.sends_bytes:
             raise Unsupported("this lidar arrives as whole scans, so there are no raw bytes to publish: send scans")
-        self._share = share
+        self._lidar, self._send, self._count_scan = lidar, send, count_scan
         self._about: About | None = None
         self._responses: dict[bytes, Responded] = {}
         self._running: StreamBegan | None = None
@@ -127,7 +134,7 @@ class _RawFeed:
     @property
     def about(self) -> About:
         """What stands at the beginning of a recording, with all that has happened since."""
-        lidar = self._share.lidar
+        lidar = self._lidar
         running = (self._running,) if self._running else ()
         begun = self._about or About(lidar.info)
         return About(
@@ -156,6 +163,7 @@ class _RawFeed:
         self.end()
 
     def see_chunk(self, direction: str, data: bytes, now: int) -> None:
+        """A chunk passed the port."""
         if direction == "in":
             # What was read at once is dated by its last byte, so it is in one message; yet none may be too large.
             for at in range(0, len(data), MOST_READ_BYTES):
@@ -168,7 +176,7 @@ class _RawFeed:
 
     def see_scan(self, scan: Scan) -> None:  # noqa: ARG002
         """A scan is complete, with what was seen last: readers shall have it at once."""
-        self._share.count_scan()
+        self._count_scan()
         self._flush()
 
     def _learn(self, event: object) -> None:
@@ -193,4 +201,4 @@ class _RawFeed:
             self._timer = None
         if self._entries:
             entries, self._entries, self._size = self._entries, [], 0
-            self._share.send_raw(entries)
+            self._send(entries)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import random
+import weakref
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from lidario.families.registry import FAMILIES
 from lidario.network import raw
 from lidario.network.bus import Sample
 from lidario.network.device import RemoteStreams
-from lidario.network.keys import Attachment, parse_attachment
+from lidario.network.keys import Attachment
 from lidario.network.messages import MOST_RAW_BYTES, Entry, encode_raw_message, parse_raw_message
 from lidario.network.raw import RawDecoder
 from lidario.network.senders import RIVAL_S, Known, OneSender, Senders
@@ -23,19 +23,13 @@ from lidario.network.status import Status
 from lidario.recording.chronicle import MOST_NS, Responded, StreamBegan, StreamEnded, text_of
 from lidario.revolution.together import join_reads
 from lidario.ros import waiting
-from lidario.ros.broadcast import Outlet
-from lidario.ros.share import Share
+from lidario.ros.share import RawFeed
 from lidario.ros.waiting import FleetScan, WaitingScans
 from lidario.scan import Scan
 from tests.support.loop import run_driven
 from tests.test_model import FOUR
 
 MODELS = ("rplidar-s2", "ydlidar-4ros", "ldrobot-ld06")
-
-
-def feed_of(share: Share) -> Any:
-    """What is told what the device sends, of a share of raw bytes."""
-    return share._raw
 
 
 class Sent:
@@ -49,23 +43,20 @@ class Sent:
 
     async def _run(self, model: str, count: int) -> None:
         async with lidario.open_lidar(lidario.simulate(model, spin_up=0)) as lidar:
-            share = Share(lidar, "a", raw=True)
-            share._outlet = Outlet(self, bytes(16))  # type: ignore[arg-type]
-            feed = feed_of(share)
+            feed = RawFeed(lidar, self._send, lambda: None)
             feed.begin()
             async with lidar.scans() as scans:
                 async for scan in scans:
                     self.scans.append(scan)
-                    self.status = Status.of(share.status().to_bytes(whole=False))
+                    told = Status("raw", "robot", feed.about, (), lidar.mode, 10.0)
+                    self.status = Status.of(told.to_bytes(whole=False))
                     if len(self.scans) == count:
                         break
             feed.end()
             self.offset_ns = round(self.scans[0].wall_stamp_ns - self.scans[0].stamp_ns)
 
-    def put(self, payload: bytes, attachment: bytes) -> bool:
-        assert parse_attachment(attachment) is not None
-        self.messages.append(payload)
-        return True
+    def _send(self, entries: list[Entry]) -> None:
+        self.messages.append(encode_raw_message(entries))
 
     def decoder(self) -> RawDecoder:
         """One that has heard the status."""
@@ -176,7 +167,23 @@ def test_a_slow_reader_sees_the_latest_of_every_lidar_and_what_is_missing() -> N
     assert len(waiting) == 3
     taken = [waiting.take() for _ in range(3)]
     assert [(each.key, each.sent_ns, each.lost) for each in taken] == [("a", 3, 5), ("a", 4, 0), ("b", 2, 0)]
-    assert (len(waiting), waiting.dropped, waiting._scans) == (0, 2, {})
+    assert (len(waiting), waiting.dropped) == (0, 2)
+
+
+class Key(str):
+    """A key of which it is seen when it is forgotten."""
+
+
+def test_nothing_is_kept_of_a_lidar_whose_scans_are_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lidars come and go, and their number is not ours."""
+    monkeypatch.setattr(waiting, "MOST_BYTES", 1)
+    scans, keys = WaitingScans(2), [Key("dropped"), Key("taken")]
+    kept = [weakref.ref(key) for key in keys]
+    while keys:
+        scans.put(FleetScan(keys.pop(0), FOUR, 0, 0))
+    assert [each() for each in kept] == [None, "taken"]
+    scans.take()
+    assert kept[1]() is None
 
 
 def test_the_first_one_is_listened_to_as_long_as_it_sends() -> None:
@@ -249,9 +256,7 @@ def test_what_was_read_at_once_is_sent_in_messages_that_are_taken() -> None:
 
     async def run() -> None:
         async with lidario.open_lidar(lidario.simulate("rplidar-s2", spin_up=0)) as lidar:
-            share = Share(lidar, "a", raw=True)
-            share.send_raw = lambda entries: sent.append(encode_raw_message(entries))  # type: ignore[method-assign]
-            feed = feed_of(share)
+            feed = RawFeed(lidar, lambda entries: sent.append(encode_raw_message(entries)), lambda: None)
             feed.begin()
             feed.see_chunk("in", bytes(range(256)) * 4096, 7)
             feed.end()

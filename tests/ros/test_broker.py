@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import signal
 import socket
 from pathlib import Path
@@ -12,10 +11,11 @@ from typing import IO
 import pytest
 import zenoh
 
-from lidario.cli.router import _is_private
+from lidario.cli.router import is_private
 from lidario.errors import ConnectFailed, InvalidValue
 from lidario.network.broker import LOOPBACK, Router
 from tests.cli.processes import BOUND, invoke, line_of, started
+from tests.support.router import client
 
 
 def free() -> str:
@@ -27,15 +27,6 @@ def free() -> str:
 def rest_of(stream: IO[str] | None) -> str:
     assert stream is not None
     return stream.read()
-
-
-def client(address: str) -> zenoh.Session:
-    config = zenoh.Config()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", json.dumps([address]))
-    config.insert_json5("scouting/multicast/enabled", "false")
-    config.insert_json5("transport/shared_memory/enabled", "false")
-    return zenoh.open(config)
 
 
 async def test_what_one_client_publishes_another_one_reads() -> None:
@@ -122,7 +113,7 @@ def test_the_command_says_who_may_reach_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("address", "is_private"),
+    ("address", "private"),
     [
         ("tcp/127.0.0.1:7447", True),
         ("tcp/127.3.2.1:7447#iface=lo", True),
@@ -137,8 +128,8 @@ def test_the_command_says_who_may_reach_it() -> None:
         ("serial//dev/ttyUSB0#baudrate=115200", False),
     ],
 )
-def test_what_only_this_machine_reaches(address: str, is_private: bool) -> None:
-    assert _is_private(address) == is_private
+def test_what_only_this_machine_reaches(address: str, private: bool) -> None:
+    assert is_private(address) is private
 
 
 def test_an_error_ends_the_command() -> None:

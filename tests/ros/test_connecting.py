@@ -13,8 +13,8 @@ import lidario
 from lidario.errors import ConnectFailed, InvalidValue, Unsupported
 from lidario.network.bus import Bus
 from lidario.network.keys import Token, token_key
-from tests.support.network import BOUND_S, session_of
-from tests.support.router import Router
+from tests.support.network import BOUND_S
+from tests.support.router import Router, client
 
 
 async def test_nobody_and_no_router(router: Router, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -40,15 +40,15 @@ async def test_a_router_that_says_nothing_is_given_up(monkeypatch: pytest.Monkey
 
 async def test_a_publisher_that_does_not_respond_is_not_waited_for(router: Router) -> None:
     """It takes the request and keeps it."""
-    silent, asking = await Bus.open(router.address), await Bus.open(router.address)
+    silent, asking = client(router.address), await Bus.open(router.address)
     kept: list[Any] = []
-    session_of(silent).declare_queryable("silent/key", kept.append)
+    silent.declare_queryable("silent/key", kept.append)
     async with asyncio.timeout(BOUND_S):
         while not kept:
             assert await asking.query("silent/key", 0.05) == []
     for query in kept:
         query.drop()
-    await silent.close()
+    silent.close()  # type: ignore[no-untyped-call]
     await asking.close()
 
 

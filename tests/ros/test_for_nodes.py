@@ -20,8 +20,8 @@ from lidario.network.keys import parse_attachment
 from lidario.ros import Publisher, Share
 from lidario.ros.names import CLOCK, LASERSCAN, LATEST_KEPT, TF_MESSAGE, Node
 from tests.cli.processes import invoke
-from tests.support.network import BOUND_S, Rig, session_of, until, zid_of
-from tests.support.router import Router
+from tests.support.network import BOUND_S, Rig, until, zid_in
+from tests.support.router import Router, client
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 
@@ -39,13 +39,11 @@ async def test_a_node_that_comes_later_learns_where_the_lidar_is(router: Router)
             await rig.open(), domain=21, router=router.address, frame_id="front", mount=(0.2, -0.1, math.pi / 2),
         )  # fmt: skip
         async with publisher:
-            zid = zid_of(publisher)
             await until(lambda: len(tokens) == 4)
-            assert node.publisher_token(zid, 3, "/tf_static", TF_MESSAGE, LATEST_KEPT) in tokens
-            late = await Bus.open(router.address)
-            stack.push_async_callback(late.close)
+            assert node.publisher_token(zid_in(tokens), 3, "/tf_static", TF_MESSAGE, LATEST_KEPT) in tokens
+            late = stack.enter_context(client(router.address))
             history = ext.HistoryConfig(detect_late_publishers=True)
-            held = ext.declare_advanced_subscriber(session_of(late), key, came.append, history=history)
+            held = ext.declare_advanced_subscriber(late, key, came.append, history=history)
             await until(lambda: came)
             held.undeclare()  # type: ignore[no-untyped-call]
     message: Any = STORE.deserialize_cdr(came[0].payload.to_bytes(), "tf2_msgs/msg/TFMessage")

@@ -8,7 +8,6 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from lidario.errors import InvalidValue
-from lidario.network.fleet import _ROS_TOKEN
 from lidario.network.keys import Attachment
 from lidario.ros.names import DIAGNOSTICS, LASERSCAN, POINTCLOUD2, RELIABLE_10, MessageType, Node, gid_of
 
@@ -85,13 +84,6 @@ def test_the_attachment_is_read_by_another_implementation() -> None:
 def test_a_gid_tells_publishers_apart() -> None:
     assert len(gid_of("a")) == 16
     assert gid_of("a") == gid_of("a") != gid_of("b")
-
-
-def test_somebody_elses_token_is_read() -> None:
-    token = Node("urg", "/robot1", 3).publisher_token(ZID, 4, "/robot1/front/scan", LASERSCAN)
-    match = _ROS_TOKEN.fullmatch(token)
-    assert match is not None
-    assert match.groups() == ("3", "%robot1", "urg", "%robot1%front%scan")
 
 
 @pytest.mark.parametrize(

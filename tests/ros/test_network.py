@@ -20,7 +20,7 @@ from lidario.network.bus import Bus, Sample
 from lidario.network.keys import parse_attachment
 from lidario.ros import Publisher, Share, list_remote_lidars
 from lidario.ros.names import DIAGNOSTICS, LASERSCAN, Node, gid_of
-from tests.support.network import BOUND_S, Rig, until, zid_of
+from tests.support.network import BOUND_S, Rig, until, zid_in
 from tests.support.router import Router
 
 
@@ -89,7 +89,7 @@ async def test_a_topic_of_ros(router: Router) -> None:
         async with publisher:
             assert publisher.key == key
             await until(lambda: len(tokens) == 3)
-            zid = zid_of(publisher)
+            zid = zid_in(tokens)
             scan_token = node.publisher_token(zid, 1, "/front/scan", LASERSCAN)
             assert set(tokens) == {
                 node.node_token(zid), scan_token, node.publisher_token(zid, 2, "/diagnostics", DIAGNOSTICS),
@@ -119,7 +119,7 @@ async def test_a_topic_of_ros(router: Router) -> None:
 
 
 async def test_a_laserscan_of_somebody_elses_node_is_a_source(router: Router) -> None:
-    key = f"0/urg/scan/{LASERSCAN.dds}/RIHS01_{'0' * 64}"
+    key = f"3/urg/scan/{LASERSCAN.dds}/RIHS01_{'0' * 64}"
     laser = LaserScan(
         10**18, "laser", -1.0, 1.0, 0.5, 0.001, 0.1, 0.1, 8.0,
         np.array([1, 2, 3, 4, 5], np.float32), np.zeros(0, np.float32),
@@ -128,7 +128,7 @@ async def test_a_laserscan_of_somebody_elses_node_is_a_source(router: Router) ->
         rig = Rig(stack, router)
         node = await Bus.open(router.address)
         stack.push_async_callback(node.close)
-        node.token(Node("urg").publisher_token(node.id, 7, "/urg/scan", LASERSCAN))
+        node.token(Node("urg", "/robot1", 3).publisher_token(node.id, 7, "/urg/scan", LASERSCAN))
         sender = node.sender(key)
 
         async def publish() -> None:
@@ -139,12 +139,14 @@ async def test_a_laserscan_of_somebody_elses_node_is_a_source(router: Router) ->
 
         publishing = asyncio.create_task(publish())
         try:
-            lidar, scans = await rig.take("0/urg/scan/*/*", 2)
+            lidar, scans = await rig.take("3/urg/scan/*/*", 2)
         finally:
             publishing.cancel()
         assert scans[0].ranges.tolist() == [1, 2, 3, 4, 5]
-        assert (lidar.info.family, lidar.info.serial) == ("ros2", "0/urg/scan")
+        assert (lidar.info.family, lidar.info.serial) == ("ros2", "3/urg/scan")
         with pytest.raises(Unsupported, match="its publisher does not tell"):
             await lidar.get_sample_rate()
         found = [each for each in await list_remote_lidars(router.address) if "urg" in each.source]
-        assert [(each.robot, each.model, each.health) for each in found] == [("/urg", "", None)]
+        assert [(each.source, each.robot, each.model, each.health) for each in found] == [
+            ("zenoh:3/urg/scan/*/*", "/robot1/urg", "", None),
+        ]

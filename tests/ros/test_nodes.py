@@ -25,8 +25,8 @@ from lidario.testing import SimulatedLidar, make_scan
 from tests.reference.nodes import SlamToolbox, laser_geometry, moved
 from tests.support.loop import run_driven
 from tests.support.messages import decoded
-from tests.support.network import session_of, until
-from tests.support.router import Router
+from tests.support.network import until
+from tests.support.router import Router, client
 from tests.support.samples import every_model
 from tests.support.walls import LONGEST_M, WALLS, from_walls, is_all_around
 
@@ -72,7 +72,8 @@ async def published(router: Router, domain: int, scans: list[Scan], **options: A
             if "mount" in options:
                 history = ext.HistoryConfig(detect_late_publishers=True)
                 key = node.data_key("/tf_static", TF_MESSAGE)
-                held = ext.declare_advanced_subscriber(session_of(reader), key, frames.append, history=history)
+                late = stack.enter_context(client(router.address))
+                held = ext.declare_advanced_subscriber(late, key, frames.append, history=history)
                 await until(lambda: frames)
                 held.undeclare()  # type: ignore[no-untyped-call]
     transforms = [decoded(each.payload.to_bytes(), "tf2_msgs/msg/TFMessage").transforms[0] for each in frames]

@@ -8,7 +8,7 @@ from typing import Any
 
 import zenoh
 
-__all__ = ["Router"]
+__all__ = ["Router", "client"]
 
 
 class Router:
@@ -29,18 +29,29 @@ class Router:
 
     def start(self) -> None:
         """Listen; connections of before come back by themselves."""
-        config = zenoh.Config.from_json5(self._config)
-        for name, value in {
-            "mode": "router",
-            "listen/endpoints": [self.address],
-            "scouting/multicast/enabled": False,
-            # It would wait half a second for other routers.
-            "scouting/delay": 1,
-            "transport/shared_memory/enabled": False,
-        }.items():
-            config.insert_json5(name, json.dumps(value))
-        self._session = zenoh.open(config)
+        self._session = _opened(
+            self._config,
+            {
+                "mode": "router",
+                "listen/endpoints": [self.address],
+                # It would wait half a second for other routers.
+                "scouting/delay": 1,
+            },
+        )
 
     def stop(self) -> None:
         """Let every connection break."""
         self._session.close()
+
+
+def client(address: str) -> zenoh.Session:
+    """A session of zenoh's with the router at `address`, for what a `Bus` does not do."""
+    return _opened("{}", {"mode": "client", "connect/endpoints": [address]})
+
+
+def _opened(config: str, more: dict[str, Any]) -> zenoh.Session:
+    made = zenoh.Config.from_json5(config)
+    always = {"scouting/multicast/enabled": False, "transport/shared_memory/enabled": False}
+    for name, value in {**more, **always}.items():
+        made.insert_json5(name, json.dumps(value))
+    return zenoh.open(made)
