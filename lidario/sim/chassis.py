@@ -92,6 +92,11 @@ class Chassis(ABC, Generic[StreamT]):
         return self._stream is not None
 
     @property
+    def motor(self) -> Motor:
+        """What turns its head; a test may change what it does."""
+        return self._motor
+
+    @property
     def motor_on(self) -> bool:
         """Whether the motor is powered."""
         return self._motor.target_rpm > 0.0
@@ -138,6 +143,11 @@ class Chassis(ABC, Generic[StreamT]):
         self._advance(now)
         self._forget(now)
         self._deaf_until, self._deaf_why = _FOREVER, "frozen"
+
+    def halt(self, now: int) -> None:
+        """End the stream and stop the motor, and be well; the packet that is made still leaves."""
+        self._end_stream(now)
+        self._motor.set_rpm(0.0, now)
 
     def _spin_at_once(self, rpm: float, since: int) -> None:
         """Let the motor have had that speed since that time, without spinning up."""

@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 import lidario
 from lidario.families.rplidar.simulated.identity import Identity
-from lidario.sim.motor import Motor
 from tests.conformance.wrapped import (
     Chatters,
     Damages,
@@ -28,26 +27,11 @@ __all__ = ["DEFECTS", "make"]
 Turns: TypeAlias = npt.NDArray[np.float64]
 
 
-class OddMotor(Motor):
-    """A motor whose angle or speed is not what it ought to be."""
-
-    def __init__(self, odd: Callable[[Turns], Turns], told: float = 1.0) -> None:
-        super().__init__(spin_up_s=0.0)
-        self.odd, self.told = odd, told
-
-    def turns(self, times: Turns) -> Turns:
-        return self.odd(super().turns(times))
-
-    def rpm(self, now: int) -> float:
-        return super().rpm(now) * self.told
-
-
-def with_motor(device: Any, motor: Motor) -> Any:
-    """The device, with another motor."""
-    device._motor = motor
-    if hasattr(device, "drive"):
-        device.drive._motor = motor
-    return device
+def turning(device: Any, odd: Callable[[Turns], Turns], told: float = 1.0) -> Any:
+    """The device, with a motor whose angle or speed is not what it ought to be."""
+    turns, rpm = device.motor.turns, device.motor.rpm
+    patched(device, "motor.turns", lambda times: odd(turns(times)))
+    return patched(device, "motor.rpm", lambda now: rpm(now) * told)
 
 
 def wobbly(turns: Turns) -> Turns:
@@ -103,24 +87,23 @@ def changes_serial(device: Any) -> Any:
 
 def another_after_reset(device: Any) -> Any:
     """It comes back from a restart with another serial number."""
-    restart = device._restart
 
-    def other(now: int, up: int) -> None:
-        restart(now, up)
+    def other() -> None:
         device.identity = Identity(bytes(16))
 
-    return patched(device, "_restart", other)
+    return patched(device, "identity.restart", other)
 
 
 def dead_standard(device: Any) -> Any:
     """The mode of SCAN is announced, and nothing comes."""
-    begin = device._begin
+    scan = device.HANDLERS["scan"]
 
-    def only_others(mode: Any, now: int, *, force: bool = False) -> None:
-        if mode.id:
-            begin(mode, now, force=force)
+    def in_vain(device: Any, request: Any) -> Any:
+        why = scan(device, request)
+        device.halt(request.ended)
+        return why
 
-    return patched(device, "_begin", only_others)
+    return patched(device, "HANDLERS", {**device.HANDLERS, "scan": in_vain})
 
 
 def motor_goes_on(device: Any) -> Any:
@@ -147,21 +130,22 @@ def no_speed(device: Any) -> Any:
     return patched(device, "drive.set_speed", lambda rpm, now: set_speed(600 if rpm else 0, now))
 
 
+def four_ros() -> Any:
+    """A model that tells its speed in its packets, and has power-down protection."""
+    return lidario.simulate("ydlidar-4ros", spin_up=0)
+
+
 def alive_for(seconds: float) -> Any:
-    """One with power-down protection, which waits that long for its host."""
-    device: Any = lidario.simulate("ydlidar-4ros", spin_up=0)
-    scan = device._scan
+    """Its power-down protection waits that long for its host."""
+    device = four_ros()
+    obey = device.obey
 
-    def other(now: int) -> None:
-        scan(now)
-        device.alive_until = now + int(seconds * 1e9)
+    def other(command: int, now: int) -> None:
+        obey(command, now)
+        if command == 0x60:
+            device.alive_until = now + int(seconds * 1e9)
 
-    return patched(device, "_scan", other)
-
-
-def four_ros(motor: Motor) -> Any:
-    """A model that tells its speed in its packets."""
-    return with_motor(lidario.simulate("ydlidar-4ros", spin_up=0), motor)
+    return patched(device, "obey", other)
 
 
 SCANNING: Final = {
@@ -207,7 +191,7 @@ DEFECTS: Final[dict[str, tuple[Callable[[], Any], str, set[str]]]] = {
         "sample-time",
         set(),
     ),
-    "mirrored": (lambda: with_motor(s2(), OddMotor(np.negative)), "turns-clockwise", SCANNING),
+    "mirrored": (lambda: turning(s2(), np.negative), "turns-clockwise", SCANNING),
     "damages bytes": (lambda: Damages(s2()), "packets-are-whole", set()),
     "leaves packets out": (
         lambda: Skips(s2()),
@@ -215,7 +199,7 @@ DEFECTS: Final[dict[str, tuple[Callable[[], Any], str, set[str]]]] = {
         {"packets-are-whole", "revolutions-are-full"},
     ),
     "sees a part of the circle": (
-        lambda: with_motor(s2(), OddMotor(narrow)),
+        lambda: turning(s2(), narrow),
         "circle-is-whole",
         {"packets-are-whole", "rotor-is-steady", "speed-is-reached"},
     ),
@@ -225,11 +209,11 @@ DEFECTS: Final[dict[str, tuple[Callable[[], Any], str, set[str]]]] = {
         set(),
     ),
     "its rotor wobbles": (
-        lambda: with_motor(s2(), OddMotor(wobbly)),
+        lambda: turning(s2(), wobbly),
         "rotor-is-steady",
         {"revolutions-are-full"},
     ),
-    "tells a wrong speed": (lambda: four_ros(OddMotor(lambda turns: turns, 1.1)), "reported-speed", set()),
+    "tells a wrong speed": (lambda: turning(four_ros(), lambda turns: turns, 1.1), "reported-speed", set()),
     "takes no speed": (lambda: no_speed(s2()), "speed-is-reached", set()),
     "protection ends a stream too early": (lambda: alive_for(0.2), "protection-keeps", set()),
     "protection never stops it": (lambda: alive_for(1e6), "protection-stops", set()),

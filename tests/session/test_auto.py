@@ -18,6 +18,7 @@ from lidario.session.finding import listening
 from lidario.session.finding.asking import Attempt, Woken, find_by_dtr
 from lidario.session.finding.connect import connect
 from lidario.session.finding.discovery import PortInfo
+from lidario.sim.line import TransmitQueue
 from lidario.source import parse_source
 from tests.support.devices import make_rig
 from tests.support.loop import driven, run_driven
@@ -212,11 +213,9 @@ def test_fifteen_of_them_together(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.3])
 def test_none_is_taken_for_another_where_packets_are_lost(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of those that are found by listening; the marks of two of them are the same."""
-    random = np.random.default_rng(7)
+    _lose(monkeypatch, share, np.random.default_rng(7))
     for seed in range(5):
         devices = {model: make_rig(model.partition("-")[0], model, seed=seed).device for model in TALKING}
-        for device in devices.values():
-            _lose(device, share, random)
         serial_in_memory(monkeypatch, **devices)
         monkeypatch.setattr(
             "lidario.session.finding.discovery.list_serial_ports", lambda: [port(model) for model in TALKING]
@@ -234,25 +233,25 @@ def test_none_is_taken_for_another_where_packets_are_lost(share: float, monkeypa
         main()
 
 
-def _lose(device: Any, share: float, random: np.random.Generator) -> None:
+def _lose(patch: pytest.MonkeyPatch, share: float, random: np.random.Generator) -> None:
     """Leave out packets on their way into the line."""
-    push = device._queue.push
+    push = TransmitQueue.push
 
-    def some(data: bytes, ready: int, *, size: int = 0, period: int = 0) -> None:
+    def some(queue: TransmitQueue, data: bytes, ready: int, *, size: int = 0, period: int = 0) -> None:
         size = size or len(data)
         rows = [data[at : at + size] for at in range(0, len(data), size or 1)]
         for number, row in enumerate(rows):
             if random.random() >= share:
-                push(row, ready + number * period, size=len(row), period=period)
+                push(queue, row, ready + number * period, size=len(row), period=period)
 
-    device._queue.push = some
+    patch.setattr(TransmitQueue, "push", some)
 
 
 def test_the_last_one_at_an_adapter_is_tried_first(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
-    link = tmp_path / "usb-adapter"
+    # What is remembered outlives the test, and so its adapter has a name of its own.
+    link = tmp_path / f"usb-{tmp_path.name}"
     link.symlink_to(tmp_path / "ttyUSB0")
     monkeypatch.setattr(listening, "BY_ID", tmp_path)
-    monkeypatch.setattr(listening, "_found", {})
     path = str(tmp_path / "ttyUSB0")
     written = serial_in_memory(monkeypatch, **{path: made("ydlidar-f4")})
 

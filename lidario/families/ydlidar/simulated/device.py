@@ -194,11 +194,6 @@ class Simulated4Ros(Chassis[PointStream]):
             max(now, self._motor.stable_at or 0) - past, self._motor, self.world, self.profile
         )
 
-    def halt(self, now: int) -> None:
-        """End the scan and stop the motor; the packet that is made still leaves."""
-        self._end_stream(now)
-        self._motor.set_rpm(0.0, now)
-
     def _consider(self, command: int, now: int) -> None:
         """Obey a request or discard it, and remember which."""
         why, remark = self._refusal(command, now), ""
