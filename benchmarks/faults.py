@@ -61,7 +61,7 @@ ROWS = (
 
 assert {row.partition(":")[0] for row in ROWS} == set(FAULTS)
 
-_TELLING = (
+TELLING = (
     "lost_packets",
     "skipped_bytes",
     "skipped_stretches",
@@ -70,6 +70,7 @@ _TELLING = (
     "stray_bytes",
     "late_responses",
 )
+"""Counters that tell of damage."""
 
 
 @dataclass(slots=True)
@@ -169,7 +170,7 @@ async def _session(model: str, row: str, seed: int) -> Outcome:
     found.wrong = wrong / samples if samples else 0.0
     if stats is not None:
         assert_stats_close(stats)
-        found.told = {name: count for name in _TELLING if (count := getattr(stats, name))}
+        found.told = {name: count for name in TELLING if (count := getattr(stats, name))}
         intact = line.intact()
         found.damaged, found.recovered = intact.damaged, intact.in_a_row
         found.beyond = intact.passed_over + (discarded[-1] - discarded[0] if discarded else 0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import shutil
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import pytest
 
 import lidario
 from lidario.conformance import Outcome, read_report, rule_named, seen_reports
+from lidario.measured import changed
 from tests.conformance.test_report import make
 from tests.support import reports
 
@@ -78,16 +78,15 @@ def test_a_change_of_what_is_decoded_shows(report: Path, tmp_path: Path, monkeyp
 
     def off_by_a_millimetre(path: Path) -> list[lidario.Scan]:
         scans = list(decode_file(path))
-        ranges = scans[3].ranges.copy()
-        ranges[np.flatnonzero(scans[3].valid)[0]] += 0.001
-        scans[3] = copy.copy(scans[3])
-        object.__setattr__(scans[3], "_ranges", ranges)
+        distances = scans[3].device_distances.copy()
+        distances[np.flatnonzero(scans[3].valid)[0]] += 1.0
+        scans[3] = changed(scans[3], device_distances=distances)
         return scans
 
     monkeypatch.setattr(lidario, "decode_file", off_by_a_millimetre)
     after = reports.text_of(report, "somebody")
-    changed = [a for a, b in zip(before.splitlines(), after.splitlines(), strict=True) if a != b]
-    assert len(changed) == 1
+    differ = [a for a, b in zip(before.splitlines(), after.splitlines(), strict=True) if a != b]
+    assert len(differ) == 1
 
 
 def test_one_that_was_ended_before_is_not_taken(tmp_path: Path) -> None:

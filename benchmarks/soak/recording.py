@@ -31,7 +31,7 @@ from tests.support.cable import Cable, cable_to
 from tests.support.devices import make_rig
 from tests.support.loop import run_driven
 
-__all__ = ["Day", "live"]
+__all__ = ["Day", "live", "sum_of"]
 
 FAMILY = "ldrobot"
 DAMAGE = "drop:0.001%"
@@ -141,7 +141,7 @@ async def _read(
     began, hour = clock(), 1
     async for scan in stream:
         day.scans += 1
-        seen.write(_SEEN.pack(scan.stamp_ns, _sum_of(scan)))
+        seen.write(_SEEN.pack(scan.stamp_ns, sum_of(scan)))
         while recording._put - recording._taken > _MOST_WAITING:  # noqa: SLF001
             # Driven time is much faster than any disk.
             time.sleep(0.01)  # noqa: ASYNC251
@@ -182,14 +182,15 @@ def _compare(folder: Path, day: Day) -> None:
     for scan in decoder:
         first = first or scan.stamp_ns
         found += 1
-        day.other += abs(known.pop(_sum_of(scan), 0) - scan.stamp_ns) > _AS_LIVE_NS
+        day.other += abs(known.pop(sum_of(scan), 0) - scan.stamp_ns) > _AS_LIVE_NS
     day.kept = found
     day.missing = sum(stamp > first + _AS_LIVE_NS for stamp in known.values())
     day.damage = decoder.recording.damage
     day.losses, day.away_s = len(decoder.recording.away_ns), sum(decoder.recording.away_ns) * 1e-9
 
 
-def _sum_of(scan: lidario.Scan) -> int:
+def sum_of(scan: lidario.Scan) -> int:
+    """The check value of a scan; no two of a day have the same."""
     found = blake2b(scan.device_angles.tobytes(), digest_size=8)
     found.update(scan.device_distances.tobytes())
     return int.from_bytes(found.digest(), "little")

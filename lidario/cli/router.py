@@ -11,7 +11,7 @@ import click
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.streams import emit, message
 
-__all__ = ["router"]
+__all__ = ["is_private", "router"]
 
 OF_THIS_MACHINE = ("unixsock-stream", "unixpipe")
 """Protocols between programs of one machine."""

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from lidario.sim.faults import Faults
     from lidario.sim.serve import PtyServer, TcpServer, UdpServer
 
-__all__ = ["name_of", "on_pty", "on_tcp", "on_udp", "sim"]
+__all__ = ["name_of", "on_pty", "on_tcp", "on_udp", "sim", "sum_up"]
 
 POLL_S = 0.1
 
@@ -195,7 +195,7 @@ def _serve(server: PtyServer | TcpServer | UdpServer, model: str) -> int:
         except Stopped:
             if sys.stderr.isatty():
                 message("")  # the terminal has just echoed ^C
-    _sum_up(server, time.monotonic() - began)
+    sum_up(server, time.monotonic() - began)
     return ExitCode.OK
 
 
@@ -221,7 +221,8 @@ async def _until_unplugged(server: PtyServer | TcpServer | UdpServer) -> None:
         await asyncio.sleep(POLL_S)  # the server is a thread, and has no event to await
 
 
-def _sum_up(server: PtyServer | TcpServer | UdpServer, took: float) -> None:
+def sum_up(server: PtyServer | TcpServer | UdpServer, took: float) -> None:
+    """Tell what its clients have asked in `took` seconds, and how they have left the device."""
     log = server.device.log
     obeyed = Counter(request.name for request in log if request.obeyed)
     discarded = Counter((request.name, request.why) for request in log if not request.obeyed)

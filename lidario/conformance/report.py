@@ -29,7 +29,16 @@ from lidario.recording.mcap_records import MAGIC, Metadata, read_records
 from lidario.recording.opened import StoredFile
 from lidario.version import __version__
 
-__all__ = ["REPORT", "Report", "Reporter", "Tried", "facts_of_computer", "read_report", "texts_of_facts"]
+__all__ = [
+    "REPORT",
+    "Report",
+    "Reporter",
+    "Tried",
+    "facts_of_computer",
+    "read_report",
+    "report_of",
+    "texts_of_facts",
+]
 
 REPORT: Final = "lidario-report"
 SIMULATED: Final = "simulated"
@@ -233,10 +242,11 @@ def read_report(path: Path) -> Report:
                     texts |= record.texts
     if about is None or not texts:
         raise RecordingError(f"{path} is no report: `lidario report -o FILE` makes one")
-    return _report_of(about, {**texts, "tried": "\n".join(tried)})
+    return report_of(about, {**texts, "tried": "\n".join(tried)})
 
 
-def _report_of(about: About, texts: dict[str, str]) -> Report:
+def report_of(about: About, texts: dict[str, str]) -> Report:
+    """The report that the texts of a file tell, as far as they can be right."""
     facts = {
         printable(name.removeprefix(_FACT)[:LONGEST_TEXT]): printable(text[:LONGEST_TEXT])
         for name, text in texts.items()

@@ -42,7 +42,8 @@ _log = logging.getLogger("lidario")
 DRAIN_S = 0.5
 """Longest time for which closing waits until the adapter has sent what was written."""
 _DRAIN_POLL_S = 0.002
-_POSIX = os.name == "posix"
+POSIX = os.name == "posix"
+"""Whether a serial port has a descriptor for which an event loop can wait."""
 
 
 async def open_serial(path: str, baudrate: int) -> Port:
@@ -94,7 +95,7 @@ def _open(path: str, baudrate: int) -> Adapter:
             raise busy(path)
         device.port, device.baudrate = path, baudrate
         device.open()
-        if _POSIX and not shared:
+        if POSIX and not shared:
             device.refuse_others()
         device.hurry()
         device.reset_input_buffer()
@@ -124,7 +125,7 @@ class _SerialLine(Line):
         self._timer: asyncio.TimerHandle | None = None
         self._transport = serial_asyncio.SerialTransport(loop, _Events(self), device)
         self._polled: Polled | None = None
-        if _POSIX:
+        if POSIX:
             self._reader = Reader(loop, port, device.fileno(), self._lose)
         else:
             polled = self._polled = Polled(device)
@@ -137,7 +138,7 @@ class _SerialLine(Line):
         return self._closing
 
     def descriptor(self) -> int | None:
-        return self._device.fileno() if _POSIX else None
+        return self._device.fileno() if POSIX else None
 
     @property
     def is_hurried(self) -> bool:
@@ -154,7 +155,7 @@ class _SerialLine(Line):
     def set_dtr(self, asserted: bool) -> None:
         # A pseudo-terminal has no such line (ENOTTY), and a dead port is noticed by the next write.
         with contextlib.suppress(*FOREIGN):
-            if asserted and _POSIX:
+            if asserted and POSIX:
                 self._device.keep_lines_at_close()
             self._device.dtr = asserted
 
@@ -275,7 +276,7 @@ class _SerialLine(Line):
             if not self._device.out_waiting:
                 return
             self._device.reset_output_buffer()
-            if _POSIX and self._device.out_waiting:
+            if POSIX and self._device.out_waiting:
                 # The driver cannot discard (usb-serial cannot), so the kernel makes the last close wait for up to
                 # 30 s. This duplicate is what is closed last, in a thread.
                 duplicate = os.dup(self._device.fileno())

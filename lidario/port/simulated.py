@@ -29,9 +29,10 @@ from lidario.sim.serve import MemoryLine, PtyServer, TcpServer, UdpServer, usual
 from lidario.simulation import serial_of
 from lidario.source import Source, quoted
 
-__all__ = ["Simulation", "connect_in_memory", "make_device", "open_simulated"]
+__all__ = ["MemoryTransport", "Simulation", "connect_in_memory", "make_device", "open_simulated"]
 
-_TICK_S = 0.002
+TICK_S = 0.002
+"""Shortest time between two deliveries of a device in memory."""
 _WAYS = ("pty", "tcp", "udp", "memory")
 
 
@@ -187,7 +188,7 @@ def connect_in_memory(device: SimulatedDevice, faults: Faults | None = None, *, 
             reason="busy",
         )
     port = Port(name, device.baudrate)
-    line = _LINES[id(device)] = _MemoryTransport(asyncio.get_running_loop(), port, MemoryLine(device, faults))
+    line = _LINES[id(device)] = MemoryTransport(asyncio.get_running_loop(), port, MemoryLine(device, faults))
     port.connection_made(line)
     return port
 
@@ -198,7 +199,7 @@ def _failed(name: str, error: BaseException) -> DeviceLost:
     return lost
 
 
-class _MemoryTransport(Line):
+class MemoryTransport(Line):
     """Carries bytes between a port and a device on the clock of the loop."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, port: Port, line: MemoryLine) -> None:
@@ -271,7 +272,7 @@ class _MemoryTransport(Line):
             self.end(_failed(self._port.name, error))
             return
         if due is not None:
-            self._timer = self._loop.call_at(max(due, now + round(_TICK_S * 1e9)) * 1e-9, self._deliver)
+            self._timer = self._loop.call_at(max(due, now + round(TICK_S * 1e9)) * 1e-9, self._deliver)
 
     def _deliver(self) -> None:
         self._timer = None
@@ -301,5 +302,5 @@ class _MemoryTransport(Line):
         self._loop.call_soon(self._port.connection_lost, error)
 
 
-_LINES: WeakValueDictionary[int, _MemoryTransport] = WeakValueDictionary()
+_LINES: WeakValueDictionary[int, MemoryTransport] = WeakValueDictionary()
 """The latest line to each device in memory, by the device's id, which stays its own as long as the line lives."""

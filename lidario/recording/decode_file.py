@@ -32,7 +32,7 @@ _log = logging.getLogger("lidario")
 
 _BLOCK = 64 * 1024
 """Bytes that are decoded together, as in `lidario.recording.offline`."""
-_BLOCK_NS = 4_000_000_000
+BLOCK_NS = 4_000_000_000
 """Time of a block at most: of slow lidars, so many bytes are a minute."""
 
 
@@ -139,7 +139,7 @@ class FileDecoder:
         """
         recording, block, before = self.recording, list[Piece](), None
         for piece in recording.pieces(begin_ns) if isinstance(recording, McapRecording) else recording.pieces():
-            here = piece.stream, piece.zero_offset_deg, piece.place // _BLOCK, piece.at_ns // _BLOCK_NS
+            here = piece.stream, piece.zero_offset_deg, piece.place // _BLOCK, piece.at_ns // BLOCK_NS
             if block and here != before:
                 yield block
                 block = []

@@ -41,7 +41,8 @@ TICK_S = 0.25
 """How often the thread writes what is there."""
 CLOSE_TIMEOUT_S = 10.0
 """Longest time that the last writing may take; a disk that hangs must not keep a program from ending."""
-_POLL_S = 0.005
+POLL_S = 0.005
+"""How often it is looked whether the thread has opened or closed its file."""
 _ITEM_BYTES = 64
 """What an entry of the queue takes beside its bytes, about."""
 
@@ -282,4 +283,4 @@ async def _until(condition: Callable[[], bool], seconds: float) -> None:
     deadline = time.monotonic() + seconds
     # Polled, since another thread makes it true, and a loop whose clock is driven waits for no thread.
     while not condition() and time.monotonic() < deadline:  # noqa: ASYNC110
-        await asyncio.sleep(_POLL_S)
+        await asyncio.sleep(POLL_S)

@@ -37,7 +37,8 @@ _EVEN_NS: Final = 50_000_000
 _UNEVEN: Final = 0.04
 """Time in which a rotor is even; part of a packet's time by which it may be off."""
 _BUCKET_NS: Final = 500_000_000
-_BUCKETS: Final = 40
+BUCKETS: Final = 40
+"""Over so much time the clock is followed: stretches, and how many of them."""
 _APART_NS: Final = 1_000_000_000
 """Least time in which a line is seen; in less, the two clocks run alike."""
 _STEEPEST: Final = 0.02
@@ -118,7 +119,7 @@ class DeviceClock:
         if wire.ticks is not None and stream.sample_ns and stream.timed:
             self._reader = StampReader(wire.ticks, wire.pitch * stream.sample_ns)
         # The earliest arrival of each half a second, and the line below them: one of its points, and its slope.
-        self._earliest: deque[_Point] = deque(maxlen=_BUCKETS)
+        self._earliest: deque[_Point] = deque(maxlen=BUCKETS)
         self._line: tuple[_Point, float] = ((0, 0), 0.0)
         self._ahead_ns = 0
         self._last_ns = -(1 << 63)

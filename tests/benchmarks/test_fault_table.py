@@ -12,7 +12,7 @@ from benchmarks.faults import FAILURES, ROWS, Outcome, judge
 from benchmarks.models import SUFFERERS
 from benchmarks.report import Setting
 from lidario.revolution.seam import Seam
-from lidario.session.streaming.running import Running
+from lidario.session.streaming import running
 from lidario.sim.faults import FAULTS
 
 pytestmark = pytest.mark.discards("the device boots, is frozen or has no power")
@@ -106,12 +106,13 @@ def test_no_fault_makes_it_hang_or_crash_or_be_silent(where: tuple[str, str]) ->
 
 
 def test_damage_that_no_counter_tells_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(faults, "_TELLING", ("broken_scans",))
+    monkeypatch.setattr(faults, "TELLING", ("broken_scans",))
     assert judge("ydlidar-4ros", "drop:0.01%").outcome == "silent: goes on"
 
 
 def test_a_watchdog_that_sleeps_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Running, "_watch", lambda self: None)
+    for patience in ("SILENCE_S", "REVOLUTIONS_MISSED"):
+        monkeypatch.setattr(running, patience, 1e6)
     assert judge("rplidar-s2", "silent:3s").outcome == "hangs"
 
 

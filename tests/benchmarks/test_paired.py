@@ -76,9 +76,8 @@ def test_it_prints_which_two_revisions_it_has_compared(
 
     monkeypatch.setattr(paired, "checked_out", other)
     monkeypatch.setattr(paired, "compare_decode", lambda *_: Table("decoding", ["format"]))
-    monkeypatch.setattr(report, "_revision", lambda: "v2-3-gabcdef0-dirty")
     assert paired.main(["--against", "1234567", "--only", "decode"]) == 0
-    assert "- revisions: 1234567 and v2-3-gabcdef0-dirty (this code)\n" in capsys.readouterr().out
+    assert f"- revisions: 1234567 and {report.machine()['revision']} (this code)\n" in capsys.readouterr().out
 
 
 def test_both_checkouts_decode_by_turns() -> None:

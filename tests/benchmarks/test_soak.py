@@ -47,7 +47,7 @@ def test_a_counter_that_is_wrong_is_caught(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_a_request_that_comes_too_early_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lidario.families.rplidar.simulated.device._SETTLE_AFTER_STOP", 100_000_000)
+    monkeypatch.setattr("lidario.families.rplidar.simulated.device.SETTLE_AFTER_STOP", 100_000_000)
     with pytest.raises(Broken, match=r"discarded|healthy device"):
         live("rplidar", 7, 0, SECONDS, CALM)
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, cast
 import pytest
 
 from lidario import simulate
-from lidario.cli.sim import _sum_up
+from lidario.cli.sim import sum_up
 from lidario.families.registry import FAMILIES
 from lidario.sim.faults import FAULTS, Faults, parse_faults
 from tests.cli.processes import BOUND, invoke, line_of, run, started
@@ -79,7 +79,7 @@ def test_only_a_client_can_have_left_it_scanning(
     device.receive(request_bytes, 1)
     device.transmit(2)
     assert device.scanning
-    _sum_up(cast("PtyServer", SimpleNamespace(device=device, lost=0)), 1.0)
+    sum_up(cast("PtyServer", SimpleNamespace(device=device, lost=0)), 1.0)
     assert ("left it scanning" in capsys.readouterr().err) is left
 
 
@@ -89,7 +89,7 @@ def test_a_motor_that_goes_on_is_told(capsys: pytest.CaptureFixture[str]) -> Non
         device.receive(requests, number * second + 1)
         device.transmit(number * second + 2)
         if number:
-            _sum_up(cast("PtyServer", SimpleNamespace(device=device, lost=0)), 1.0)
+            sum_up(cast("PtyServer", SimpleNamespace(device=device, lost=0)), 1.0)
             assert ("left its motor on" in capsys.readouterr().err) is (number == 1)
 
 

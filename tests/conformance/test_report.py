@@ -29,7 +29,7 @@ from lidario.conformance import (
     rule_named,
 )
 from lidario.conformance import kept as module_kept
-from lidario.conformance.report import REPORT, _report_of
+from lidario.conformance.report import REPORT, report_of
 from lidario.families.registry import FAMILIES
 from lidario.port.thread import start_thread
 from lidario.recording.about import About
@@ -325,6 +325,6 @@ TEXTS = st.text(max_size=30) | st.sampled_from(
 
 @given(st.dictionaries(st.sampled_from(["format", "modes", "tried", "fact: a", "fact: \x1b"]), TEXTS))
 def test_whatever_a_file_says_is_read(texts: dict[str, str]) -> None:
-    report = _report_of(About.of({}), texts)
+    report = report_of(About.of({}), texts)
     assert all(each.text.isprintable() and 0 <= each.seconds <= 1e6 for each in report.tried)
     assert all(name.isprintable() and text.isprintable() for name, text in report.facts.items())

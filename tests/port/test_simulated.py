@@ -12,16 +12,16 @@ from typing import Any
 
 import pytest
 
-from lidario import DeviceLost, open_lidar
+from lidario import DeviceLost
 from lidario.errors import ConnectFailed
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
-from lidario.port.simulated import Simulation, _way, connect_in_memory, open_simulated
+from lidario.port.simulated import Simulation, connect_in_memory, open_simulated
+from lidario.sim.serve import usual_way
 from lidario.source import parse_source
 from tests.support.devices import both_families, make_rig
 from tests.support.loop import driven, run_driven
 from tests.support.ports import PATIENCE_S, Sink, open_files
-from tests.support.session import inside_of
 
 
 class Mistake(Exception):
@@ -67,7 +67,7 @@ def check(error: DeviceLost | None) -> None:
 def test_a_way_that_the_system_has_is_the_default(monkeypatch: pytest.MonkeyPatch, platform: str, way: str) -> None:
     """On macOS a pseudo-terminal refuses the speed of most models."""
     monkeypatch.setattr(sys, "platform", platform)
-    assert _way(parse_source("sim://rplidar-s2")) == way
+    assert usual_way() == way
 
 
 @pytest.mark.parametrize("calls", [0, 3])
@@ -173,14 +173,13 @@ async def test_a_failure_of_what_ends_with_the_port_is_logged(caplog: pytest.Log
 @driven
 async def test_abandoned_in_memory_the_device_gets_the_stop_requests() -> None:
     rig = make_rig("rplidar")
-    lidar = await open_lidar(rig.device)
-    await anext(lidar.scans())
-    port = inside_of(lidar).dialogue.port
+    port = connect_in_memory(rig.device)
+    port.write(b"\xa5\x20")
+    await asyncio.sleep(0.1)
     assert rig.device.scanning
     port.abandon(b"\xa5\x25")
     assert not rig.device.scanning
     await port.wait_closed()
-    await lidar.close()
 
 
 @pytest.mark.parametrize(

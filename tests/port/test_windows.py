@@ -47,7 +47,7 @@ def _on_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise NotImplementedError("no event loop on Windows waits for a serial port")
 
-    monkeypatch.setattr("lidario.port.serial._POSIX", False)
+    monkeypatch.setattr("lidario.port.serial.POSIX", False)
     monkeypatch.setattr("lidario.port.serial.serial_asyncio", for_windows())
     for name in ("add_reader", "add_writer"):
         monkeypatch.setattr(asyncio.SelectorEventLoop, name, refuse)

@@ -62,8 +62,8 @@ def joined(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     monkeypatch.setattr(divided, "LEAD_NS", LEAD_NS)
     monkeypatch.setattr(divided, "LEAST_NS", 2 * LEAD_NS)
     monkeypatch.setattr(divided, "processes", lambda *_: Here())
-    monkeypatch.setattr(decode_file, "_BLOCK_NS", 300_000_000)
-    monkeypatch.setattr(device_clock, "_BUCKETS", 3)
+    monkeypatch.setattr(decode_file, "BLOCK_NS", 300_000_000)
+    monkeypatch.setattr(device_clock, "BUCKETS", 3)
     found, make = list[int](), divided.Joined
 
     def told(span: int, begin: int, shift: int) -> Any:

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks.soak.recording import _sum_of, live
+from benchmarks.soak.recording import live, sum_of
 
 SECOND = 100_000
 
@@ -16,7 +16,7 @@ def test_no_two_scans_of_a_day_have_the_same_check_value() -> None:
     """With 32 bits, of 200 000 that are kept, about ten were taken for other ones."""
     random = np.random.default_rng(7)
     scans = [SimpleNamespace(device_angles=each, device_distances=each) for each in random.random((300_000, 4))]
-    assert len({_sum_of(scan) for scan in scans}) == len(scans)  # type: ignore[arg-type]
+    assert len({sum_of(scan) for scan in scans}) == len(scans)  # type: ignore[arg-type]
 
 
 @pytest.mark.long

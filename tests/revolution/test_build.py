@@ -34,7 +34,8 @@ def test_every_field_is_set_as_the_class_sets_it() -> None:
 
 
 def test_where_samples_are_missing_is_told_where_packets_were_lost() -> None:
-    assert (built(lost=2).lost_packets, built(lost=2)._gaps) == (2, [(1, 40)])
+    scan = built(lost=2)
+    assert (scan.lost_packets, scan.times_ns.tolist()) == (2, [5, 5 + 41 * 31250])
 
 
 def test_it_cannot_be_changed() -> None:

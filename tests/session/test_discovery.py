@@ -33,7 +33,7 @@ def test_known_adapters_and_stable_names_are_found(monkeypatch: pytest.MonkeyPat
         Port(str(device), 0x10C4, 0xEA60, "CP2102 USB to UART"),
     ]
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: listed)
-    monkeypatch.setattr("lidario.session.finding.discovery._BY_ID", by_id)
+    monkeypatch.setattr("lidario.session.finding.discovery.BY_ID", by_id)
     found = {port.path: port for port in list_serial_ports()}
     assert set(found) == {port.device for port in listed}
     assert found[str(device)].adapter == "CP2102"

@@ -5,14 +5,15 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable
+from unittest.mock import create_autospec
 
 import pytest
 
 from lidario import DeviceFault, Lidar, StreamFailed
 from lidario.revolution.seam import Seam
+from lidario.session.streaming.failures import Failures
 from tests.support.devices import Rig, both_families, left_still, make_rig, names
 from tests.support.loop import DrivenLoop, driven, run_driven
-from tests.support.session import scanner_of
 
 CODE = 0x8001
 RECOVERED_S = 3.5
@@ -25,7 +26,7 @@ def clock() -> float:
 
 def fall_silent(rig: Rig) -> None:
     """The stream ends by itself, and the device is well."""
-    rig.device._stream = None
+    rig.device.halt(round(clock() * 1e9))
 
 
 async def error_of(
@@ -231,11 +232,7 @@ async def test_a_rotor_that_stalls_is_told_of_within_three_slow_revolutions(
 ) -> None:
     rig = make_rig(family)
     async with rig.open() as lidar:
-
-        def stall() -> None:
-            monkeypatch.setattr(Seam, "splits", lambda self, headings: [])
-
-        text, after = await error_of(lidar, stall)
+        text, after = await error_of(lidar, lambda: monkeypatch.setattr(Seam, "splits", lambda *_: []))
         assert "no full revolution" in text
         assert "its health is ok: is the rotor blocked?" in text
         assert after < {"rplidar": 3.3, "ydlidar": 1.9}[family]
@@ -299,9 +296,12 @@ async def test_noise_is_told_only_where_noise_is_what_arrives(family: str, harm:
 @pytest.mark.parametrize("act", ["stop", "close", "leave", "ask", "cancel", "join"])
 @pytest.mark.parametrize("harm", ["silent", "protect"])
 @pytest.mark.exhaustive("step", sample=[5], full=[1, 2, 3, 5, 8, 13, 21, 40])
-def test_whatever_is_done_while_the_device_is_asked(family: str, harm: str, act: str, step: int) -> None:
+def test_whatever_is_done_while_the_device_is_asked(
+    family: str, harm: str, act: str, step: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """At a step of the loop after the silence was noticed, another task stops, closes, leaves, asks or joins."""
-    rig = make_rig(family)
+    rig, noticed = make_rig(family), create_autospec(Failures.suspect, side_effect=Failures.suspect)
+    monkeypatch.setattr(Failures, "suspect", noticed)
 
     async def main() -> None:
         loop = asyncio.get_running_loop()
@@ -313,7 +313,7 @@ def test_whatever_is_done_while_the_device_is_asked(family: str, harm: str, act:
                 rig.device.protection_stop(CODE)
             else:
                 fall_silent(rig)
-            while scanner_of(lidar).control.failure is None:
+            while not noticed.called:
                 await asyncio.sleep(0.001)
             for _ in range(step):
                 await asyncio.sleep(0)

@@ -8,6 +8,7 @@ from itertools import pairwise
 import pytest
 
 from lidario import Lidar, StreamFailed
+from lidario.session.talking.dialogue import Dialogue
 from tests.support.devices import Rig, left_still, make_rig, names, take
 from tests.support.loop import DrivenLoop, driven
 
@@ -20,7 +21,7 @@ LIMIT_S = 3.0
 @pytest.fixture(autouse=True)
 def coarse_line(monkeypatch: pytest.MonkeyPatch) -> None:
     """Minutes of bytes in fewer, larger deliveries: here nothing depends on when a packet comes."""
-    monkeypatch.setattr("lidario.port.simulated._TICK_S", 0.05)
+    monkeypatch.setattr("lidario.port.simulated.TICK_S", 0.05)
 
 
 def pauses(rig: Rig) -> list[float]:
@@ -47,7 +48,7 @@ async def scan_for(lidar: Lidar, seconds: float, block_s: float = 0.0) -> int:
 @pytest.mark.exhaustive("minutes", sample=[2], full=[10])
 @driven
 async def test_many_minutes_with_protection_on(minutes: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lidario.port.simulated._TICK_S", 0.1)
+    monkeypatch.setattr("lidario.port.simulated.TICK_S", 0.1)
     seconds = minutes * MINUTE_S
     rig = make_rig("ydlidar")
     async with rig.open() as lidar:
@@ -154,7 +155,7 @@ async def test_a_reset_keeps_what_the_program_has_set(wanted: bool) -> None:
 @driven
 async def test_without_it_the_device_stops(monkeypatch: pytest.MonkeyPatch) -> None:
     """The two tests above can fail."""
-    monkeypatch.setattr("lidario.session.streaming.running.Running._keep_alive", lambda self: None)
+    monkeypatch.setattr(Dialogue, "keep_alive", lambda self, request: True)
     rig = make_rig("ydlidar")
     async with rig.open() as lidar:
         await lidar.set_power_down_protection(True)

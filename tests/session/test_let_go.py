@@ -15,7 +15,6 @@ import pytest
 from lidario import Lidar
 from tests.support.devices import both_families, left_still, make_rig
 from tests.support.loop import driven
-from tests.support.session import scanner_of
 
 
 @both_families
@@ -60,8 +59,10 @@ async def test_who_keeps_the_error_of_a_cancelled_setting_keeps_no_stream(family
     async with rig.open() as lidar:
         await lidar.scan()
         setting = asyncio.ensure_future(lidar.set_scan_frequency(8.0))
-        while not (scanner_of(lidar).hub or setting.done()):
+        while rig.device.motor_rpm != 480.0:
             await asyncio.sleep(0.001)
+        await asyncio.sleep(0.05)
+        assert not setting.done()
         setting.cancel()
         error = (await asyncio.gather(setting, return_exceptions=True))[0]
         assert isinstance(error, asyncio.CancelledError)

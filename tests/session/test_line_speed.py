@@ -7,10 +7,11 @@ import pytest
 from lidario import InvalidValue, Unsupported, open_lidar
 from lidario.families.registry import FAMILIES
 from lidario.families.rplidar.device import RplidarDevice
+from lidario.session.finding.connect import connect
 from lidario.session.streaming.modes import does_not_fit
+from lidario.source import parse_source
 from tests.support.devices import left_still, make_rig, names
 from tests.support.loop import driven
-from tests.support.session import inside_of
 
 
 @pytest.mark.parametrize("scanning", [False, True])
@@ -100,13 +101,14 @@ MODELS = [(family.name, model) for family in FAMILIES for model in family.simula
 
 @pytest.mark.exhaustive("which", sample=MODELS[::6], full=MODELS)
 def test_each_mode_of_each_model_fits_its_own_line(which: tuple[str, str]) -> None:
-    rig = make_rig(*which)
+    family, model = which
 
     @driven
     async def main() -> None:
-        async with rig.open() as lidar:
-            modes = await lidar.get_modes()
-            for mode in modes:
-                assert does_not_fit(inside_of(lidar).device, modes, mode, lidar.baudrate) == ""
+        found = await connect(parse_source(f"sim://{model}?via=memory"), family)
+        modes = await found.dialogue.run(found.device.modes())
+        for mode in modes:
+            assert does_not_fit(found.device, modes, mode, found.port.baudrate) == ""
+        await found.dialogue.close()
 
     main()

@@ -13,10 +13,10 @@ import pytest
 
 import lidario
 from lidario import InternalError, InvalidValue, LocalProtocolError, SessionClosed
+from lidario.session.streaming.control import StreamControl
 from lidario.session.talking.trouble import Trouble
 from tests.support.devices import both_families, left_still, make_rig, take
 from tests.support.loop import driven
-from tests.support.session import inside_of, scanner_of
 
 
 def test_open_lidar_is_not_for_a_plain_with() -> None:
@@ -130,15 +130,14 @@ async def test_a_stream_of_a_closed_session(family: str) -> None:
 @both_families
 @driven
 async def test_a_mistake_of_ours_in_a_start_ends_the_session_and_stops_the_device(
-    family: str, caplog: pytest.LogCaptureFixture
+    family: str, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    async def blunder(*_: object) -> None:
+        raise IndexError("a bug")
+
+    monkeypatch.setattr(StreamControl, "start", blunder)
     rig = make_rig(family)
     async with rig.open() as lidar:
-
-        def blunder(*_: object, **__: object) -> None:
-            raise IndexError("a bug")
-
-        inside_of(lidar).device.start = blunder  # type: ignore[method-assign, assignment]
         with pytest.raises(InternalError, match=r"IndexError\('a bug'\).*report"):
             await lidar.scan()
         with pytest.raises(InternalError):
@@ -188,6 +187,11 @@ async def test_a_revolution_that_is_discarded_is_logged(caplog: pytest.LogCaptur
     rig = make_rig("rplidar")
     async with rig.open() as lidar, lidar.scans() as stream:
         await anext(stream)
-        scanner_of(lidar).totals.assembled.broken_scans += 2
+        clean = rig.device.transmit
+        rig.device.transmit = lambda now: clean(now)[:0]
+        await asyncio.sleep(1.5 * rig.turn_s)
+        rig.device.transmit = clean
         await anext(stream)
-    assert [record.getMessage() for record in caplog.records] == ["revolutions discarded: 2 so far"]
+    discarded = lidar.stats.broken_scans
+    assert discarded
+    assert [record.getMessage() for record in caplog.records] == [f"revolutions discarded: {discarded} so far"]

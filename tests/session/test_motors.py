@@ -7,6 +7,7 @@ cancellation, two tasks at once, and faults; in small samples.
 from __future__ import annotations
 
 import asyncio
+import gc
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 
@@ -18,7 +19,6 @@ from lidario.sim.faults import parse_faults
 from lidario.sim.rooms import make_world
 from tests.support.devices import Rig, discarded, left_still, make_rig, names, take
 from tests.support.loop import driven, run_driven
-from tests.support.session import inside_of
 
 TURNS_S = {"rplidar-a1": 60 / 428, "rplidar-a2": 0.1, "rplidar-a3": 0.1, "rplidar-c1": 0.1}
 models = pytest.mark.parametrize("model", TURNS_S)
@@ -277,13 +277,12 @@ async def test_a_board_whose_responses_were_lost_is_found_when_no_packet_comes(
 @switched
 @driven
 async def test_a_session_that_is_abandoned_is_left_still(model: str) -> None:
-    """As a finalizer does, which cannot wait."""
+    """By a finalizer, which cannot wait."""
     rig = rig_of(model)
     lidar = await rig.open()
     stream = lidar.scans()
     await anext(stream)
-    inside_of(lidar).dialogue.abandon()
+    del lidar, stream
+    gc.collect()
     assert left_still(rig)
     await asyncio.sleep(0.1)
-    await lidar.close()
-    await stream.aclose()

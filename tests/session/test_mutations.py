@@ -9,6 +9,7 @@ import pytest
 from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.readiness import Readiness
 from lidario.session.talking.stopper import Stopper
+from lidario.session.talking.waiting import Waiting
 from tests.session import test_slow_responses as slow
 from tests.session.test_two_tasks import (
     Work,
@@ -80,7 +81,7 @@ def test_the_matrix_notices(
 
 def test_the_matrix_notices_where_the_device_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without an end of the waiting, a question goes on until it has waited long enough for its response."""
-    monkeypatch.setattr("lidario.session.talking.waiting.Waiting._raise", lambda self, error: None)
+    monkeypatch.setattr(Waiting, "interrupt", Waiting.end)
     with pytest.raises(AssertionError, match=r"ask x b_closes at step .*: it waited for"):
         two_tasks("rplidar", ask, b_closes, 1, silent_cell)
 

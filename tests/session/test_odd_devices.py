@@ -164,9 +164,7 @@ def test_the_descriptor_decides_which_format_is_decoded(foretold: int, monkeypat
 
 
 def start_dense(device: SimulatedRplidar, request: Request) -> str:
-    dense = device.profile.mode(1)
-    assert dense is not None
-    return device._start(dense, request)
+    return device.HANDLERS["express_scan"](device, replace(request, payload=bytes((1, 0, 0, 0, 0))))
 
 
 @driven

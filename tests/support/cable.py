@@ -12,6 +12,8 @@ import pytest
 from lidario import ConnectFailed
 from lidario.port import simulated
 from lidario.port.port import Port
+from lidario.port.simulated import MemoryTransport
+from lidario.sim.serve import MemoryLine
 from tests.support.devices import Rig
 
 __all__ = ["Cable", "cable_to"]
@@ -23,13 +25,15 @@ class Cable:
     Attributes:
         device: What is at its other end; None while it is pulled out.
         attempts: When it was tried to connect, on the loop's clock.
+        ports: The session's end of each line that was connected, and the latest last.
     """
 
     def __init__(self, rig: Rig) -> None:
         self.device: Any = rig.device
         self.attempts: list[float] = []
         self._rig = rig
-        self._ports: list[Port] = []
+        self.ports: list[Port] = []
+        self._lines: list[MemoryTransport] = []
         self._connect = simulated.connect_in_memory
 
     def connect(self, device: Any, faults: Any = None, *, name: str = "memory") -> Port:
@@ -39,17 +43,18 @@ class Cable:
         self.attempts.append(asyncio.get_running_loop().time())
         if self.device is None:
             raise ConnectFailed("no such port", reason="missing")
-        self._ports.append(self._connect(self.device, faults, name=name))
-        return self._ports[-1]
+        port = Port(name, self.device.baudrate)
+        line = MemoryTransport(asyncio.get_running_loop(), port, MemoryLine(self.device, faults))
+        port.connection_made(line)
+        self.ports.append(port)
+        self._lines.append(line)
+        return port
 
     def pull(self) -> None:
         """Pull it out: the port dies."""
         self.device = None
-        ports, self._ports = self._ports, []
-        for port in ports:
-            line: Any = port._line
-            if line is not None and not line.is_closing():
-                line.end(OSError("the line was unplugged"))
+        for line in self._lines:
+            line.end(OSError("the line was unplugged"))
 
     def plug(self, device: Any = None, *, boots: bool = True) -> None:
         """Put it in again, into `device` or the one from before, which is switched on by that and boots."""

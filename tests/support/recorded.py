@@ -23,7 +23,7 @@ __all__ = ["Live", "assert_same_scans", "record", "same_scan", "thread_takes_no_
 def thread_takes_no_time() -> Iterator[None]:
     """Where a fault comes at a given moment: a driven clock stands nearly still while the thread opens its file."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("lidario.recording.record._POLL_S", 1e-6)
+        patch.setattr("lidario.recording.record.POLL_S", 1e-6)
         yield
 
 

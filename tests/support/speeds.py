@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from lidario.port.port import Port
-from lidario.port.simulated import _MemoryTransport
+from lidario.port.simulated import MemoryTransport
 from lidario.sim.serve import MemoryLine, PtyServer
 
 __all__ = ["SpeedPtyServer", "misread", "serial_in_memory"]
@@ -71,7 +71,7 @@ def serial_in_memory(patch: pytest.MonkeyPatch, **devices: Any) -> list[tuple[in
     async def open_serial(path: str, baudrate: int) -> Port:
         port = Port(path, baudrate)
         line = _SpeedLine(devices[path], port, written)
-        port.connection_made(_MemoryTransport(asyncio.get_running_loop(), port, line))
+        port.connection_made(MemoryTransport(asyncio.get_running_loop(), port, line))
         return port
 
     patch.setattr("lidario.session.finding.connect.open_serial", open_serial)

@@ -10,7 +10,6 @@ import asyncio
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final, Literal
 
 from lidario.arguments import path_of, shown
@@ -19,6 +18,7 @@ from lidario.families.registry import FAMILIES
 from lidario.model import DeviceInfo
 from lidario.port.background import run_in_thread
 from lidario.session.finding.connect import connect
+from lidario.session.finding.listening import BY_ID
 from lidario.source import Source
 
 __all__ = ["Found", "PortInfo", "find_source", "list_lidars", "list_serial_ports"]
@@ -33,8 +33,6 @@ KNOWN_ADAPTERS: Final = {
     (0x0403, 0x6015): "FT231X",
 }
 """USB vendor and product of the adapters that lidars are sold with."""
-
-_BY_ID = Path("/dev/serial/by-id")
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,8 +76,8 @@ def list_serial_ports() -> list[PortInfo]:
     from serial.tools import list_ports  # slow to import, and seldom needed
 
     stable = {}
-    if _BY_ID.is_dir():
-        stable = {os.path.realpath(link): str(link) for link in _BY_ID.iterdir()}
+    if BY_ID.is_dir():
+        stable = {os.path.realpath(link): str(link) for link in BY_ID.iterdir()}
     return [
         PortInfo(
             path=port.device,

@@ -10,9 +10,9 @@ import pytest
 from lidario import ConnectFailed, InvalidValue, ResponseTimeout, Unsupported, open_lidar
 from lidario.families.rplidar.speed import confirm
 from lidario.port.port import Port
+from tests.support.cable import cable_to
 from tests.support.devices import Rig, left_still, make_rig, names, take
 from tests.support.loop import driven
-from tests.support.session import inside_of
 
 
 def rig_of(model: str = "rplidar-s2") -> Rig:
@@ -182,8 +182,10 @@ def test_a_line_without_a_speed_has_none_to_change() -> None:
 
     @driven
     async def main() -> None:
-        async with rig.open() as lidar:
-            inside_of(lidar).dialogue.port.baudrate = 0
+        with cable_to(rig) as cable:
+            lidar = await rig.open()
+        async with lidar:
+            cable.ports[-1].baudrate = 0
             with pytest.raises(Unsupported, match="no speed"):
                 await lidar.set_baudrate(921_600)
 

@@ -47,7 +47,8 @@ from lidario.sim.world import WorldLike
 __all__ = ["PROFILES", "Mode", "Profile", "SimulatedRplidar", "describe", "make_simulated"]
 
 _MS = 1_000_000
-_SETTLE_AFTER_STOP = 10 * _MS  # S-series interface manual, STOP
+SETTLE_AFTER_STOP = 10 * _MS
+"""For how long nothing is heard behind STOP (S-series interface manual, STOP)."""
 _AFTER_IGNORED = "within 10 ms of a stop that was ignored"
 _SETTLE_AFTER_RESET = 500 * _MS  # S-series interface manual, RESET
 
@@ -203,7 +204,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         why = self._refusal(request)
         remark = _AFTER_IGNORED if not why and request.began < self._ignored_until else ""
         if not why and request.name == "stop" and not self.scanning:
-            self._ignored_until = request.ended + _SETTLE_AFTER_STOP
+            self._ignored_until = request.ended + SETTLE_AFTER_STOP
         elif not why:
             if request.name != "motor_speed_ctrl" or not any(request.payload):
                 self._end_stream(request.ended)
@@ -235,7 +236,7 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         return ""
 
     def _stop(self, request: Request) -> str:
-        self._deaf_until, self._deaf_why = request.ended + _SETTLE_AFTER_STOP, "within 10 ms of stop"
+        self._deaf_until, self._deaf_why = request.ended + SETTLE_AFTER_STOP, "within 10 ms of stop"
         return ""
 
     def _reset(self, request: Request) -> str:
