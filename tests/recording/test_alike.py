@@ -5,75 +5,111 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from lidario.recording.alike import held
-from lidario.recording.read import McapRecording
+from lidario.recording.read import McapRecording, Piece
 from lidario.revolution.pipeline import Pipeline
 from tests.support.recorded import record
+
+Reads = list[Piece]
 
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return record(tmp_path_factory.mktemp("alike") / "a.mcap", "sim://rplidar-s2?fault=drop:0.1%25", 20).path
+    return record(tmp_path_factory.mktemp("alike") / "a.mcap", "sim://rplidar-s2?fault=drop:0.1%25", 40).path
 
 
-def behind(path: Path) -> Pipeline:
-    """A decoder behind the whole of a recording."""
+def behind(path: Path, seen: Callable[[Reads], Reads] = lambda reads: reads) -> Pipeline:
+    """A decoder behind a recording, or behind those of its reads that it has seen."""
     recording = McapRecording(path)
     pipeline = Pipeline(recording.streams[0].open())
-    for piece in recording.pieces():
+    for piece in seen(list(recording.pieces())):
         pipeline.receive(piece.data, piece.at_ns)
     return pipeline
-
-
-def more_totals(pipeline: Pipeline) -> None:
-    """As of a decoder that saw more before: a broken scan, and packets that are lost."""
-    stats, clock = pipeline.stats, pipeline.assembler._clock
-    stats.broken_scans += 1
-    stats.missed_scans += 3
-    stats.lost_packets += 70
-    pipeline.link.fed += 5000
-    pipeline.link.stats.packets += 100
-    for each in {id(each): each for each in (clock._last, clock._sure, clock._anchor) if each is not None}.values():
-        each.number += 3
-        each.packets_before += 70
-
-
-CHANGES: list[Callable[[Pipeline], None]] = [
-    lambda pipeline: setattr(pipeline.stream.format, "_in_step", not pipeline.stream.format._in_step),
-    lambda pipeline: setattr(pipeline.link, "_noise", pipeline.link._noise + 1),
-    lambda pipeline: setattr(pipeline.stats, "left_off", (1, 2.0)),
-    lambda pipeline: setattr(pipeline.stats, "missed_scans", pipeline.stats.missed_scans + 1),
-    lambda pipeline: setattr(pipeline.assembler.partial.carried, "angle", None),
-    lambda pipeline: setattr(pipeline.assembler, "_last_spanned_ns", 1.0),
-    lambda pipeline: setattr(pipeline.assembler._seam, "_armed", not pipeline.assembler._seam._armed),
-    lambda pipeline: setattr(pipeline.assembler.incoming.time, "ns", 1.0),
-    lambda pipeline: setattr(pipeline.stream.decoder, "anything", re.compile("new")),
-]
 
 
 def test_it_is_the_same_of_two_that_have_seen_the_same(path: Path) -> None:
     assert held(behind(path)) == held(behind(path))
 
 
-def test_totals_make_no_difference(path: Path) -> None:
-    other = behind(path)
-    more_totals(other)
-    assert held(other) == held(behind(path))
+@pytest.mark.parametrize(
+    "seen",
+    [lambda reads: reads[len(reads) // 4 :], lambda reads: reads[:100] + reads[160:]],
+    ids=["began later", "missed a revolution"],
+)
+def test_of_what_is_long_ago_only_totals_differ(path: Path, seen: Callable[[Reads], Reads]) -> None:
+    other, one = behind(path, seen), behind(path)
+    assert other.stats != one.stats
+    assert other.link.fed != one.link.fed
+    assert held(other) == held(one)
+
+
+SEEN: dict[str, Callable[[Reads], Reads]] = {
+    "one read less": lambda reads: reads[:-1],
+    "a byte less": lambda reads: [*reads[:-1], reads[-1]._replace(data=reads[-1].data[:-1])],
+    "a byte more": lambda reads: [*reads, reads[-1]._replace(data=b"\0")],
+    "the last read later": lambda reads: [*reads[:-1], reads[-1]._replace(at_ns=reads[-1].at_ns + 1)],
+    "the last revolution not": lambda reads: reads[:-50],
+    "a gap in the last revolution": lambda reads: reads[:-20] + reads[-10:],
+}
+
+
+@pytest.mark.parametrize("seen", SEEN.values(), ids=SEEN)
+def test_what_was_seen_last_does(path: Path, seen: Callable[[Reads], Reads]) -> None:
+    assert held(behind(path, seen)) != held(behind(path))
+
+
+CHANGES: list[Callable[[Pipeline], None]] = [
+    lambda pipeline: setattr(pipeline.stats, "left_off", (1, 2.0)),
+    lambda pipeline: setattr(pipeline.stats, "missed_scans", pipeline.stats.missed_scans + 1),
+    lambda pipeline: setattr(pipeline.assembler.partial.carried, "angle", None),
+    lambda pipeline: setattr(pipeline.assembler.incoming.time, "ns", 1.0),
+    lambda pipeline: setattr(pipeline.stream.decoder, "anything", re.compile("new")),
+]
 
 
 @pytest.mark.parametrize("change", CHANGES)
-def test_everything_else_does(path: Path, change: Callable[[Pipeline], None]) -> None:
+def test_everything_that_is_held_does(path: Path, change: Callable[[Pipeline], None]) -> None:
     other = behind(path)
     change(other)
     assert held(other) != held(behind(path))
 
 
-def test_what_is_remembered_beside_counts(path: Path) -> None:
+class Slot:
+    __slots__ = ("_slot",)
+
+
+class Kept(Slot):
+    """An object of ours, with fields that it shows to nobody."""
+
+    __module__ = "lidario.recording"
+
+    def __init__(self, slot: object, other: object) -> None:
+        self._slot = slot
+        self._other = other
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (1, 2),
+        (True, None),
+        (b"a", b"b"),
+        ([1], (1,)),
+        ({1: 2}, {1: 3}),
+        (np.zeros(2, np.int32), np.zeros(2, np.float32)),
+    ],
+)
+def test_every_field_of_every_object_is_looked_at(path: Path, one: Any, other: Any) -> None:
     pipeline = behind(path)
-    assert held(pipeline, 1, (2, 3.0)) == held(pipeline, 1, (2, 3.0)) != held(pipeline, 1, (2, 4.0))
+    alike = held(pipeline, Kept(one, Kept(one, one)))
+    assert alike == held(pipeline, Kept(one, Kept(one, one)))
+    for differing in (Kept(other, Kept(one, one)), Kept(one, Kept(other, one)), Kept(one, Kept(one, other))):
+        assert held(pipeline, differing) != alike
 
 
 def test_of_what_is_not_known_no_two_are_alike(path: Path) -> None:
