@@ -145,13 +145,16 @@ class ReadingThread:
 
     Args:
         clock: The time in seconds.
+
+    Attributes:
+        ports: Those that it serves now; `add` and `remove` change that.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         # Reentrant: the garbage collector may call `remove` during `add`.
         self._lock = threading.RLock()
-        self._ports: list[Served] = []
+        self.ports: list[Served] = []
         self._thread: threading.Thread | None = None
         self._late = 0.0
         # Released to wake the thread; a lock wakes it more cheaply and more exactly than an Event or a pipe.
@@ -173,14 +176,14 @@ class ReadingThread:
             RuntimeError: The system allows no more threads.
         """
         with self._lock:
-            self._ports.append(watched)
+            self.ports.append(watched)
             if self._thread is not None:
                 self._wake()
                 return
             try:
                 self._thread = start_thread(self._run, "lidario: read ports")
             except RuntimeError:
-                self._ports.clear()
+                self.ports.clear()
                 raise
 
     def remove(self, watched: Served) -> None:
@@ -189,10 +192,10 @@ class ReadingThread:
         The thread may still try to read it once; `Inbox.share` prevents that.
         """
         with self._lock:
-            if watched not in self._ports:
+            if watched not in self.ports:
                 return
-            self._ports.remove(watched)
-            if self._ports:
+            self.ports.remove(watched)
+            if self.ports:
                 return
             self._wake()
             thread = self._thread
@@ -229,11 +232,11 @@ class ReadingThread:
         """
         late = LATENESS_FACTOR * self._late
         now = self._clock()
-        dues = [watched.serve(now, late) for watched in self._ports.copy()]
+        dues = [watched.serve(now, late) for watched in self.ports.copy()]
         if dues:
             return min(dues)
         with self._lock:
-            if self._ports:
+            if self.ports:
                 return now
             self._thread = None
             if self._woken:

@@ -7,12 +7,12 @@ import termios
 from collections.abc import Iterator
 
 import pytest
-import serial
 
 from lidario import open_lidar, simulate
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.simulated import connect_in_memory
+from tests.support.drivers import FakeDriver
 from tests.support.ports import Sink, terminal_pair, written
 from tests.support.terminals import WaitingPtyServer
 
@@ -23,36 +23,40 @@ def terminal() -> Iterator[tuple[int, int, str]]:
         yield pair
 
 
-@pytest.fixture
-def states(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
-    """The states in which DTR was put, at ports that have such a line."""
-    found: list[bool] = []
-    monkeypatch.setattr(serial.Serial, "_update_dtr_state", lambda port: found.append(port.dtr))
-    return found
+OPENED = [True, True, False]
+"""DTR: Linux raises it when the port is opened, then RTS is cleared, and then DTR."""
+
+
+def states(driver: FakeDriver) -> list[bool]:
+    """Of DTR, one after the other."""
+    return [dtr for dtr, _ in driver.states]
 
 
 def hangs_up(handle: int) -> bool:
     return bool(termios.tcgetattr(handle)[2] & termios.HUPCL)
 
 
-async def test_asserted_it_outlasts_the_close(terminal: tuple[int, int, str], states: list[bool]) -> None:
+async def test_asserted_it_outlasts_the_close(
+    terminal: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     _, slave, path = terminal
+    driver = FakeDriver(path, monkeypatch)
     settings = termios.tcgetattr(slave)
     settings[2] |= termios.HUPCL
     termios.tcsetattr(slave, termios.TCSANOW, settings)
     port = await open_serial(path, 115200)
-    assert (states, hangs_up(slave)) == ([False], True)
+    assert (states(driver), hangs_up(slave)) == (OPENED, True)
     port.set_dtr(False)
     assert hangs_up(slave)
     port.set_dtr(True)
-    assert states == [False, False, True]
+    assert states(driver) == [*OPENED, False, True]
     assert not hangs_up(slave)
     port.set_baudrate(256000)
     await port.close()
     assert not hangs_up(slave)
-    assert states[-1] is True
+    assert states(driver)[-1] is True
     port.set_dtr(False)
-    assert len(states) == 3
+    assert len(states(driver)) == len(OPENED) + 2
 
 
 async def test_a_pseudo_terminal_has_none_and_works_all_the_same(terminal: tuple[int, int, str]) -> None:
@@ -78,14 +82,15 @@ async def test_where_there_is_no_line_nothing_happens() -> None:
     await in_memory.close()
 
 
-async def test_a_motor_that_dtr_switches_is_off_after_the_session(states: list[bool]) -> None:
+async def test_a_motor_that_dtr_switches_is_off_after_the_session(monkeypatch: pytest.MonkeyPatch) -> None:
     device = simulate("rplidar-a1")
     with WaitingPtyServer(device) as server:
+        driver = FakeDriver(server.path, monkeypatch)
         async with open_lidar(server.path, family="rplidar", baudrate=115200) as lidar:
             assert lidar.info.model == "RPLIDAR A1M8"
             # It turns from the opening on.
-            assert states == [False]
-        assert states == [False, True]
+            assert states(driver) == OPENED
+        assert states(driver) == [*OPENED, True]
         handle = os.open(server.path, os.O_RDWR | os.O_NOCTTY)
         try:
             assert not hangs_up(handle)
@@ -94,9 +99,10 @@ async def test_a_motor_that_dtr_switches_is_off_after_the_session(states: list[b
         assert [each.name for each in device.log][-1] == "stop"
 
 
-async def test_or_on_where_it_shall_go_on(states: list[bool]) -> None:
+async def test_or_on_where_it_shall_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
     device = simulate("rplidar-a1")
     with WaitingPtyServer(device) as server:
+        driver = FakeDriver(server.path, monkeypatch)
         async with open_lidar(server.path, family="rplidar", baudrate=115200, keep_spinning=True):
             pass
-        assert states == [False]
+        assert states(driver) == OPENED

@@ -16,7 +16,7 @@ import pytest
 from lidario.port.port import Port
 from lidario.port.reading import Reader
 from lidario.port.serial import open_serial
-from lidario.port.thread import reading_thread
+from lidario.port.thread import Watched, reading_thread
 from tests.support.ports import PATIENCE_S, Sink, terminal_pair
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -39,11 +39,12 @@ def threads() -> list[threading.Thread]:
     return [each for each in threading.enumerate() if each.name == NAME]
 
 
-def block_until_read(port: Port, size: int) -> None:
-    """Block the event loop until the thread has read that many bytes."""
-    inbox = port._line._reader._inbox  # type: ignore[union-attr]
+def block_until_read(size: int) -> None:
+    """Block the event loop until the thread has read that many bytes of each port."""
+    inboxes = [each.inbox for each in reading_thread().ports if isinstance(each, Watched)]
+    assert inboxes
     deadline = time.monotonic() + PATIENCE_S
-    while inbox.size < size:
+    while any(inbox.size < size for inbox in inboxes):
         assert time.monotonic() < deadline
         time.sleep(0.001)
 
@@ -60,8 +61,7 @@ async def test_all_ports_share_one_thread_that_ends_with_the_last() -> None:
         assert thread.daemon
         for number, (master, _, _) in enumerate((one, two, three)):
             os.write(master, bytes([number]) * 4)
-        for port in ports:
-            block_until_read(port, 4)
+        block_until_read(4)
         for number, (port, sink) in enumerate(zip(ports, sinks, strict=True)):
             assert threads() == [thread]
             port.set_polling(0.0, None)
@@ -86,7 +86,7 @@ async def test_each_read_has_its_own_time_while_the_loop_is_blocked() -> None:
         for number in range(5):
             written.append(time.monotonic_ns())
             os.write(master, bytes([number]))
-            block_until_read(port, number + 1)
+            block_until_read(number + 1)
             read.append(time.monotonic_ns())
         assert seen == []
         port.poll()
@@ -107,10 +107,10 @@ async def test_taps_see_what_the_thread_read_before_what_is_written_later() -> N
         port.add_tap(lambda direction, data, now: seen.append((direction, data, now)))
         port.set_polling(0.005, Steady())
         os.write(master, b"before")
-        block_until_read(port, 6)
+        block_until_read(6)
         port.write(b"request")
         os.write(master, b"after")
-        block_until_read(port, 11)
+        block_until_read(11)
         port.poll()
         assert [(direction, data) for direction, data, _ in seen] == [
             ("in", b"before"),
@@ -129,7 +129,7 @@ async def test_taps_and_receiver_get_what_the_thread_read_when_it_reads_no_more(
         port.add_tap(lambda direction, data, now: seen.append((direction, data)))
         port.set_polling(0.005, Steady())
         os.write(master, b"the last packets")
-        block_until_read(port, 16)
+        block_until_read(16)
         port.set_polling(0.0, None)
         # At once: what comes next is another stream, or a response.
         assert seen == [("in", b"the last packets")]
@@ -207,7 +207,7 @@ WITH_AN_OPEN_PORT = """
 import asyncio, os, pty, sys, tty
 sys.path.insert(0, os.getcwd())
 from lidario.port.serial import open_serial
-from lidario.port.thread import reading_thread
+from lidario.port.thread import Watched, reading_thread
 from tests.port.test_thread import Steady, threads
 
 async def main():

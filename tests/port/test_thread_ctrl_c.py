@@ -120,7 +120,7 @@ def reads_as_ever(port: Port, sink: Sink, master: int, place: str) -> None:
     sink.chunks.clear()
     port.set_polling(0.005, Steady())
     os.write(master, b"data")
-    block_until_read(port, 4)
+    block_until_read(4)
     deadline = time.monotonic() + PATIENCE_S
     while len(threads()) > 1:
         # One that was started late finds that it is not needed.

@@ -3,11 +3,13 @@
 import re
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
 from lidario.families.rplidar import commands
 from lidario.families.rplidar.formats import DenseFormat, ExpressFormat
+from lidario.wire.buffer import ReceiveBuffer
 from lidario.wire.events import Descriptor, Packets, Response
 from lidario.wire.link import Link
 from lidario.wire.states import LinkState
@@ -129,7 +131,10 @@ def test_a_large_chunk_is_taken_in_slices() -> None:
     assert link.stats.packets == 1200
 
 
-def test_its_buffer_holds_no_more_than_the_table_of_bounds_says() -> None:
+def test_its_buffer_holds_no_more_than_the_table_of_bounds_says(monkeypatch: pytest.MonkeyPatch) -> None:
     page = (Path(__file__).parents[2] / "docs" / "bounds.md").read_text(encoding="utf-8")
     (kibibytes,) = re.findall(r"\(`ReceiveBuffer`\) \| [^|]+ \| (\d+) KiB", page)
-    assert Link()._buffer.limit == int(kibibytes) * 1024
+    made = Mock(wraps=ReceiveBuffer)
+    monkeypatch.setattr("lidario.wire.link.ReceiveBuffer", made)
+    Link()
+    made.assert_called_once_with(int(kibibytes) * 1024)
