@@ -203,7 +203,7 @@ async def test_the_ledger_of_a_session_closes_under_every_fault(faulty: tuple[st
                             await lidar.get_health()
     assert len(ledgers.sessions) == 1
     ledgers.assert_closed()
-    ((_, (link,), assembled),) = ledgers.sessions
+    ((assembled, (link,)),) = ledgers.streams
     counted: list[tuple[object, str]] = [
         (link.stats, name) for name in (*BYTES, "unread_packets") if getattr(link.stats, name)
     ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import pytest
 
@@ -10,6 +10,7 @@ from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.readiness import Readiness
 from lidario.session.talking.stopper import Stopper
 from lidario.session.talking.waiting import Waiting
+from lidario.wire.envelope import Request
 from tests.session import test_slow_responses as slow
 from tests.session.test_two_tasks import (
     Work,
@@ -32,16 +33,14 @@ def without_the_pause_behind_a_request(patch: pytest.MonkeyPatch) -> None:
 
     One of the two is enough: the line has to be quiet for longer than the device is deaf.
     """
+    write = Dialogue.write
 
-    async def not_drained(self: Dialogue, *, stop: bool = True) -> bool:
-        if stop:
-            await self._until_it_listens()
-            self.write((self._device.stop(),))
-        self.link.drained()
-        return True
+    def drained_at_once(dialogue: Dialogue, requests: Sequence[Request]) -> None:
+        write(dialogue, requests)
+        dialogue.link.drained()
 
     patch.setattr(Readiness, "pause", lambda self, settle: None)
-    patch.setattr(Dialogue, "quieten", not_drained)
+    patch.setattr(Dialogue, "write", drained_at_once)
 
 
 def without_the_end_of_a_start(patch: pytest.MonkeyPatch) -> None:

@@ -8,16 +8,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import wraps
 from typing import Any
 from weakref import ref
 
 import pytest
 
+from lidario.families.base import Stream
 from lidario.model import Stats
 from lidario.revolution.assemble import AssemblerStats
 from lidario.session.lidar import Lidar
-from lidario.session.streaming.scanner import Scanner
+from lidario.session.streaming.running import Running, Totals
+from lidario.session.talking.dialogue import Dialogue
 from lidario.wire.link import Link
 
 __all__ = ["BYTES", "PACKETS", "Ledgers", "assert_link_closes", "assert_stats_close", "ledgers_made"]
@@ -62,21 +63,23 @@ class Ledgers:
 
     Attributes:
         links: Every link.
-        sessions: Every session: itself as long as it lives, and what outlives it: the links it has had, and the
-            counters.
+        sessions: Every session, as long as it lives.
+        streams: What outlives a session that had a stream: its counters, and the links that its packets came by.
     """
 
     links: list[Link] = field(default_factory=list)
-    sessions: list[tuple[ref[Lidar], list[Link], AssemblerStats]] = field(default_factory=list)
+    sessions: list[ref[Lidar]] = field(default_factory=list)
+    streams: list[tuple[AssemblerStats, list[Link]]] = field(default_factory=list)
 
     def assert_closed(self) -> None:
         """Fail when one of them does not close."""
         for link in self.links:
             assert_link_closes(link)
-        for lidar, links, assembled in self.sessions:
+        for lidar in self.sessions:
             alive = lidar()
             if alive is not None:
                 assert_stats_close(alive.stats)
+        for assembled, links in self.streams:
             unread = sum(link.stats.unread_packets for link in links)
             packets = sum(link.stats.packets for link in links)
             accounted = unread + _sum(assembled, PACKETS)
@@ -89,7 +92,7 @@ class Ledgers:
 def ledgers_made() -> Iterator[Ledgers]:
     """Collect every link and session that is made in the block, whoever makes it."""
     found = Ledgers()
-    make_link, make_lidar, adopt = Link.__init__, Lidar.__init__, Scanner.adopt
+    make_link, make_lidar, make_running = Link.__init__, Lidar.__init__, Running.__init__
 
     def link_made(self: Link, *args: Any) -> None:
         make_link(self, *args)
@@ -97,17 +100,18 @@ def ledgers_made() -> Iterator[Ledgers]:
 
     def lidar_made(self: Lidar, *args: Any, **kwargs: Any) -> None:
         make_lidar(self, *args, **kwargs)
-        found.sessions.append((ref(self), [self._at.dialogue.link], self._scanner.totals.assembled))
+        found.sessions.append(ref(self))
 
-    @wraps(adopt)
-    def adopted(self: Scanner) -> None:
-        for _, links, assembled in found.sessions:
-            if assembled is self.totals.assembled:
-                links.append(self._at.dialogue.link)
-        adopt(self)
+    def running_made(self: Running, stream: Stream, dialogue: Dialogue, *, totals: Totals, **kwargs: Any) -> None:
+        make_running(self, stream, dialogue, totals=totals, **kwargs)
+        links = next((links for assembled, links in found.streams if assembled is totals.assembled), None)
+        if links is None:
+            found.streams.append((totals.assembled, links := []))
+        if dialogue.link not in links:
+            links.append(dialogue.link)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Link, "__init__", link_made)
         patch.setattr(Lidar, "__init__", lidar_made)
-        patch.setattr(Scanner, "adopt", adopted)
+        patch.setattr(Running, "__init__", running_made)
         yield found
