@@ -30,15 +30,8 @@ from lidario.recording.opened import StoredFile
 from lidario.version import __version__
 
 __all__ = [
-    "REPORT",
-    "Report",
-    "Reporter",
-    "Tried",
-    "facts_of_computer",
-    "read_report",
-    "report_of",
-    "texts_of_facts",
-]
+    "REPORT", "Report", "Reporter", "Tried", "facts_of_computer", "read_report", "report_of", "texts_of_facts",
+]  # fmt: skip
 
 REPORT: Final = "lidario-report"
 SIMULATED: Final = "simulated"
