@@ -47,9 +47,9 @@ class Scan(MeasuredSamples):
         wall_stamp_ns: The same instant in nanoseconds since the Unix epoch.
         time_increment_ns: Time from one sample to the next.
         duration_ns: Time from the first sample to the end of the revolution.
-        rpm: Measured speed: revolutions a minute, from the time between the beginnings of this revolution and the
-            one before. Where that one was not seen, from the samples of this one. NaN where some are missing too,
-            and where losses make the time vague.
+        rpm: Measured speed: revolutions a minute, by the step of the angle from sample to sample and the time that
+            a sample takes. NaN where so much is missing that neither this revolution nor the times of the others
+            confirm it.
         seq: Number of the revolution since the session was opened, 0 for the first. It jumps by the revolutions
             that are missing in between. Those that pass while a request interrupts the stream have no number.
         dropped_before: Scans this reader missed since the one before, because it was slow.

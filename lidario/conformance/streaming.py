@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -152,7 +152,7 @@ async def revolutions_are_full(bench: Bench) -> str:
         text = f"{min(counts)} to {max(counts)} samples"
         flow = watch.flow
         assert flow is not None
-        due = 60e6 / (float(np.median([scan.rpm for scan in watch.scans])) * flow.sample_us())
+        due = 60e6 / (rpm_by_time(watch.scans) * flow.sample_us())
         due *= _seen_of(watch.scans[0])
         if abs(usual / due - 1) > ALIKE_SHARE:
             return False, f"{text}, and {due:.0f} were taken in the time of a revolution"
@@ -238,14 +238,20 @@ async def reported_speed(bench: Bench) -> str:
     """Compare the speed in the packets with the measured one."""
 
     def agrees(watch: Watch) -> tuple[bool, str]:
-        pairs = [(scan.reported_rpm, scan.rpm) for scan in watch.scans if scan.reported_rpm == scan.reported_rpm]
-        if not pairs:
+        reported = [scan.reported_rpm for scan in watch.scans if scan.reported_rpm == scan.reported_rpm]
+        if not reported:
             raise NotTried("its packets tell no speed")
-        told, measured = np.median(np.array(pairs), axis=0)
+        told, measured = float(np.median(reported)), rpm_by_time(watch.scans)
         share = told / measured - 1
         return abs(share) <= REPORTED_SHARE, f"told {told:.0f} rpm, measured {measured:.0f} rpm ({share:+.1%})"
 
     return await _each_watch(bench, agrees)
+
+
+def rpm_by_time(scans: Sequence[Scan]) -> float:
+    """The speed by the time between neighbouring scans: in some formats `Scan.rpm` rests on what is told."""
+    took = [two.stamp_ns - one.stamp_ns for one, two in pairwise(scans) if two.seq == one.seq + 1]
+    return 60e9 / float(np.median(took)) if took else math.nan
 
 
 def _seen_of(scan: Scan) -> float:

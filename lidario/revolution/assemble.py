@@ -17,7 +17,7 @@ from dataclasses import replace
 from lidario.families.base import Samples, Stream
 from lidario.revolution.build import DatedRevolution, build_scan, turned_by
 from lidario.revolution.clock import RevolutionClock
-from lidario.revolution.ended import EndedRevolution, is_complete
+from lidario.revolution.ended import EndedRevolution
 from lidario.revolution.incoming import Clock, Incoming
 from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
 from lidario.revolution.seam import Seam, Split
@@ -286,17 +286,13 @@ class Assembler:
         ordinary_ns = self._last_spanned_ns or ended.spanned_ns
         number = stats.scans + stats.missed_scans - self._told_unseen - (not ended.partial.whole)
         before = stats.all_packets - (0 if packets is None else packets.count)
-        revolution_ns = self._judge(ended, ordinary_ns, number, before)
-        if revolution_ns is None:
+        if not self._is_whole(ended, ordinary_ns, number, before):
             return None
         spanned_ns = self._last_spanned_ns = ended.spanned_ns
         samples, arrays = ended.samples, ended.arrays
-        if math.isnan(revolution_ns) and not lost and is_complete(spanned_ns, ended.turn_ns):
-            # The revolution before was not seen: what this one holds tells its speed.
-            revolution_ns = spanned_ns
         arrays.angle = turned_by(arrays.angle, self._stream.zero_offset_deg)
         reported_rpm = math.nan if samples is None else samples.reported_rpm
-        made = DatedRevolution(arrays, ended.start_ns, spanned_ns, revolution_ns, reported_rpm, ended.gaps)
+        made = DatedRevolution(arrays, ended.start_ns, spanned_ns, ended.revolution_ns, reported_rpm, ended.gaps)
         return self._deliver(made, ended.sample_ns, lost)
 
     def _date(self, ended: EndedRevolution) -> None:
@@ -310,8 +306,8 @@ class Assembler:
             ended.sample_ns = self.incoming.time.of(ended)
         ended.spanned_ns = ended.count * ended.sample_ns
 
-    def _judge(self, ended: EndedRevolution, ordinary_ns: float, number: int, packets_before: int) -> float | None:
-        """Count a revolution; return what it took, NaN when unknown; None where it makes no scan."""
+    def _is_whole(self, ended: EndedRevolution, ordinary_ns: float, number: int, packets_before: int) -> bool:
+        """Count a revolution, and tell whether it makes a scan."""
         partial, packets, samples, wire = ended.partial, ended.packets, ended.samples, self._stream.format
         if samples is not None:
             ended.spanned_ns += ended.missing_samples(gap_behind=self.partial.carried is None) * ended.sample_ns
@@ -321,24 +317,20 @@ class Assembler:
             least_ns = ended.least_ns(wire, self._clock.usual_ns)
             # Angles hide whole revolutions; so it counts when the packet behind it came.
             if least_ns and self._part(*self._ended_at).received_ns - ended.start_ns < least_ns:
-                return None
+                return False
         if packets is None or samples is None or not (partial.whole or wire.first_seam is not None):
             # Where only marks tell where revolutions begin, the first part may be longer than one.
             self._clock.restart()
-            revolution_ns = math.nan
         else:
             before = packets_before - samples.lost - partial.lost_behind_carried - ended.revoked
             beginning = ended.beginning(wire, broken=broken, number=number, packets_before=before)
             passed = self._clock.follow(beginning)
+            ended.revolution_ns = math.nan if beginning.borrowed else beginning.revolution_ns
             self.stats.lost_packets += passed.lost
             self.stats.missed_scans += passed.unseen - min(passed.unseen, self._told_unseen)
-            revolution_ns = passed.revolution_ns
-        if not partial.whole:
-            return None
-        if broken:
+        if partial.whole and broken:
             self.stats.break_scan()
-            return None
-        return revolution_ns
+        return partial.whole and not broken
 
     def _deliver(self, made: DatedRevolution, sample_ns: float, lost: int) -> Scan:
         self.stats.resume(made.start_ns)

@@ -24,7 +24,7 @@ class DatedRevolution(NamedTuple):
         arrays: Its samples, with the zero-angle offset.
         start_ns: When the first of them was measured.
         spanned_ns: How long they took.
-        interval_ns: What it took, by the time between beginnings; NaN when that is not known.
+        revolution_ns: What a whole one takes, by the step of its angle; NaN or 0 where that is not known.
         reported_rpm: The speed that its packets tell; NaN where they tell none.
         gaps: Where samples are missing among its own, and how many: as `Samples.gaps`. None where that is not
             certain.
@@ -33,7 +33,7 @@ class DatedRevolution(NamedTuple):
     arrays: SampleArrays
     start_ns: int
     spanned_ns: float
-    interval_ns: float
+    revolution_ns: float
     reported_rpm: float
     gaps: Gaps | None = ()
 
@@ -78,7 +78,7 @@ class _Unfrozen(MeasuredSamples):
     def __init__(
         self, stream: Stream, revolution: DatedRevolution, wall_ns: int, sample_ns: float, seq: int, lost: int
     ) -> None:
-        arrays, start_ns, spanned_ns, interval_ns, reported_rpm, gaps = revolution
+        arrays, start_ns, spanned_ns, revolution_ns, reported_rpm, gaps = revolution
         self.device_angles = read_only(arrays.angle)
         self.device_distances = read_only(arrays.distance)
         self.intensities = None if arrays.intensity is None else read_only(arrays.intensity)
@@ -86,7 +86,7 @@ class _Unfrozen(MeasuredSamples):
         self.wall_stamp_ns = wall_ns
         self.time_increment_ns = round(sample_ns)
         self.duration_ns = round(spanned_ns)
-        self.rpm = 60e9 / interval_ns if interval_ns > 0 else math.nan
+        self.rpm = 60e9 / revolution_ns if revolution_ns > 0 else math.nan
         self.seq = seq
         self.dropped_before = 0
         self.lost_packets = lost

@@ -40,13 +40,8 @@ UNEVEN_SPEED: Final = 0.005
 """Part of the revolutions of a long time that are not counted, since the speed may have been lower for a while."""
 EXACT: Final = 0.15
 """Revolutions by which a time may miss a whole number, to be where counting goes on from."""
-AGREEMENT: Final = 0.0125
-"""Part by which the speed by the time may differ from that by the angles, where packets are missing: what stood
-before a gap is dated by a read that was completed behind it."""
-LEAST_SHARE: Final = 0.9
-"""Share of a revolution that must lie between two beginnings for their time to tell its speed. What a stamp is late
-by is divided by that share, and the part with which a stream begins has few packets to be dated by: seen live, 2 ms
-in 0.09 of a revolution made 833 revolutions a minute of 708."""
+NEARLY_ALL: Final = 0.9
+"""Share of the packets of a revolution from which no more than what its angles tell is missing in it."""
 
 
 @dataclass(slots=True)
@@ -99,13 +94,10 @@ class Passed(NamedTuple):
     Attributes:
         unseen: Whole revolutions of which nothing came.
         lost: Packets that are missing beyond those that the angles told.
-        revolution_ns: What the one between them took; NaN where they were not next to each other, or too little of
-            it lies between them.
     """
 
     unseen: int
     lost: int
-    revolution_ns: float
 
 
 class RevolutionClock:
@@ -179,31 +171,29 @@ class RevolutionClock:
             self._anchor.over = over if over < 0.5 else over - 1
         self._seam = seam
 
-    def intervals(self, starts: Sequence[int], revolutions_ns: Sequence[float]) -> list[float] | None:
-        """What each took by the time between beginnings, as `follow` tells it, where none is missing; else None.
+    def is_followed(self, starts: Sequence[int], revolutions_ns: Sequence[float]) -> bool:
+        """Whether the next revolutions follow the last one, and each other, without one missing.
 
         Nothing is remembered before `settle`.
 
         Args:
-            starts: When the revolutions that follow the last one began.
+            starts: When they began.
             revolutions_ns: What each takes by its angles.
         """
         last = self.last
         if last is None or not last.revolution_ns:
-            return None
-        before_ns, ordinary_ns, share, gap = last.start_ns, last.revolution_ns, 1 - last.over, last.lost > 0
-        found: list[float] = []
+            return False
+        before_ns, ordinary_ns, share = last.start_ns, last.revolution_ns, 1 - last.over
         for start_ns, revolution_ns in zip(starts, revolutions_ns, strict=True):
             elapsed = start_ns - before_ns
             alike = 1 / ALIKE < revolution_ns / ordinary_ns < ALIKE
             if not alike or elapsed <= 0 or abs(elapsed / ordinary_ns - share) >= NOISE:
-                return None
-            found.append(_interval(elapsed, share, ordinary_ns, gap=gap))
-            before_ns, ordinary_ns, share, gap = start_ns, revolution_ns, 1, False
-        return found
+                return False
+            before_ns, ordinary_ns, share = start_ns, revolution_ns, 1
+        return True
 
     def settle(self, last: Beginning) -> None:
-        """Remember revolutions that `intervals` has told, by the last of them."""
+        """Remember revolutions of which `is_followed` is true, by the last of them."""
         self._last = self._sure = last
         self._be_anchor(last)
 
@@ -215,18 +205,16 @@ class RevolutionClock:
         anchor = self._anchor
         if anchor is None:
             self._be_anchor(here)
-            return Passed(0, 0, math.nan)
+            return Passed(0, 0)
         elapsed = here.start_ns - anchor.start_ns
         if self._sure is None:
             # One without a gap whose speed is told already follows the one before; nothing passed in between.
             missing, _ = self._missing(here, elapsed)
             self._is_open |= not here.revolution_ns or here.lost > 0 or missing > 0
-            return Passed(0, missing, math.nan)
+            return Passed(0, missing)
         if last is None or not last.revolution_ns or self.needs_speed or self._is_open or self._was_wrong(last):
-            unseen, lost = self._count_all(here, anchor, elapsed)
-        else:
-            unseen, lost = self._count_late(here, last, anchor, elapsed)
-        return Passed(unseen, lost, math.nan if unseen else self._between(here, last))
+            return Passed(*self._count_all(here, anchor, elapsed))
+        return Passed(*self._count_late(here, last, anchor, elapsed))
 
     def _count_all(self, here: Beginning, anchor: Beginning, elapsed: float) -> tuple[int, int]:
         """Revolutions and packets that are missing since the anchor, where nothing else tells what passed."""
@@ -259,7 +247,7 @@ class RevolutionClock:
                 return 0, 0
             unseen = int(late + NOISE)
         lost = round(unseen * last.revolution_packets)
-        if last.broken and (gap or last.packets < LEAST_SHARE * last.revolution_packets):
+        if last.broken and (gap or last.packets < NEARLY_ALL * last.revolution_packets):
             # Its angles do not tell all that is missing. Of two witnesses the lesser is told.
             by_clock = self._missing_by_clock(here, elapsed if unseen else min(elapsed, share * last.revolution_ns))
             if unseen:
@@ -289,13 +277,6 @@ class RevolutionClock:
         sure = self._missing_by_clock(here, elapsed * (1 - UNEVEN_SPEED))
         return (sure, self._missing_by_clock(here, elapsed) - sure) if sure > FEWEST_PACKETS else (0, 0)
 
-    def _between(self, here: Beginning, last: Beginning | None) -> float:
-        """What the revolution between two beginnings took by the time; NaN where that is not well known."""
-        if last is None or not last.revolution_ns or self.needs_speed:
-            return math.nan
-        elapsed, share = here.start_ns - last.start_ns, 1 + here.over - last.over
-        return _interval(elapsed, share, last.revolution_ns, gap=here.lost > 0 or last.lost > 0)
-
     def _correct_packet(self, here: Beginning) -> None:
         """Where only short packets came, take what an ordinary one took before."""
         if here.ordinary and here.packet_ns:
@@ -316,7 +297,7 @@ class RevolutionClock:
         enough = here.packets >= FEWEST_PACKETS and here.lost <= here.packets
         if here.revolution_ns and not here.broken and enough:
             if last is None:
-                confirmed = sure is None
+                confirmed = sure is None or 1 / ALIKE < here.revolution_ns / sure.revolution_ns < ALIKE
             else:
                 elapsed = (here.start_ns - last.start_ns) / here.revolution_ns
                 confirmed = abs(elapsed - (1 + here.over - last.over)) < NOISE
@@ -333,18 +314,3 @@ class RevolutionClock:
             here.borrowed = True
         elif here.broken or not enough:
             here.revolution_ns = 0.0
-
-
-def _interval(elapsed: float, share: float, ordinary_ns: float, *, gap: bool) -> float:
-    """What a revolution took of which `share` lies between two beginnings; NaN where that is not well known.
-
-    Args:
-        elapsed: Nanoseconds from one beginning to the other.
-        share: The part of the revolution that this was.
-        ordinary_ns: What one takes by the angles.
-        gap: Whether packets are missing in it or beside it.
-    """
-    if elapsed <= 0 or share < LEAST_SHARE or abs(elapsed / ordinary_ns - share) >= NOISE:
-        return math.nan
-    took = elapsed / share
-    return math.nan if gap and abs(took / ordinary_ns - 1) >= AGREEMENT else took

@@ -13,7 +13,7 @@ from lidario.wire.blocks import Block, some_blocks
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK, StreamFormat
 
-__all__ = ["BROKEN_SHARE", "UNEVEN", "EndedRevolution", "is_complete", "packet_time", "share_before"]
+__all__ = ["BROKEN_SHARE", "UNEVEN", "EndedRevolution", "packet_time", "share_before"]
 
 
 BROKEN_SHARE: Final = 0.9
@@ -36,8 +36,6 @@ _FIRST_SHARE: Final = 0.01
 beginning was lost."""
 _BEFORE_SEAM: Final = 1 / 12
 """Part of 360 degrees by which a heading may tremble back behind the seam."""
-_WHOLE: Final = 0.99
-"""Share of a revolution that samples without a gap must be, for their time to tell the speed."""
 
 
 # Not frozen: with so many fields that would cost as much as a call of numpy, once a revolution.
@@ -58,6 +56,7 @@ class EndedRevolution:
         elapsed_ns: Time from then to the arrival of its last packet.
         sample_ns: Nanoseconds a sample.
         spanned_ns: Time that its samples take, and those that are known to be missing.
+        revolution_ns: What a whole one takes; NaN or 0 unless the times of others confirm it.
         told: Whether the device says how long a sample takes. If not, it is measured: `spanned_ns` proves nothing.
     """
 
@@ -72,6 +71,7 @@ class EndedRevolution:
     elapsed_ns: int = 0
     sample_ns: float = 0.0
     spanned_ns: float = 0.0
+    revolution_ns: float = math.nan
     told: bool = True
 
     @property
@@ -174,11 +174,6 @@ def _samples_of(samples: Samples, lost: int, skipped: int) -> float:
     """How many samples so many `lost` packets held, of which `skipped` are missing by the angles."""
     # Damage spares short packets: the mean of those that came may be far below what a missing one held.
     return max(lost * samples.ends[-1] / len(samples.ends), skipped)
-
-
-def is_complete(spanned_ns: float, revolution_ns: float) -> bool:
-    """Whether samples without a known gap take as long as the step of their angle says that a revolution takes."""
-    return spanned_ns > _WHOLE * revolution_ns
 
 
 def packet_time(

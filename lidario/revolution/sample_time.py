@@ -64,20 +64,12 @@ class SampleTime:
         return self.ns or self.measured_ns
 
     def of(self, ended: EndedRevolution) -> float:
-        """While nothing is told or sure: as in most of the last revolutions.
-
-        A part of one does not tell, nor one that came with a single read.
-        """
-        if self.ns:
-            return self.ns
-        samples, partial = ended.samples, ended.partial
-        certain = samples is not None and samples.certain
+        """While nothing is told or sure: as in most of the last revolutions, or in this one, if it is the first."""
+        if self.known_ns:
+            return self.known_ns
+        certain = ended.samples is not None and ended.samples.certain
         missing = ended.missing_samples(gap_behind=False) if certain else 0.0
-        took_ns = ended.elapsed_ns / (ended.count + missing)
-        if certain and partial.whole and partial.read_ns:
-            self._latest.append(took_ns)
-            self.measured_ns = median(self._latest)
-        return self.measured_ns or took_ns
+        return ended.elapsed_ns / (ended.count + missing)
 
     def take_note(self) -> str:
         """What is to be told of it, once; mostly empty."""
@@ -103,14 +95,22 @@ class SampleTime:
             # They came together with the ones before.
             if self._reads:
                 passed_ns, before = self._reads.pop()
-                self._reads.append((passed_ns, before + samples))
+                self._take(passed_ns, before + samples)
         else:
             if self._last_ns - self._begin_ns >= WINDOW_NS and len(self._reads) >= FEWEST:
                 if self._is_told_by(self._reads):
                     return
                 self._begin_ns, self._reads = self._last_ns, []
-            self._reads.append((came_ns - self._last_ns, samples))
+            self._latest.append(0.0)
+            self._take(came_ns - self._last_ns, samples)
         self._last_ns = came_ns
+
+    def _take(self, passed_ns: int, samples: int) -> None:
+        """So many samples came, that long behind those before."""
+        self._reads.append((passed_ns, samples))
+        self._latest[-1] = passed_ns / samples
+        if not self.ns:
+            self.measured_ns = median(self._latest)
 
     def _is_told_by(self, reads: Sequence[tuple[int, int]]) -> bool:
         """Whether this window makes it sure; then what led to it is forgotten."""

@@ -18,7 +18,7 @@ from typing import NamedTuple
 from lidario.families.base import SteadySamples, Stream
 from lidario.revolution.build import DatedRevolution, turned_by
 from lidario.revolution.clock import NOISE, Beginning, RevolutionClock
-from lidario.revolution.ended import BROKEN_SHARE, UNEVEN, is_complete
+from lidario.revolution.ended import BROKEN_SHARE, UNEVEN
 from lidario.revolution.partial import PartialRevolution, SampleArrays
 from lidario.revolution.seam import Split
 from lidario.revolution.timing import earliest_ns
@@ -106,12 +106,10 @@ def decode_block(
     late_ns = [each * byte_ns for each in _packet_bytes(packets, ends, vary=byte_ns > 0)]
     stops = [room + samples.ends[end - 1] for end in ends]
     starts, arrived = _dated((room, partial.carried_ns), there, bounds, stops, stream.sample_ns, late_ns)
-    intervals = _intervals(stream.sample_ns, samples, bounds, starts, arrived, clock, last_spanned_ns)
-    if intervals is None:
+    turns = _turns(stream.sample_ns, samples, bounds, starts, arrived, clock, last_spanned_ns)
+    if turns is None:
         return None
-    return _block(
-        stream, partial, samples, bounds, starts, intervals, arrived[-1], ends, last - first, splits[-1].seam
-    )
+    return _block(stream, partial, samples, bounds, starts, turns, arrived[-1], ends, last - first, splits[-1].seam)
 
 
 def _reads(partial: PartialRevolution, event: Packets, first: int, last: int) -> list[Arrival]:
@@ -171,7 +169,7 @@ def _dated(
     return starts, arrived
 
 
-def _intervals(
+def _turns(
     sample_ns: float,
     samples: SteadySamples,
     bounds: Sequence[int],
@@ -180,7 +178,7 @@ def _intervals(
     clock: RevolutionClock,
     last_spanned_ns: float,
 ) -> list[float] | None:
-    """The time from the beginning of each revolution to the next.
+    """What each revolution took, by its angles.
 
     None where one came late, or took more or less time than its angles tell. `Assembler` decides about those.
     """
@@ -195,10 +193,7 @@ def _intervals(
         ):
             return None
         ordinary_ns = spanned_ns
-    intervals = clock.intervals(starts, turns)
-    if intervals is not None and math.isnan(intervals[0]) and is_complete(spanned[0], turns[0]):
-        intervals[0] = spanned[0]
-    return intervals
+    return turns if clock.is_followed(starts, turns) else None
 
 
 def _joined(
@@ -224,7 +219,7 @@ def _block(
     samples: SteadySamples,
     bounds: Sequence[int],
     starts: Sequence[int],
-    intervals: Sequence[float],
+    turns: Sequence[float],
     last_ns: int,
     ends: Sequence[int],
     used: int,
@@ -240,18 +235,15 @@ def _block(
     turned = SampleArrays(turned_by(here.angle, stream.zero_offset_deg), here.distance, here.intensity)
     reported = samples.reported_rpm or [math.nan] * len(starts)
     revolutions = [
-        DatedRevolution(turned.part(begin, end), start_ns, (end - begin) * stream.sample_ns, interval_ns, rpm)
-        for (begin, end), start_ns, interval_ns, rpm in zip(
-            pairwise(bounds), starts, intervals, reported, strict=True
-        )
+        DatedRevolution(turned.part(begin, end), start_ns, (end - begin) * stream.sample_ns, turn_ns, rpm)
+        for (begin, end), start_ns, turn_ns, rpm in zip(pairwise(bounds), starts, turns, reported, strict=True)
     ]
-    turn_ns = samples.revolution_samples[-1] * stream.sample_ns
     beginning = Beginning(
         starts[-1],
         over=0.0,
-        revolution_ns=turn_ns,
+        revolution_ns=turns[-1],
         revolution_packets=samples.revolution_packets[-1],
-        packet_ns=turn_ns / samples.revolution_packets[-1],
+        packet_ns=turns[-1] / samples.revolution_packets[-1],
         packets=ends[-1] - (ends[-2] if len(ends) > 1 else 0),
         lost=0,
         broken=False,

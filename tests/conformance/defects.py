@@ -201,7 +201,7 @@ DEFECTS: Final[dict[str, tuple[Callable[[], Any], str, set[str]]]] = {
     "sees a part of the circle": (
         lambda: turning(s2(), narrow),
         "circle-is-whole",
-        {"packets-are-whole", "rotor-is-steady", "speed-is-reached"},
+        {"packets-are-whole", "speed-is-reached"},
     ),
     "sees nothing": (
         lambda: lidario.simulate("rplidar-s2", spin_up=0, world="empty"),

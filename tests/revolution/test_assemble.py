@@ -3,6 +3,7 @@
 Most tests use packets whose samples are numbered (`tests.support.numbered`).
 """
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -105,7 +106,8 @@ def test_lost_packets_are_counted_in_their_turn(lost: tuple[int, ...]) -> None:
         assert scan.duration_ns == pytest.approx(960 * SAMPLE_NS)
         first = round(float(scan.device_distances[0])) - 1
         assert abs(scan.stamp_ns - first * SAMPLE_NS) <= 1
-        assert scan.rpm == pytest.approx(2000, rel=1e-3)
+        # Of four packets of 24 no speed is believed.
+        assert scan.rpm == pytest.approx(2000 if scan.lost_packets < 20 else math.nan, nan_ok=True)
 
 
 def test_what_is_missing_in_the_revolution_in_the_making_is_told_when_the_stream_ends() -> None:

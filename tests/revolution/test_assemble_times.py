@@ -1,5 +1,7 @@
 """From packets to revolutions: what stamps and speeds rest on, and that late bytes cost nothing."""
 
+from random import Random
+
 import numpy as np
 import pytest
 
@@ -62,13 +64,20 @@ def test_gaps_in_a_read_do_not_delay_the_stamps(run: int) -> None:
 
 
 @pytest.mark.parametrize("hertz", [5.0, 10.0, 13.7])
-def test_rpm_is_measured_from_turn_to_turn(hertz: float) -> None:
-    arc = TURN * hertz * 40 * SAMPLE_NS / 1e9
-    scans = assemble(numbered(round(5 * TURN / arc), arc))
+@pytest.mark.parametrize("seed", range(3))
+def test_rpm_is_that_of_the_rotor_however_late_reads_are(hertz: float, seed: int) -> None:
+    random, arc = Random(seed), TURN * hertz * 40 * SAMPLE_NS / 1e9
+    packets = numbered(round(5 * TURN / arc), arc)
+    assembler, scans, begin, now = Assembler(stream_of(DENSE, sample_ns=float(SAMPLE_NS)), BAUD), list[Scan](), 0, 0
+    while begin < len(packets):
+        end = min(begin + random.randint(1, 30), len(packets))
+        now = max(now, round(on_time(end - 1)) + random.randint(0, round(0.2e9 / hertz)))
+        scans += assembler.add(arrived(b"".join(packets[begin:end]), end - begin, now))
+        begin = end
     assert len(scans) >= 3
     for scan in scans:
-        # A turn begins with a sample: it is off by one of them at most.
-        assert scan.rpm == pytest.approx(60 * hertz, rel=2.5 * hertz * SAMPLE_NS / 1e9)
+        assert scan.rpm == pytest.approx(60 * hertz, rel=1e-3)
+        # It begins with a sample: it is off by one of them at most.
         assert scan.duration_ns == pytest.approx(1e9 / hertz, rel=0.002)
 
 

@@ -238,14 +238,6 @@ def test_backward_too() -> None:
     assert [clock.follow(numbered(n, n - 10)).unseen for n in (11, 12)] == [0, 9]
 
 
-def test_a_speed_that_is_not_that_of_the_angles_is_unknown_behind_losses() -> None:
-    """What stood before a gap may be dated by a read behind it."""
-    for lost, known in ((0, True), (3, False)):
-        speeds = [passed.revolution_ns for passed in told(beginning(start, lost) for start in (0, 1, 2, 3.05))]
-        assert speeds[1:3] == [100 * MS, 100 * MS]
-        assert math.isnan(speeds[3]) is not known
-
-
 @pytest.mark.parametrize(("lost", "revolution_ns"), [(39, 100.0 * MS), (40, 100.0 * MS), (41, 0.0)])
 def test_the_first_speed_is_known_where_half_of_the_packets_came(lost: int, revolution_ns: float) -> None:
     first = beginning(0, lost)
@@ -256,11 +248,7 @@ def test_the_first_speed_is_known_where_half_of_the_packets_came(lost: int, revo
 def test_what_is_over_of_a_revolution_counts() -> None:
     """Its beginning was lost: it begins later, but is the next one all the same."""
     found = told([beginning(0), beginning(1.8, over=0.8), beginning(2.02), beginning(3.02)])
-    assert found[1] == (0, 0, 100.0 * MS)
-    # Only a fifth lies between them: a stamp that is late by 2 ms would be taken for 10 ms.
-    assert (found[2].unseen, found[2].lost) == (0, 0)
-    assert math.isnan(found[2].revolution_ns)
-    assert found[3].revolution_ns == pytest.approx(100 * MS)
+    assert found == [(0, 0)] * 4
 
 
 @pytest.mark.parametrize("share", ["1%", "2%", "5%"])
