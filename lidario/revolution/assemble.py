@@ -312,7 +312,8 @@ class Assembler:
         if samples is not None:
             ended.spanned_ns += ended.missing_samples(gap_behind=self.partial.carried is None) * ended.sample_ns
             ordinary_ns = self._last_spanned_ns or ended.spanned_ns
-        broken = ended.is_broken(ordinary_ns)
+        # What a program reads late it reads together: of an outage meanwhile only a gap in it tells where it was.
+        broken = ended.is_broken(ordinary_ns) or (ended.lost > 0 and self._clock.is_late)
         if partial.whole and self._told_seq is None and self._ended_at is not None:
             least_ns = ended.least_ns(wire, self._clock.usual_ns)
             # Angles hide whole revolutions; so it counts when the packet behind it came.

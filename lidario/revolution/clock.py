@@ -136,13 +136,18 @@ class RevolutionClock:
         return self._sure is None or self._sure.borrowed
 
     @property
+    def is_late(self) -> bool:
+        """Whether beginnings are late by whole revolutions, of which nobody knows yet where they are missing."""
+        return self._late_ns is not None
+
+    @property
     def last(self) -> Beginning | None:
         """The revolution before; None while the next one is not simply one more.
 
         So it is where nothing is known of it, where the stamps are late at the moment, and where the next one
         has to tell the speed, or how many passed since the anchor.
         """
-        return None if self._late_ns is not None or self._is_open or self.needs_speed else self._last
+        return None if self.is_late or self._is_open or self.needs_speed else self._last
 
     def learn_speed(self, packets: Iterable[tuple[float, int]]) -> None:
         """Packets came: where each begins, in revolutions, and when it came."""

@@ -142,6 +142,24 @@ def test_a_late_first_arrival_bends_no_speed(name: str, share: float, together: 
     assert all(scan.rpm == pytest.approx(60 * hertz(name), rel=0.03) for scan in scans)
 
 
+@every_kind
+def test_an_outage_that_is_read_late_leaves_no_scan_of_two_revolutions(name: str) -> None:
+    """A blocked program finds what the buffer kept from before it and what came behind it, with one time."""
+    packets, kind = packets_of(name), STEADY[name]
+    each = len(packets) / 2.5 / hertz(name)
+    blocked, lost, back, free = (round(turns * each) for turns in (3.5, 6.4, 11.6, 13.7))
+    assembler, wire, scans = Assembler(kind.stream()), kind.make_format(), list[Scan]()
+    for packet, at_ns in packets[:blocked]:
+        scans += assembler.add(in_one_run(wire, packet, at_ns))
+    kept = b"".join(packet for packet, _ in [*packets[blocked:lost], *packets[back:free]])
+    scans += assembler.add(in_one_run(wire, kept, packets[free - 1][1]))
+    for packet, at_ns in packets[free:]:
+        scans += assembler.add(in_one_run(wire, packet, at_ns))
+    assert assembler.stats.lost_packets == pytest.approx(back - lost, abs=3 + 0.01 * (back - lost))
+    assert all(not scan.lost_packets for scan in scans)
+    assert scans[-1].seq + 1 == len(clean_scans(name))
+
+
 def beginning(start: float, lost: int = 0, over: float = 0.0) -> Beginning:
     """The next revolution begins, `start` revolutions after the stream; in its packets are such figures."""
     return Beginning(round(start * 100 * MS), over, 100.0 * MS, 80.0, 1.25 * MS, 80 - lost, lost, broken=False)
