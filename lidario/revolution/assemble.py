@@ -28,6 +28,7 @@ from lidario.revolution.timing import byte_ns_at, first_sample_ns
 from lidario.scan import Scan
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
+from lidario.wire.formats import Headings
 
 __all__ = ["Assembler", "AssemblerStats"]
 
@@ -96,13 +97,13 @@ class Assembler:
                 splits = self._seam.splits(headings)
                 left -= packets.count
                 if splits:
-                    yield from self._ends_at(packets, splits)
+                    yield from self._ends_at(packets, headings, splits)
                 else:
-                    self._keep(packets)
+                    self._keep(packets, headings)
         finally:
             self.stats.discarded_packets += left
 
-    def _ends_at(self, event: Packets, splits: Sequence[Split]) -> Iterator[list[Scan]]:
+    def _ends_at(self, event: Packets, headings: Headings, splits: Sequence[Split]) -> Iterator[list[Scan]]:
         kept = 0
         try:
             offsets = packet_offsets(event.blocks)
@@ -121,20 +122,21 @@ class Assembler:
                     # Something is not as it should be, somewhere. Behind it all may be well again.
                     left, alone = alone, 2 * alone
                 for split in splits[done : done + left]:
-                    scan = self._end_at(event, split, kept, offsets)
+                    if split.packet > kept:
+                        self._keep(self._part(event, kept, split.packet, offsets), headings[kept : split.packet])
+                    scan = self._end_at(event, split, offsets)
                     kept = split.packet
                     yield [] if scan is None else [scan]
                 done += left
-            rest, kept = self._part(event, kept, event.count, offsets) if kept else event, event.count
-            self._keep(rest)
+            rest = self._part(event, kept, event.count, offsets) if kept else event
+            headings, kept = headings[kept:], event.count
+            self._keep(rest, headings)
         finally:
             self.stats.discarded_packets += event.count - kept
 
-    def _end_at(self, event: Packets, split: Split, begin: int, offsets: Sequence[int]) -> Scan | None:
-        """Keep the packets of an event from number `begin` up to a split, and end the revolution there."""
+    def _end_at(self, event: Packets, split: Split, offsets: Sequence[int]) -> Scan | None:
+        """End the revolution at a split; the packets of the event before it are kept already."""
         number = split.packet
-        if number > begin:
-            self._keep(self._part(event, begin, number, offsets))
         held, now = self.stats.unfinished_packets, self.incoming.read_at(event, number)
         self.partial.ended_ns = now
         self._ended_at = event, number, number + 1
@@ -203,7 +205,7 @@ class Assembler:
     def _part(self, packets: Packets, begin: int, end: int, offsets: Sequence[int] | None = None) -> Packets:
         return part_of(packets, begin, end, offsets, self._stream.format, self.incoming.time.known_ns)
 
-    def _keep(self, packets: Packets) -> None:
+    def _keep(self, packets: Packets, headings: Headings) -> None:  # noqa: ARG002 - for those who divide it
         partial = self.partial
         partial.runs.append(packets)
         partial.size += len(packets.data)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Final
 
@@ -27,7 +27,6 @@ __all__ = [
     "away_of",
     "ends_of",
     "join_pieces",
-    "reach",
     "sum_of",
 ]
 
@@ -55,13 +54,13 @@ class OpenSector:
         index: Which one.
         begin: Samples of the revolution before it.
         lost: Packets of the revolution that were lost before it.
-        pieces: Its samples so far.
+        first: Number of the first of its pieces.
     """
 
     index: int = 0
     begin: int = 0
     lost: int = 0
-    pieces: list[SampleArrays] = field(default_factory=list)
+    first: int = 0
 
 
 class DividedRevolution:
@@ -77,13 +76,13 @@ class DividedRevolution:
         waiting: Packets that were not decoded.
         waiting_at: How far behind the seam the last of them begins.
         rest: Samples that were decoded and belong to no sector yet.
-        decoded: What each piece was decoded to.
-        arrays: All samples: those that were carried over, and those of each piece.
+        decoded: What was decoded so far.
+        pieces: The samples before `rest`, those that were carried over first, divided where a sector ends.
         passed: How far behind the seam the headings have come.
         last: How far behind the seam the last packet that was decoded begins.
         last_samples: Its samples.
         last_arc: How far the rotor turned during it.
-        given: Samples in sectors.
+        given: Samples in these pieces.
         lost: Packets known to be missing so far.
         gaps: Where samples are missing so far: how many came before, and how many are missing there.
         lost_behind: Those that are missing behind the last packet that was decoded, and belong to no sector yet.
@@ -110,7 +109,7 @@ class DividedRevolution:
         self.waiting_at: int = 0
         self.rest: SampleArrays | None = partial.carried
         self.decoded: list[Samples] = []
-        self.arrays: list[SampleArrays] = [] if partial.carried is None else [partial.carried]
+        self.pieces: list[SampleArrays] = []
         self.passed: int = 0
         self.last: int = 0
         self.samples: int = 0 if partial.carried is None else len(partial.carried)
@@ -171,11 +170,10 @@ class DividedRevolution:
         """
         arrays = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
         if samples.gaps:
-            earlier = sum(map(len, self.arrays))
+            earlier = self.given + (0 if self.rest is None else len(self.rest))
             self.gaps += [(earlier + before, skipped) for before, skipped in samples.gaps]
         if self.rest is not None:
             arrays.begin_with(self.rest)
-        self.arrays.append(arrays.part(len(self.rest)) if self.rest else arrays)
         self.rest = arrays
         self.decoded.append(samples)
         self.waiting.clear()
@@ -189,7 +187,7 @@ class DividedRevolution:
             self.last_arc = self.last_samples * full_turn / samples.revolution_samples
 
     def give(self, upto: int) -> None:
-        """Add so many samples of the rest to every sector in the making."""
+        """Divide the rest: so many samples of it belong to every sector in the making."""
         if self.rest is None:
             return
         piece, self.rest = self.rest.part(0, upto), self.rest.part(upto)
@@ -198,26 +196,13 @@ class DividedRevolution:
             # What is missing behind the last packet belongs to the sector that ends with it.
             self.lost, self.lost_behind = self.lost + self.lost_behind, 0
         if upto:
-            for sector in self.open.values():
-                sector.pieces.append(piece)
+            self.pieces.append(piece)
 
 
 def away_of(headings: Headings, began: int, full_turn: int) -> list[int]:
     """How far behind the beginning of the revolution each heading is."""
     plain = headings.tolist() if isinstance(headings, np.ndarray) else headings
     return [((heading & HEADING_MASK) - began) % full_turn for heading in plain]
-
-
-def reach(here: DividedRevolution, away: Sequence[int], at: int, end: int, full_turn: int) -> int:
-    """The first packet from number `at` on that begins behind `end`; how many there are where none does."""
-    most = full_turn - full_turn // RETREAT_PART
-    for number in range(at, len(away)):
-        # A reading that trembles back over the seam seems to be almost a revolution ahead.
-        if away[number] > here.passed and away[number] - here.passed <= most:
-            here.passed = away[number]
-        if here.passed >= end:
-            return number
-    return len(away)
 
 
 def join_pieces(pieces: Sequence[SampleArrays]) -> SampleArrays:

@@ -35,7 +35,6 @@ from lidario.revolution.divided import (
     away_of,
     ends_of,
     join_pieces,
-    reach,
     sum_of,
 )
 from lidario.revolution.ended import share_before
@@ -47,7 +46,7 @@ from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.wire.blocks import Block, packet_offsets
 from lidario.wire.events import Packets
-from lidario.wire.formats import BEGINS, HEADING_MASK
+from lidario.wire.formats import BEGINS, HEADING_MASK, Headings
 
 __all__ = ["MOST_PARTS", "SectorAssembler"]
 
@@ -111,21 +110,20 @@ class SectorAssembler(Assembler):
 
     # ------------------------------------------------------------------------------------------------ packets come
 
-    def _keep(self, packets: Packets) -> None:
-        super()._keep(packets)
+    def _keep(self, packets: Packets, headings: Headings) -> None:
+        super()._keep(packets, headings)
         if self._divided is None or self._divided.partial is not self.partial:
-            self._divided = self._begin(packets)
+            self._divided = self._begin(int(headings[0]))
         if self._divided is not None:
-            self._follow(self._divided, packets)
+            self._follow(self._divided, packets, headings)
 
-    def _begin(self, packets: Packets) -> DividedRevolution | None:
-        """A revolution may begin with these packets; None where it does not, or is not to be divided."""
+    def _begin(self, first: int) -> DividedRevolution | None:
+        """A revolution may begin with the packet of that heading; None where none does, or it is not divided."""
         partial, wire = self.partial, self._stream.format
         # Where the angles are not certain, samples that were carried over may still be dropped.
         sure = partial.whole and not partial.moved and not partial.carried_packets and len(partial.runs) == 1
         if not self._parts or not sure or partial.seam is None or not self._sample_time_ns:
             return None
-        first = int(wire.headings(packets)[0])
         began = first & HEADING_MASK if first & BEGINS else partial.seam
         here = DividedRevolution(partial, began, self._stream.decoder.fork(), self._stream.zero_offset_deg)
         here.ends = ends_of(wire.full_turn, self._parts)
@@ -140,30 +138,29 @@ class SectorAssembler(Assembler):
                 here.last_arc = 0.0
         return here
 
-    def _follow(self, here: DividedRevolution, packets: Packets) -> None:
+    def _follow(self, here: DividedRevolution, packets: Packets, headings: Headings) -> None:
         """Decode what these packets complete, and hand it out."""
         wire = self._stream.format
         here.date(packets, wire, self._sample_time_ns)
         full, ends = wire.full_turn, here.ends
-        away = away_of(wire.headings(packets), here.began, full)
+        most = full - full // RETREAT_PART
+        away = away_of(headings, here.began, full)
         offsets = packet_offsets(packets.blocks)
-        begin = at = 0
-        while here.at < len(ends):
-            at = reach(here, away, at, ends[here.at][0], full)
-            if at == len(away):
-                break
-            if at > begin:
-                here.wait(self._part(packets, begin, at, offsets), away[at - 1])
-                begin = at
+        begin = 0
+        for number, angle in enumerate(away):
+            # A reading that trembles back over the seam seems to be almost a revolution ahead.
+            if 0 < angle - here.passed <= most:
+                here.passed = angle
+            if here.at == len(ends) or here.passed < ends[here.at][0]:
+                continue
+            if number > begin:
+                here.wait(self._part(packets, begin, number, offsets), away[number - 1])
+                begin = number
             if here.waiting:
-                following = packets.data[offsets[at] : offsets[at + 1]]
-                self._take(here, following, here.passed)
+                self._take(here, packets.data[offsets[number] : offsets[number + 1]], here.passed)
             while here.at < len(ends) and ends[here.at][0] <= here.passed:
                 self._pass_end(here)
-        else:
-            reach(here, away, at, full, full)
-        if begin < len(away):
-            here.wait(self._part(packets, begin, len(away), offsets) if begin else packets, away[-1])
+        here.wait(self._part(packets, begin, len(away), offsets) if begin else packets, away[-1])
 
     def _take(
         self, here: DividedRevolution, following: bytes | None, next_at: int, seam: int | None = None
@@ -190,12 +187,13 @@ class SectorAssembler(Assembler):
     def _finish(self, here: DividedRevolution, count: int) -> None:
         """A sector is complete: publish it, unless no sample of it came."""
         done = here.open[count]
-        if not done.pieces:
+        pieces = here.pieces[done.first :]
+        if not pieces:
             # What is missing is told with the next one, whose index says that this one did not come.
-            here.open[count] = OpenSector(done.index + 1, done.begin, done.lost)
+            here.open[count] = OpenSector(done.index + 1, done.begin, done.lost, done.first)
             return
-        here.open[count] = OpenSector(done.index + 1, here.given, here.lost)
-        arrays = done.pieces[0] if len(done.pieces) == 1 else join_pieces(done.pieces)
+        here.open[count] = OpenSector(done.index + 1, here.given, here.lost, len(here.pieces))
+        arrays = pieces[0] if len(pieces) == 1 else join_pieces(pieces)
         sample_ns = self._sample_time_ns
         start_ns = self._start_ns(here, sample_ns)
         if here.seq is None:
@@ -327,8 +325,10 @@ class SectorAssembler(Assembler):
         self, here: DividedRevolution, packets: Packets, following: bytes | None, room: int, seam: int | None
     ) -> Samples:
         """What the whole revolution was decoded to: the samples of its pieces, and what they tell together."""
-        pieces = here.decoded
-        arrays = here.arrays[0] if len(here.arrays) == 1 else join_pieces(here.arrays)
+        pieces, arrays = here.decoded, here.rest
+        assert arrays is not None
+        if here.pieces:
+            arrays = join_pieces([*here.pieces, arrays])
         fresh = sum(piece.ends[-1] for piece in pieces[:-1])
         before_seam = fresh + pieces[-1].before_seam
         if any(piece.lost or not piece.certain for piece in pieces):
