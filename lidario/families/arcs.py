@@ -213,7 +213,6 @@ def in_turn(angles: Floats, full_turn: int, *, back: bool) -> None:
         np.floor(turns, out=turns)
         turns *= full_turn
         angles -= turns
-        if np.maximum.reduce(angles, axis=None) < full_turn:
-            return
-        # A tiny negative angle plus 360 degrees does round up.
-    np.subtract(angles, full_turn, out=angles, where=angles >= full_turn)
+    # Behind that, a tiny negative angle plus 360 degrees does round up.
+    if np.maximum.reduce(angles, axis=None) >= full_turn:
+        np.subtract(angles, full_turn, out=angles, where=angles >= full_turn)
