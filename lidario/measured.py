@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 from lidario.arguments import callable_of, shown
 from lidario.errors import InvalidValue
 from lidario.rotor import Gaps
-from lidario.samples import is_between, metres_of, nearest_return, radians_of, read_only
+from lidario.samples import (
+    is_between,
+    metres_at,
+    metres_of,
+    nearest_return,
+    radians_at,
+    radians_of,
+    read_only,
+)
 
 __all__ = ["MeasuredSamples", "Return", "changed", "later", "with_distances", "with_dropped", "with_gaps"]
 
@@ -143,10 +151,9 @@ class MeasuredSamples:
 
     def _return(self, index: int) -> Return:
         # The arrays of all samples are not made for one of them.
-        here = slice(index, index + 1)
-        ranges = metres_of(self.device_distances[here]) if self._ranges is None else self._ranges[here]
-        angles = radians_of(self.device_angles[here]) if self._angles is None else self._angles[here]
-        return Return(float(ranges[0]), float(angles[0]), index)
+        return Return(
+            metres_at(self.device_distances.item(index)), radians_at(self.device_angles.item(index)), index
+        )
 
     def _in_time_order(self) -> Self:
         return self

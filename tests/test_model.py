@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from lidario.errors import InvalidValue
 from lidario.model import DeviceInfo, Health, HealthStatus, NetworkAddress, SampleRate, ScanMode, Stats
@@ -185,6 +187,14 @@ class TestNearest:
         found = FOUR.nearest(between)
         assert found is not None
         assert found.index == index
+
+    @given(st.floats(0, 360, width=32, exclude_max=True), st.floats(0.125, 70_000, width=32))
+    def test_is_what_the_arrays_say_to_the_last_bit(self, angle: float, distance: float) -> None:
+        arrays = [np.array([each], np.float32) for each in (angle, distance)]
+        made = replace(FOUR, device_angles=arrays[0], device_distances=arrays[1])
+        found = made.nearest()
+        assert found is not None
+        assert (found.range, found.angle) == (float(made.ranges[0]), float(made.angles[0]))
 
     def test_where_nothing_came_back(self) -> None:
         assert FOUR.nearest((math.radians(150), math.radians(-150))) is None

@@ -25,7 +25,7 @@ from typing import Final
 from lidario.families.base import Samples
 from lidario.measured import with_gaps
 from lidario.revolution.assemble import Assembler
-from lidario.revolution.build import turned_by
+from lidario.revolution.build import turned_by, unfrozen
 from lidario.revolution.clock import NOISE, Beginning
 from lidario.revolution.divided import (
     RETREAT_PART,
@@ -52,6 +52,7 @@ __all__ = ["MOST_PARTS", "SectorAssembler"]
 
 MOST_PARTS: Final = 72
 """Sectors of 5 degrees: the narrowest packet of any format is not much narrower."""
+_OpenSector: Final = unfrozen(Sector)
 
 
 class SectorAssembler(Assembler):
@@ -203,7 +204,7 @@ class SectorAssembler(Assembler):
         gaps = [(at - done.begin, skipped) for at, skipped in here.gaps if done.begin < at < here.given]
         stamp_ns = start_ns + round((done.begin + before) * sample_ns)
         mode = self._stream.mode
-        sector = Sector(
+        sector = _OpenSector(
             device_angles=read_only(turned_by(arrays.angle, here.offset_deg)),
             device_distances=read_only(arrays.distance),
             intensities=None if arrays.intensity is None else read_only(arrays.intensity),
@@ -221,6 +222,7 @@ class SectorAssembler(Assembler):
             max_range=mode.max_distance,
             field_of_view=self._stream.format.field_deg,
         )
+        sector.__class__ = Sector
         self._publish_sector(count, with_gaps(sector, gaps) if lost else sector)
 
     @property
