@@ -155,11 +155,6 @@ class DividedRevolution:
         self.bytes += len(packets.data)
         self.packets += packets.count
 
-    def wait(self, packets: Packets, at: int) -> None:
-        """Keep packets, of which the last one begins so far behind the seam, until a sector ends."""
-        self.waiting.append(packets)
-        self.waiting_at = at
-
     def take(self, samples: Samples, next_at: int, full_turn: int) -> None:
         """What waited was decoded to that, behind the samples that were left over before.
 

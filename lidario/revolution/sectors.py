@@ -155,13 +155,14 @@ class SectorAssembler(Assembler):
             if here.at == len(ends) or here.passed < ends[here.at][0]:
                 continue
             if number > begin:
-                here.wait(self._part(packets, begin, number, offsets), away[number - 1])
-                begin = number
+                here.waiting.append(self._part(packets, begin, number, offsets))
+                here.waiting_at, begin = away[number - 1], number
             if here.waiting:
                 self._take(here, packets.data[offsets[number] : offsets[number + 1]], here.passed)
             while here.at < len(ends) and ends[here.at][0] <= here.passed:
                 self._pass_end(here)
-        here.wait(self._part(packets, begin, len(away), offsets) if begin else packets, away[-1])
+        here.waiting.append(self._part(packets, begin, len(away), offsets) if begin else packets)
+        here.waiting_at = away[-1]
 
     def _take(
         self, here: DividedRevolution, following: bytes | None, next_at: int, seam: int | None = None
@@ -195,15 +196,20 @@ class SectorAssembler(Assembler):
             return
         here.open[count] = OpenSector(done.index + 1, here.given, here.lost, len(here.pieces))
         arrays = pieces[0] if len(pieces) == 1 else join_pieces(pieces)
-        sample_ns = self._sample_time_ns
-        start_ns = self._start_ns(here, sample_ns)
+        mode, wire, sample_ns = self._stream.mode, self._stream.format, self._sample_time_ns
+        # When the first sample of the revolution was measured, as far as the packets so far tell.
+        packet_bytes = here.bytes / here.packets if here.packets else wire.shortest
+        start_ns = earliest_ns([here.first_ns], sample_ns, packet_bytes * self._byte_ns)
         if here.seq is None:
             here.seq = self._number(here, start_ns)
         lost = here.lost - done.lost
-        before = sum([skipped for at, skipped in here.gaps if at <= done.begin])
-        gaps = [(at - done.begin, skipped) for at, skipped in here.gaps if done.begin < at < here.given]
-        stamp_ns = start_ns + round((done.begin + before) * sample_ns)
-        mode = self._stream.mode
+        before, gaps = done.begin, list[tuple[int, int]]()
+        for at, skipped in here.gaps:
+            if at <= done.begin:
+                before += skipped
+            elif at < here.given:
+                gaps.append((at - done.begin, skipped))
+        stamp_ns = start_ns + round(before * sample_ns)
         sector = _OpenSector(
             device_angles=read_only(turned_by(arrays.angle, here.offset_deg)),
             device_distances=read_only(arrays.distance),
@@ -220,7 +226,7 @@ class SectorAssembler(Assembler):
             lost_packets=lost,
             mode=mode.name,
             max_range=mode.max_distance,
-            field_of_view=self._stream.format.field_deg,
+            field_of_view=wire.field_deg,
         )
         sector.__class__ = Sector
         self._publish_sector(count, with_gaps(sector, gaps) if lost else sector)
@@ -228,11 +234,6 @@ class SectorAssembler(Assembler):
     @property
     def _sample_time_ns(self) -> float:
         return self._by_speed_ns or self.incoming.time.known_ns
-
-    def _start_ns(self, here: DividedRevolution, sample_ns: float) -> int:
-        """When the first sample was measured, as far as the packets so far tell."""
-        packet_bytes = here.bytes / here.packets if here.packets else self._stream.format.shortest
-        return earliest_ns([here.first_ns], sample_ns, packet_bytes * self._byte_ns)
 
     def _number(self, here: DividedRevolution, start_ns: int) -> int:
         """The number of the revolution; those that passed unseen before it are counted."""

@@ -48,7 +48,7 @@ class Capsules(NamedTuple):
     """
 
     words: Words
-    after: Words | None
+    after: bytes | None
 
 
 class CapsuleDecoder(ArcDecoder):
@@ -78,13 +78,12 @@ class CapsuleDecoder(ArcDecoder):
 
     def _heads(self, packets: Packets, following: bytes | None) -> Heads:
         words = np.frombuffer(packets.data, "<u2").reshape(-1, self.size // 2)
-        column = self.start_at // 2
-        starts = _in_range(words[:, column].astype(np.int32))
-        if following is None:
-            return Heads(starts, None, self.samples, None, Capsules(words, None))
-        after = np.frombuffer(following, "<u2")
-        behind = (int(after[column]) & ANGLE_MASK) % FULL_TURN_Q6
-        return Heads(starts, behind, self.samples, None, Capsules(words, after))
+        at = self.start_at
+        starts = _in_range(words[:, at // 2].astype(np.int32))
+        behind = None
+        if following is not None:
+            behind = ((following[at] | following[at + 1] << 8) & ANGLE_MASK) % FULL_TURN_Q6
+        return Heads(starts, behind, self.samples, None, Capsules(words, following))
 
     def _samples(
         self,
@@ -102,7 +101,7 @@ class CapsuleDecoder(ArcDecoder):
         np.matmul(each, self._steps, out=grid)
         intensity = self._payload(heads.read, arcs.skipped, distance[room:].reshape(-1, self.samples), grid)
         in_turn(grid, FULL_TURN_Q6 * self.samples, back=self.corrected)
-        angle[room:] /= self._units
+        grid /= self._units
         if intensity is not None and room:
             intensity = np.concatenate((np.empty(room, np.uint8), intensity))
         is_cut = arcs.skipped is not None and arcs.skipped[-1] > 0
@@ -160,7 +159,7 @@ class UltraDecoder(CapsuleDecoder):
         after = capsules.after
         # Behind the first four bytes of a capsule, each cabin has four.
         cabins = capsules.words.view("<u4")[:, 1:].astype(np.intp)
-        millimetres = ultra_cabins(cabins, None if after is None else int(after[2]), skipped)
+        millimetres = ultra_cabins(cabins, None if after is None else after[4] | after[5] << 8, skipped)
         distance[...] = millimetres
         angle -= self._corrections.take(millimetres)
 
