@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple, Self
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.arcs import ArcDecoder, Decoded
-from lidario.families.spans import Arcs, Heads, SteadyArcs, spans_between
+from lidario.families.spans import Arcs, Heads, Turning, spans_between
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings
 from lidario.wire.rows import RowFormat
@@ -40,8 +40,10 @@ FIRST: Final = 0xA0
 """The number of the first packet of a revolution, in the second byte; so it is in all known devices."""
 
 
-class SlotWheel:
-    """Judges packets of equal slots; obeys `Turning`. It remembers nothing.
+class SlotWheel(Turning):
+    """Judges packets of equal slots. It remembers nothing.
+
+    It tells no revolutions at once: what a sample takes differs from one to the next.
 
     Args:
         full_turn: 360 degrees in the unit of the headings.
@@ -53,12 +55,6 @@ class SlotWheel:
         self._slots = slots
         self._slot = full_turn // slots
 
-    def tell_time(self, sample_ns: float) -> None:
-        """As `Turning.tell_time`: it is not needed."""
-
-    def copy(self) -> Self:
-        return self
-
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:  # noqa: ARG002
         spans, _, greatest, _ = spans_between(heads, self._full_turn, 0)
         count = len(spans)
@@ -68,18 +64,6 @@ class SlotWheel:
             return Arcs(arcs, None, step, certain=True)
         missing = np.maximum(np.rint(spans / self._slot) - 1, 0) * heads.counts
         return Arcs(arcs, missing.astype(np.intp), step, certain=True)
-
-    def steady(
-        self,
-        heads: Heads,  # noqa: ARG002
-        ends: Sequence[int],  # noqa: ARG002
-        arrivals: Sequence[Arrival] = (),  # noqa: ARG002
-    ) -> SteadyArcs | None:
-        """As `Turning.steady`: None, since what a sample takes differs from revolution to revolution."""
-        return None
-
-    def settle(self, arcs: SteadyArcs, arrivals: Sequence[Arrival] = ()) -> None:
-        """As `Turning.settle`: nothing is remembered."""
 
 
 class Returns(NamedTuple):
