@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.arcs import ArcDecoder, Decoded
+from lidario.families.arcs import ArcDecoder, Output
 from lidario.families.spans import Arcs, Heads, Turning, spans_between
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings
@@ -95,15 +95,15 @@ class SlotDecoder(ArcDecoder):
         self._speeds = self._counts = np.empty(0)
 
     @abstractmethod
-    def _rpm(self, read: Any) -> NDArray[np.float64]:
-        """The speed that each packet tells, revolutions a minute, by `Heads.read`."""
+    def _rpm(self, heads: Heads) -> NDArray[np.float64]:
+        """The speed that each packet tells, revolutions a minute."""
 
     def _reported_rpm(self, heads: Heads, begin: int, end: int) -> float:
-        return float(self._rpm(heads.read[begin:end]).mean())
+        return float(self._rpm(heads)[begin:end].mean())
 
     def _sample_ns(self, heads: Heads) -> float:
         count = len(heads.first)
-        self._speeds = np.concatenate((self._speeds, self._rpm(heads.read)))[-max(count, self._slots) :]
+        self._speeds = np.concatenate((self._speeds, self._rpm(heads)))[-max(count, self._slots) :]
         self._counts = np.concatenate((self._counts, np.broadcast_to(heads.counts, count)))[-len(self._speeds) :]
         turn = float(self._speeds.mean()) * float(self._counts.mean()) * self._slots
         return 60e9 / turn if turn else 0.0
@@ -182,28 +182,16 @@ class DegreeDecoder(SlotDecoder):
     def _returns(self, rows: NDArray[Any]) -> Returns:
         """What came back."""
 
-    def _rpm(self, read: NDArray[Any]) -> NDArray[np.float64]:
-        return read["speed"] / np.float64(self._packet.an_rpm)
+    def _rpm(self, heads: Heads) -> NDArray[np.float64]:
+        speeds: NDArray[np.uint16] = heads.read["speed"]
+        return speeds / np.float64(self._packet.an_rpm)
 
     def _heads(self, packets: Packets, following: bytes | None) -> Heads:
         rows = np.frombuffer(packets.data, self._packet.layout)
         after = None if following is None else (following[1] - FIRST) * self._each
         return Heads((rows["number"].astype(np.int32) - FIRST) * self._each, after, self._each, None, rows)
 
-    def _samples(
-        self,
-        packets: Packets,  # noqa: ARG002
-        heads: Heads,
-        arcs: Arcs,  # noqa: ARG002
-        ends: Sequence[int],
-        room: int,
-    ) -> Decoded:
-        size, rows = room + ends[-1], (-1, self._each)
-        angle, distance = np.empty(size, np.float32), np.empty(size, np.float32)
-        intensity = np.empty(size, np.uint8)
-        returns = self._returns(heads.read)
-        distance[room:].reshape(rows)[...] = returns.distance
-        intensity[room:].reshape(rows)[...] = returns.strength
+    def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:  # noqa: ARG002
+        output.distance[...], output.intensity[...] = self._returns(heads.read)
         turned = heads.first[:, None] + np.arange(self._each)
-        angle[room:].reshape(rows)[...] = -turned % FULL_TURN if self._back else turned
-        return Decoded(angle, distance, intensity)
+        output.angle[...] = -turned % FULL_TURN if self._back else turned

@@ -7,13 +7,12 @@ angles of a whole stretch are one product of two small matrices. What is inside 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.arcs import ArcDecoder, Decoded, Floats, in_turn
+from lidario.families.arcs import ArcDecoder, Output, at_equal_steps, in_turn, starts_and_arcs
 from lidario.families.rplidar.cabins import (
     express_cabins,
     near_range_corrections,
@@ -35,7 +34,6 @@ from lidario.wire.events import Packets
 
 __all__ = ["CapsuleDecoder", "DenseDecoder", "ExpressDecoder", "UltraDecoder", "UltraDenseDecoder"]
 
-Bytes = NDArray[np.uint8]
 Words = NDArray[np.uint16]
 
 
@@ -54,9 +52,6 @@ class Capsules(NamedTuple):
 class CapsuleDecoder(ArcDecoder):
     """What the four capsule formats have in common: samples at equal steps from the start angle.
 
-    While it works, angles are counted in units of which a degree has 64 for each sample of a packet: whole
-    numbers, as long as no arc had to be guessed.
-
     Attributes:
         size: Bytes of one packet.
         start_at: Offset of the start angle.
@@ -72,9 +67,6 @@ class CapsuleDecoder(ArcDecoder):
     def __init__(self) -> None:
         super().__init__(FULL_TURN_Q6, Wheel(FULL_TURN_Q6, self.samples))
         self._units = 64.0 * self.samples
-        order = np.arange(self.samples, dtype=np.float32)
-        self._steps = np.stack((np.full_like(order, self.samples), order))
-        """What a start angle and an arc contribute to each sample of a packet."""
 
     def _heads(self, packets: Packets, following: bytes | None) -> Heads:
         words = np.frombuffer(packets.data, "<u2").reshape(-1, self.size // 2)
@@ -86,39 +78,22 @@ class CapsuleDecoder(ArcDecoder):
         behind = (int(after[column]) & ANGLE_MASK) % FULL_TURN_Q6
         return Heads(starts, behind, self.samples, None, Capsules(words, after))
 
-    def _samples(
-        self,
-        packets: Packets,  # noqa: ARG002
-        heads: Heads,
-        arcs: Arcs,
-        ends: Sequence[int],
-        room: int,
-    ) -> Decoded:
-        end = room + ends[-1]
-        angle, distance = np.empty(end, np.float32), np.empty(end, np.float32)
-        grid = angle[room:].reshape(-1, self.samples)
-        each = np.empty((len(heads.first), 2), np.float32)
-        each[:, 0], each[:, 1] = heads.first, arcs.arc
-        np.matmul(each, self._steps, out=grid)
-        intensity = self._payload(heads.read, arcs.skipped, distance[room:].reshape(-1, self.samples), grid)
-        in_turn(grid, FULL_TURN_Q6 * self.samples, back=self.corrected)
-        angle[room:] /= self._units
-        if intensity is not None and room:
-            intensity = np.concatenate((np.empty(room, np.uint8), intensity))
+    def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:
+        at_equal_steps(starts_and_arcs(heads.first, arcs.arc), self.samples, output.angle)
+        self._payload(heads.read, arcs.skipped, output)
+        in_turn(output.angle, FULL_TURN_Q6 * self.samples, back=self.corrected)
+        output.angle /= self._units
         is_cut = arcs.skipped is not None and arcs.skipped[-1] > 0
-        return Decoded(angle, distance, intensity, 0.0 if is_cut else float(distance[-1]))
+        output.last = 0.0 if is_cut else float(output.distance[-1, -1])
 
     @abstractmethod
-    def _payload(
-        self, capsules: Capsules, skipped: NDArray[np.intp] | None, distance: Floats, angle: Floats
-    ) -> Bytes | None:
-        """Write distances in mm, take corrections off the angles, both (packets, samples); return intensities.
+    def _payload(self, capsules: Capsules, skipped: NDArray[np.intp] | None, output: Output) -> None:
+        """Write distances and intensities, and take corrections off the angles.
 
         Args:
             capsules: The packets.
             skipped: Samples missing behind each, shape (packets,); None when none is.
-            distance: Where distances go.
-            angle: Where the angles stand.
+            output: Where distances go, and the angles stand.
         """
 
 
@@ -127,9 +102,10 @@ class DenseDecoder(CapsuleDecoder):
 
     size: ClassVar[int] = DenseFormat.shortest
     samples: ClassVar[int] = 40
+    has_intensity: bool = False
 
-    def _payload(self, capsules: Capsules, skipped: Any, distance: Floats, angle: Floats) -> None:  # noqa: ARG002
-        distance[...] = capsules.words[:, 2:]
+    def _payload(self, capsules: Capsules, skipped: Any, output: Output) -> None:  # noqa: ARG002
+        output.distance[...] = capsules.words[:, 2:]
 
 
 class ExpressDecoder(CapsuleDecoder):
@@ -137,12 +113,13 @@ class ExpressDecoder(CapsuleDecoder):
 
     size: ClassVar[int] = ExpressFormat.shortest
     samples: ClassVar[int] = 32
+    has_intensity: bool = False
     corrected: ClassVar[bool] = True
 
-    def _payload(self, capsules: Capsules, skipped: Any, distance: Floats, angle: Floats) -> None:  # noqa: ARG002
+    def _payload(self, capsules: Capsules, skipped: Any, output: Output) -> None:  # noqa: ARG002
         millimetres, eighths = express_cabins(np.ascontiguousarray(capsules.words[:, 2:]))
-        distance[...] = millimetres.reshape(distance.shape)
-        angle -= eighths.reshape(angle.shape) * np.float32(self._units / 8)
+        output.distance[...] = millimetres.reshape(output.distance.shape)
+        output.angle -= eighths.reshape(output.angle.shape) * np.float32(self._units / 8)
 
 
 class UltraDecoder(CapsuleDecoder):
@@ -150,19 +127,20 @@ class UltraDecoder(CapsuleDecoder):
 
     size: ClassVar[int] = UltraFormat.shortest
     samples: ClassVar[int] = 96
+    has_intensity: bool = False
     corrected: ClassVar[bool] = True
 
     def __init__(self) -> None:
         super().__init__()
         self._corrections = near_range_corrections(self._units)
 
-    def _payload(self, capsules: Capsules, skipped: Any, distance: Floats, angle: Floats) -> None:
+    def _payload(self, capsules: Capsules, skipped: Any, output: Output) -> None:
         after = capsules.after
         # Behind the first four bytes of a capsule, each cabin has four.
         cabins = capsules.words.view("<u4")[:, 1:].astype(np.intp)
         millimetres = ultra_cabins(cabins, None if after is None else int(after[2]), skipped)
-        distance[...] = millimetres
-        angle -= self._corrections.take(millimetres)
+        output.distance[...] = millimetres
+        output.angle -= self._corrections.take(millimetres)
 
 
 class UltraDenseDecoder(CapsuleDecoder):
@@ -176,13 +154,13 @@ class UltraDenseDecoder(CapsuleDecoder):
         super().__init__()
         self._last_q2 = 0
 
-    def _payload(self, capsules: Capsules, skipped: Any, distance: Floats, angle: Floats) -> Bytes:  # noqa: ARG002
+    def _payload(self, capsules: Capsules, skipped: Any, output: Output) -> None:
         distance_q2, intensity = ultra_dense_cabins(
             np.ascontiguousarray(capsules.words[:, 5:]), self._last_q2, skipped
         )
-        distance[...] = distance_q2.reshape(distance.shape)
-        distance *= np.float32(0.25)
-        return intensity
+        output.distance[...] = distance_q2.reshape(output.distance.shape)
+        output.distance *= np.float32(0.25)
+        output.intensity[...] = intensity.reshape(output.intensity.shape)
 
     def _remember(self, heads: Heads, last: float) -> None:  # noqa: ARG002
         # For the smoothing of the next distance.
