@@ -253,7 +253,6 @@ class Family:
         stream_of: The format and the decoder of a stream, by the response type of its descriptor; None for a
             type that is not known.
         formats: Every packet format it may send.
-        simulated: Names of its simulated models.
         models: Its models that may be named, as in ``model=`` of a source, where the device cannot tell its own.
         by_dtr: Those of `models` that are dark while the control line DTR is cleared, as it is when a port opens,
             and how many seconds each may take to respond behind the request that asserts it. They are looked for
@@ -273,12 +272,19 @@ class Family:
     device: Callable[[], Device]
     stream_of: Callable[[int], tuple[StreamFormat, Decoder] | None]
     formats: tuple[Callable[[], StreamFormat], ...]
-    simulated: tuple[str, ...]
     find_stream: Callable[[memoryview, Known], RawStream | None]
     models: Mapping[str, NamedModel] = field(default_factory=dict, hash=False)
     asked_at: tuple[int, ...] | None = None
     by_dtr: Mapping[str, float] = field(default_factory=dict, hash=False)
     stream_of_mode: Callable[[ScanMode], tuple[StreamFormat, Decoder] | None] | None = None
+
+    @property
+    def simulated(self) -> tuple[str, ...]:
+        """Names of its simulated models, which begin with its own.
+
+        Their code is loaded here, and wherever one is made: users of a real device do not load it.
+        """
+        return tuple(self._simulation().PROFILES)
 
     def stream_in(self, mode: ScanMode) -> tuple[StreamFormat, Decoder] | None:
         """The format and the decoder of a stream in that mode, as it was stored; None where they are not known."""
@@ -297,7 +303,7 @@ class Family:
         seed: int = 0,
         spin_up: float | None = None,
     ) -> SimulatedDevice:
-        """Make a simulated device. Its code is loaded here, so that users of a real device do not load it.
+        """Make a simulated device.
 
         Args:
             model: One of `simulated`.
@@ -309,13 +315,16 @@ class Family:
         Raises:
             ValueError: No model has that name, or the serial number is none of this family.
         """
-        module = import_module(f"lidario.families.{self.name}.simulated.device")
-        device: Chassis[Any] = module.make_simulated(model, world=world, serial=serial, seed=seed)
+        device: Chassis[Any] = self._simulation().make_simulated(model, world=world, serial=serial, seed=seed)
         if spin_up is not None:
             device.spin_up_s = spin_up
         return device
 
     def describe(self, model: str) -> str:
         """What a simulated model is, in a few words."""
-        words: str = import_module(f"lidario.families.{self.name}.simulated.device").describe(model)
+        words: str = self._simulation().PROFILES[model].about
         return words
+
+    def _simulation(self) -> Any:
+        """The module of its simulated devices."""
+        return import_module(f"lidario.families.{self.name}.simulated.device")

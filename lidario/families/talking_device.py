@@ -200,13 +200,12 @@ class TalkingDevice(Device):
         return units * speeds.step
 
 
-def family_of(talkers: Talkers, title: str, simulated: tuple[str, ...], timing: Timing = TIMING) -> Family:
+def family_of(talkers: Talkers, title: str, timing: Timing = TIMING) -> Family:
     """The row of the registry.
 
     Args:
         talkers: The models of the family.
         title: Name for people.
-        simulated: Names of its simulated models.
         timing: How long its devices take.
     """
     named = {
@@ -221,7 +220,6 @@ def family_of(talkers: Talkers, title: str, simulated: tuple[str, ...], timing: 
         device=partial(TalkingDevice, talkers),
         stream_of=talkers.stream_of,
         formats=talkers.wires or tuple(dict.fromkeys(model.wire for model in talkers.all)),
-        simulated=simulated,
         find_stream=talkers.find_stream,
         models=named,
         asked_at=tuple(dict.fromkeys(model.baudrate for model in talkers.all if model.start)),

@@ -8,7 +8,8 @@ vacuums do: a packet has its place in the revolution, and when it is made follow
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Final, Generic, Protocol, TypeVar
+from dataclasses import KW_ONLY, dataclass
+from typing import Final, Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -17,16 +18,7 @@ from lidario.sim.chassis import Chassis
 from lidario.sim.motor import Motor
 from lidario.sim.world import WorldLike
 
-__all__ = [
-    "AngleProfile",
-    "PacedByAngle",
-    "PacedByTime",
-    "Running",
-    "Talker",
-    "TalkerProfile",
-    "TimeProfile",
-    "within",
-]
+__all__ = ["PacedByAngle", "PacedByTime", "Running", "Talker", "TalkerProfile", "within"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -41,51 +33,46 @@ _NEAR: Final = 1e-6
 _SLOWEST_RPM: Final = 0.01
 
 
-class TalkerProfile(Protocol):
-    """What a profile of such a device tells at least."""
+@dataclass(frozen=True, slots=True)
+class TalkerProfile:
+    """What kind of device it is; a family derives its own where there is more to tell.
+
+    Attributes:
+        name: Its name in ``sim://`` sources.
+        model: Decides what is random.
+        baudrate: Speed of its line.
+        hertz: Revolutions a second.
+        rate: Samples a second.
+        slots: Packets of a revolution, of one that measures at angles.
+        samples: Samples of a packet, of one that measures at equal times.
+        reach_mm: Nearest and farthest distance.
+        commands: Whether it hears requests.
+        note: What else is to be told of it, for people.
+        follows: Which recording of a real device it follows, for people; empty where there is none.
+    """
+
+    name: str
+    model: int
+    _: KW_ONLY
+    baudrate: int = 115_200
+    hertz: float = 5.0
+    rate: float = 1800.0
+    slots: int = 0
+    samples: int = 0
+    reach_mm: tuple[float, float] = (100.0, 8000.0)
+    commands: bool = False
+    note: str = ""
+    follows: str = ""
 
     @property
-    def model(self) -> int:
-        """Decides what is random."""
-        ...
-
-    @property
-    def baudrate(self) -> int:
-        """Speed of its line."""
-        ...
-
-    @property
-    def hertz(self) -> float:
-        """Revolutions a second."""
-        ...
-
-
-class AngleProfile(TalkerProfile, Protocol):
-    """And of one that measures at angles."""
-
-    @property
-    def slots(self) -> int:
-        """Packets of a revolution."""
-        ...
-
-
-class TimeProfile(TalkerProfile, Protocol):
-    """And of one that measures at equal times."""
-
-    @property
-    def samples(self) -> int:
-        """Samples of a packet."""
-        ...
-
-    @property
-    def rate(self) -> float:
-        """Samples a second."""
-        ...
+    def about(self) -> str:
+        """What it is, in a few words."""
+        talks = "" if self.commands else "; only talks"
+        follows = f"; like {self.follows}" if self.follows else ""
+        return f"{self.baudrate} baud, {self.rate:.0f}/s{self.note}{talks}{follows}"
 
 
 ProfileT = TypeVar("ProfileT", bound=TalkerProfile)
-AngleT = TypeVar("AngleT", bound=AngleProfile)
-TimeT = TypeVar("TimeT", bound=TimeProfile)
 
 
 class Running:
@@ -228,7 +215,7 @@ class Talker(Chassis[Running], Generic[ProfileT]):
         self._deaf_until, self._deaf_why, self._up = up, "still booting", 0 if self.waits else up
 
 
-class PacedByAngle(Talker[AngleT]):
+class PacedByAngle(Talker[ProfileT]):
     """One whose packets have places in the revolution: equal slots of it."""
 
     @abstractmethod
@@ -278,7 +265,7 @@ class PacedByAngle(Talker[AngleT]):
         stream.ready = made[-1]
 
 
-class PacedByTime(Talker[TimeT]):
+class PacedByTime(Talker[ProfileT]):
     """One that takes its samples at equal times."""
 
     @abstractmethod

@@ -13,9 +13,6 @@ from lidario.families.hokuyo.raw import find_stream, stream_of, stream_of_mode
 
 __all__ = ["FAMILY"]
 
-SIMULATED: Final = ("hokuyo-urg04lx", "hokuyo-ust10lx", "hokuyo-ust20lx", "hokuyo-utm30lx")
-"""The names of `simulated.PROFILES`, repeated here so that users of a real device do not load the simulated one."""
-
 FAMILY: Final = Family(
     name="hokuyo",
     title="Hokuyo",
@@ -34,7 +31,6 @@ FAMILY: Final = Family(
     ),
     device=HokuyoDevice,
     formats=FORMATS,
-    simulated=SIMULATED,
     find_stream=find_stream,
     stream_of=stream_of,
     stream_of_mode=stream_of_mode,

@@ -20,12 +20,12 @@ import numpy as np
 import numpy.typing as npt
 
 from lidario.families.hokuyo.simulated.packers import pack_block, pack_clock, pack_lines, pack_status, sealed
-from lidario.families.hokuyo.simulated.profiles import BAUDRATE, PROFILES, USB, Profile, texts_of
+from lidario.families.hokuyo.simulated.profiles import BAUDRATE, PROFILES, Profile, texts_of
 from lidario.sim.chassis import Chassis, Maker, maker
 from lidario.sim.line import TransmitQueue
 from lidario.sim.world import WorldLike
 
-__all__ = ["PROFILES", "Profile", "SimulatedHokuyo", "describe", "make_simulated"]
+__all__ = ["PROFILES", "Profile", "SimulatedHokuyo", "make_simulated"]
 
 _LONGEST_LINE = 80
 _NAMES = {
@@ -288,11 +288,3 @@ class SimulatedHokuyo(Chassis[_Stream]):
 
 make_simulated: Maker[SimulatedHokuyo] = maker(SimulatedHokuyo, PROFILES)
 """Builds a simulated device by the name of its profile, such as ``"hokuyo-ust10lx"``."""
-
-
-def describe(model: str) -> str:
-    """What a model is, in a few words."""
-    of = PROFILES[model]
-    line = "USB" if of.line == USB else "TCP"
-    degrees = (of.span[1] - of.span[0]) * 360 / of.turn
-    return f"{line}, {of.rpm // 60} scans/s of {of.span[1] - of.span[0] + 1} steps, {degrees:.0f} degrees"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["BAUDRATE", "PROFILES", "USB", "Profile", "texts_of"]
+__all__ = ["BAUDRATE", "PROFILES", "Profile", "texts_of"]
 
 USB, ETHERNET = 12_000_000, 100_000_000
 BAUDRATE = 115_200
@@ -42,6 +42,12 @@ class Profile:
     intensity: bool = True
     nothing: int = 65_533
     counts_semicolon: bool = False
+
+    @property
+    def about(self) -> str:
+        """What it is, in a few words."""
+        line, steps = "USB" if self.line == USB else "TCP", self.span[1] - self.span[0]
+        return f"{line}, {self.rpm // 60} scans/s of {steps + 1} steps, {steps * 360 / self.turn:.0f} degrees"
 
 
 PROFILES = {

@@ -44,7 +44,7 @@ from lidario.sim.chassis import PROTECTION_STOP, Chassis, Maker, maker
 from lidario.sim.motor import Motor
 from lidario.sim.world import WorldLike
 
-__all__ = ["PROFILES", "Mode", "Profile", "SimulatedRplidar", "describe", "make_simulated"]
+__all__ = ["PROFILES", "Mode", "Profile", "SimulatedRplidar", "make_simulated"]
 
 _MS = 1_000_000
 _SETTLE_AFTER_STOP = 10 * _MS  # S-series interface manual, STOP
@@ -342,8 +342,3 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
 
 make_simulated: Maker[SimulatedRplidar] = maker(SimulatedRplidar, PROFILES)
 """Builds a simulated device by the name of its profile, such as ``"rplidar-s2"``."""
-
-
-def describe(model: str) -> str:
-    """What a model is, in a few words."""
-    return PROFILES[model].about

@@ -35,7 +35,7 @@ from lidario.sim.chassis import PROTECTION_STOP, Chassis, Maker, maker
 from lidario.sim.motor import Motor
 from lidario.sim.world import WorldLike
 
-__all__ = ["PROFILES", "Profile", "Simulated4Ros", "describe", "make_simulated"]
+__all__ = ["PROFILES", "Profile", "Simulated4Ros", "make_simulated"]
 
 _MS = 1_000_000
 _SETTLE_AFTER_STOP = 5 * _MS  # vendor SDK 1.2.20
@@ -283,15 +283,6 @@ class Simulated4Ros(Chassis[PointStream]):
 
 make_simulated: Maker[Simulated4Ros] = maker(Simulated4Ros, PROFILES)
 """Builds a simulated device by the name of its profile, such as ``"ydlidar-4ros"``."""
-
-
-def describe(model: str) -> str:
-    """What a model is, in a few words."""
-    profile = PROFILES[model]
-    talks = "; only talks" if profile.one_way else ""
-    motor = ", motor by DTR" if profile.by_dtr else ""
-    follows = f"; like {profile.follows}" if profile.follows else ""
-    return f"{profile.baudrate} baud, {1e9 / profile.sample_ns:.0f}/s{motor}{talks}{follows}"
 
 
 def _digits(serial: bytes | str | list[int]) -> bytes:

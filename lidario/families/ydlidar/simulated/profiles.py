@@ -86,6 +86,14 @@ class Profile:
         """Whether it only talks."""
         return not self.commands
 
+    @property
+    def about(self) -> str:
+        """What it is, in a few words."""
+        talks = "; only talks" if self.one_way else ""
+        motor = ", motor by DTR" if self.by_dtr else ""
+        follows = f"; like {self.follows}" if self.follows else ""
+        return f"{self.baudrate} baud, {1e9 / self.sample_ns:.0f}/s{motor}{talks}{follows}"
+
 
 def _triangle(
     name: str,
