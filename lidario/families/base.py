@@ -250,8 +250,7 @@ class Family:
         baudrates: Line speeds its models use, the likeliest first.
         timing: How long its devices take.
         device: Makes the object for a newly opened port.
-        stream_of: The format and the decoder of a stream, by the response type of its descriptor; None for a
-            type that is not known.
+        stream_in: The format and the decoder of a stream in a mode that was stored; None where they are not known.
         formats: Every packet format it may send.
         models: Its models that may be named, as in ``model=`` of a source, where the device cannot tell its own.
         by_dtr: Those of `models` that are dark while the control line DTR is cleared, as it is when a port opens,
@@ -261,8 +260,6 @@ class Family:
             all speeds.
         find_stream: Finds the measurement stream in recorded bytes, by these and by what a user says of them, whose
             model, if any, is one of `models`. None where there is no stream.
-        stream_of_mode: As `stream_of`, where more than the response type must be known: by a mode, with its
-            `ScanMode.details`. None where the type is enough.
     """
 
     name: str
@@ -270,13 +267,12 @@ class Family:
     baudrates: tuple[int, ...]
     timing: Timing
     device: Callable[[], Device]
-    stream_of: Callable[[int], tuple[StreamFormat, Decoder] | None]
+    stream_in: Callable[[ScanMode], tuple[StreamFormat, Decoder] | None]
     formats: tuple[Callable[[], StreamFormat], ...]
     find_stream: Callable[[memoryview, Known], RawStream | None]
     models: Mapping[str, NamedModel] = field(default_factory=dict, hash=False)
     asked_at: tuple[int, ...] | None = None
     by_dtr: Mapping[str, float] = field(default_factory=dict, hash=False)
-    stream_of_mode: Callable[[ScanMode], tuple[StreamFormat, Decoder] | None] | None = None
 
     @property
     def simulated(self) -> tuple[str, ...]:
@@ -285,10 +281,6 @@ class Family:
         Their code is loaded here, and wherever one is made: users of a real device do not load it.
         """
         return tuple(self._simulation().PROFILES)
-
-    def stream_in(self, mode: ScanMode) -> tuple[StreamFormat, Decoder] | None:
-        """The format and the decoder of a stream in that mode, as it was stored; None where they are not known."""
-        return self.stream_of(mode.response_type) if self.stream_of_mode is None else self.stream_of_mode(mode)
 
     def make(self, model: str | None = None) -> Device:
         """A device for a newly opened port; `model` is one of `models`, None where it was not named."""

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from lidario.families.base import Decoder, Known, RawStream, raw_stream
 from lidario.families.unasked import LINKED
+from lidario.model import ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.formats import StreamFormat
 
@@ -149,7 +150,7 @@ class Talkers:
                     return raw_stream(at, model.wire(), model.decoder(), sample_us, model.title, model.note)
         return None
 
-    def stream_of(self, response_type: int) -> tuple[StreamFormat, Decoder] | None:
-        """Format and decoder by the number that lidario gives each kind; None for another number."""
+    def stream_in(self, mode: ScanMode) -> tuple[StreamFormat, Decoder] | None:
+        """As `Family.stream_in`: by the number that lidario gives each kind."""
         made = ((model.wire(), model.decoder) for model in self.all)
-        return next(((wire, decoder()) for wire, decoder in made if wire.response_type == response_type), None)
+        return next(((wire, decoder()) for wire, decoder in made if wire.response_type == mode.response_type), None)

@@ -9,7 +9,7 @@ from typing import Final
 
 from lidario.families.base import Family, Timing
 from lidario.families.hokuyo.device import FORMATS, HokuyoDevice
-from lidario.families.hokuyo.raw import find_stream, stream_of, stream_of_mode
+from lidario.families.hokuyo.raw import find_stream, stream_in
 
 __all__ = ["FAMILY"]
 
@@ -32,7 +32,6 @@ FAMILY: Final = Family(
     device=HokuyoDevice,
     formats=FORMATS,
     find_stream=find_stream,
-    stream_of=stream_of,
-    stream_of_mode=stream_of_mode,
+    stream_in=stream_in,
 )
 """The family's row of the registry."""

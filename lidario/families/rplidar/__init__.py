@@ -5,7 +5,7 @@ from __future__ import annotations
 from lidario.families.base import Family, Timing
 from lidario.families.rplidar.device import RplidarDevice
 from lidario.families.rplidar.formats import FORMATS
-from lidario.families.rplidar.raw import find_stream, stream_of
+from lidario.families.rplidar.raw import find_stream, stream_in
 
 __all__ = ["FAMILY"]
 
@@ -29,5 +29,5 @@ FAMILY = Family(
     device=RplidarDevice,
     formats=tuple(FORMATS.values()),
     find_stream=find_stream,
-    stream_of=stream_of,
+    stream_in=stream_in,
 )

@@ -12,7 +12,7 @@ from lidario.families.base import Family, Timing
 from lidario.families.ydlidar.clouds import PointCloud3, PointCloud4
 from lidario.families.ydlidar.device import BY_DTR_S, NAMED, YdlidarDevice
 from lidario.families.ydlidar.formats import PointCloud
-from lidario.families.ydlidar.raw import find_stream, stream_of
+from lidario.families.ydlidar.raw import find_stream, stream_in
 
 __all__ = ["FAMILY"]
 
@@ -36,7 +36,7 @@ FAMILY: Final = Family(
     device=YdlidarDevice,
     formats=(PointCloud, PointCloud3, PointCloud4),
     find_stream=find_stream,
-    stream_of=stream_of,
+    stream_in=stream_in,
     models=NAMED,
     # The most sold of those that respond, and of those that only talk, and the only one at 153600 baud.
     # The S4 must be named.

@@ -18,11 +18,12 @@ from lidario.families.base import Decoder, Known, RawStream, raw_stream
 from lidario.families.ydlidar.clouds import KINDS
 from lidario.families.ydlidar.formats import FULL_TURN_Q6, INFO_HEADER, START_BIT, PointCloud, packet_heads
 from lidario.families.ydlidar.models import MODELS, Model, model_of
+from lidario.model import ScanMode
 from lidario.wire.events import Packets
 from lidario.wire.formats import StreamFormat
 from lidario.wire.link import Link
 
-__all__ = ["find_stream", "stream_of"]
+__all__ = ["find_stream", "stream_in"]
 
 _HEADER: Final = re.compile(rb"\xa5\x5a.{3}[\x40-\x7f]\x81", re.DOTALL)
 """The scan header; its length is to be ignored (manual 3.1)."""
@@ -158,7 +159,7 @@ def _guessed(turn: _Turn, size: int) -> tuple[Model, str]:
     return model, f"{words}. Name the model, as in model={model.name}"
 
 
-def stream_of(response_type: int) -> tuple[StreamFormat, Decoder] | None:
-    """As `Family.stream_of`: by the number that lidario gives each kind."""
-    kind = next((kind for kind in KINDS.values() if kind.response_type == response_type), None)
+def stream_in(mode: ScanMode) -> tuple[StreamFormat, Decoder] | None:
+    """As `Family.stream_in`: by the number that lidario gives each kind."""
+    kind = next((kind for kind in KINDS.values() if kind.response_type == mode.response_type), None)
     return None if kind is None else (kind.wire(), kind.decoder())
