@@ -118,7 +118,7 @@ class Device(ABC):
 
     @abstractmethod
     def reset(self) -> Request:
-        """Restart the device."""
+        """Restart the device. Raises Unsupported where that cannot be done from here."""
 
     def restarted(self) -> None:  # noqa: B027 - most devices keep, or are told with each start, what matters
         """Take note that the device was restarted: what was set in it may be lost. Default: nothing."""
@@ -176,6 +176,9 @@ class Device(ABC):
         """Start the motor where that is a request of its own, then the stream.
 
         With `force` the device is asked to measure even when the motor has not reached its speed.
+
+        Raises:
+            Unsupported: The device has no such mode, or cannot be forced.
         """
 
     def sample_rate(self) -> Script[SampleRate]:
@@ -191,7 +194,12 @@ class Device(ABC):
         raise Unsupported("the scan frequency of this device cannot be set")
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:  # noqa: ARG002
-        """Set the scan frequency; returns what was set, in Hz."""
+        """Set the scan frequency; returns what was set, in Hz.
+
+        Raises:
+            InvalidValue: Not a finite number, or outside of what the device can.
+            Unsupported: It cannot be set from here.
+        """
         raise Unsupported("the scan frequency of this device cannot be set from here")
 
     def retune(self) -> Request | None:
@@ -220,6 +228,9 @@ class Device(ABC):
         Args:
             baudrate: The new speed.
             present: The speed as it is, to which the port returns where the device does not follow.
+
+        Raises:
+            Unsupported: The device does not follow.
         """
         raise Unsupported("the speed of this device's line cannot be changed from here")
 

@@ -153,13 +153,11 @@ class DegreeFormat(RowFormat):
         return self._begun(data, at)
 
     def headings(self, packets: Packets) -> Headings:
-        """As `StreamFormat.headings`, in degrees that the rotor has turned."""
         numbers = np.frombuffer(packets.data, self.packet.layout)["number"]
         turned = (numbers.astype(np.int32) - FIRST) * self.samples
         return turned if len(turned) >= HEADINGS_WORTH_AN_ARRAY else turned.tolist()
 
     def told_sample_ns(self, packets: Packets) -> NDArray[np.float64]:
-        """As `StreamFormat.told_sample_ns`: a degree at the speed that the packet tells."""
         rpm = np.frombuffer(packets.data, self.packet.layout)["speed"] / self.packet.an_rpm
         return 60e9 / (np.maximum(rpm, 1.0) * FULL_TURN)
 

@@ -84,20 +84,15 @@ class TalkingDevice(Device):
         return Request("STOP", self._model.stop, settle=SETTLE_S, ends_stream=True)
 
     def halt(self) -> tuple[Request, ...]:
-        """As `Device.halt`: the motor stops with the stream, where it can be stopped."""
+        # Where it can be stopped, the motor stops with the stream.
         return (self.stop(),)
 
     def reset(self) -> Request:
-        """As `Device.reset`.
-
-        Raises:
-            Unsupported: Always.
-        """
         raise Unsupported("this device cannot be restarted from here: cut its power")
 
     def complete_probe(self) -> bytes:
-        """As `Device.complete_probe`: what has started it may have reached it though nothing came."""
-        # Where most models need no start, one that has got it goes on: it is heard in the next round.
+        # What has started it may have reached it though nothing came. Where most models need no start, one that has
+        # got it goes on: it is heard in the next round.
         return self._model.stop if all(model.start for model in self._talkers.all) else b""
 
     def end_search(self) -> bytes:
@@ -152,16 +147,10 @@ class TalkingDevice(Device):
         return "" if rotor is None else rotor.trouble((yield hear(rotor.wire(), 1, rotor.rests_s)))
 
     def modes(self) -> Script[tuple[ScanMode, ...]]:
-        """As `Device.modes`: there is one."""
         kind = self.wire().response_type
         return told((ScanMode(0, "Standard", self._sample_us, self._model.reach, kind, typical=True),))
 
     def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
-        """As `Device.start`.
-
-        Raises:
-            Unsupported: A forced scan, or another device's mode.
-        """
         wire = self.wire()
         if force or (mode.id, mode.response_type) != (0, wire.response_type):
             raise Unsupported("this device has one scan mode, 'Standard', and cannot be forced")
@@ -182,12 +171,7 @@ class TalkingDevice(Device):
         return super().scan_frequency_range() if speeds is None else told((speeds.slowest, speeds.fastest))
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:
-        """As `Device.set_scan_frequency`; each start sets it again, and it cannot be read back.
-
-        Raises:
-            Unsupported: No request does that.
-            InvalidValue: Not a finite number, or outside of what the model can.
-        """
+        """As `Device.set_scan_frequency`; each start sets it again, and it cannot be read back."""
         speeds = self._model.speeds
         if speeds is None:
             return super().set_scan_frequency(hertz)

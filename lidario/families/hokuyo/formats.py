@@ -76,7 +76,6 @@ class DistanceFormat(StreamFormat):
 
     @property
     def pitch(self) -> int:
-        """As `StreamFormat.pitch`: a turn, with what lies behind the device."""
         return self._turn
 
     def _size(self, steps: int) -> int:
@@ -85,7 +84,6 @@ class DistanceFormat(StreamFormat):
         return HEAD + count + 2 * -(-count // LINE) + 1
 
     def measure(self, data: bytearray, at: int) -> int:
-        """As `StreamFormat.measure`: the echo tells it."""
         if len(data) - at < ECHO + 4:
             return 0 if self.word.startswith(data[at : at + 2]) else NO_PACKET
         found = self._head.match(data, at)
@@ -95,7 +93,6 @@ class DistanceFormat(StreamFormat):
         return self._size(last - first + 1) if first <= last else NO_PACKET
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:
-        """As `StreamFormat.intact`: every line has its check character."""
         end = at + size - 1
         time = data[at + ECHO + 4 : at + HEAD]
         if data[end] != 0x0A or time[5] != 0x0A or time[4] != check_of(time[:4]):
@@ -111,11 +108,9 @@ class DistanceFormat(StreamFormat):
         )
 
     def headings(self, packets: Packets) -> Headings:
-        """As `StreamFormat.headings`: each is the beginning of a scan."""
         return [BEGINS] * packets.count
 
     def stamps(self, packets: Packets) -> NDArray[np.int64]:
-        """As `StreamFormat.stamps`, in milliseconds."""
         begins = packet_offsets(packets.blocks)[:-1]
         times = b"".join([packets.data[at + ECHO + 4 : at + HEAD - 2] for at in begins])
         return values(np.frombuffer(times, np.uint8), 4)
@@ -127,7 +122,6 @@ class DistanceFormat(StreamFormat):
         )
 
     def other_record(self, data: bytearray, at: int) -> int:
-        """As `StreamFormat.other_record`: a block without data."""
         if len(data) - at < _RECORD:
             return 0 if self.word.startswith(data[at : at + 2]) else NO_PACKET
         status = data[at + ECHO : at + ECHO + 3]

@@ -87,7 +87,6 @@ class FrameFormat(StreamFormat):
         return _sum_holds(data, at, size)
 
     def headings(self, packets: Packets) -> Headings:
-        """As `StreamFormat.headings`, in 1/100 degrees."""
         data, begins = packets.data, packet_offsets(packets.blocks)[:-1]
         if len(begins) >= HEADINGS_WORTH_AN_ARRAY:
             rows, at = np.frombuffer(data, np.uint8), np.array(begins)
@@ -99,7 +98,6 @@ class FrameFormat(StreamFormat):
         return sum([(size - head_of(size) - SUM) // SAMPLE * count for size, count in blocks])
 
     def told_sample_ns(self, packets: Packets) -> NDArray[np.float64]:
-        """As `StreamFormat.told_sample_ns`: a frame's part of a revolution at the speed that it tells."""
         begins = np.array(packet_offsets(packets.blocks))
         speeds = np.frombuffer(packets.data, np.uint8)[begins[:-1] + DATA] / 20.0
         sizes = np.diff(begins)
@@ -108,7 +106,6 @@ class FrameFormat(StreamFormat):
         return taken
 
     def other_record(self, data: bytearray, at: int) -> int:
-        """As `StreamFormat.other_record`: a frame that is no measurement."""
         size = _frame(data, at, *RECORDS)
         if size <= 0:
             return size

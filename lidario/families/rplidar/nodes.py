@@ -90,7 +90,6 @@ class NodeFormat(StreamFormat):
         self._other_mark = -FULL_TURN_Q6
 
     def measure(self, data: bytearray, at: int) -> int:
-        """As `StreamFormat.measure`: by the two check bits alone."""
         if at + 1 >= len(data):
             return 0
         first = data[at]
