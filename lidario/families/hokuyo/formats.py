@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 from lidario.families.hokuyo.commands import check_of
 from lidario.families.hokuyo.geometry import MOST_STEP, Geometry
-from lidario.wire.blocks import Block, join_blocks, packet_offsets
+from lidario.wire.blocks import Block, packet_offsets
 from lidario.wire.events import Packets
-from lidario.wire.formats import BEGINS, NO_PACKET, Headings, StreamFormat, Stretch, Ticks
+from lidario.wire.formats import BEGINS, NO_PACKET, Headings, StreamFormat, Ticks
 
 __all__ = ["HEAD", "DistanceFormat", "StrengthFormat", "characters", "range_of", "values"]
 
@@ -128,17 +128,6 @@ class DistanceFormat(StreamFormat):
         if self._head.match(data, at) is None or status == _DATA[:3] or check_of(status[:2]) != status[2]:
             return NO_PACKET
         return _RECORD if data[at + _RECORD - 1] == 0x0A else NO_PACKET
-
-    def run(self, data: bytearray, at: int) -> Stretch:
-        """As `StreamFormat.run`; blocks may have different sizes."""
-        blocks: list[Block] = []
-        while len(data) - at >= self.shortest:
-            size = self.measure(data, at)
-            if not 0 < size <= len(data) - at or not self.intact(data, at, size):
-                break
-            join_blocks(blocks, (Block(size, 1),))
-            at += size
-        return Stretch(tuple(blocks), at, at)
 
 
 class StrengthFormat(DistanceFormat):
