@@ -35,10 +35,7 @@ __all__ = [
     "GET_ZERO_OFFSET",
     "KEEPALIVE",
     "RESET",
-    "SPEED_DOWN_BY_01",
-    "SPEED_DOWN_BY_1",
-    "SPEED_UP_BY_01",
-    "SPEED_UP_BY_1",
+    "STEPS",
     "STOP",
     "TOGGLE_PROTECTION",
     "ResponseType",
@@ -85,10 +82,13 @@ length and a checksum, they make A5 90 a whole request with an empty payload, wh
 GET_ZERO_OFFSET: Final = _setting("GET_ZERO_OFFSET", 0x93, 4, attempts=2)
 
 GET_SPEED: Final = _setting("GET_SPEED", 0x0D, 4, attempts=2)
-SPEED_UP_BY_01: Final = _setting("SPEED_UP (by 0.1 Hz)", 0x09, 4)
-SPEED_DOWN_BY_01: Final = _setting("SPEED_DOWN (by 0.1 Hz)", 0x0A, 4)
-SPEED_UP_BY_1: Final = _setting("SPEED_UP (by 1 Hz)", 0x0B, 4)
-SPEED_DOWN_BY_1: Final = _setting("SPEED_DOWN (by 1 Hz)", 0x0C, 4)
+STEPS: Final = {
+    (False, True): _setting("SPEED_UP (by 0.1 Hz)", 0x09, 4),
+    (False, False): _setting("SPEED_DOWN (by 0.1 Hz)", 0x0A, 4),
+    (True, True): _setting("SPEED_UP (by 1 Hz)", 0x0B, 4),
+    (True, False): _setting("SPEED_DOWN (by 1 Hz)", 0x0C, 4),
+}
+"""By whether the step is a coarse one, and whether it leads up."""
 
 TOGGLE_PROTECTION: Final = _setting("TOGGLE_PROTECTION", 0xD9, 1)
 

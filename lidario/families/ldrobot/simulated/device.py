@@ -24,7 +24,6 @@ import numpy.typing as npt
 from lidario.families.ldrobot.simulated.packers import check_of, pack_points, pack_response
 from lidario.sim.chassis import Maker, maker
 from lidario.sim.talker import PacedByTime, TalkerProfile, within
-from lidario.sim.world import WorldLike
 
 __all__ = ["PROFILES", "Profile", "SimulatedLdrobot", "make_simulated"]
 
@@ -87,16 +86,7 @@ PROFILES = {
 class SimulatedLdrobot(PacedByTime[Profile]):
     """One simulated device; arguments and attributes as in `Talker`."""
 
-    def __init__(
-        self,
-        profile: Profile,
-        *,
-        world: WorldLike | None = None,
-        serial: bytes | str | None = None,
-        seed: int = 0,
-    ) -> None:
-        super().__init__(profile, world=world, serial=serial, seed=seed)
-        self._begun = b""
+    _begun = b""
 
     def receive(self, data: bytes, now: int) -> None:
         """Take bytes that the host sent; only a model with a line for requests sees them."""
