@@ -6,7 +6,7 @@ takes is measured by the packets that are heard when the device is opened, or fo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -40,7 +40,7 @@ class TalkingModel:
     """One model.
 
     Attributes:
-        name: As in ``model=`` of a source.
+        name: As in ``model=`` of a source; empty of one that no user names.
         title: For people.
         baudrate: Speed of its line.
         sample_us: What a sample takes by its data sheet, microseconds.
@@ -88,34 +88,30 @@ class Talkers:
 
     Attributes:
         family: Short name of the family.
-        models: Those that a user may name.
+        all: All that is to be read in some way; those with a name are those that a user may name.
         unnamed: Which model it is, where no user has named one: by packets, of which most are in a row.
         sample_us: What a sample takes, by packets in a row; 0 where they do not tell.
         heard: Packets in a row from which both are known.
-        hear_s: How long so many may take.
         slowest_turn_s: Longest time that one revolution may take: at the lowest speed, and half as long again.
-        others: What else `unnamed` may return, where it is read in another way.
         wires: What makes the formats in which a device may talk, the likeliest first; none for that of any model.
         rotor: Where the host powers the motor.
         linked: Packets in a row that are no chance.
     """
 
     family: str
-    models: Mapping[str, TalkingModel]
+    all: tuple[TalkingModel, ...]
     unnamed: Callable[[bytes], TalkingModel]
     sample_us: Callable[[bytes], float]
     heard: int
-    hear_s: float
     slowest_turn_s: float
-    others: tuple[TalkingModel, ...] = ()
     wires: tuple[Callable[[], StreamFormat], ...] = ()
     rotor: Rotor | None = None
     linked: int = LINKED
 
     @property
-    def all(self) -> tuple[TalkingModel, ...]:
-        """All that is to be read in some way."""
-        return (*self.models.values(), *self.others)
+    def models(self) -> dict[str, TalkingModel]:
+        """Those that a user may name."""
+        return {model.name: model for model in self.all if model.name}
 
     def as_named(self, named: TalkingModel, packets: bytes) -> TalkingModel:
         """The model that the user has named, with a note where packets are those of another one."""

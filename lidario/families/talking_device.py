@@ -10,8 +10,7 @@ from statistics import median
 from typing import Final
 
 from lidario.errors import ResponseTimeout, StreamFailed, Unsupported
-from lidario.families.arguments import frequency_within
-from lidario.families.base import Device, Family, NamedModel, Script, Stream, Timing, told
+from lidario.families.base import Device, Family, NamedModel, Script, Stream, Timing, frequency_within, told
 from lidario.families.talking import Speeds, Talkers, TalkingModel
 from lidario.families.unasked import LINKED, NOT_STOPPED, begin, hear, hear_runs
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
@@ -32,6 +31,8 @@ TIMING: Final = Timing(
     probe_s=0.12,
 )
 """Of those that nothing starts or stops."""
+HEAR_S: Final = 0.5
+"""How long the packets by which a device is known may take."""
 SPIN_UP_S: Final = 3.0
 SETTLE_S: Final = 0.02
 """After a stop; no document demands it, and a packet takes less."""
@@ -55,7 +56,7 @@ class TalkingDevice(Device):
     def __init__(self, talkers: Talkers, model: TalkingModel | None = None) -> None:
         self._talkers = talkers
         self._named = model
-        self.patience_s: float = talkers.hear_s
+        self.patience_s: float = HEAR_S
         if talkers.rotor is not None:
             self.rests_s: float = talkers.rotor.rests_s
         self._model = talkers.all[0]
@@ -72,7 +73,7 @@ class TalkingDevice(Device):
         self.can_be_stopped: bool = bool(model.stop)
         if model.stop:
             self.can_keep_spinning: bool = False
-        self.patience_s = SPIN_UP_S if model.start else self._talkers.hear_s
+        self.patience_s = SPIN_UP_S if model.start else HEAR_S
 
     def wire(self) -> StreamFormat:
         """A fresh object for its packets."""
@@ -115,7 +116,7 @@ class TalkingDevice(Device):
         woken = self._model if self._was_heard else of.to_be_woken(self._named)
         for number, wire in enumerate(wires):
             try:
-                return (yield from hear_runs(wire, of.heard, of.hear_s, linked=of.linked))
+                return (yield from hear_runs(wire, of.heard, HEAR_S, linked=of.linked))
             except ResponseTimeout:
                 if number == len(wires) - 1 and not woken.start:
                     raise

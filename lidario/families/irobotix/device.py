@@ -36,22 +36,21 @@ def _trouble(packets: bytes) -> str:
 
 TALKERS: Final = Talkers(
     family="irobotix",
-    models={
-        "delta2a": _sixteen("delta2a", "Delta-2A", 230_400, 200.0),
-        "delta2b": _sixteen("delta2b", "Delta-2B", 230_400, 200.0),
-        "delta2d": _sixteen("delta2d", "Delta-2D", 115_200, 500.0),
-        "delta2g": _fifteen("delta2g", "Delta-2G"),
-        "lds08rr": _fifteen("lds08rr", "LDS08RR of 3irobotix"),
-    },
+    all=(
+        _sixteen("delta2a", "Delta-2A", 230_400, 200.0),
+        _sixteen("delta2b", "Delta-2B", 230_400, 200.0),
+        _sixteen("delta2d", "Delta-2D", 115_200, 500.0),
+        _fifteen("delta2g", "Delta-2G"),
+        _fifteen("lds08rr", "LDS08RR of 3irobotix"),
+        *_UNNAMED.values(),
+    ),
     unnamed=lambda packets: _UNNAMED[frames_a_turn(packets)],
     sample_us=sample_us,
     heard=6,
-    hear_s=0.5,
     # At four revolutions a second.
     slowest_turn_s=0.4,
     # Frames are long, and each is self-evident.
     linked=1,
-    others=tuple(_UNNAMED.values()),
     # A frame, at one revolution a second.
     rotor=Rotor(AnyFrame, 0.2, _trouble),
 )

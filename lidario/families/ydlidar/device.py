@@ -27,8 +27,7 @@ from functools import partial
 from typing import Final, TypeVar
 
 from lidario.errors import ResponseTimeout, Unsupported
-from lidario.families.arguments import frequency_within
-from lidario.families.base import Device, Keepalive, NamedModel, Script, Stream, told
+from lidario.families.base import Device, Keepalive, NamedModel, Script, Stream, frequency_within, told
 from lidario.families.responses import agreed, health_of
 from lidario.families.unasked import NOT_STOPPED, begin, hear, hear_runs
 from lidario.families.ydlidar import commands
