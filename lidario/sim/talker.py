@@ -138,17 +138,18 @@ class Talker(Chassis[Running], Generic[ProfileT]):
     def wakeup(self, now: int) -> int | None:
         """When the next packet will have left."""
         self._power(now)
-        at = self._queue.wakeup(now)
-        if at is not None:
-            return at
-        if self._stream is not None:
-            return max(now, self._stream.ready) if self._stream.ready < _BLOCKED else None
-        return self._up if self._up is not None and now < self._up < _BLOCKED else None
+        at = super().wakeup(now)
+        if at is None and self._up is not None and now < self._up:
+            at = self._up
+        return at if at is not None and at < _BLOCKED else None
+
+    def _due(self, stream: Running) -> int:
+        return stream.ready
 
     def begin_streaming(self, now: int) -> None:
         """Be in the middle of a scan, and of a packet; so it is at any time anyway."""
         self._power(now)
-        self._spin_at_once(self._rpm, now - 20_000_000)
+        self._motor.spin_at_once(self._rpm, now - 20_000_000)
         self._begin(now - 20_000_000)
         self._advance(now)
         self._queue.take(now)
@@ -162,9 +163,7 @@ class Talker(Chassis[Running], Generic[ProfileT]):
 
     def protection_stop(self, error_code: int) -> None:
         """Fail: nothing leaves until the power was cut."""
-        self._fault(error_code)
-        self._end_stream(self._now)
-        self._motor.set_rpm(0.0, self._now)
+        super().protection_stop(error_code)
         self._up = _BLOCKED
 
     def freeze(self, now: int) -> None:
@@ -182,7 +181,7 @@ class Talker(Chassis[Running], Generic[ProfileT]):
             if self.waits:
                 self._up = 0
                 return
-            self._spin_at_once(self._rpm, now - 20_000_000)
+            self._motor.spin_at_once(self._rpm, now - 20_000_000)
             # The first byte that is heard stands in the middle of a packet, wherever the seed says.
             self._begin(now - int(self._random.integers(1, 20_000_000)))
 
@@ -204,15 +203,12 @@ class Talker(Chassis[Running], Generic[ProfileT]):
 
     def _stop(self, now: int) -> None:
         """It was stopped: nothing more, until it is started."""
-        self._end_stream(now)
-        self._motor.set_rpm(0.0, now)
+        self.halt(now)
         self._up = 0
 
     def _restart(self, now: int, up: int) -> None:
-        self._forget(now)
-        self._recover()
-        self._motor.set_rpm(0.0, now)
-        self._deaf_until, self._deaf_why, self._up = up, "still booting", 0 if self.waits else up
+        super()._restart(now, up)
+        self._up = 0 if self.waits else up
 
 
 class PacedByAngle(Talker[ProfileT]):

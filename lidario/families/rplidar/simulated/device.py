@@ -155,13 +155,8 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         super().reboot(now, off_s=off_s)
         self.line_speed.lose_power()
 
-    def wakeup(self, now: int) -> int | None:
-        """When the next response or packet will have left; None while the device is idle."""
-        at = self._queue.wakeup(now)
-        stream = self._stream
-        if at is None and stream is not None:
-            at = max(now, stream.ready + self._queue.airtime(stream.size))
-        return at
+    def _due(self, stream: MeasurementStream) -> int:
+        return stream.ready + self._queue.airtime(stream.size)
 
     def begin_streaming(self, mode_id: int, now: int) -> None:
         """Be in the middle of a scan, and of a packet, as after a program that was killed.
@@ -179,11 +174,8 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         self._advance(now)
         self._queue.take(now)
 
-    def protection_stop(self, error_code: int) -> None:
-        """Fail: the stream and the motor stop, and health reports the error until a RESET clears it."""
-        self._fault(error_code)
-        self._end_stream(self._now)
-        self.drive.protect(self._now)
+    def _stop_motor(self, now: int) -> None:
+        self.drive.protect(now)
 
     def _advance(self, now: int) -> None:
         """Do what is due by `now`: build packets, give up an incomplete request."""
@@ -250,12 +242,9 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         return ""
 
     def _restart(self, now: int, up: int) -> None:
-        self._forget(now)
+        super()._restart(now, up)
         self._reader.clear()
-        self.drive.protect(now)
-        self._recover()
         self.identity.restart()
-        self._deaf_until, self._deaf_why = up, "still booting"
         self._queue.push(self.profile.banner, up)
 
     def _scan(self, request: Request) -> str:

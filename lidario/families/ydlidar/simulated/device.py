@@ -139,26 +139,20 @@ class Simulated4Ros(Chassis[PointStream]):
                 self._consider(byte, now)
 
     def wakeup(self, now: int) -> int | None:
-        """When the next response or packet will have left; None while the device is idle."""
         self._talk(now)
-        at = self._queue.wakeup(now)
-        if at is None and self._stream is not None:
-            at = max(now, self._stream.ready)
-        return at
+        return super().wakeup(now)
+
+    def _due(self, stream: PointStream) -> int:
+        return stream.ready
 
     def begin_streaming(self, now: int) -> None:
         """Be in the middle of a scan, and of a packet, as after a program that was killed."""
         past = 10 * 40 * self.profile.sample_ns + self._queue.airtime(90) * 2 // 5
-        self._spin_at_once(self.set_speed * 0.6, now - past)
+        self._motor.spin_at_once(self.set_speed * 0.6, now - past)
         self.alive_until = now + _ALIVE_FOR
         self._stream = PointStream(now - past, self._motor, self.world, self.profile)
         self._advance(now)
         self._queue.take(now)
-
-    def protection_stop(self, error_code: int) -> None:
-        """Fail: the stream and the motor stop, and health reports the error until a RESET clears it."""
-        self._fault(error_code)
-        self.halt(self._now)
 
     def _advance(self, now: int) -> None:
         """Do what is due by `now`: build packets, stop when the keepalive is missing."""
@@ -185,19 +179,14 @@ class Simulated4Ros(Chassis[PointStream]):
             or now < self._deaf_until
         ):
             return
-        self._spin_at_once(self.set_speed * 0.6, now) if at_once and not self._deaf_until else self._motor.set_rpm(
+        self._motor.spin_at_once(
             self.set_speed * 0.6, now
-        )
+        ) if at_once and not self._deaf_until else self._motor.set_rpm(self.set_speed * 0.6, now)
         # The first byte that is heard stands anywhere in a revolution.
         past = 0 if self._deaf_until or not at_once else int(self._random.integers(1, 400)) * self.profile.sample_ns
         self._stream = PointStream(
             max(now, self._motor.stable_at or 0) - past, self._motor, self.world, self.profile
         )
-
-    def halt(self, now: int) -> None:
-        """End the scan and stop the motor; the packet that is made still leaves."""
-        self._end_stream(now)
-        self._motor.set_rpm(0.0, now)
 
     def _consider(self, command: int, now: int) -> None:
         """Obey a request or discard it, and remember which."""
@@ -271,12 +260,9 @@ class Simulated4Ros(Chassis[PointStream]):
         self._deaf_why = "still booting after reset"
 
     def _restart(self, now: int, up: int) -> None:
-        self._forget(now)
+        super()._restart(now, up)
         self._begun = False
-        self._motor.set_rpm(0.0, now)
         self.set_speed, self.protected = self.profile.factory_speed, False
-        self._recover()
-        self._deaf_until, self._deaf_why = up, "still booting"
         if self.profile.announces and not self.profile.one_way:
             self._queue.push(pack_response(_SETTING, self.info()), up)
 
