@@ -152,6 +152,13 @@ class DegreeFormat(RowFormat):
     def measure(self, data: bytearray, at: int) -> int:
         return self._begun(data, at)
 
+    def _marked(self, rows: NDArray[Any]) -> NDArray[np.bool_]:
+        """Which packets begin as one must."""
+        number = rows["number"]
+        is_one = (number >= FIRST) & (number < FIRST + FULL_TURN // self.samples)
+        marked: NDArray[np.bool_] = (rows["mark"] == HEAD) & is_one
+        return marked
+
     def headings(self, packets: Packets) -> Headings:
         numbers = np.frombuffer(packets.data, self.packet.layout)["number"]
         turned = (numbers.astype(np.int32) - FIRST) * self.samples

@@ -86,11 +86,8 @@ class CheckedFormat(PacketFormat):
         return data[at + CHECKED] == data[at + CHECKED + 1] == value or FOLD.holds(data, at)
 
     def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
-        rows = np.frombuffer(data, np.uint8, count * SIZE, at).reshape(count, SIZE)
-        number = rows[:, 1]
-        marked = (rows[:, 0] == HEAD) & (number >= FIRST) & (number < FIRST + PACKETS)
-        intact: NDArray[np.bool_] = checked(rows) & marked
-        return intact
+        raw = np.frombuffer(data, np.uint8, count * SIZE, at)
+        return checked(raw.reshape(count, SIZE)) & self._marked(raw.view(LAYOUT))
 
 
 def checked(rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
