@@ -51,7 +51,8 @@ class TalkingModel:
         start: What starts its motor and its stream; empty where it talks for as long as it has power.
         stop: What stops both; empty likewise.
         speeds: How the motor is regulated; None where it cannot be.
-        slowest_turn_s: As in `Talkers`, where it is not that of the family; 0 where it is.
+        slowest_turn_s: Longest time that one revolution may take: at the lowest speed, and half as long
+            again. Default: at 200 revolutions a minute.
     """
 
     name: str
@@ -65,7 +66,7 @@ class TalkingModel:
     start: bytes = b""
     stop: bytes = b""
     speeds: Speeds | None = None
-    slowest_turn_s: float = 0.0
+    slowest_turn_s: float = 0.45
 
 
 class Rotor(NamedTuple):
@@ -92,7 +93,6 @@ class Talkers:
         unnamed: Which model it is, where no user has named one: by packets, of which most are in a row.
         sample_us: What a sample takes, by packets in a row; 0 where they do not tell.
         heard: Packets in a row from which both are known.
-        slowest_turn_s: Longest time that one revolution may take: at the lowest speed, and half as long again.
         wires: What makes the formats in which a device may talk, the likeliest first; none for that of any model.
         rotor: Where the host powers the motor.
         linked: Packets in a row that are no chance.
@@ -103,7 +103,6 @@ class Talkers:
     unnamed: Callable[[bytes], TalkingModel]
     sample_us: Callable[[bytes], float]
     heard: int
-    slowest_turn_s: float
     wires: tuple[Callable[[], StreamFormat], ...] = ()
     rotor: Rotor | None = None
     linked: int = LINKED

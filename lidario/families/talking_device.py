@@ -164,7 +164,7 @@ class TalkingDevice(Device):
             mode=mode,
             sample_ns=self._sample_us * 1e3,
             spin_up_s=SPIN_UP_S,
-            slowest_turn_s=self._model.slowest_turn_s or self._talkers.slowest_turn_s,
+            slowest_turn_s=self._model.slowest_turn_s,
         )
 
     def scan_frequency_range(self) -> Script[tuple[float, float]]:

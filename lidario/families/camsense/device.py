@@ -21,8 +21,6 @@ TALKERS: Final = Talkers(
     sample_us=sample_us,
     # By so many the rate is known to half a percent.
     heard=24,
-    # It regulates itself to 312 revolutions a minute; no document says what is the least.
-    slowest_turn_s=0.45,
     wires=(PacketFormat, LongFormat),
 )
 """The family's models."""

@@ -46,7 +46,5 @@ TALKERS: Final = Talkers(
     sample_us=PACKET.sample_us,
     # A revolution: what holds for so many is a rule.
     heard=60,
-    # 200 revolutions a minute; no document says what is the least.
-    slowest_turn_s=0.45,
 )
 """The family's model, as it is read with a check value and without."""

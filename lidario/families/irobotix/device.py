@@ -11,12 +11,18 @@ from lidario.families.talking import Rotor, Talkers, TalkingModel
 __all__ = ["TALKERS"]
 
 
+_SLOWEST_S: Final = 0.4
+"""One revolution at four a second, and half as long again."""
+
+
 def _sixteen(name: str, title: str, baudrate: int, us: float) -> TalkingModel:
-    return TalkingModel(name, title, baudrate, us, 8.0, FrameFormat, FrameDecoder)
+    return TalkingModel(name, title, baudrate, us, 8.0, FrameFormat, FrameDecoder, slowest_turn_s=_SLOWEST_S)
 
 
 def _fifteen(name: str, title: str) -> TalkingModel:
-    return TalkingModel(name, title, 115_200, 1e6 / 1890, 8.0, FifteenFormat, FifteenDecoder)
+    return TalkingModel(
+        name, title, 115_200, 1e6 / 1890, 8.0, FifteenFormat, FifteenDecoder, slowest_turn_s=_SLOWEST_S
+    )
 
 
 _UNNAMED: Final = {
@@ -47,8 +53,6 @@ TALKERS: Final = Talkers(
     unnamed=lambda packets: _UNNAMED[frames_a_turn(packets)],
     sample_us=sample_us,
     heard=6,
-    # At four revolutions a second.
-    slowest_turn_s=0.4,
     # Frames are long, and each is self-evident.
     linked=1,
     # A frame, at one revolution a second.

@@ -19,7 +19,9 @@ __all__ = ["AXIS", "BEAM", "TALKERS", "TRIANGLE"]
 
 
 def _model(name: str, title: str, baudrate: int, rate: float) -> TalkingModel:
-    return TalkingModel(name, f"LDROBOT {title}", baudrate, 1e6 / rate, 12.0, PacketFormat, PacketDecoder)
+    """One that turns five times a second at least."""
+    model = TalkingModel(name, f"LDROBOT {title}", baudrate, 1e6 / rate, 12.0, PacketFormat, PacketDecoder)
+    return replace(model, slowest_turn_s=0.3)
 
 
 _axis = partial(replace, reach=8.0, slowest_turn_s=0.75, wire=AxisFormat, decoder=AxisDecoder)
@@ -78,8 +80,6 @@ TALKERS: Final = Talkers(
     sample_us=_sample_us,
     # By so many the rate is known to 0.5 % (by a recording of a real LD06). Of an LD14 they take 0.13 s.
     heard=24,
-    # At five revolutions a second.
-    slowest_turn_s=0.3,
     # Models that triangulate send the same packets.
     wires=(PacketFormat,),
 )

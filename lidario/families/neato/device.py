@@ -46,8 +46,6 @@ TALKERS: Final = Talkers(
     unnamed=lambda packets: _UNNAMED,  # noqa: ARG005 - they tell nothing
     sample_us=PACKET.sample_us,
     heard=4,
-    # At 200 revolutions a minute.
-    slowest_turn_s=0.45,
     # Two packets a revolution at 50 revolutions a minute, as the recording has it.
     rotor=Rotor(AnySpeed, 0.8, _too_slow),
 )
