@@ -28,7 +28,6 @@ __all__ = [
     "DegreeDecoder",
     "DegreeFormat",
     "DegreePacket",
-    "Returns",
     "SlotDecoder",
     "SlotWheel",
 ]
@@ -64,18 +63,6 @@ class SlotWheel(Turning):
             return Arcs(arcs, None, step, certain=True)
         missing = np.maximum(np.rint(spans / self._slot) - 1, 0) * heads.counts
         return Arcs(arcs, missing.astype(np.intp), step, certain=True)
-
-
-class Returns(NamedTuple):
-    """What packets hold, shape (packets, samples) each.
-
-    Attributes:
-        distance: Millimetres; 0 where nothing came back.
-        strength: Of the returns, 0 to 255.
-    """
-
-    distance: NDArray[np.integer[Any]]
-    strength: NDArray[np.integer[Any]]
 
 
 class SlotDecoder(ArcDecoder):
@@ -184,8 +171,8 @@ class DegreeDecoder(SlotDecoder):
         self._back = back
 
     @abstractmethod
-    def _returns(self, rows: NDArray[Any]) -> Returns:
-        """What came back."""
+    def _returns(self, rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Millimetres, 0 where nothing came back, and the strength of returns, to 255; shape (packets, samples)."""
 
     def _rpm(self, heads: Heads) -> NDArray[np.float64]:
         speeds: NDArray[np.uint16] = heads.read["speed"]
