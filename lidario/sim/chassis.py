@@ -17,7 +17,7 @@ from lidario.sim.motor import Motor
 from lidario.sim.rooms import make_world
 from lidario.sim.world import CheckedWorld, World, WorldLike, as_world
 
-__all__ = ["PROTECTION_STOP", "Chassis", "Maker", "maker"]
+__all__ = ["PROTECTION_STOP", "Chassis", "Maker", "by_name", "maker"]
 
 PROTECTION_STOP = 2
 """The health status of a device that has stopped because of an error; the same number in every family so far."""
@@ -26,6 +26,7 @@ _FOREVER = 1 << 62  # nanoseconds; more than a century
 
 StreamT = TypeVar("StreamT")
 DeviceT = TypeVar("DeviceT", covariant=True)
+NamedT = TypeVar("NamedT", bound="Named")
 
 
 class Chassis(ABC, Generic[StreamT]):
@@ -216,6 +217,15 @@ class Chassis(ABC, Generic[StreamT]):
         self._deaf_until, self._deaf_why = up, "still booting"
 
 
+class Named(Protocol):
+    """What a device is."""
+
+    @property
+    def name(self) -> str:
+        """Its name in ``sim://`` sources."""
+        ...
+
+
 class Maker(Protocol[DeviceT]):
     """Builds the simulated devices of a family by their names."""
 
@@ -226,6 +236,11 @@ class Maker(Protocol[DeviceT]):
             ValueError: No model has that name, or the serial number is none of this family.
         """
         ...
+
+
+def by_name(*profiles: NamedT) -> dict[str, NamedT]:
+    """What the simulated devices of a family are, by their names."""
+    return {profile.name: profile for profile in profiles}
 
 
 def maker(build: Callable[..., DeviceT], profiles: Mapping[str, Any]) -> Maker[DeviceT]:

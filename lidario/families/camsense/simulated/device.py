@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidario.families.camsense.simulated.packers import pack_packet
-from lidario.sim.chassis import Maker, maker
+from lidario.sim.chassis import Maker, by_name, maker
 from lidario.sim.talker import PacedByTime, TalkerProfile, within
 
 __all__ = ["PROFILES", "SimulatedCamsense", "make_simulated"]
@@ -21,13 +21,10 @@ _ZERO = 0xA000
 _TURN = 360 * 64
 
 
-PROFILES = {
-    profile.name: profile
-    for profile in (
-        TalkerProfile("camsense-x1", 1, samples=8, rate=2080.0, hertz=5.2, reach_mm=(80.0, 8000.0)),
-        TalkerProfile("camsense-lds08rr", 8, samples=12, rate=2080.0, hertz=5.2, reach_mm=(80.0, 8000.0)),
-    )
-}
+PROFILES = by_name(
+    TalkerProfile("camsense-x1", 1, samples=8, rate=2080.0, hertz=5.2, reach_mm=(80.0, 8000.0)),
+    TalkerProfile("camsense-lds08rr", 8, samples=12, rate=2080.0, hertz=5.2, reach_mm=(80.0, 8000.0)),
+)
 
 
 class SimulatedCamsense(PacedByTime[TalkerProfile]):
@@ -58,4 +55,3 @@ class SimulatedCamsense(PacedByTime[TalkerProfile]):
 
 
 make_simulated: Maker[SimulatedCamsense] = maker(SimulatedCamsense, PROFILES)
-"""Builds a simulated device by the name of its profile, such as ``"camsense-x1"``."""

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidario.families.hlds.simulated.packers import pack_packet
-from lidario.sim.chassis import Maker, maker
+from lidario.sim.chassis import Maker, by_name, maker
 from lidario.sim.talker import PacedByAngle, TalkerProfile, within
 
 __all__ = ["PROFILES", "Profile", "SimulatedHlds", "make_simulated"]
@@ -41,7 +41,7 @@ _OLD = replace(
     waits=True,
     note="; firmware before 2017.10, which waits to be started",
 )
-PROFILES = {profile.name: profile for profile in (_NEW, _OLD)}
+PROFILES = by_name(_NEW, _OLD)
 
 
 class SimulatedHlds(PacedByAngle[Profile]):
@@ -81,4 +81,3 @@ class SimulatedHlds(PacedByAngle[Profile]):
 
 
 make_simulated: Maker[SimulatedHlds] = maker(SimulatedHlds, PROFILES)
-"""Builds a simulated device by the name of its profile, such as ``"hlds-lds01"``."""

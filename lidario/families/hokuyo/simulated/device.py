@@ -272,4 +272,3 @@ class SimulatedHokuyo(Chassis[_Stream]):
 
 
 make_simulated: Maker[SimulatedHokuyo] = maker(SimulatedHokuyo, PROFILES)
-"""Builds a simulated device by the name of its profile, such as ``"hokuyo-ust10lx"``."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from lidario.sim.chassis import by_name
+
 __all__ = ["BAUDRATE", "PROFILES", "Profile", "texts_of"]
 
 USB, ETHERNET = 12_000_000, 100_000_000
@@ -50,18 +52,15 @@ class Profile:
         return f"{line}, {self.rpm // 60} scans/s of {steps + 1} steps, {steps * 360 / self.turn:.0f} degrees"
 
 
-PROFILES = {
-    profile.name: profile
-    for profile in (
-        Profile(
-            "hokuyo-urg04lx", 1, "URG-04LX", turn=1024, span=(44, 725), front=384, reach_mm=(20, 5600), rpm=600,
-            intensity=False, nothing=0, counts_semicolon=True,
-        ),
-        Profile("hokuyo-ust10lx", 2, "UST-10LX", line=ETHERNET),
-        Profile("hokuyo-ust20lx", 3, "UST-20LX", line=ETHERNET, reach_mm=(20, 60_000)),
-        Profile("hokuyo-utm30lx", 4, "UTM-30LX", reach_mm=(23, 60_000), nothing=1),
-    )
-}  # fmt: skip
+PROFILES = by_name(
+    Profile(
+        "hokuyo-urg04lx", 1, "URG-04LX", turn=1024, span=(44, 725), front=384, reach_mm=(20, 5600), rpm=600,
+        intensity=False, nothing=0, counts_semicolon=True,
+    ),
+    Profile("hokuyo-ust10lx", 2, "UST-10LX", line=ETHERNET),
+    Profile("hokuyo-ust20lx", 3, "UST-20LX", line=ETHERNET, reach_mm=(20, 60_000)),
+    Profile("hokuyo-utm30lx", 4, "UTM-30LX", reach_mm=(23, 60_000), nothing=1),
+)  # fmt: skip
 
 
 def texts_of(of: Profile, serial: str, laser: str, doing: str, clock: int, state: str) -> dict[str, list[str]]:

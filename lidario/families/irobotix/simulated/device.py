@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidario.families.irobotix.simulated.packers import pack_failure, pack_measurement
-from lidario.sim.chassis import Maker, maker
+from lidario.sim.chassis import Maker, by_name, maker
 from lidario.sim.talker import PacedByAngle, TalkerProfile, within
 
 __all__ = ["PROFILES", "Profile", "SimulatedIrobotix", "make_simulated"]
@@ -39,16 +39,13 @@ _REACH_MM = (150.0, 8000.0)
 _DELTA2A = Profile("irobotix-delta2a", 1, baudrate=230_400, rate=5000.0, hertz=6.0, slots=16, reach_mm=_REACH_MM)
 _DELTA2D = replace(_DELTA2A, name="irobotix-delta2d", model=3, baudrate=115_200, rate=2000.0, tells_end=True)
 _DELTA2G = Profile("irobotix-delta2g", 4, rate=1890.0, hertz=5.25, slots=15, reach_mm=_REACH_MM)
-PROFILES = {
-    profile.name: profile
-    for profile in (
-        _DELTA2A,
-        replace(_DELTA2A, name="irobotix-delta2b", model=2),
-        _DELTA2D,
-        _DELTA2G,
-        replace(_DELTA2G, name="irobotix-lds08rr", model=5),
-    )
-}
+PROFILES = by_name(
+    _DELTA2A,
+    replace(_DELTA2A, name="irobotix-delta2b", model=2),
+    _DELTA2D,
+    _DELTA2G,
+    replace(_DELTA2G, name="irobotix-lds08rr", model=5),
+)
 
 
 class SimulatedIrobotix(PacedByAngle[Profile]):
@@ -69,4 +66,3 @@ class SimulatedIrobotix(PacedByAngle[Profile]):
 
 
 make_simulated: Maker[SimulatedIrobotix] = maker(SimulatedIrobotix, PROFILES)
-"""Builds a simulated device by the name of its profile, such as ``"irobotix-delta2a"``."""

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidario.families.ldrobot.simulated.packers import check_of, pack_points, pack_response
-from lidario.sim.chassis import Maker, maker
+from lidario.sim.chassis import Maker, by_name, maker
 from lidario.sim.talker import PacedByTime, TalkerProfile, within
 
 __all__ = ["PROFILES", "Profile", "SimulatedLdrobot", "make_simulated"]
@@ -67,20 +67,17 @@ _LD06 = Profile(
 )  # fmt: skip
 _LD19 = replace(_LD06, name="ldrobot-ld19", model=2, rate=4500.0, follows="")
 _LD14 = Profile("ldrobot-ld14", 7, hertz=6.0, rate=2300.0, samples=12, lens=_near)
-PROFILES = {
-    profile.name: profile
-    for profile in (
-        _LD06,
-        _LD19,
-        replace(_LD19, name="ldrobot-stl06p", model=3, rate=5000.0),
-        replace(_LD19, name="ldrobot-stl19p", model=4),
-        replace(_LD19, name="ldrobot-stl26", model=5, rate=5000.0),
-        replace(_LD19, name="ldrobot-stl27l", model=6, baudrate=921_600, rate=21_600.0, reach_mm=(30.0, 25_000.0)),
-        replace(_LD14, name="ldrobot-ld08", model=9, hertz=5.0, reach_mm=(120.0, 8000.0), lens=_axis),
-        _LD14,
-        replace(_LD14, name="ldrobot-ld14p", model=8, baudrate=230_400, rate=4000.0, commands=True),
-    )
-}
+PROFILES = by_name(
+    _LD06,
+    _LD19,
+    replace(_LD19, name="ldrobot-stl06p", model=3, rate=5000.0),
+    replace(_LD19, name="ldrobot-stl19p", model=4),
+    replace(_LD19, name="ldrobot-stl26", model=5, rate=5000.0),
+    replace(_LD19, name="ldrobot-stl27l", model=6, baudrate=921_600, rate=21_600.0, reach_mm=(30.0, 25_000.0)),
+    replace(_LD14, name="ldrobot-ld08", model=9, hertz=5.0, reach_mm=(120.0, 8000.0), lens=_axis),
+    _LD14,
+    replace(_LD14, name="ldrobot-ld14p", model=8, baudrate=230_400, rate=4000.0, commands=True),
+)
 
 
 class SimulatedLdrobot(PacedByTime[Profile]):
@@ -147,4 +144,3 @@ class SimulatedLdrobot(PacedByTime[Profile]):
 
 
 make_simulated: Maker[SimulatedLdrobot] = maker(SimulatedLdrobot, PROFILES)
-"""Builds a simulated device by the name of its profile, such as ``"ldrobot-ld06"``."""

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidario.families.neato.simulated.packers import pack_packet
-from lidario.sim.chassis import Maker, maker
+from lidario.sim.chassis import Maker, by_name, maker
 from lidario.sim.talker import PacedByAngle, TalkerProfile, within
 
 __all__ = ["PROFILES", "Profile", "SimulatedNeato", "make_simulated"]
@@ -51,7 +51,7 @@ _XV11: Final = Profile(
 )
 _LDS02RR: Final = Profile("neato-lds02rr", 2, slots=90, reach_mm=(150.0, 6000.0), note=", clockwise")
 _LDS01RR: Final = replace(_LDS02RR, name="neato-lds01rr", model=1, reach_mm=(150.0, 9000.0))
-PROFILES = {profile.name: profile for profile in (_XV11, _LDS02RR, _LDS01RR)}
+PROFILES = by_name(_XV11, _LDS02RR, _LDS01RR)
 
 
 class SimulatedNeato(PacedByAngle[Profile]):
@@ -76,4 +76,3 @@ class SimulatedNeato(PacedByAngle[Profile]):
 
 
 make_simulated: Maker[SimulatedNeato] = maker(SimulatedNeato, PROFILES)
-"""Builds a simulated device by the name of its profile, such as ``"neato-xv11"``."""

@@ -330,4 +330,3 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
 
 
 make_simulated: Maker[SimulatedRplidar] = maker(SimulatedRplidar, PROFILES)
-"""Builds a simulated device by the name of its profile, such as ``"rplidar-s2"``."""

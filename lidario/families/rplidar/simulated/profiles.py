@@ -45,6 +45,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from lidario.families.rplidar.simulated.profile import Mode, Profile
+from lidario.sim.chassis import by_name
 
 __all__ = ["PROFILES"]
 
@@ -282,5 +283,5 @@ _AWKWARD = (
     ),
 )
 
-PROFILES: dict[str, Profile] = {profile.name: profile for profile in (*_SOLD, *_FORMATS, *_AWKWARD)}
+PROFILES: dict[str, Profile] = by_name(*_SOLD, *_FORMATS, *_AWKWARD)
 """By name; the first one is what is simulated where no model is asked for."""

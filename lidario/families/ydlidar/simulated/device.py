@@ -268,7 +268,6 @@ class Simulated4Ros(Chassis[PointStream]):
 
 
 make_simulated: Maker[Simulated4Ros] = maker(Simulated4Ros, PROFILES)
-"""Builds a simulated device by the name of its profile, such as ``"ydlidar-4ros"``."""
 
 
 def _digits(serial: bytes | str | list[int]) -> bytes:
