@@ -70,11 +70,10 @@ class HokuyoDevice(Device):
         """As `Device.identify`; raises RemoteProtocolError where it tells a field that cannot be."""
         version = yield from ask("VV")
         field = yield from ask("PP")
-        self._geometry = geometry_of(field)
-        if self._geometry is None:
+        if geometry_of(field) is None:
             # Of damaged lines, one in 64 passes for a whole one.
             field = yield from ask("PP")
-            self._geometry = geometry_of(field)
+        self._geometry = geometry_of(field)
         if self._geometry is None:
             shown = ", ".join(f"{name}:{value}" for name, value in field.items())
             raise RemoteProtocolError(f"the device tells a field of view that cannot be: {shown[:200] or 'none'}")
