@@ -31,8 +31,9 @@ from lidario.families.base import Device, Keepalive, NamedModel, Script, Stream,
 from lidario.families.responses import agreed, health_of
 from lidario.families.unasked import NOT_STOPPED, begin, hear, hear_runs
 from lidario.families.ydlidar import commands
-from lidario.families.ydlidar.formats import PointCloud, samples_a_turn
+from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.models import FOUR_ROS, MODELS, ONE_WAY, Model, model_of
+from lidario.families.ydlidar.raw import turn_in
 from lidario.families.ydlidar.settings import ask_speed, ask_zero_offset, learn_protection, step_to, toggle_to
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.wire.envelope import Request
@@ -172,7 +173,8 @@ class YdlidarDevice(Device):
     def _hear(self) -> Script[DeviceInfo]:
         model = self._named or ONE_WAY
         runs = yield from hear_runs(model.kind.wire, OVERHEARD, BY_DTR_S if model.dtr else HEAR_S)
-        if self._named is None and samples_a_turn(b"".join(runs)) > MOST_A_TURN:
+        heard = memoryview(b"".join(runs))
+        if self._named is None and turn_in(heard, model.kind.wire()).samples > MOST_A_TURN:
             raise ResponseTimeout(commands.GET_INFO.name, HEAR_S)
         self._be(model)
         return DeviceInfo("ydlidar", f"YDLIDAR {model.title}", model.code, "", 0, "")

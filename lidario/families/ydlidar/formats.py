@@ -45,7 +45,6 @@ __all__ = [
     "START_BIT",
     "PointCloud",
     "packet_heads",
-    "samples_a_turn",
 ]
 
 HEADER_SIZE: Final = 10
@@ -236,16 +235,3 @@ def _begins(blocks: Sequence[Block]) -> NDArray[np.intp]:
         found.append(np.arange(at, end, size >> 1))
         at = end
     return found[0] if len(found) == 1 else np.concatenate(found)
-
-
-def samples_a_turn(packets: bytes) -> float:
-    """By the widest packet among these, of two bytes a sample; 0 where none has several samples."""
-    at, most = 0, 0.0
-    while at < len(packets):
-        count = packets[at + 3]
-        first, last = (int.from_bytes(packets[at + place : at + place + 2], "little") >> 1 for place in (4, 6))
-        way = (last - first) % FULL_TURN_Q6
-        if count > 1 and way:
-            most = max(most, (count - 1) * FULL_TURN_Q6 / way)
-        at += 10 + 2 * count
-    return most
