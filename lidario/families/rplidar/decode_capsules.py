@@ -53,35 +53,31 @@ class CapsuleDecoder(ArcDecoder):
     """What the four capsule formats have in common: samples at equal steps from the start angle.
 
     Attributes:
-        size: Bytes of one packet.
-        start_at: Offset of the start angle.
-        samples: Samples in one packet.
+        wire: Their format.
         corrected: Whether samples have corrections, which may take an angle back over 0.
     """
 
-    size: ClassVar[int]
-    start_at: ClassVar[int] = CapsuleFormat.start_at
-    samples: ClassVar[int]
+    wire: ClassVar[type[CapsuleFormat]]
     corrected: ClassVar[bool] = False
 
     def __init__(self) -> None:
-        super().__init__(FULL_TURN_Q6, Wheel(FULL_TURN_Q6, self.samples))
-        self._units = 64.0 * self.samples
+        super().__init__(FULL_TURN_Q6, Wheel(FULL_TURN_Q6, self.wire.samples))
+        self._units = 64.0 * self.wire.samples
 
     def _heads(self, packets: Packets, following: bytes | None) -> Heads:
-        words = np.frombuffer(packets.data, "<u2").reshape(-1, self.size // 2)
-        column = self.start_at // 2
+        words = np.frombuffer(packets.data, "<u2").reshape(-1, self.wire.shortest // 2)
+        column = self.wire.start_at // 2
         starts = _in_range(words[:, column].astype(np.int32))
         if following is None:
-            return Heads(starts, None, self.samples, None, Capsules(words, None))
+            return Heads(starts, None, self.wire.samples, None, Capsules(words, None))
         after = np.frombuffer(following, "<u2")
         behind = (int(after[column]) & ANGLE_MASK) % FULL_TURN_Q6
-        return Heads(starts, behind, self.samples, None, Capsules(words, after))
+        return Heads(starts, behind, self.wire.samples, None, Capsules(words, after))
 
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:
-        at_equal_steps(starts_and_arcs(heads.first, arcs.arc), self.samples, output.angle)
+        at_equal_steps(starts_and_arcs(heads.first, arcs.arc), self.wire.samples, output.angle)
         self._payload(heads.read, arcs.skipped, output)
-        in_turn(output.angle, FULL_TURN_Q6 * self.samples, back=self.corrected)
+        in_turn(output.angle, FULL_TURN_Q6 * self.wire.samples, back=self.corrected)
         output.angle /= self._units
         is_cut = arcs.skipped is not None and arcs.skipped[-1] > 0
         output.last = 0.0 if is_cut else float(output.distance[-1, -1])
@@ -100,8 +96,7 @@ class CapsuleDecoder(ArcDecoder):
 class DenseDecoder(CapsuleDecoder):
     """0x85: the cabin is the distance in millimetres."""
 
-    size: ClassVar[int] = DenseFormat.shortest
-    samples: ClassVar[int] = 40
+    wire: ClassVar[type[CapsuleFormat]] = DenseFormat
     has_intensity: bool = False
 
     def _payload(self, capsules: Capsules, skipped: Any, output: Output) -> None:  # noqa: ARG002
@@ -111,8 +106,7 @@ class DenseDecoder(CapsuleDecoder):
 class ExpressDecoder(CapsuleDecoder):
     """0x82: each sample carries its own correction of the angle."""
 
-    size: ClassVar[int] = ExpressFormat.shortest
-    samples: ClassVar[int] = 32
+    wire: ClassVar[type[CapsuleFormat]] = ExpressFormat
     has_intensity: bool = False
     corrected: ClassVar[bool] = True
 
@@ -125,8 +119,7 @@ class ExpressDecoder(CapsuleDecoder):
 class UltraDecoder(CapsuleDecoder):
     """0x84: scaled and predicted distances; the angle is corrected by the distance."""
 
-    size: ClassVar[int] = UltraFormat.shortest
-    samples: ClassVar[int] = 96
+    wire: ClassVar[type[CapsuleFormat]] = UltraFormat
     has_intensity: bool = False
     corrected: ClassVar[bool] = True
 
@@ -146,9 +139,7 @@ class UltraDecoder(CapsuleDecoder):
 class UltraDenseDecoder(CapsuleDecoder):
     """0x86: 20 bits a sample, distance and intensity on a sliding scale; short distances are smoothed."""
 
-    size: ClassVar[int] = UltraDenseFormat.shortest
-    start_at: ClassVar[int] = UltraDenseFormat.start_at
-    samples: ClassVar[int] = 64
+    wire: ClassVar[type[CapsuleFormat]] = UltraDenseFormat
 
     def __init__(self) -> None:
         super().__init__()
