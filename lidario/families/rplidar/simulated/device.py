@@ -33,11 +33,10 @@ from collections.abc import Callable
 from typing import ClassVar
 
 from lidario.families.rplidar.simulated.drive import Drive
-from lidario.families.rplidar.simulated.identity import Identity
+from lidario.families.rplidar.simulated.identity import Identity, pack_announcement, pack_response
 from lidario.families.rplidar.simulated.profile import Mode, Profile
 from lidario.families.rplidar.simulated.profiles import PROFILES
 from lidario.families.rplidar.simulated.requests import IGNORED_IN_PROTECTION_STOP, PAYLOADS, Request, RequestReader
-from lidario.families.rplidar.simulated.responses import pack_announcement, pack_response
 from lidario.families.rplidar.simulated.speed import LineSpeed
 from lidario.families.rplidar.simulated.stream import MeasurementStream
 from lidario.sim.chassis import PROTECTION_STOP, Chassis, Maker, maker
@@ -57,9 +56,9 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
 
     Args:
         profile: What it is.
-        world: What it sees; the furnished room by default.
+        world: As for `Chassis`, like `seed`.
         serial: Its 16-byte serial number; drawn from `seed` by default.
-        seed: Decides serial number, noise of the default world, first angle and garbled responses.
+        seed: Decides the serial number, too.
 
     Attributes:
         profile: What it is.
@@ -97,11 +96,6 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
     def is_network(self) -> bool:
         """Whether it is reached by UDP."""
         return self.profile.is_network
-
-    @property
-    def address(self) -> bytes:
-        """Of an Ethernet device: address, mask and gateway, four bytes each; all zero for DHCP."""
-        return self.identity.address
 
     @property
     def scanning(self) -> bool:
